@@ -63,7 +63,12 @@ format: $(TESTABLE)
 	@$(PIP) --require-hashes -r requirements.lock
 	@touch $@
 
-$(INSTALLED): .venv/locked pyproject.toml
+# The core is C: where the machine has no compiler, one comes from PyPI.
+$(INSTALLED): .venv/locked pyproject.toml requirements-compiler.lock
+	@if [ -z "$$CC" ] && ! command -v cc gcc clang >/dev/null; then \
+	  echo "There is no C compiler: installing requirements-compiler.lock into .venv (400 MB)"; \
+	  $(PIP) --require-hashes -r requirements-compiler.lock; \
+	fi
 	@$(PIP) --editable .
 	@touch $@
 
@@ -83,6 +88,8 @@ lock:
 	$(COMPILE) --group test --extra cluster --extra dbc --extra live --extra mcap --extra mf4 --extra parquet $(UPGRADE) \
 	  --output-file requirements-test.lock pyproject.toml
 	$(COMPILE) --extra live --constraint requirements-test.lock $(UPGRADE) --output-file requirements.lock pyproject.toml
+	.venv-lock/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-annotate --custom-compile-command "make lock" \
+	  --group compiler $(UPGRADE) --output-file requirements-compiler.lock
 
 # A .venv that something else made stays.
 clean:

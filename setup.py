@@ -1,14 +1,21 @@
-"""Build steps that pyproject.toml cannot say: a wheel keeps the commit it was made from, in drive_profiles/commit."""
+"""Build steps that pyproject.toml cannot say: the core in C, and the commit that a wheel is made from."""
 
 import runpy
+import sys
 from pathlib import Path
 
 from setuptools import setup
+from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py
 from setuptools.command.sdist import sdist
 
 PROJECT = Path(__file__).resolve().parent
-commit_text = runpy.run_path(str(PROJECT / "drive_profiles" / "version.py"))["commit_text"]  # nothing is installed yet
+sys.path.insert(0, str(PROJECT))  # nothing is installed yet
+
+from hil.core.build import LAW, build  # noqa: E402
+
+PLANT = runpy.run_path(str(PROJECT / "plant_emulator" / "core" / "build.py"))["PLANT"]
+commit_text = runpy.run_path(str(PROJECT / "drive_profiles" / "version.py"))["commit_text"]
 
 
 def write_commit(folder: str) -> None:
@@ -19,18 +26,20 @@ def write_commit(folder: str) -> None:
         path.write_text(commit + "\n", encoding="ascii")
 
 
-class BuildWithCommit(build_py):
-    """Build of the packages; an editable one reads its checkout each time, and keeps no commit."""
+class BuildWithCore(build_py):
+    """Build of the packages with their core; a checkout's core lies in the checkout, and it keeps no commit."""
 
     def run(self) -> None:
-        """Build, then add the commit."""
+        """Build the core, then the packages, then add the commit."""
+        build(LAW)
+        build(PLANT)
         super().run()
         if not self.editable_mode:
             write_commit(self.build_lib)
 
 
 class SourceWithCommit(sdist):
-    """Source archive, which has no .git either."""
+    """Source archive, which has no .git."""
 
     def make_release_tree(self, base_dir: str, files: list[str]) -> None:
         """Copy the files, then add the commit."""
@@ -38,4 +47,17 @@ class SourceWithCommit(sdist):
         write_commit(base_dir)
 
 
-setup(cmdclass={"build_py": BuildWithCommit, "sdist": SourceWithCommit})
+class PlatformWheel(bdist_wheel):
+    """Wheel for every Python on one platform: the core is loaded, not imported."""
+
+    def finalize_options(self) -> None:
+        """Have the files go where those of a platform go."""
+        super().finalize_options()
+        self.root_is_pure = False
+
+    def get_tag(self) -> tuple[str, str, str]:
+        """Tag of the wheel."""
+        return "py3", "none", super().get_tag()[2]
+
+
+setup(cmdclass={"build_py": BuildWithCore, "sdist": SourceWithCommit, "bdist_wheel": PlatformWheel})

@@ -17,7 +17,7 @@ from benchmarks.memory import memory
 from benchmarks.node_frames import node_frames
 from benchmarks.robustness import robustness
 from benchmarks.sdo import sdo
-from benchmarks.startup import doors, startup
+from benchmarks.startup import calls, startup
 from benchmarks.upload import upload
 
 Section = tuple[str, str, Callable[[], list[str]]]
@@ -44,9 +44,9 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         )],
         "plant": [(
             "The closed loop without a bus",
-            "The servo law every 250 µs and four Runge-Kutta steps of the plant in each, set-points every 2 ms. C is a port of "
-            "the same stepping, compiled now with a header made from the dtypes; strict is without fused multiply-adds, as ours "
-            f"is. C and plain Python may differ from ours by {plant.SAME_STEPS:g}: roundings in another order. The general "
+            "The servo law every 250 µs and four Runge-Kutta steps of the plant in each, set-points every 2 ms. Loose: "
+            "the same sources, built now for this processor and with fused multiply-adds, where ours is strict. It "
+            f"and plain Python may differ from ours by {plant.SAME_STEPS:g}: roundings in another order. The general "
             "solvers integrate each control period alone, with the law in Python between: their difference to ours is the "
             f"truncation error of our fixed steps, friction near rest most of all, and may be {plant.TRUNCATION:g}.",
             plant.plant,
@@ -67,13 +67,7 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         "robustness": [("Robustness: a thousand robots", "`plant-emulator robustness`, one axis, no bus.", robustness)],
         "startup": [
             ("Start-up", "", startup),
-            (
-                "Machine code without numba",
-                "What `hil/control/machine_code.py` buys. The other side is the same sources with `@njit(cache=True)`: numba has "
-                "to be imported and made ready before it loads what it has kept. It buys time at start and pays for it in each "
-                "call; below 0.7 s at start it would not be worth its keep.",
-                doors,
-            ),
+            ("The core from Python", "Calls of the libraries in C, medians of their turns.", calls),
         ],
         "growth": [
             ("Growth: the whole bench", "Drive-closed, SYNC every 1 ms, one process, no bit times.", whole_bench.growth),

@@ -125,7 +125,7 @@ def machine() -> list[str]:
     """What this was measured on, as a Markdown list."""
     load = " ".join(f"{value:.2f}" for value in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown"
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    versions = [f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "numba", "scipy", "canopen", "python-can")]
+    versions = [f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "scipy", "canopen", "python-can")]
     facts = {
         "Processor": f"{_processor()}, {usable} of {os.cpu_count()} cores usable, governor {_governor()}",
         "System": f"{platform.system()} {platform.release()}, {platform.machine()}",

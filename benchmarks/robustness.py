@@ -29,7 +29,6 @@ def robustness(runs: int = RUNS) -> list[str]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     rows: list[Row] = []
     for name, study in studies().items():
-        study.judge(-1)  # compile
         first: list[PlantRunResult] = []
         simulated = float(study.times[-1]) * runs
         for jobs in dict.fromkeys((1, cores)):

@@ -1,4 +1,4 @@
-"""How long one waits: for help, for the compiled parts cold and warm, for the demo; and what machine code without numba buys."""
+"""How long one waits: for help, for the core, for the demo; and what a call of the core costs."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from benchmarks.measure import Row, progress, seconds, table, turns
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("hil", "plant_emulator", "drive_profiles")
-COMPILED = """
+READY = """
 from hil.control.notch import Notch
 from hil.control.cascade import Cascade
 from hil.control.servo import Servo, ServoConfig
@@ -28,19 +28,6 @@ servo = Servo(ServoConfig(Cascade(25.0, 0.2, 4.0), 7.0, (Notch(),)), 250e-6)
 servo.start(0.0); servo.step(0.0, 0.0)
 """
 """Everything that a host-closed run of the emulated robot calls."""
-
-OWN_CACHE = """
-import numba
-
-
-def compiled(function):
-    return numba.njit(cache=True, error_model="numpy")(function)
-
-
-def inlined(function):
-    return numba.njit(cache=True, error_model="numpy", forceinline=True)(function)
-"""
-"""What would stand in the place of `hil.control.compiled` without `machine_code`: numba as it comes, with its own cache."""
 
 CALLS = """
 import json, statistics, time
@@ -81,58 +68,45 @@ def _python(*arguments: str, path: Path = ROOT, cwd: str | None = None) -> float
 
 
 def _copy(folder: Path) -> Path:
-    """Our packages without any cache."""
+    """Our packages with their core, and without Python's caches."""
     for name in PACKAGES:
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     return folder
 
 
 def startup(repeats: int = 5) -> list[str]:
-    """A fresh process each time; cold is a copy of our packages without any cache, Python's own included."""
-    progress("start-up: help, and compiled parts cold and warm")
+    """A fresh process each time; first is a copy of our packages without Python's caches."""
+    progress("start-up: help and core")
     bare = statistics.median(_python("-c", "pass") for _ in range(turns(repeats)))
-    numba = statistics.median(_python("-c", "import numba, numpy") for _ in range(turns(3)))
     assisted = statistics.median(_python("-m", "hil", "--help") for _ in range(turns(repeats)))
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         _copy(Path(folder))
-        cold = _python("-c", COMPILED, path=Path(folder))
-        warm = statistics.median(_python("-c", COMPILED, path=Path(folder)) for _ in range(turns(3)))
+        cold = _python("-c", READY, path=Path(folder))
+        warm = statistics.median(_python("-c", READY, path=Path(folder)) for _ in range(turns(3)))
     progress("start-up: demo")
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         demo = _python("-m", "hil", "demo", "--no-tour", "--out", str(Path(folder) / "demo"), cwd=folder)
     rows: list[Row] = [
         ("`python -c pass`", bare, 1.0),
         ("`hil --help`", assisted, assisted / bare),
-        ("`import numba, numpy`", numba, numba / bare),
-        ("law, drives and plant ready to run, cold: everything compiled", cold, cold / bare),
-        ("the same, warm", warm, warm / bare),
+        ("law, drives and plant ready to run, first start", cold, cold / bare),
+        ("the same, later starts", warm, warm / bare),
         ("`hil demo --no-tour`, warm: eight runs, figures and report", demo, demo / bare),
     ]
     return table(("a new process", "s", "`python -c pass` = 1"), rows)
 
 
-def doors(repeats: int = 7) -> list[str]:
-    """Our packages twice, once with numba's own cache in place of the machine code: started in turn, all caches warm."""
+def calls(repeats: int = 5) -> list[str]:
+    """Calls of the core from Python, and how long a served robot takes until it serves."""
+    progress("core: calls")
+    found = [_calls(ROOT) for _ in range(turns(repeats))]
+    rows: list[Row] = [(f"{name}, µs per call", statistics.median(turn[name] for turn in found)) for name in found[0]]
+    progress("core: serve")
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
-        ours, own = _copy(Path(folder) / "ours"), _copy(Path(folder) / "own")
-        (own / "hil" / "control" / "compiled.py").write_text(OWN_CACHE, encoding="utf-8")
-        starts: dict[str, Callable[[Path], float]] = {
-            "law, drives and plant ready to run": lambda path: _python("-c", COMPILED, path=path),
-            "`plant-emulator serve` until it serves": _served,
-        }
-        rows: list[Row] = []
-        for name, start in starts.items():
-            progress(f"doors: {name}")
-            waits = [[_waited_and_worked(start, path) for path in (ours, own)] for _ in range(turns(repeats) + 1)][1:]
-            for place, what in enumerate(("s", "s of processor")):
-                here, there = (statistics.median(turn[path][place] for turn in waits) for path in (0, 1))
-                rows.append((f"{name}, {what}", here, there, there - here, there / here))
-        progress("doors: calls")
-        calls = [[_calls(path) for path in (ours, own)] for _ in range(turns(3) + 1)][1:]
-        for name in calls[0][0]:
-            here, there = (statistics.median(turn[path][name] for turn in calls) for path in (0, 1))
-            rows.append((f"{name}, µs per call", here, there, there - here, there / here))
-    return table(("warm", "ours", "numba's own cache", "its − ours", "its / ours"), rows)
+        waits = [_waited_and_worked(_served, Path(folder)) for _ in range(turns(repeats) + 1)][1:]
+    for place, what in enumerate(("s", "s of processor")):
+        rows.append((f"`plant-emulator serve` until it serves, {what}", statistics.median(wait[place] for wait in waits)))
+    return table(("core", "time"), rows)
 
 
 def _waited_and_worked(start: Callable[[Path], float], path: Path) -> tuple[float, float]:

@@ -20,7 +20,7 @@ __all__ = ["ExperimentRun", "run"]
 
 
 def __getattr__(name: str) -> Any:
-    """Load `run` when it is asked for: an import of this package alone does not wait for numpy, scipy and the compiler."""
+    """Load `run` when it is asked for: an import of this package alone does not wait for numpy and scipy."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from hil import running  # noqa: PLC0415

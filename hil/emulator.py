@@ -15,7 +15,7 @@ from hil.can.raw import connect_local
 from hil.errors import NotPossibleError
 
 START_TIMEOUT_S = 120.0
-"""The first start compiles the plant; later ones take under two seconds."""
+"""A start takes under a second; a machine that is busy takes longer."""
 
 DRAW_TIMEOUT_S = 120.0
 

@@ -3,9 +3,6 @@
 import gc
 import os
 import signal
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -20,8 +17,8 @@ settings.load_profile("same")
 """The same examples in each run; the whole tier asks for `random`, which draws others."""
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Hear ctrl-C, and have the machine code made once, before workers that share a cache make it each for itself.
+def pytest_configure() -> None:
+    """Let Ctrl-C interrupt the tests.
 
     A shell starts what it runs in the background with SIGINT ignored, and that is inherited: the processes that the tests start
     and interrupt would never hear it.
@@ -31,10 +28,6 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    workers = getattr(config.option, "numprocesses", None) or 0
-    if workers > 1 and not hasattr(config, "workerinput") and not config.option.collectonly:
-        # in a process of its own, so that pytest's coverage and filters see nothing of it; who cannot make it, makes it later
-        subprocess.run([sys.executable, "-m", "tests.machine_code"], cwd=Path(__file__).parents[1], check=False)
 
 
 def pytest_collection_finish() -> None:

@@ -1,6 +1,6 @@
 """hil compare: treatments of the vibration side by side, over experiments and robots, in one report."""
 
-# ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
+# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
 import os
 from contextlib import ExitStack

@@ -11,7 +11,7 @@ import typer
 from drive_profiles.cli.console import ToolExitStatus, epilog
 from hil.reporter import SilentReporter
 
-if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
+if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
     from hil.experiments.plan import Experiment
 

@@ -1,6 +1,6 @@
 """hil design notch: a variable notch for an axis, from its plant; nothing is sent, it needs no robot."""
 
-# ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
+# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
 import os
 from collections.abc import Callable, Iterator

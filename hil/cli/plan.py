@@ -10,7 +10,7 @@ from drive_profiles.cli.console import epilog, fail, print_json, table
 from hil.cli.console import ExitStatus, bench_on, exit_on_error
 from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption
 
-if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
+if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
     from hil.plan.advice import Advice, Adviser
     from hil.plan.check import AxisStability, PlanVerdict

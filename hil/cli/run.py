@@ -39,7 +39,7 @@ from hil.cli.options import (
     names_of,
 )
 
-if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
+if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
     from hil.experiments.plan import Experiment
     from hil.experiments.runner import ExperimentsOutcome

@@ -22,15 +22,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.control import following_step as step
-from hil.control.following_step import follow_step
+from hil.core.library import CORE
 
 Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class FollowingSettings:
-    """Settings of a cancellation that follows, in the order in which the compiled law reads them.
+    """Settings of a cancellation that follows.
 
     Attributes:
         model_error: Part of the vibration that the arm's model explains wrongly.
@@ -109,11 +108,11 @@ class ArmModel:
     reduction_ratio: float
     delay_s: float
 
-    def row(self) -> list[float]:
-        """Its row of numbers as `follow_step` reads them."""
+    def row(self) -> tuple[float, ...]:
+        """Its numbers in the order of `struct following_arm`."""
         a0, a1, b0, b1 = self.stiff
         omega = 2.0 * math.pi * self.f_al_hz
-        return [*self.a, *self.b, a0, a1, b0, b1, omega, self.reduction_ratio, self.delay_s]
+        return (*self.a, *self.b, a0, a1, b0, b1, omega, self.reduction_ratio, self.delay_s)
 
 
 class Followed(NamedTuple):
@@ -188,31 +187,43 @@ class FollowingLaw:
         if count == 0 or count != len(orders) or most == 0:
             raise ValueError(f"{count} arms and {len(orders)} sets of orders, {most} the most: nothing to follow")
         self._orders = [tuple(each) for each in orders]
-        self._config = np.array([period_s, *astuple(settings or FollowingSettings())])
-        self._arms = np.array([arm.row() for arm in arms])
-        self._rows = np.zeros((count, most, 4))
-        for row, each in enumerate(orders):
-            self._rows[row, : len(each)] = each
-        self._band = np.array(band)
-        self._axis, self._common = np.zeros((count, step.AXIS_COLUMNS)), np.zeros(step.COMMON_COLUMNS)
-        self._filters = np.zeros((1 + 2 * count * most + count, step.MEMORY))
-        size = 2 * count * (1 + most)
+        config = np.zeros(1, CORE.dtype("following_config"))
+        config[0] = (period_s, *astuple(settings or FollowingSettings()))
+        rows, of = np.zeros((count, most), CORE.dtype("following_order")), np.zeros(count, CORE.dtype("following_arm"))
+        for row, (arm, each) in enumerate(zip(arms, orders, strict=True)):
+            of[row] = arm.row()
+            rows[row, : len(each)] = [tuple(order) for order in each]
+        size, memory = 2 * count * (1 + most), CORE.call.BAND_MEMORY
+        self._axes, self._common = np.zeros(count, CORE.dtype("following_axis")), np.zeros(1, CORE.dtype("following_common"))
+        self._filters = np.zeros((1 + 2 * count * most + count, memory))
         self._states, self._covariance = np.zeros(size), np.zeros((size, size))
-        self._factors, self._standing = np.zeros((count, most, 2)), np.zeros((count, most, step.STANDING_COLUMNS))
+        self._factors, self._standings = np.zeros((count, most, 2)), np.zeros((count, most), CORE.dtype("following_standing"))
+        self._likely = float(config["likely"][0])
         self._samples, self._heard = np.zeros((3, count)), np.zeros(2)
-        self.reset()
-        self.step([0.0] * count, [0.0] * count, [0.0] * count, None)  # compiled, or loaded, before the first cycle waits for it
+        arrays = {
+            "config": config, "arms": of, "orders": rows, "band": np.array(band), "axes": self._axes, "common": self._common,
+            "filters": self._filters, "states": self._states, "covariance": self._covariance, "factors": self._factors,
+            "standings": self._standings, "room": np.zeros(CORE.call.following_room(count, most)),
+        }  # fmt: skip
+        kinds = {"config": "following_config", "arms": "following_arm", "orders": "following_order", "axes": "following_axis"}
+        kinds |= {"common": "following_common", "standings": "following_standing"}
+        self._kept = {name: CORE.pointer(array, kinds.get(name, "double")) for name, array in arrays.items()}
+        self._observer = CORE.new("following")
+        for name, pointer in self._kept.items():
+            setattr(self._observer, name, pointer)
+        self._observer.n_axes, self._observer.n_orders = count, most
+        self._shared = CORE.pointer(self._samples), CORE.pointer(self._heard)
         self.reset()
 
     def reset(self) -> None:
         """Forget all; the factors are 1."""
-        for array in (self._axis, self._common, self._filters, self._states, self._covariance, self._standing):
+        for array in (self._filters, self._states, self._covariance):
             array[:] = 0.0
+        for records in (self._axes, self._common, self._standings):
+            records[:] = np.zeros((), records.dtype)
         self._factors[:, :, 0], self._factors[:, :, 1] = 1.0, 0.0
-        own = 2 * len(self._arms)
-        likely = self._config[step.LIKELY]
-        for index in range(own, len(self._states)):
-            self._covariance[index, index] = likely**2
+        for index in range(2 * len(self._axes), len(self._states)):
+            self._covariance[index, index] = self._likely**2
 
     def step(
         self,
@@ -233,10 +244,7 @@ class FollowingLaw:
         samples[0], samples[1], samples[2] = angles_rad, references_rad, levers_m
         self._heard[0] = self._heard[0] if acceleration_m_s2 is None else acceleration_m_s2
         self._heard[1] = 0.0 if acceleration_m_s2 is None else 1.0
-        follow_step(
-            self._config, self._arms, self._rows, self._band, self._axis, self._common, self._filters, self._states,
-            self._covariance, self._factors, self._standing, samples, self._heard,
-        )  # fmt: skip
+        CORE.call.follow_step(self._observer, *self._shared)
 
     def factors(self, row: int) -> dict[float, complex]:
         """W of each order of an axis."""
@@ -244,7 +252,7 @@ class FollowingLaw:
 
     def left(self, row: int) -> Mapping[float, tuple[complex, float]]:
         """D of each order of an axis, and the standard error of either component of it."""
-        own, most = 2 * len(self._arms), self._rows.shape[1]
+        own, most = 2 * len(self._axes), self._standings.shape[1]
         found = {}
         for m, each in enumerate(self._orders[row]):
             at = own + 2 * (row * most + m)
@@ -254,8 +262,8 @@ class FollowingLaw:
 
     def nearest(self, row: int) -> dict[float, float]:
         """Largest |d| of each order of an axis at which w followed, nearly did, or would have with a lower `begin_part`."""
-        return {each.order: float(self._standing[row, m, step.NEAREST]) for m, each in enumerate(self._orders[row])}
+        return {each.order: float(self._standings["nearest"][row, m]) for m, each in enumerate(self._orders[row])}
 
     def given_up(self, row: int) -> tuple[float, ...]:
         """Orders of an axis that wanted to leave their bounds and were taken back."""
-        return tuple(each.order for m, each in enumerate(self._orders[row]) if self._standing[row, m, step.GIVEN_UP] > 0.0)
+        return tuple(each.order for m, each in enumerate(self._orders[row]) if self._standings["given_up"][row, m] > 0.0)

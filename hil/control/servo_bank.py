@@ -1,30 +1,12 @@
-"""The laws of several axes in one compiled call, which the host makes in every cycle when it closes their loops."""
+"""The laws of several axes in one call, which the host makes in every cycle when it closes their loops."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hil.control.compiled import compiled
-from hil.control.records import Rows
-from hil.control.servo import LAW, LawRow, ServoConfig, servo_start, servo_step
-
-
-@compiled
-def bank_step(laws: Rows[LawRow], period_s: float, values: NDArray[np.float64]) -> None:
-    """One sample of `servo_step` for every axis.
-
-    Args:
-        laws: `LAW` array, shape (n_axes,).
-        period_s: Sampling time.
-        values: Rows θ_ref, θ_m and τ_max in, then τ and the zero frequency of the first filter (0 while it is out) out;
-            shape (5, n_axes).
-    """
-    for row in range(len(laws)):
-        law = laws[row]
-        values[3, row] = servo_step(law, period_s, values[2, row], values[0, row], 0.0, 0.0, values[1, row])
-        first = law.notch_state[0]
-        values[4, row] = first.frequency_hz if first.active != 0 else 0.0
+from hil.control.servo import LAW, ServoConfig
+from hil.core.library import CORE
 
 
 class ServoBank:
@@ -45,12 +27,12 @@ class ServoBank:
         count = len(configs)
         self.period_s = period_s
         self.notch_hz = [0.0] * count
-        self._laws = np.zeros(count, LAW)
-        self._each = list(self._laws)  # views: the compiled law knows a record again by its identity
+        laws = np.zeros(count, LAW)
         self._values = np.zeros((5, count))
         for row, config in enumerate(configs):
-            config.write(self._each[row])
+            config.write(laws[row])
             self._values[2, row] = config.torque_limit_nm
+        self._laws, self._shared = CORE.pointer(laws, "law"), CORE.pointer(self._values)
 
     def __len__(self) -> int:
         """Number of axes."""
@@ -65,17 +47,28 @@ class ServoBank:
             speed_rad_s: The motor's speed.
             torque_nm: The torque that acts now.
         """
-        servo_start(self._each[row], motor_angle, speed_rad_s, torque_nm)
+        CORE.call.servo_start(self._law(row), motor_angle, speed_rad_s, torque_nm)
 
     def step(self, positions: Sequence[float], motor_angles: Sequence[float]) -> list[float]:
         """Torques in N·m of all axes, from references and measured motor angles in rad."""
         values = self._values
         values[0], values[1] = positions, motor_angles
-        bank_step(self._laws, self.period_s, values)
+        CORE.call.bank_step(self._laws, len(self), self.period_s, self._shared)
         torques, self.notch_hz = values[3:].tolist()
         return torques  # type: ignore[no-any-return] # tolist() of an array gives whatever it holds
 
     def step_one(self, row: int, position: float, motor_angle: float) -> float:
         """Torque in N·m of one axis, from its reference and motor angle in rad; the other laws keep their state."""
         limit_nm = float(self._values[2, row])
-        return servo_step(self._each[row], self.period_s, limit_nm, position, 0.0, 0.0, motor_angle)
+        torque_nm: float = CORE.call.servo_step(self._law(row), self.period_s, limit_nm, position, 0.0, 0.0, motor_angle)
+        return torque_nm
+
+    def _law(self, row: int) -> Any:
+        """Law of an axis in C.
+
+        Raises:
+            IndexError: There is no such axis.
+        """
+        if not 0 <= row < len(self):
+            raise IndexError(f"row {row} is not within 0 … {len(self) - 1}")
+        return self._laws + row

@@ -8,15 +8,13 @@ on which it will be judged.
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.control.compiled import compiled, inlined
-from hil.control.records import record_dtype
-from hil.control.servo import LAW, LawRow, ServoConfig, servo_start, servo_step
+from hil.control.servo import LAW, ServoConfig
+from hil.core.library import CORE
 from hil.design.frequency import Loop, TwoInertia
 from hil.design.transmission_error import TransmissionError
 
@@ -43,110 +41,6 @@ class RampMotion:
     period_s: float
     motor_speed_rps: Real
     arm_acceleration_rad_s2: Real
-
-
-class _PlantRow(Protocol):
-    """The plant over one period of the law.
-
-    ratio: N; step: the state x one period later from (x, τ, θ_sync, its change over the period), see `_discrete`; arm: θ̈_l from
-    the same numbers.
-    """
-
-    ratio: float
-    step: Annotated[Real, (4, 7)]
-    arm: Annotated[Real, (7,)]
-
-
-_PLANT = record_dtype(_PlantRow)
-
-
-@compiled
-def _waves(harmonics: Real, angle: float) -> tuple[float, float]:
-    """Error θ_sync = Σ A_k cos(k θ_m + φ_k), and its slope dθ_sync/dθ_m; `harmonics` as of `_harmonics`.
-
-    Where all orders are multiples of one, cos k θ_m and sin k θ_m come from its own by turning on: one sine instead of all.
-    """
-    error, slope = 0.0, 0.0
-    base = 0.0
-    if harmonics.shape[1] > 0 and harmonics[3, 0] > 0.0:
-        base = harmonics[0, 0] / harmonics[3, 0]
-    once, turned = complex(math.cos(base * angle), math.sin(base * angle)), complex(1.0, 0.0)
-    there = 0.0
-    for i in range(harmonics.shape[1]):
-        k, a, b = harmonics[0, i], harmonics[1, i], harmonics[2, i]
-        if base > 0.0:
-            while there < harmonics[3, i]:
-                turned *= once
-                there += 1.0
-        else:
-            turned = complex(math.cos(k * angle), math.sin(k * angle))
-        error += a * turned.real - b * turned.imag
-        slope -= k * (a * turned.imag + b * turned.real)
-    return error, slope
-
-
-@inlined
-def _product(row: Real, values: Real) -> float:
-    """Sum of the products, always in the same order."""
-    total = 0.0
-    for j in range(7):
-        total += row[j] * values[j]
-    return total
-
-
-@compiled
-def _run(
-    plant: _PlantRow,
-    harmonics: Real,
-    law: LawRow,
-    period_s: float,
-    friction_nm: float,
-    gravity_nm: float,
-    waiting: Real,
-    every: int,
-    reference: Real,
-    samples: Real,
-) -> None:
-    """Run law and plant sample by sample; every `every`-th sample is recorded.
-
-    Args:
-        plant: The plant over one period.
-        harmonics: The error, as of `_harmonics`.
-        law: The law that closes the loop.
-        period_s: Sampling time of the law.
-        friction_nm: Friction against the motor throughout; the law holds it and gravity from the beginning.
-        gravity_nm: Gravity against the motor, through the gear: the error's slope modulates it.
-        waiting: Torques that have been computed and do not act yet; shape (delay_samples,).
-        every: Number of control periods per recorded sample.
-        reference: θ_ref in rad; shape (samples,).
-        samples: Out: rev/s of the motor, and θ̈_l; shape (2, samples).
-    """
-    x, v = np.zeros(4), np.zeros(7)
-    x[0] = reference[0]
-    sync, slope = _waves(harmonics, x[0])
-    x[2] = x[0] / plant.ratio + sync  # at rest and unloaded the gear is without torsion: eq. (1)
-    servo_start(law, x[0], 0.0, friction_nm + gravity_nm)
-    last = 0.0
-    for n in range(len(reference)):
-        command = servo_step(law, period_s, 1e300, reference[n], 0.0, 0.0, x[0])
-        torque = command
-        if len(waiting) > 0:
-            torque = waiting[n % len(waiting)]
-            waiting[n % len(waiting)] = command
-        v[:4] = x
-        load = friction_nm
-        if gravity_nm != 0.0:
-            load += gravity_nm * (1.0 + plant.ratio * slope)
-        # the motor's angle one period ahead is known to 1e-6 rad from its speed and last acceleration
-        ahead, slope = _waves(harmonics, x[0] + period_s * (x[1] + 0.5 * (x[1] - last)))
-        last = x[1]
-        v[4], v[5], v[6] = torque - load, sync, ahead - sync
-        if n % every == 0:
-            samples[0, n // every] = x[1] / (2.0 * math.pi)
-            samples[1, n // every] = _product(plant.arm, v)
-        for i in range(4):
-            x[i] = _product(plant.step[i], v)
-        sync = ahead
 
 
 def _discrete(plant: TwoInertia, period_s: float) -> tuple[Real, Real]:
@@ -210,21 +104,25 @@ def follow(
     Source: the paper, Fig. 3, eq. (1) and (2).
     """
     every = max(1, round(sample_s / loop.period_s))
-    reference = np.ascontiguousarray(reference_rad, dtype=np.float64)
-    plant, law = np.zeros(1, _PLANT), np.zeros(1, LAW)
+    reference = np.array(reference_rad, dtype=np.float64)
+    plant, law = np.zeros(1, CORE.dtype("ramp_plant")), np.zeros(1, LAW)
     plant["ratio"] = loop.plant.reduction_ratio
     plant["step"][0], plant["arm"][0] = _discrete(loop.plant, loop.period_s)
     ServoConfig(loop.cascade, math.inf, tuple(loop.notches)).write(law[0])
-    samples = np.zeros((2, -(-len(reference) // every)))
-    waiting = np.full(loop.delay_samples, sum(load_nm))
-    _run(plant[0], _harmonics(error), law[0], loop.period_s, *load_nm, waiting, every, reference, samples)
-    return RampMotion(every * loop.period_s, samples[0], samples[1])
+    speed, acceleration = np.zeros((2, -(-len(reference) // every)))
+    waiting, harmonics = np.full(loop.delay_samples, sum(load_nm)), _harmonics(error)
+    CORE.call.ramp_run(
+        CORE.pointer(plant, "ramp_plant"), CORE.pointer(harmonics, "harmonic"), len(harmonics), CORE.pointer(law, "law"),
+        loop.period_s, *load_nm, CORE.pointer(waiting), len(waiting), every, CORE.pointer(reference), len(reference),
+        CORE.pointer(speed), CORE.pointer(acceleration),
+    )  # fmt: skip
+    return RampMotion(every * loop.period_s, speed, acceleration)
 
 
-def _harmonics(error: TransmissionError) -> Real:
-    """Rows k, A_k cos φ_k and A_k sin φ_k in rad, and k as a multiple of what all are multiples of; shape (4, orders).
+def _harmonics(error: TransmissionError) -> NDArray[np.void]:
+    """Orders of an error as `struct harmonic`; shape (orders,).
 
-    The last row is 0 where there is nothing of the kind, or only what would take longer than sines.
+    `multiple` is 0 where there is nothing of the kind, or only what would take longer than sines.
     """
     orders = sorted(error.amplitude_arcsec)
     size = np.array([error.amplitude_arcsec[k] * ARCSEC for k in orders])
@@ -235,4 +133,7 @@ def _harmonics(error: TransmissionError) -> Real:
     exact = all(abs(float(part) - k) <= 1e-12 * k for part, k in zip(parts, orders, strict=True))
     if not exact or multiples.max(initial=0.0) > MAX_MULTIPLE:
         multiples[:] = 0.0
-    return np.array([orders, size * np.cos(phase), size * np.sin(phase), multiples])
+    found = np.zeros(len(orders), CORE.dtype("harmonic"))
+    found["order"], found["multiple"] = orders, multiples
+    found["cosine"], found["sine"] = size * np.cos(phase), size * np.sin(phase)
+    return found

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.control.compiled import compiled
 from hil.control.notch import NOTCH_OFF, NOTCH_SWITCHED, Notch
+from hil.core.library import CORE
 from hil.design.frequency import Loop
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+_COMPLEX = CORE.dtype("complex_real")
 FINE_BAND = (0.33, 2.7)
 """Band in which filters act on a resonance, in units of f_a of the arm on its gear; looked at more finely than the rest."""
 
@@ -36,57 +37,6 @@ class SpeedMargins:
     gain_margin_db: Real
     phase_margin_deg: Real
     turns: Real
-
-
-@compiled
-def _scan(delay: Complex, bare: Complex, coefficients: Real, out: Real) -> None:
-    """Compute M_s, gain margin, phase margin and turns of every plant at every speed.
-
-    Args:
-        delay: e^{−jωT}; shape (frequencies,).
-        bare: Open loops without filters; shape (plants, frequencies).
-        coefficients: b₀, b₁, b₂, a₁, a₂ of the filters in series; shape (speeds, filters, 5).
-        out: Out: the four numbers; shape (plants, speeds, 4).
-    """
-    plants, count = bare.shape
-    response = np.empty(count, dtype=np.complex128)
-    for s in range(coefficients.shape[0]):
-        for f in range(count):
-            z, value = delay[f], 1.0 + 0.0j
-            for i in range(coefficients.shape[1]):
-                b0, b1, b2, a1, a2 = coefficients[s, i]
-                value *= (b0 + z * (b1 + z * b2)) / (1.0 + z * (a1 + z * a2))
-            response[f] = value
-        for p in range(plants):
-            nearest, gain_db, phase, turned = math.inf, math.inf, math.pi, 0
-            last, last_power, last_side = 0.0j, 0.0, 0.0
-            for f in range(count):
-                here = bare[p, f] * response[f]
-                x, y = 1.0 + here.real, here.imag
-                power = here.real * here.real + y * y
-                nearest = min(nearest, x * x + y * y)
-                # (1 + L) over 1 + L without filters, but for a positive factor; it turns where it crosses the negative real axis
-                u, w = 1.0 + bare[p, f].real, bare[p, f].imag
-                side = y * u - x * w
-                if side * last_side < 0.0 and x * u + y * w < 0.0:
-                    turned += 1 if side < 0.0 else -1
-                if side != 0.0:
-                    last_side = side
-                if f > 0:
-                    if (power - 1.0) * (last_power - 1.0) <= 0.0 and power != last_power:
-                        fraction = (1.0 - last_power) / (power - last_power)
-                        at = last + fraction * (here - last)
-                        phase = min(phase, abs(math.atan2(-at.imag, -at.real)))
-                    if here.imag * last.imag < 0.0:
-                        fraction = last.imag / (last.imag - here.imag)
-                        real = last.real + fraction * (here.real - last.real)
-                        if real < 0.0:
-                            gain_db = min(gain_db, abs(20.0 * math.log10(-real)))
-                last, last_power = here, power
-            out[p, s, 0] = 1.0 / math.sqrt(nearest)
-            out[p, s, 1] = gain_db
-            out[p, s, 2] = math.degrees(phase)
-            out[p, s, 3] = turned
 
 
 def widened(notch: Notch) -> Notch:
@@ -114,7 +64,7 @@ class OpenLoops:
         """
         self.law = law
         self._delay = np.exp(-2j * math.pi * frequency_hz * law.period_s)
-        self._bare = bare
+        self._bare = np.array(bare, dtype=np.complex128)
 
     def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
         """Margins with the filters frozen at each speed; a switched filter acts within its hysteresis too."""
@@ -125,8 +75,12 @@ class OpenLoops:
         for row, speed in enumerate(speeds_rps):
             for column, values in enumerate(filters.filters(float(speed))):
                 coefficients[row, column] = values
-        out = np.zeros((len(self._bare), len(speeds_rps), 4))
-        _scan(self._delay, self._bare, coefficients, out)
+        plants, count = self._bare.shape
+        out, room = np.zeros((plants, len(speeds_rps), CORE.call.MARGIN_COLUMNS)), np.empty(count, np.complex128)
+        delay, bare, response = (CORE.pointer(each.view(_COMPLEX), "complex_real") for each in (self._delay, self._bare, room))
+        CORE.call.scan_margins(
+            delay, bare, count, plants, CORE.pointer(coefficients), len(speeds_rps), width, response, CORE.pointer(out)
+        )
         return SpeedMargins(np.asarray(speeds_rps), out[:, :, 0], out[:, :, 1], out[:, :, 2], out[:, :, 3])
 
 

@@ -126,10 +126,6 @@ def host_loops(
         check_host_loop(axis.number, table, period_s, with_notch=with_notch, held=held)
         filters = host_filters(axis, with_notch=with_notch, fixed=fixed)
         configs.append(ServoConfig(gains.cascade(), table.limits.torque_nm, filters))
-    rehearsal, still = ServoBank(configs, period_s), [0.0] * len(configs)
-    rehearsal.start(0, 0.0)
-    rehearsal.step(still, still)  # compiled, or loaded, before the first cycle waits for it
-    rehearsal.step_one(0, 0.0, 0.0)
     return ServoBank(configs, period_s)
 
 

@@ -1,6 +1,6 @@
 """plant-emulator following: what cancellations that follow make of robots that are drawn, beside the feed-forward alone."""
 
-# ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
+# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
 import csv
 from collections.abc import Iterator

@@ -1,6 +1,6 @@
 """plant-emulator robustness: which fraction of the possible plants keeps the specification, and which unknown matters."""
 
-# ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
+# ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
 import os
 import time

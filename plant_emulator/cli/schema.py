@@ -1,6 +1,6 @@
 """plant-emulator schema: the JSON Schema of the TOML files that the emulator reads."""
 
-# ruff: noqa: PLC0415 - --help must not wait for the compiler
+# ruff: noqa: PLC0415 - --help must not wait for numpy
 
 from typing import Any
 

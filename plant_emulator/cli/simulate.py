@@ -35,7 +35,7 @@ def simulate(
 
     Example: plant-emulator simulate --robot robot.toml --axis 2 --notch --out axis2.csv
     """
-    from plant_emulator.robots.robot import load_robot  # noqa: PLC0415 - --help must not wait for the compiler
+    from plant_emulator.robots.robot import load_robot  # noqa: PLC0415 - --help must not wait for numpy
     from plant_emulator.studies.simulate import simulate as run  # noqa: PLC0415
 
     with exit_on_error():

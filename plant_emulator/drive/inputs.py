@@ -1,6 +1,6 @@
 """A drive's digital inputs and outputs: switches and probes where the robot file puts them, and the safe torque off of its owner.
 
-The compiled control period sees the switches and latches their edges (`plant_emulator.motion.inputs`). Here the edges are
+The control period sees the switches and latches their edges (`supervision.h`). Here the edges are
 given to those who wait for them, and 60FDh shows the levels: bits 0 to 2 as CiA 402 has them, bit 3 (interlock) while safe
 torque off is active, and in the manufacturer's half bits 16 and 17 for what the touch probes see, bit 18 for safe torque off.
 

@@ -1,4 +1,4 @@
-"""The power stage of one axis: off behind a closed brake, under torque in a mode of the compiled law, or braking to rest."""
+"""The power stage of one axis: off behind a closed brake, under torque in a mode of the drive, or braking to rest."""
 
 import math
 from typing import Any
@@ -35,7 +35,7 @@ class PowerStage:
 
     @property
     def law_mode(self) -> int:
-        """The mode of the compiled law that acts."""
+        """The mode of the drive that acts."""
         mode: int = self._mode[self.row]
         return mode
 

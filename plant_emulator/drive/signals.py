@@ -1,4 +1,4 @@
-"""The fields by which the compiled control period speaks to a drive."""
+"""The fields by which the control period speaks to a drive."""
 
 from dataclasses import dataclass
 from typing import Any

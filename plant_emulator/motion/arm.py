@@ -1,16 +1,15 @@
-"""The arm of a robot as `Axes` moves it: the arrays of `advance_coupled`, and its tip."""
+"""The arm of a robot as `Axes` moves it: the arrays of `advance_arm`, and its tip."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.arm.mounting import Mounting
 from hil.arm.tables import ArmTable
-from plant_emulator.motion.coupled import advance_coupled
+from plant_emulator.core import CORE
 from plant_emulator.physics.articulated import holding_torques, link_rows
 from plant_emulator.physics.axis import synchronous_error
-from plant_emulator.physics.flexible import JOINT, NEAR, STATES, joint_row
 from plant_emulator.physics.mounted import sensor_rows
-from plant_emulator.physics.tool import ACCELERATION, POSITION, SPECIFIC_FORCE, VELOCITY, tool_rows
+from plant_emulator.physics.tool import ACCELERATION, POSITION, ROWS, SPECIFIC_FORCE, VELOCITY, tool_rows
 
 Real = NDArray[np.float64]
 
@@ -34,14 +33,29 @@ class CoupledArm:
         count = len(arm.link)
         self.rows, self.order = rows, [numbers.index(number) for number in arm.axes]
         self.links = link_rows(arm, numbers)
-        self.joints = np.array([joint_row(rows["plant"][row]) for row in self.order], JOINT)
-        self._near, self._drive = np.full((count, NEAR), np.inf), np.zeros((2, count))
-        self._turning, self._stages = np.zeros((4, count)), np.zeros((4, count, STATES))
-        self._tool, self.moved = tool_rows(arm), np.zeros((4, 3))
-        self._sensor, self._room, self._felt = sensor_rows(arm, mounting), np.zeros((4, 3)), np.zeros((1, 3))
-        self.settle()
+        self.joints, self._axes = np.zeros(count, CORE.dtype("constants")), CORE.pointer(rows, "axis")
+        for joint, row in zip(self.joints, self.order, strict=True):
+            CORE.call.joint_constants(CORE.pointer(rows["plant"][row], "plant"), CORE.pointer(joint, "constants"))
+        near, stages = np.zeros(count, CORE.dtype("grid_point")), np.zeros((CORE.call.PLANES, count), CORE.dtype("axis_state"))
+        near["motor"] = np.inf
+        self._turning = np.zeros((CORE.call.JOINT_ROWS, count))
+        self._tool, self.moved = tool_rows(arm), np.zeros((ROWS, 3))
+        self._sensor, self._felt = sensor_rows(arm, mounting), np.zeros((1, 3))
+        self._shared, joints = CORE.new("arm"), {
+            "joints": CORE.pointer(self.joints, "constants"), "links": CORE.pointer(self.links, "link"),
+            "near": CORE.pointer(near, "grid_point"), "commands": CORE.pointer(np.zeros(count)),
+            "brakes": CORE.pointer(np.zeros(count)), "turning": CORE.pointer(self._turning),
+            "stages": CORE.pointer(stages, "axis_state"),
+        }  # fmt: skip
+        tool = {"tool": self._tool, "moved": self.moved, "sensor": self._sensor, "room": np.zeros((ROWS, 3))}
+        self._kept = joints, {name: CORE.pointer(array) for name, array in tool.items()}
+        for of, pointers in zip((self._shared.joints, self._shared), self._kept, strict=True):
+            for name, pointer in pointers.items():
+                setattr(of, name, pointer)
+        self._shared.joints.count = count
+        self.hang_at_rest()
 
-    def settle(self) -> None:
+    def hang_at_rest(self) -> None:
         """Put the arm at rest under gravity: the gears carry the links, which hang below θ_m/N + θ_sync."""
         plants, states = [self.rows["plant"][row] for row in self.order], [self.rows["plant_state"][row] for row in self.order]
         angles = [float(state["motor_angle_rad"]) for state in states]
@@ -81,11 +95,14 @@ class CoupledArm:
             period_s: The control period.
             substeps: Runge-Kutta steps per period.
             tips: What the sensor feels after each period, written; shape (periods, 3). None: only the last is worked out.
+
+        Raises:
+            ValueError: `tips` has more rows than there are periods.
         """
-        room = self._near, self._drive, self._turning, self._stages, self._tool, self.moved, self._sensor, self._room
-        advance_coupled(
-            periods, period_s, substeps, self.rows, self.joints, self.links, *room, self._felt if tips is None else tips
-        )
+        felt = self._felt if tips is None else tips
+        if len(felt) > periods > 0:
+            raise ValueError(f"tips has {len(felt)} rows for {periods} control periods")
+        CORE.call.advance_arm(periods, period_s, substeps, self._axes, self._shared, CORE.pointer(felt), len(felt))
 
     def acceleration(self) -> tuple[float, float, float]:
         """Acceleration (X, Y, Z) of the tip in m/s² in the frame of the base, gravity left out, after the last period."""

@@ -1,4 +1,4 @@
-"""All axes of a robot as arrays: what the compiled period works on, and what the tip feels."""
+"""All axes of a robot as arrays: what the control period of `period.h` works on, and what the tip feels."""
 
 import math
 from collections.abc import Sequence
@@ -7,22 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.control.cascade import Cascade
-from hil.control.notch import NO_NOTCH, NOTCHES, Notch
+from hil.control.notch import NO_NOTCH, NOTCHES
+from plant_emulator.core import CORE
 from plant_emulator.motion.arm import CoupledArm
-from plant_emulator.motion.period import advance, advance_sensed, advance_traced
 from plant_emulator.motion.record import (
     AXIS,
     BRAKED,
     NO_SET_POINT,
-    POSITION,
-    PROFILE,
     SET_POINT_RANGE,
     SET_POINT_STEP,
     UNTIL_WRITTEN,
 )
-from plant_emulator.motion.transitions import begin_mode, begin_stop
-from plant_emulator.physics.axis import settle
+from plant_emulator.physics.axis import hang_at_rest
 from plant_emulator.physics.sensing import SensorResponse
 from plant_emulator.physics.tip import chain_acceleration, lever_acceleration
 from plant_emulator.robots.gear_change import write_change
@@ -32,8 +28,6 @@ Real = NDArray[np.float64]
 
 MOST_BUFFERS = 8
 """Numbers of control periods for which arrays are kept."""
-REHEARSED = 8
-"""Control periods of a rehearsal."""
 
 AT_REST = (
     "previous_speed_rad_s",
@@ -93,7 +87,7 @@ class Axes:
             axis = robot.axis[number]
             axis.write(self.plant[row], robot.home_angle(number))
             write_change(axis, rows[row])
-            settle(self.plant[row], self.plant_state[row])
+            hang_at_rest(self.plant[row], self.plant_state[row])
             motion = self.motion[row]
             motion["mode"] = BRAKED
             motion["counts_per_rad"] = axis.encoder_counts_per_rev / (2.0 * math.pi)
@@ -116,7 +110,8 @@ class Axes:
         self._chain_rows = [] if home is None else [self.row(number) for number in robot.chain_axes]
         self._levers = [robot.axis[number].tip_lever_m for number in self.numbers]
         self._response = response_of(robot)
-        self._buffers: dict[int, tuple[Real, Real]] = {}
+        self._buffers: dict[int, tuple[Real, Real, Any, Any]] = {}
+        self._axes = CORE.pointer(rows, "axis")
         self._bind()
 
     def _bind(self) -> None:
@@ -144,21 +139,22 @@ class Axes:
         if self._response is None or row is None:
             self.advance_chain(periods)
             return
-        trace, tips = self._buffers_of(periods)
-        sensor, timing = self._response, (periods, self._control_period_s, self._substeps)
-        advance_sensed(*timing, self.rows, trace, row, self._levers[row], tips, sensor.row, sensor.ring, sensor.sensed)
+        _, _, trace, tips = self._buffers_of(periods)
+        timing, axes = (periods, self._control_period_s, self._substeps), (self._axes, len(self.numbers))
+        CORE.call.advance_sensed(*timing, *axes, trace, row, self._levers[row], tips, *self._response.shared)
 
     def advance_chain(self, periods: int) -> None:
         """`advance` where several axes move the tip, or the sensor remembers nothing."""
         if self.arm is not None:
             self._advance_arm(self.arm, periods)
             return
+        axes = self._axes, len(self.numbers)
         if self._response is None:
-            advance(periods, self._control_period_s, self._substeps, self.rows)
+            CORE.call.advance(periods, self._control_period_s, self._substeps, *axes, CORE.NULL)
             return
-        trace, tips = self._buffers_of(periods)
-        advance_traced(periods, self._control_period_s, self._substeps, self.rows, trace)
-        self._fill(tips, trace)
+        states, tips, trace, _ = self._buffers_of(periods)
+        CORE.call.advance(periods, self._control_period_s, self._substeps, *axes, trace)
+        self._fill(tips, states)
         self._response.drive(tips)
 
     def _advance_arm(self, arm: CoupledArm, periods: int) -> None:
@@ -167,13 +163,13 @@ class Axes:
         if self._response is None:
             arm.advance(*timing)
             return
-        _, tips = self._buffers_of(periods)
+        _, tips, _, _ = self._buffers_of(periods)
         arm.advance(*timing, tips)
         self._response.drive(tips)
 
     def counts(self, row: int) -> int:
         """The encoder's reading of an axis now."""
-        # `measured_counts` of `plant_emulator.motion.period`, whose call costs more than the arithmetic
+        # `measured_counts` of `period.h`, whose call costs more than the arithmetic
         counts: int = math.floor(self._motor_angle[row] * self._counts_per_rad[row] + 0.5)
         return counts
 
@@ -190,15 +186,15 @@ class Axes:
         return counts
 
     def change_mode(self, row: int, mode: int, periods_per_set_point: int = 1) -> None:
-        """Turn an axis under torque to another mode of `motion.record` without a jump, see `begin_mode`."""
+        """Turn an axis under torque to another mode of `motion.record` without a jump, see `begin_mode` of `transitions.h`."""
         if self._mode[row] == BRAKED:
             raise ValueError(f"axis {self.numbers[row]} has its brake closed; open_brake opens it")
         self.motion[row]["periods_per_set_point"] = periods_per_set_point
-        begin_mode(self.rows[row], mode)
+        CORE.call.begin_mode(self._axes + row, mode)
 
     def stop(self, row: int, deceleration_rad_s2: float) -> None:
         """Begin a ramp to rest; an infinite deceleration brakes with all the torque that the limits allow."""
-        begin_stop(self.rows[row], float(deceleration_rad_s2))
+        CORE.call.begin_stop(self._axes + row, deceleration_rad_s2)
 
     def set_point(self, row: int, target_counts: int) -> None:
         """Give an axis in cyclic position mode its next set-point; it goes there from where it is, in one interpolation period.
@@ -264,15 +260,13 @@ class Axes:
             return None
         return next(row for row, mode in enumerate(modes) if mode != BRAKED)
 
-    def _buffers_of(self, periods: int) -> tuple[Real, Real]:
-        """Arrays for the arms' states and the tip after each of so many control periods.
-
-        They are kept: machine code takes arrays that it has seen before in 1 µs, and others in 400 µs.
-        """
+    def _buffers_of(self, periods: int) -> tuple[Real, Real, Any, Any]:
+        """Arrays for the arms' states and the tip after each of so many control periods, and the same in C."""
         if periods not in self._buffers:
             if len(self._buffers) >= MOST_BUFFERS:
                 self._buffers.clear()
-            self._buffers[periods] = np.zeros((periods, len(self.numbers), 3)), np.zeros((periods, 3))
+            states, tips = np.zeros((periods, len(self.numbers), 3)), np.zeros((periods, 3))
+            self._buffers[periods] = states, tips, CORE.pointer(states), CORE.pointer(tips)
         return self._buffers[periods]
 
     def _fill(self, tips: Real, trace: Real) -> None:
@@ -306,20 +300,3 @@ def response_of(robot: Robot) -> SensorResponse | None:
         mounting_resonance_hz=sensor.mounting_resonance_hz,
         mounting_damping=sensor.mounting_damping,
     )
-
-
-def rehearse(robot: Robot) -> None:
-    """Call everything compiled that `Axes` calls, so that its machine code is loaded or made: see `plant_emulator.sealed`.
-
-    It uses axes of its own. Machine code is judged by the call for which it was made: one that moves an axis, and leaves the
-    others braked.
-    """
-    axes = Axes(robot)
-    Cascade(25.0, 0.2, 4.0).write(axes.cascade_config[0])  # gains that a master would bring
-    Notch().write(axes.notch_config[0, 0])
-    axes.open_brake(0, POSITION, REHEARSED)
-    axes.set_point(0, axes.counts(0) + 100)
-    axes.advance(REHEARSED)
-    axes.advance_chain(REHEARSED)  # what a robot with several brakes open calls
-    axes.change_mode(0, PROFILE)
-    axes.stop(0, 100.0)

@@ -1,4 +1,4 @@
-"""The compiled plant: axes with angular transmission errors, and the tip that they move.
+"""The plant: axes with angular transmission errors, and the tip that they move.
 
 `physics.axis` states the equations of motion, `physics.angle_grid` has them in the form that runs, `physics.integration` follows
 them over time, and `physics.tip` gives the acceleration of the tip:

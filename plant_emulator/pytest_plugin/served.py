@@ -4,17 +4,15 @@ import subprocess
 import sys
 import tempfile
 import time
-import warnings
 from pathlib import Path
 from typing import Self
 
 import pytest
 
 from plant_emulator.pytest_plugin.target import bit_rate
-from plant_emulator.sealed import LATE
 
 START_TIMEOUT_S = 90.0
-"""The first start compiles the plant."""
+"""A start takes under a second; a machine that is busy takes longer."""
 SERVER_TIMEOUT_S = 10.0
 
 
@@ -79,19 +77,13 @@ class LocalBusServers:
         return bus
 
     def __exit__(self, *_: object) -> None:
-        """End all of them and remove their sockets; what one had to load while it served is a warning."""
+        """End all of them and remove their sockets."""
         for bus in self._buses:
             bus.process.terminate()
-        late = [line for bus in self._buses for line in self._ended(bus.process).splitlines() if line.startswith(LATE)]
+        for bus in self._buses:
+            try:
+                bus.process.communicate(timeout=SERVER_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                bus.process.kill()
+                bus.process.communicate()
         self._directory.cleanup()
-        for line in late:
-            warnings.warn(line, RuntimeWarning, stacklevel=2)
-
-    @staticmethod
-    def _ended(process: subprocess.Popen[str]) -> str:
-        """What a process has said on standard error until its end."""
-        try:
-            return process.communicate(timeout=SERVER_TIMEOUT_S)[1]
-        except subprocess.TimeoutExpired:
-            process.kill()
-            return process.communicate()[1]

@@ -14,7 +14,7 @@ from hil.control.notch import Notch
 from hil.robot_tables import Control
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
-from plant_emulator.physics.axis import settle
+from plant_emulator.physics.axis import hang_at_rest
 from plant_emulator.physics.tip import chain_acceleration
 from plant_emulator.robots.robot import Robot, RobotAxis
 from plant_emulator.studies.closed_loop import Law, arm_peak_hz, frozen_law, growth_per_s
@@ -313,7 +313,7 @@ class Study:
         chosen = self.filters if filters is None else filters
         for row, number in enumerate(axes.numbers):
             axes.plant[row]["home_angle_rad"] = self.robot.home_angle(number)
-            settle(axes.plant[row], axes.plant_state[row])
+            hang_at_rest(axes.plant[row], axes.plant_state[row])
             self.cascades[number].write(axes.cascade_config[row])
             for column, notch in enumerate(chosen.get(number, ())):
                 notch.write(axes.notch_config[row, column])
@@ -323,18 +323,9 @@ class Study:
         for row, encoder in enumerate(plant.encoders):
             if encoder.noise_rad > 0.0:
                 noise[row] = encoder.noise_rad * source.standard_normal(noise.shape[1])
-        trace = np.zeros((*set_points.shape, 5))
         terms = np.array([encoder.terms for encoder in plant.encoders])
-        follow(
-            self.periods,
-            self.robot.control_period_s,
-            self.robot.plant_substeps,
-            axes.rows,
-            set_points,
-            terms,
-            noise,
-            trace,
-        )
+        timing = self.periods, self.robot.control_period_s, self.robot.plant_substeps
+        trace = follow(*timing, axes.rows, set_points, terms, noise)
         trace = trace[len(set_points) - len(self.set_points) :]
         tip, radial = self._tip(trace)
         measured = _read(plant.reading, tip, radial, self.robot.sync_period_s, source)

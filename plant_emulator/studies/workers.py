@@ -65,8 +65,6 @@ def run_all(
                 found[number].append(study.judge(index))
                 on_done(1)
         return found
-    for study in studies:
-        study.judge(-1)  # whatever has to be compiled is, once, before there are several who would
     with _workers(jobs, studies) as pool:
         with deaf_children():
             pending = [

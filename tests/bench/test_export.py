@@ -138,7 +138,7 @@ def test_a_table_in_every_format_holds_the_recordings_numbers(folder, recording,
 @pytest.mark.parametrize("suffix", ["mcap", "parquet"])
 def test_a_recording_loads_nothing_that_it_does_not_need(folder, tmp_path, suffix):
     """What reads logs, results and other formats takes several times as long to load as the file to write."""
-    heavy = "{'scipy', 'numba', 'canopen', 'can', 'asammdf', 'pandas'}"
+    heavy = "{'scipy', 'cffi', 'canopen', 'can', 'asammdf', 'pandas'}"
     arguments = ["export", str(folder), "--to", str(tmp_path / f"line.{suffix}")]
     program = (
         f"import sys; from hil.cli.main import app; app({arguments}, standalone_mode=False); print({heavy} & set(sys.modules))"

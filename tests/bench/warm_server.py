@@ -1,7 +1,7 @@
 """`plant-emulator serve` without its second of loading: a process that has loaded everything is copied for each robot.
 
 So a robot is as fresh as in a process of its own: dictionary, faults, time, noise and places of the axes are its own, which no
-reset over the bus puts back. What a server of its own would load late is for tests/plant_emulator/test_sealed.py to see.
+reset over the bus puts back.
 """
 
 import contextlib
@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from plant_emulator.pytest_plugin.served import SERVER_TIMEOUT_S, START_TIMEOUT_S, ServedBus
-from plant_emulator.sealed import LATE
 
 IS_POSSIBLE = hasattr(os, "pidfd_open")
 
@@ -89,7 +88,6 @@ class WarmServers:
             yield ServedBus(copy, path, None)  # type: ignore[arg-type]
         finally:
             copy.end()
-        assert LATE not in said.read_text(encoding="utf-8")
 
     def close(self) -> None:
         """End the process."""
@@ -116,13 +114,11 @@ def main() -> None:
     """Load everything, then copy this process for each line: paths of a socket and of a file for what is said."""
     from plant_emulator.announcement import announced  # noqa: F401, PLC0415
     from plant_emulator.bus.server import Server  # noqa: F401, PLC0415
-    from plant_emulator.motion.axes import rehearse  # noqa: PLC0415
     from plant_emulator.robots.robot import load_robot  # noqa: PLC0415
     from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer  # noqa: F401, PLC0415
     from plant_emulator.world import World  # noqa: PLC0415
 
     robot = load_robot("reference")
-    rehearse(robot)
     World(robot).power_on()
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for the copies
     alive, held = os.pipe()

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from hil.control.angles import ARCSEC
 from plant_emulator.physics.axis import PLANT, PLANT_STATE, synchronous_error
-from plant_emulator.physics.integration import plant_step
 from plant_emulator.robots.robot import load_robot
+from tests.plant_emulator.physics.stepping import plant_step
 
 ROBOT = load_robot("reference")
 T = 250e-6

@@ -19,7 +19,7 @@ from hil.cli.console import (
 )
 from hil.cli.options import AXES, BenchOption, BusOption, ForceOption, JsonOption, NewOutOption, YesOption
 
-if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
+if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
 
 CHECK_EPILOG = epilog_of_runs(

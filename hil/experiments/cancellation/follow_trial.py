@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hil.analysis import TipScale, integrated_twice
 from hil.bench.bench import Bench
 from hil.control.following import FollowingSettings
-from hil.control.following_step import BEGIN_MARGIN
+from hil.core.library import CORE
 from hil.experiments.cancellation.alternation import Alternation
 from hil.experiments.cancellation.rise import LAST_SIGMAS, RISE_SIGMAS, WORSE_FRACTION, WORSE_MM, PeakChange
 from hil.recording import Recording
@@ -148,7 +148,7 @@ def _begin_parts(runs: Sequence[Sequence[HeardOrder]]) -> dict[tuple[int, float]
     found: dict[tuple[int, float], float] = {}
     for each in (each for watched in runs for each in watched):
         key = each.axis, each.order
-        found[key] = max(found.get(key, 0.0), BEGIN_MARGIN * each.left)
+        found[key] = max(found.get(key, 0.0), CORE.constants["BEGIN_MARGIN"] * each.left)
     return found
 
 

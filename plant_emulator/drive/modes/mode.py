@@ -1,4 +1,4 @@
-"""Common part of all modes of operation: a mode of the compiled law, its bits of control word and status word, and halt."""
+"""Common part of all modes of operation: a mode of the drive, its bits of control word and status word, and halt."""
 
 from typing import ClassVar
 
@@ -12,7 +12,7 @@ class ModeOfOperation:
 
     Attributes:
         number: Number of the mode in 6060h and 6061h, one of `Mode`; 0 where none is chosen.
-        motion: Its mode of the compiled law.
+        motion: Its mode of the drive.
         needs_gains: Whether it closes a loop, which without gains would let the arm fall.
         needs_interpolation: Whether its set-points come with SYNC and are interpolated, for which 60C2h must be fit.
         is_halted: Whether the halt bit holds the axis.

@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from hil.control.cascade import (
-    CASCADE_CONFIG,
-    CASCADE_STATE,
-    Cascade,
-    cascade_start,
-    cascade_step,
-    hold_integrator,
-    observe_speed,
-)
+from hil.control.cascade import CASCADE_CONFIG, CASCADE_STATE, Cascade
+from tests.hil.control.law_in_c import cascade_start, cascade_step, hold_integrator, observe_speed
 
 AXIS_2 = Cascade(25.0, 0.196, 3.92, 300.0)
 

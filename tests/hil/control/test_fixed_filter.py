@@ -8,8 +8,9 @@ import pytest
 from scipy import signal
 
 from hil.control.cascade import Cascade
-from hil.control.notch import NO_NOTCH, NOTCH_CONFIG, NOTCH_FIXED, NOTCH_STATE, NOTCHES, FixedFilter, Notch, notch_step
+from hil.control.notch import NO_NOTCH, NOTCH_CONFIG, NOTCH_FIXED, NOTCH_STATE, NOTCHES, FixedFilter, Notch
 from hil.control.servo import Servo, ServoConfig
+from tests.hil.control.law_in_c import notch_step
 
 T = 250e-6
 AXIS_2 = Cascade(25.0, 0.196, 3.92, 300.0)

@@ -16,9 +16,9 @@ from hil.control.notch import (
     NOTCHES,
     Notch,
     notch_coefficients,
-    notch_step,
     notch_weight,
 )
+from tests.hil.control.law_in_c import notch_step
 
 T = 250e-6
 TABLE_3 = Notch(offset_hz=0.5, zeta_rn=0.028, zeta_rdth=0.1)

@@ -80,11 +80,10 @@ def test_each_way_in_which_candump_prints_a_frame_is_read(tmp_path, line):
     assert (can_id, data) == (0x182, b"\x01\x02")
 
 
-def test_the_reader_is_kept_as_machine_code_so_that_no_log_waits_for_a_compiler(tmp_path):
-    path = tmp_path / "bus.log"
-    path.write_text("(1.5) can0 080#\n")
-    open_log(path)
-    assert candump._parse.refused == {}
+def test_frames_of_the_shortest_lines_fill_no_more_room_than_there_is(tmp_path, monkeypatch):
+    monkeypatch.setattr(candump, "CHUNK_BYTES", 1 << 12)
+    (tmp_path / "bus.log").write_text("a 080#\n" * 5000)
+    assert len(rows(open_log(tmp_path / "bus.log"))) == 5000
 
 
 def test_a_date_is_the_seconds_that_it_stands_for(tmp_path):

@@ -11,11 +11,11 @@ from hil.control.angles import ARCSEC
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import TORQUE
 from plant_emulator.physics.axis import synchronous_error
-from plant_emulator.physics.integration import plant_step
 from plant_emulator.robots.angle_lines import CoggingLine, EccentricityLine
 from plant_emulator.robots.robot import load_robot
 from tests.plant_emulator.many_axes import robot_file
 from tests.plant_emulator.physics.flexible_rig import FlexibleArm, Oracle, six_axes
+from tests.plant_emulator.physics.stepping import plant_step
 
 ECCENTRIC = (EccentricityLine(order=1, a_arcsec=60.0, phi_deg=30.0), EccentricityLine(order=2, a_arcsec=20.0, phi_deg=-50.0))
 COGGING = (CoggingLine(order=8, torque_nm=0.08, phi_deg=20.0), CoggingLine(order=36, torque_nm=0.03))

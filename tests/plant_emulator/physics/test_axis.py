@@ -8,9 +8,11 @@ from scipy import integrate, optimize, signal
 
 from hil.control.angles import ARCSEC
 from hil.design.frequency import TwoInertia
-from plant_emulator.physics.axis import PLANT, PLANT_STATE, derivatives, friction, settle, synchronous_error
-from plant_emulator.physics.integration import plant_step
+from plant_emulator.physics.axis import PLANT, PLANT_STATE, hang_at_rest, synchronous_error
 from plant_emulator.robots.robot import load_robot
+from tests.oracles.plant import derivatives, friction
+from tests.oracles.records import plain
+from tests.plant_emulator.physics.stepping import plant_step
 
 ROBOT = load_robot("reference")
 T = 250e-6
@@ -253,11 +255,11 @@ def test_the_work_put_in_is_stored_or_lost_when_the_gear_loads_the_motor_too(num
     t = np.arange(12_000) * 40e-6
     commands = 1.0 + 0.8 * np.sin(2.0 * math.pi * 9.0 * t)
     axis = Axis(number, **BIG_ATE, wind_up_softness=softness)
-    settle(axis.plant[0], axis.state[0])
+    hang_at_rest(axis.plant[0], axis.state[0])
     assert abs(balance(axis, commands)) < 1e-4
     # the paper's block diagram, without that load, makes energy out of the transmission error
     paper = Axis(number, **{**BIG_ATE, "gear_reaction": 0.0}, wind_up_softness=softness)
-    settle(paper.plant[0], paper.state[0])
+    hang_at_rest(paper.plant[0], paper.state[0])
     assert abs(balance(paper, commands)) > 1e-3
 
 
@@ -292,7 +294,7 @@ def test_the_hysteresis_torque_follows_dahls_exponential():
     axis.at(arm_speed_rad_s=-rate)
     p, s = axis.plant[0], axis.state[0]
     for _ in range(20_000):
-        s["hysteresis_nm"] += dt * derivatives(p, s, 0.0, True)[2]
+        s["hysteresis_nm"] += dt * derivatives(plain(p), plain(s), 0.0, True)[2]
     z = axis.hysteresis_nm
     assert z == pytest.approx(3.0 * (1.0 - math.exp(-0.2 * rate / (20 * ARCSEC))), rel=1e-3)
 
@@ -353,7 +355,7 @@ def test_the_brake_holds_the_motor_whatever_the_torque_while_the_arm_swings_on_t
 @pytest.mark.parametrize("softness", [0.0, 0.6])
 def test_an_axis_settles_where_gravity_and_gear_are_in_balance_and_stays_there(number, softness):
     axis = Axis(number, wind_up_softness=softness, wind_up_torsion_rad=60 * ARCSEC).at(motor_angle_rad=30.0)
-    settle(axis.plant[0], axis.state[0])
+    hang_at_rest(axis.plant[0], axis.state[0])
     p = axis.plant[0]
     rigid = 30.0 / p["reduction_ratio"] + synchronous_error(p, 30.0)[0]
 

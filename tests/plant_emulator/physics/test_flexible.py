@@ -10,9 +10,9 @@ from hil.arm.bodies import Body, Inertia
 from hil.arm.masses import gravity_torques, mass_matrix
 from hil.arm.tables import ArmLink, ArmTable
 from plant_emulator.motion.axes import Axes
-from plant_emulator.physics.integration import plant_step
 from plant_emulator.robots.robot import ArmAxis, ArmRobot, load_robot
 from tests.plant_emulator.physics.flexible_rig import FREE, UNDAMPED, FlexibleArm, Oracle, changed, planar, seven_axes, six_axes
+from tests.plant_emulator.physics.stepping import plant_step
 
 T = 250e-6
 EVERYTHING = {

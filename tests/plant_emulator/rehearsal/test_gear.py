@@ -8,11 +8,13 @@ import pytest
 from hil.bench.model import Identified, IdentifiedPlant
 from hil.control.angles import ARCSEC
 from hil.robot_tables import PlantTable
-from plant_emulator.physics.axis import PLANT, PLANT_STATE, derivatives
+from plant_emulator.physics.axis import PLANT, PLANT_STATE
 from plant_emulator.rehearsal.estimates import quantities_of
 from plant_emulator.rehearsal.gear import gear_at, gear_plant
 from plant_emulator.robots.fleet import antiresonance_hz, draw
 from plant_emulator.robots.robot import RobotAxis
+from tests.oracles.plant import derivatives
+from tests.oracles.records import plain
 
 REAL = draw(8, kind="real")
 
@@ -28,7 +30,7 @@ def followed(axis: RobotAxis, amplitude: float) -> tuple[float, float]:
         phase = (step + 0.5) * turn
         speed = -amplitude * math.cos(phase)
         states[0]["arm_angle_rad"], states[0]["arm_speed_rad_s"] = -amplitude * math.sin(phase), speed
-        _, acceleration, z_rate, _ = derivatives(rows[0], states[0], 0.0, True)
+        _, acceleration, z_rate, _ = derivatives(plain(rows[0]), plain(states[0]), 0.0, True)
         damping = (axis.arm_damping_nm_s_rad + axis.gear_damping_nm_s_rad) * speed
         torques.append(acceleration * axis.arm_inertia_kg_m2 + damping)
         states[0]["hysteresis_nm"] += z_rate * turn

@@ -16,7 +16,7 @@ from hil.recording import Recording
 from hil.robot_tables import ConstantAccelerationMotion, Control, TransmissionErrorTable
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
-from plant_emulator.physics.axis import settle
+from plant_emulator.physics.axis import hang_at_rest
 from plant_emulator.physics.tip import TipSensor
 from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
 
@@ -126,7 +126,7 @@ class RigSession:
         axes.plant_state[0]["motor_angle_rad"] = start
         if self._is_held:  # an arm that nothing moves: the gear is all that gives way
             axes.plant[0]["arm_inertia_kg_m2"] *= 1e9
-        settle(axes.plant[0], axes.plant_state[0])
+        hang_at_rest(axes.plant[0], axes.plant_state[0])
         targets, sensor = start + motion.motor_angle_rad[:, 0], self.robot.accelerometer
         count = len(targets)
         axes.open_brake(0, POSITION, periods)

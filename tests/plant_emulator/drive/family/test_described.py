@@ -13,12 +13,13 @@ from drive_profiles.realisation.sections import obstacles
 from drive_profiles.standard.cia301 import DataType, SdoAbortCode, encode
 from drive_profiles.standard.cia402 import Mode, Object, State
 from drive_profiles.standard.object_address import object_address
-from hil.control.notch import NOTCH_FIXED, NOTCH_STATE, NOTCHES, notch_step
+from hil.control.notch import NOTCH_FIXED, NOTCH_STATE, NOTCHES
 from hil.robot_tables import Control
 from plant_emulator.drive.family.objects import ENGINE, stated_default
 from plant_emulator.robots.robot import load_robot, with_drives
 from plant_emulator.slave.store import VOLATILE
 from tests.drive_profiles.profiles import ALL_DRIVES
+from tests.hil.control.law_in_c import notch_step
 from tests.plant_emulator.rig import GAINS, Rig
 
 AXIS = 2

@@ -22,7 +22,7 @@ from plant_emulator.motion.record import (
     PROFILE,
     PROFILE_VELOCITY,
 )
-from plant_emulator.physics.axis import settle
+from plant_emulator.physics.axis import hang_at_rest
 from plant_emulator.robots.behaviour import Switches
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, ONE_AXIS
 
@@ -53,7 +53,7 @@ class Bare:
         self.motion = self.axes.motion[0]
         self.inputs = DigitalInputs(self.axes, AXIS, NoDictionary())
         self.axes.plant_state[0]["motor_angle_rad"] = start_rev * TURN
-        settle(self.axes.plant[0], self.axes.plant_state[0])
+        hang_at_rest(self.axes.plant[0], self.axes.plant_state[0])
         self.axes.advance(1)
         self.axes.open_brake(0, PROFILE)
         self.edges, self.latches = 0, [0.0] * len(self.motion["latch_counts"])

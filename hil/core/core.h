@@ -1,0 +1,15 @@
+/* All of the core that Python calls: the law, and what design and logs have in C. */
+#ifndef HIL_CORE_H
+#define HIL_CORE_H
+
+#include "hil/control/cancellation.h"
+#include "hil/control/following.h"
+#include "hil/control/servo.h"
+#include "hil/design/margins.h"
+#include "hil/design/ramp.h"
+#include "hil/logs/candump.h"
+
+/* Digest of the sources that this library was built from, in hexadecimal. */
+const char *core_sources(void);
+
+#endif

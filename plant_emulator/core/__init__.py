@@ -1,0 +1,6 @@
+"""The emulator's core in C: plant and control period; `CORE` has its functions and the layout of its records."""
+
+from hil.core.library import Library
+from plant_emulator.core.build import PLANT
+
+CORE = Library(PLANT)

@@ -1,0 +1,15 @@
+/* All of the emulator's core that Python calls. */
+#ifndef PLANT_CORE_H
+#define PLANT_CORE_H
+
+#include "plant_emulator/motion/period.h"
+#include "plant_emulator/motion/supervision.h"
+#include "plant_emulator/motion/transitions.h"
+#include "plant_emulator/physics/integration.h"
+#include "plant_emulator/physics/tool.h"
+#include "plant_emulator/studies/follow.h"
+
+/* Digest of the sources that this library was built from, in hexadecimal. */
+const char *core_sources(void);
+
+#endif

@@ -1,0 +1,287 @@
+#include "period.h"
+#include "hil/control/cancellation.h"
+#include "plant_emulator/physics/integration.h"
+#include "plant_emulator/physics/tool.h"
+#include "references.h"
+#include "supervision.h"
+#include "transitions.h"
+
+/* What the mode asks of the law in a period. */
+struct demand {
+    real position;
+    real velocity_offset;
+    real torque_offset;
+};
+
+/* Set law and outputs to those of a motor at rest behind a closed brake. */
+static void rest(struct axis *axis, real angle)
+{
+    struct motion *m = &axis->motion;
+    cascade_start(&axis->law.cascade_state, angle, 0.0, 0.0);
+    for (int column = 0; column < NOTCHES; column++) {
+        axis->law.notch_state[column].active = 0;
+        axis->law.notch_state[column].speed_rps = 0.0;
+        axis->law.notch_state[column].mean_nm = 0.0;
+    }
+    m->torque_nm = m->following_error_rad = m->cancel_fraction = 0.0;
+    m->demand_rad = angle;
+    m->demand_speed_rad_s = m->torque_demand_nm = 0.0;
+    m->limited = m->reached = m->late_periods = 0;
+}
+
+/* The mode's demand on the law in this period. */
+static struct demand find_demand(struct motion *m, real angle, real period_s)
+{
+    struct demand d = {angle, 0.0, m->torque_offset_nm};
+    real demand_speed = 0.0;
+    switch (m->mode) {
+    case POSITION:
+        d.position = interpolated_counts(m) / m->counts_per_rad;
+        d.velocity_offset = m->velocity_offset_rad_s;
+        demand_speed = (d.position - m->demand_rad) / period_s;
+        break;
+    case PROFILE:
+        profile_position(m, m->target_counts / m->counts_per_rad, period_s);
+        d.position = m->reference_rad;
+        demand_speed = m->reference_speed_rad_s;
+        break;
+    case STOPPING:
+        d.torque_offset = 0.0;
+        if (m->stop_direction == 0.0) {
+            ramp_down(m, period_s);
+            d.position = m->reference_rad;
+            demand_speed = m->reference_speed_rad_s;
+        }
+        break;
+    case VELOCITY:
+        d.velocity_offset = demand_speed = interpolated_speed(m);
+        break;
+    case PROFILE_VELOCITY:
+        d.velocity_offset = demand_speed = profile_velocity(m, period_s);
+        d.torque_offset = 0.0;
+        break;
+    case TORQUE:
+        if (m->extrapolation_periods > 0) {
+            set_point_fraction(m); /* the torque acts at once: all that counts of the interval is its end */
+        }
+        break;
+    default:
+        break;
+    }
+    m->demand_rad = d.position;
+    m->demand_speed_rad_s = demand_speed;
+    return d;
+}
+
+/* Add the drive's own cancellation of the transmission error, faded in or out. */
+static void add_cancellation(struct axis *axis, real angle, real period_s, struct demand *d)
+{
+    struct motion *m = &axis->motion;
+    const real faded = m->cancel_fraction + COPYSIGN(period_s / CANCELLATION_FADE_S, (real)m->cancel_mode - 0.5);
+    m->cancel_fraction = least(1.0, most(0.0, faded));
+    if (m->mode != POSITION && m->mode != PROFILE) {
+        return;
+    }
+    const struct inner_cancellation known = {
+        m->cancel_a2_rad,         m->cancel_phi2_rad,          m->cancel_a4_rad, m->cancel_phi4_rad,
+        m->cancel_inertia_kg_m2,  m->cancel_damping_nm_s_rad,  m->cancel_a1_rad, m->cancel_phi1_rad,
+    };
+    real additions[3];
+    inner_cancellation(
+        &known, axis->law.cascade_config.lowpass_hz, period_s, angle, axis->law.cascade_state.speed_rad_s, additions);
+    d->position += m->cancel_fraction * additions[0];
+    d->velocity_offset += m->cancel_fraction * additions[1];
+    d->torque_offset += m->cancel_fraction * additions[2];
+}
+
+/* The torque that the mode uses: the law's, or its own. */
+static real used_torque(struct axis *axis, real period_s, real previous_integral_nm, real torque_nm)
+{
+    struct motion *m = &axis->motion;
+    if (m->mode == TORQUE) {
+        return m->target_torque_nm + m->torque_offset_nm;
+    }
+    if (m->mode == PROFILE_TORQUE) {
+        return profile_torque(m, period_s);
+    }
+    if (m->mode == STOPPING && m->stop_direction != 0.0) {
+        return brake_hard(axis, previous_integral_nm);
+    }
+    return torque_nm;
+}
+
+/* The torque within its limits; where these cut it, the integrator does not wind up. */
+static real limited_torque(struct axis *axis, real previous_integral_nm, real torque_nm)
+{
+    struct motion *m = &axis->motion;
+    if (m->torque_low_nm < torque_nm && torque_nm < m->torque_high_nm) {
+        return torque_nm;
+    }
+    const real limited = least(m->torque_high_nm, most(m->torque_low_nm, torque_nm));
+    if (torque_nm != limited) {
+        hold_integrator(&axis->law.cascade_state, previous_integral_nm, torque_nm - limited);
+    }
+    m->limited |= LIMITED_TORQUE;
+    return limited;
+}
+
+/* Note what is reached; check the axis against its limits, and begin a stop where one is broken. */
+static void supervise(struct axis *axis, int was_stopping, real counts, real angle)
+{
+    struct motion *m = &axis->motion;
+    const struct cascade_state *s = &axis->law.cascade_state;
+    if (m->mode != POSITION && m->mode != TORQUE && m->mode != VELOCITY) {
+        watch_windows(m, s->speed_rad_s, angle);
+    }
+    if (m->mode == STOPPING) {
+        if (m->reference_speed_rad_s == 0.0 && m->stop_direction == 0.0 && FABS(s->speed_rad_s) < STOPPED_RAD_S) {
+            m->stopped = 1;
+        }
+        return;
+    }
+    watch_limits(m, s->speed_rad_s, counts);
+    if (m->trip != 0 && !was_stopping) {
+        begin_stop(axis, m->stop_deceleration_rad_s2);
+    }
+}
+
+real command(struct axis *axis, real motor_angle, real period_s)
+{
+    struct motion *m = &axis->motion;
+    const real counts = measured_counts(motor_angle, m->counts_per_rad);
+    const real angle = counts / m->counts_per_rad;
+    if (m->input_mask != 0 || m->edge_mask != 0) {
+        watch_inputs(m, counts);
+    } else if (m->is_watching != 0) {
+        m->is_watching = 0;
+    }
+    if (m->mode == BRAKED) {
+        rest(axis, angle);
+        return 0.0;
+    }
+    const int was_stopping = m->mode == STOPPING;
+    m->limited = 0;
+    struct demand d = find_demand(m, angle, period_s);
+    if (m->cancel_mode != 0 || m->cancel_fraction > 0.0) {
+        add_cancellation(axis, angle, period_s, &d);
+    }
+    const real previous_integral_nm = axis->law.cascade_state.integral_nm;
+    /* the law runs in torque modes too: it keeps the speed estimate, and its torque is passed over */
+    real torque = servo_step(
+        &axis->law, period_s, m->torque_limit_nm, d.position, d.velocity_offset, d.torque_offset, angle);
+    torque = limited_torque(axis, previous_integral_nm, used_torque(axis, period_s, previous_integral_nm, torque));
+    m->torque_nm = m->torque_demand_nm = torque;
+    m->following_error_rad = d.position - angle;
+    supervise(axis, was_stopping, counts, angle);
+    return torque;
+}
+
+void age(struct axis *axis, real period_s)
+{
+    go_through(&axis->change, &axis->past, &axis->plant, &axis->plant_state, axis->motion.mode == BRAKED, period_s);
+    put_error(&axis->change, &axis->past, &axis->plant);
+}
+
+void advance(integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace)
+{
+    for (integer row = 0; row < count; row++) { /* an axis feels nothing of the others: each goes through all periods alone */
+        struct axis *axis = &axes[row];
+        struct motion *m = &axis->motion;
+        struct plant_state *mechanics = &axis->plant_state;
+        struct constants k;
+        struct grid_point near;
+        find_constants(&axis->plant, &k);
+        find_nearest(&k, mechanics, &near);
+        for (integer period = 0; period < periods; period++) {
+            const real torque = command(axis, mechanics->motor_angle_rad, period_s);
+            plant_period(&k, &near, mechanics, torque, m->mode == BRAKED, period_s, substeps);
+            if (axis->change.is_changing > 0.0) {
+                age(axis, period_s);
+                find_constants(&axis->plant, &k);
+                find_nearest(&k, mechanics, &near);
+            }
+            if (trace != 0) {
+                real *shown = trace + 3 * (period * count + row);
+                mechanics->arm_acceleration_rad_s2 = arm_acceleration(&k, mechanics);
+                shown[0] = mechanics->arm_angle_rad;
+                shown[1] = mechanics->arm_speed_rad_s;
+                shown[2] = mechanics->arm_acceleration_rad_s2;
+            }
+        }
+        m->wake = m->trip != 0 || m->event != 0;
+        if (periods > 0 && trace == 0) {
+            mechanics->arm_acceleration_rad_s2 = arm_acceleration(&k, mechanics);
+        }
+    }
+}
+
+void advance_sensed(
+    integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace, integer row,
+    real lever_m, real *tips, struct sections *sections, real *ring, integer size, real *sensed)
+{
+    advance(periods, period_s, substeps, axes, count, trace);
+    for (integer period = 0; period < periods; period++) {
+        const real *shown = trace + 3 * (period * count + row);
+        real *tip = tips + CHANNELS * period;
+        tip[0] = -lever_m * shown[1] * shown[1];
+        tip[1] = 0.0;
+        tip[2] = lever_m * shown[2];
+    }
+    sense(sections, ring, size, tips, periods, sensed);
+}
+
+/* Run the drive of a joint, and take the joint's state from its axis. */
+static void take_axis(struct axis *axis, const struct flexible *joints, integer i, real period_s)
+{
+    const struct plant_state *s = &axis->plant_state;
+    joints->commands[i] = command(axis, s->motor_angle_rad, period_s);
+    joints->brakes[i] = axis->motion.mode == BRAKED ? 1.0 : 0.0;
+    joints->stages[STATE * joints->count + i] = (struct axis_state){
+        s->motor_angle_rad, s->motor_speed_rad_s, s->arm_angle_rad, s->arm_speed_rad_s, s->hysteresis_nm, s->torque_nm};
+}
+
+/* Give an axis the state of its joint. */
+static void put_back(struct plant_state *s, const struct axis_state *x)
+{
+    s->motor_angle_rad = x->theta_m;
+    s->motor_speed_rad_s = x->w_m;
+    s->arm_angle_rad = x->theta_l;
+    s->arm_speed_rad_s = x->w_l;
+    s->hysteresis_nm = x->z;
+    s->torque_nm = x->tau;
+}
+
+void advance_arm(
+    integer periods, real period_s, integer substeps, struct axis *axes, const struct arm *arm, real *tips, integer rows)
+{
+    const struct flexible *joints = &arm->joints;
+    const integer count = joints->count, first = periods - rows;
+    for (integer period = 0; period < periods; period++) {
+        for (integer i = 0; i < count; i++) {
+            take_axis(&axes[joints->links[i + 1].row], joints, i, period_s);
+        }
+        flexible_period(joints, period_s, substeps);
+        for (integer i = 0; i < count; i++) {
+            struct axis *axis = &axes[joints->links[i + 1].row];
+            put_back(&axis->plant_state, &joints->stages[STATE * count + i]);
+            if (axis->change.is_changing > 0.0) {
+                age(axis, period_s);
+                take_error(&joints->joints[i], &axis->plant, &joints->near[i]);
+            }
+        }
+        if (period >= first) {
+            flexible_rest(joints);
+            tool_motion(joints->links, count, arm->tool, arm->moved);
+            feel(
+                joints->links, count, arm->sensor, arm->moved + 3 * TOOL_ACCELERATION, arm->room,
+                tips + CHANNELS * (period - first));
+        }
+    }
+    for (integer i = 0; i < count; i++) {
+        struct axis *axis = &axes[joints->links[i + 1].row];
+        axis->motion.wake = axis->motion.trip != 0 || axis->motion.event != 0;
+        if (periods > 0) {
+            axis->plant_state.arm_acceleration_rad_s2 = joints->stages[SLOPE * count + i].w_l;
+        }
+    }
+}

@@ -1,0 +1,49 @@
+/* The control period of all axes of a robot: set-points, servo law, limits and plant. */
+#ifndef PLANT_PERIOD_H
+#define PLANT_PERIOD_H
+
+#include "plant_emulator/physics/flexible.h"
+#include "plant_emulator/physics/sensing.h"
+#include "record.h"
+
+/* The encoder's reading: the motor angle rounded to whole counts. */
+static inline real measured_counts(real motor_angle, real counts_per_rad)
+{
+    return FLOOR(motor_angle * counts_per_rad + 0.5);
+}
+
+/* One control period of a drive: measure, set-point, law, limits. Returns the torque in N m, 0 behind a closed brake. */
+real command(struct axis *axis, real motor_angle, real period_s);
+
+/* Give the gear of an axis the error that it has after this control period; only for one that changes. */
+void age(struct axis *axis, real period_s);
+
+/* Advance all axes by some control periods of period_s, with substeps Runge-Kutta steps of the plant each.
+ *
+ * A broken limit turns the axis to its stop ramp in the very period in which it is seen; the drive's state machine follows.
+ * trace, where it is not null, becomes theta_l, w_l and w_l' of each axis after every period; periods rows of 3 count. */
+void advance(integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace);
+
+/* advance, the tip that the axis of a row alone moves on its lever, and the sensor that feels it.
+ *
+ * tips becomes the tip's acceleration after each period; sections, ring, size and sensed are those of sense. */
+void advance_sensed(
+    integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace, integer row,
+    real lever_m, real *tips, struct sections *sections, real *ring, integer size, real *sensed);
+
+/* Arrays of an arm whose links couple its axes, beside those of the joints. */
+struct arm {
+    struct flexible joints;
+    const real *tool;   /* place and frame of the tool in the last link */
+    real *moved;        /* tool_motion after the last period, written */
+    const real *sensor; /* SENSOR_ROWS rows of its accelerometer */
+    real *room;         /* TOOL_ROWS rows */
+};
+
+/* Advance all axes of an arm: they go through each period together, since the links couple them.
+ *
+ * tips becomes what the sensor feels after each of the last rows periods. */
+void advance_arm(
+    integer periods, real period_s, integer substeps, struct axis *axes, const struct arm *arm, real *tips, integer rows);
+
+#endif
