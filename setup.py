@@ -12,7 +12,7 @@ from setuptools.command.sdist import sdist
 PROJECT = Path(__file__).resolve().parent
 sys.path.insert(0, str(PROJECT))  # nothing is installed yet
 
-from hil.core.build import LAW, build  # noqa: E402
+from hil.core.build import LAW, BuildError, build, compiler  # noqa: E402
 
 PLANT = runpy.run_path(str(PROJECT / "plant_emulator" / "core" / "build.py"))["PLANT"]
 commit_text = runpy.run_path(str(PROJECT / "drive_profiles" / "version.py"))["commit_text"]
@@ -24,6 +24,15 @@ def write_commit(folder: str) -> None:
         path = Path(folder) / "drive_profiles" / "commit"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(commit + "\n", encoding="ascii")
+
+
+def compiler_from_pypi() -> list[str]:
+    """Return the package that has a C compiler, where the machine has none; builds install it for themselves."""
+    try:
+        compiler()
+    except BuildError:
+        return ["ziglang>=0.13,<0.17"]
+    return []
 
 
 class BuildWithCore(build_py):
@@ -60,4 +69,7 @@ class PlatformWheel(bdist_wheel):
         return "py3", "none", super().get_tag()[2]
 
 
-setup(cmdclass={"build_py": BuildWithCore, "sdist": SourceWithCommit, "bdist_wheel": PlatformWheel})
+setup(
+    setup_requires=compiler_from_pypi(),
+    cmdclass={"build_py": BuildWithCore, "sdist": SourceWithCommit, "bdist_wheel": PlatformWheel},
+)

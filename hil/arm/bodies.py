@@ -16,7 +16,7 @@ Component = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 NotBelow = Annotated[float, Field(ge=0.0, le=LARGEST)]
 Vector = tuple[Component, Component, Component]
 
-ROUNDED = 1e-5
+ROUNDED_MASS = 1e-5
 """By how much of the largest moment of inertia the others may miss the triangle inequality: files round their numbers."""
 
 NOWHERE: Vector = (0.0, 0.0, 0.0)
@@ -39,9 +39,9 @@ class Inertia(Table):
     @model_validator(mode="after")
     def _is_of_a_body(self) -> Self:
         low, middle, high = np.linalg.eigvalsh(self.tensor()).tolist()
-        if low < -ROUNDED * high:
+        if low < -ROUNDED_MASS * high:
             raise ValueError(f"the tensor has a principal moment of {low:g} kg·m²: no body has one below 0")
-        if low + middle < high * (1.0 - ROUNDED):
+        if low + middle < high * (1.0 - ROUNDED_MASS):
             raise ValueError(
                 f"principal moments {low:g}, {middle:g} and {high:g} kg·m²: of a body, any two of them add up to the third or "
                 "more (triangle inequality)"

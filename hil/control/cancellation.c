@@ -24,6 +24,8 @@ static integer speed_column(const struct cancellation_config *c, integer speeds,
     real column = FABS(speed) / (2.0 * PI * c->step_rps);
     if (!(column < last)) { /* NaN too */
         column = last;
+    } else if (column < 0.0) { /* a distance of speeds below 0 */
+        column = 0.0;
     }
     integer low = (integer)column;
     if (low > speeds - 2) {

@@ -59,8 +59,8 @@ class ServoBank:
 
     def step_one(self, row: int, position: float, motor_angle: float) -> float:
         """Torque in N·m of one axis, from its reference and motor angle in rad; the other laws keep their state."""
-        limit_nm = float(self._values[2, row])
-        torque_nm: float = CORE.call.servo_step(self._law(row), self.period_s, limit_nm, position, 0.0, 0.0, motor_angle)
+        law, limit_nm = self._law(row), float(self._values[2, row])
+        torque_nm: float = CORE.call.servo_step(law, self.period_s, limit_nm, position, 0.0, 0.0, motor_angle)
         return torque_nm
 
     def _law(self, row: int) -> Any:

@@ -21,7 +21,8 @@ STRICT = ("-std=c99", "-O3", "-ffp-contract=off")
 """Strict arithmetic: host and emulated drive compute the same bits, and so does the specification in Python."""
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion")
 """The tests make errors of them; a compiler of tomorrow that warns of more still builds the core."""
-SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+SUFFIX = ".native"
+"""Of a library's file: Python takes one that ends with .so for a module of its own."""
 
 
 class BuildError(RuntimeError):
@@ -101,7 +102,7 @@ def compile_core(core: Core, command: Sequence[str] | None = None, out: Path | N
     """
     given, path = list(command or compiler()), out or core.library
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}-", dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     os.close(handle)
     shared = ["-shared", "-fPIC", "-fno-semantic-interposition"]
     sources = [str(each.relative_to(ROOT)) for each in core.files(".c")]

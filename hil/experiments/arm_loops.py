@@ -31,7 +31,7 @@ Real = NDArray[np.float64]
 
 LINE_FRACTIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Fractions of the way at which the arm is frozen."""
-FILTER_SPEEDS = 6
+LOOP_SPEEDS = 6
 """Speeds within a filter's range at which other axes' filters are frozen."""
 
 
@@ -248,7 +248,7 @@ def _filtered(label: str, whole: Structure, numbers: Sequence[int], axis: int, l
     if len(laws) < len(numbers) - 1:
         return found
     for number, loop in laws.items():
-        speeds = [np.linspace(one.start_rps, one.end_rps, FILTER_SPEEDS) for one in loop.notches if one.mode != NOTCH_OFF]
+        speeds = [np.linspace(one.start_rps, one.end_rps, LOOP_SPEEDS) for one in loop.notches if one.mode != NOTCH_OFF]
         for speed in np.unique(np.concatenate([np.zeros(0), *speeds])).tolist():
             closed = tuple(Other(numbers.index(each), laws[each], speed if each == number else 0.0) for each in laws)
             words = f"{label}, other loops closed, axis {number} at {speed:.2f} rev/s"

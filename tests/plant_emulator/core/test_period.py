@@ -227,6 +227,25 @@ def test_an_arm_on_elastic_joints_is_that_of_the_specification(arm_robot):
         assert np.array_equal(found, stages[0])
 
 
+ANY = st.one_of(st.sampled_from([0.0, math.nan, math.inf, -math.inf, 5e-324, 1.8e308, -9.3e18]), st.floats())
+
+
+@given(st.lists(ANY, min_size=6, max_size=6), st.lists(ANY, min_size=5, max_size=5), st.sampled_from(MODES), SEEDS)
+@settings(max_examples=100)
+def test_any_number_goes_through_the_control_period(state, given_to, mode, seed):
+    axes = random_axes(np.random.default_rng(seed), load_robot("reference"))
+    for name, value in zip(PLANT_STATE.names[:6], state, strict=True):
+        axes.plant_state[0][name] = value
+    names = ("target_counts", "target_speed_rad_s", "target_torque_nm", "velocity_offset_rad_s", "counts_per_rad")
+    for name, value in zip(names, given_to, strict=True):
+        axes.motion[0][name] = value
+    CORE.call.begin_mode(CORE.pointer(axes.rows, "axis"), mode)
+    axes.motion["input_mask"] = 31
+    axes.advance(4)
+    axes.stop(0, math.inf)
+    axes.advance(4)
+
+
 @pytest.fixture
 def arm_robot():
     from plant_emulator import robots  # noqa: PLC0415
