@@ -16,7 +16,9 @@ PRODUCT_NAME = r"[a-z0-9][a-z0-9._-]*"
 
 
 class Firmware(Table):
-    """The product code and the range of revisions (1018h:2 and :3) for which facts hold.
+    """Product code and range of revisions for which facts hold.
+
+    The objects are 1018h:2 and 1018h:3.
 
     Attributes:
         product_code: Product code; None if it is not known, and every product counts as unverified.
@@ -40,7 +42,10 @@ class Firmware(Table):
         return self.min_revision is not None or self.max_revision is not None
 
     def covers(self, revision: int | None) -> bool:
-        """True if the facts hold for a revision; an unknown one is covered where all are."""
+        """Return True if the facts hold for a revision.
+
+        An unknown revision (None) is covered only if the facts have no range.
+        """
         if revision is None:
             return not self.has_range
         return (self.min_revision or 0) <= revision and (self.max_revision is None or revision <= self.max_revision)
@@ -63,7 +68,9 @@ class Firmware(Table):
 
 
 class Identity(Firmware, Fact):
-    """Identity of a family's first product (1018h), which an upload compares before it writes anything.
+    """Identity (1018h) of a family's first product.
+
+    An upload compares it with the device's before it writes anything.
 
     Attributes:
         vendor_id: Vendor-ID, 1018h:1.
@@ -84,7 +91,7 @@ class Identity(Firmware, Fact):
 
 
 class SyncLimits(Fact):
-    """The SYNC periods that the device follows; None if that is not known."""
+    """SYNC periods that the device follows; None if not known."""
 
     min_period_s: float | None = pydantic.Field(default=None, gt=0)
     max_period_s: float | None = pydantic.Field(default=None, gt=0)

@@ -1,4 +1,4 @@
-"""A further product of a family: what is other in it than in the first one."""
+"""A further product of a family, stated by its differences."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Question = Literal[
 
 
 def in_words(error: pydantic.ValidationError) -> str:
-    """What is wrong with a table, in one line."""
+    """Return the errors of a table in one line."""
     said = []
     for each in error.errors(include_url=False):
         key = ".".join(map(str, each["loc"]))
@@ -37,7 +37,10 @@ def in_words(error: pydantic.ValidationError) -> str:
 
 
 class ParameterChange(Table):
-    """What is other in a product's parameter: the keys of a parameter, each of which may be left out.
+    """Differences of one parameter between a product and the first one.
+
+    Each key of a parameter may be left out. Source and evidence are the product's, unless they are given. A parameter that
+    the first product lacks is stated whole.
 
     Source and evidence are the product's, unless they are given. A parameter that the first product has not is stated whole.
 
@@ -86,7 +89,7 @@ class ParameterChange(Table):
 
 
 class Product(Firmware, Fact):
-    """A further product of a family, as its differences from the first one.
+    """A further product of a family, stated by its differences.
 
     A table of facts that is given replaces the first product's; a capability replaces that answer alone.
 
