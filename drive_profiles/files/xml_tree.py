@@ -1,4 +1,4 @@
-"""XML files as a tree of bounded size, each element with its line.
+"""XML files as a tree of bounded size, with line numbers.
 
 The files are not trusted: declarations of a document type or of entities are refused, so nothing is expanded or fetched, and
 depth, elements and text are bounded.
@@ -37,7 +37,7 @@ class Element:
     text: str = ""
 
     def walk(self) -> Iterator[Element]:
-        """Yield this element and all below it, in the order of the file."""
+        """Yield this element and its descendants in the file's order."""
         stack = [self]
         while stack:
             element = stack.pop()
@@ -54,7 +54,7 @@ class _UnsafeError(Exception):
 
 
 def parse(data: bytes, path: Path, kind: str) -> Element:
-    """The outermost element of a file, with all that is in it.
+    """Return the root element of an XML file, with its descendants.
 
     Args:
         data: The bytes of the file, whose size the caller has bounded.
