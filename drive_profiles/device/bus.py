@@ -1,4 +1,7 @@
-"""A CAN bus for the parameter tool: SDO ports, NMT commands and a scan for nodes, on any bus that python-can knows."""
+"""A CAN bus for the parameter tool, opened through python-can.
+
+It offers SDO ports, NMT commands and a scan for nodes.
+"""
 
 from __future__ import annotations
 
@@ -52,11 +55,14 @@ class _Line:
         self._bus.send(can_id, data)
 
     def on_request(self, data: bytes) -> None:
-        """Count a request to the node that is on the bus and is not ours; some adapters return what they have sent."""
+        """Count an SDO request that another client sent to the node.
+
+        Frames of our own are not counted: some adapters return what they have sent.
+        """
         self.requests_of_others += data not in self._sent
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """Wait for the next answer; raise when the bus is lost, rather than wait in vain."""
+        """Wait for the next answer; raise `BusError` if the bus is lost."""
         self._bus.check()
         try:
             return self.answers.get(timeout=timeout_s)
@@ -73,7 +79,9 @@ class _Line:
 
 
 class SdoBus:
-    """A CAN bus that several threads may use: each node has one SDO port, and a thread sorts the received frames.
+    """A CAN bus that several threads may share.
+
+    Each node has one SDO port; a thread hands the received frames to them.
 
     Attributes:
         address: The bus address as it was given.
@@ -177,7 +185,10 @@ class SdoBus:
             raise BusError(f"bus {self.address} lost: {self._lost}")
 
     def answering(self, nodes: range | list[int]) -> list[int]:
-        """Ask all nodes at once for 1000h, and return those that answer, in rising order."""
+        """Return the nodes that answer a read of 1000h, in rising order.
+
+        All nodes are asked at once.
+        """
         for node in nodes:
             self.port(node)
             self._lines[node].clear()
@@ -192,7 +203,7 @@ class SdoBus:
         return [node for node in nodes if self._lines[node].clear()]
 
     def _read(self) -> None:
-        """Hand each received frame to its node's port, until the bus is closed or lost."""
+        """Pass each received frame to its node's port until the bus closes."""
         while not self._closing.is_set():
             try:
                 message = self._bus.recv(_POLL_S)
