@@ -1,4 +1,7 @@
-"""The errors of this package: one root, values as attributes, and a message that is made from them."""
+"""Errors of this package.
+
+All have one root class; each keeps its values as attributes and composes its message from them.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,18 @@ from typing import ClassVar, NamedTuple
 
 
 class DriveProfileError(Exception):
-    """Root of all errors of this package; ``exit_code`` is the exit status of a command that ends with it."""
+    """Root of all errors of this package.
+
+    ``exit_code`` is the exit status of a command that ends with the error.
+    """
 
     exit_code: ClassVar[int] = 3
 
 
 class OutOfRangeError(DriveProfileError, ValueError):
-    """A value that the object on the wire cannot hold. It is refused, never clamped.
+    """A value that the object on the wire cannot hold.
+
+    Such a value is refused, never clamped.
 
     Args:
         what: The quantity, e.g. ``torque``.
@@ -32,7 +40,10 @@ class OutOfRangeError(DriveProfileError, ValueError):
 
 
 def beyond(low: float, high: float) -> str:
-    """The reason why a value that is not within limits is refused; a limit that is infinite is none."""
+    """Return the reason why a value outside the limits is refused.
+
+    An infinite limit is left out of the text.
+    """
     if math.isinf(low):
         return f"must be at most {high:.10g}"
     return f"must be at least {low:.10g}" if math.isinf(high) else f"is outside {low:.10g} to {high:.10g}"
@@ -83,7 +94,7 @@ class ProfileNotFoundError(DriveProfileError):
 
 
 class UnknownProductError(DriveProfileError):
-    """A profile that does not name the product that a device is, or that is asked for.
+    """A device or a name that matches no product of the profile.
 
     Args:
         profile: The profile's name.
@@ -199,7 +210,10 @@ class NoAnswerError(NodeError):
 
 
 class SharedNodeError(NoAnswerError):
-    """A node whose answers did not come, or came to another client: two clients at one SDO server disturb each other."""
+    """A node whose answers were lost or went to another client.
+
+    Two clients at one SDO server disturb each other.
+    """
 
     def __init__(self, node: int, what: str, after_s: float) -> None:
         self.after_s = after_s
