@@ -1,4 +1,6 @@
-"""Keys of CiA 306 that canopen's exporter does not know, put back into the file that it has written.
+"""Keys of CiA 306 that canopen's exporter does not write.
+
+They are inserted into its output.
 
 Only what has a meaning in CiA 306 is kept. What the exporter writes itself, and what the reader has repaired or dropped, stays as
 the exporter has it.
@@ -127,14 +129,14 @@ def _lines(section: EdsSection, keys: tuple[str, ...]) -> list[str]:
 
 
 def _denotations(identity: str, section: EdsSection) -> Iterator[tuple[str, list[str]]]:
-    """Denotations of a compact notation, which is written out."""
+    """Return the denotations of a compact notation, written out."""
     for key, entry in section.entries.items():
         if key.isascii() and key.isdigit() and len(key) <= 3 and entry.value:
             yield f"{identity[:4]}sub{int(key):X}", [f"Denotation={_safe(entry.value)}"]
 
 
 def _safe(text: str) -> str:
-    """Text that can stand on a line, and that no terminal takes for a command."""
+    """Replace characters that a file's line or a terminal cannot take."""
     return "".join(c if c.isprintable() or c == "\t" else "\ufffd" for c in text)
 
 
