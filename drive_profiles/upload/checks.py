@@ -1,4 +1,7 @@
-"""Objections to an upload before anything is written: another device, unverified facts, another device's values."""
+"""Objections to an upload, raised before anything is written.
+
+They concern another device, unverified facts and another device's values.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,9 @@ from drive_profiles.upload.result import UploadOptions
 
 
 def against_identity(device: Device, header: Header, identity: DeviceIdentity, options: UploadOptions) -> list[str]:
-    """Reasons why profile, EDS or parameter set are not of the device that answers; empty where all fit.
+    """Return reasons why profile, EDS or set do not fit the device.
+
+    The result is empty if all fit.
 
     Args:
         device: The device, with its profile and its EDS.
@@ -62,7 +67,9 @@ def warnings_for(parameter_set: ParameterSet, identity: DeviceIdentity, writes: 
 def against_values(
     device: Device, header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions
 ) -> list[str]:
-    """Reasons why the values must not be written to this very device, although each of them could be.
+    """Return reasons why these values must not go to this device.
+
+    Each of them could be written all the same.
 
     Args:
         device: The device.
@@ -84,7 +91,10 @@ def against_values(
 
 
 def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
-    """Refuse a set that was pulled from another device: with a mistyped node-ID a drive gets its neighbour's limits."""
+    """Refuse a set that was pulled from another device.
+
+    With a mistyped node-ID a drive would get its neighbour's limits.
+    """
     theirs = [write for write in writes if write.parameter_class != "commissioning"]  # of these see `_commissioning`
     other = _other_device(header, identity)
     if not other or not theirs or options.other_device or options.force_commissioning:
@@ -95,7 +105,10 @@ def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Writ
 
 
 def _other_device(header: Header, identity: DeviceIdentity) -> str:
-    """Reason why the set is another device's: its serial number, else its node-ID; empty where nothing speaks for that."""
+    """Return the reason why the set is another device's, or "".
+
+    The serial number decides, else the node-ID.
+    """
     if header.serial_number:  # 0 is what a device says that has none
         if header.serial_number == identity.serial_number:
             return ""
@@ -110,7 +123,7 @@ def _hexadecimal(number: int | None) -> str:
 
 
 def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
-    """Refuse offsets and the like on a device with another serial number than the set's."""
+    """Refuse commissioning values on a device with another serial number."""
     theirs = [write for write in writes if write.parameter_class == "commissioning"]
     # 0 is what a device says that has no serial number
     same = bool(header.serial_number) and header.serial_number == identity.serial_number
@@ -123,7 +136,10 @@ def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Wr
 
 
 def _foreign_identifiers(header: Header, own: int, writes: Sequence[Write]) -> list[str]:
-    """Refuse PDO identifiers of the node from which the set was pulled: its set-points would move this node."""
+    """Refuse PDO identifiers of the node that the set was pulled from.
+
+    That node's set-points would move this one.
+    """
     theirs = header.node_id
     if theirs in {None, own}:
         return []
@@ -134,7 +150,7 @@ def _foreign_identifiers(header: Header, own: int, writes: Sequence[Write]) -> l
 
 
 def _moving_scale(device: Device, writes: Sequence[Write]) -> list[str]:
-    """Refuse a set that changes the scaling in which its own values count."""
+    """Refuse a set that changes the scaling of its own values."""
     sources = device.scaling_addresses()
     scaled = [write for write in writes if write.entry.needs_scaling]
     moved = [write for write in writes if write.address in sources and scaled and device.read(write.address) != write.data]
