@@ -1,4 +1,6 @@
-"""Realisation of the paper's notch in a drive: values for its parameters, and the filter that the drive then really runs.
+"""Realisation of the paper's notch in a drive.
+
+It finds values for the drive's parameters and the filter that the drive then runs.
 
 A drive's filter is rarely the designed one: its objects hold 15 bits, whole hertz, or a Q of 5 at most. So the values are rounded
 exactly as the objects hold them, and zeros, poles and DC gain are recomputed from the rounded values. A filter that is no longer
@@ -38,7 +40,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Deviations:
-    """Deviations of the filter that a drive holds from the target: held minus target.
+    """Deviations of the drive's filter from the target, held minus target.
 
     Attributes:
         zero_hz: Deviation of the zeros' frequency, Hz.
@@ -166,7 +168,7 @@ def realise(
     tolerance: Tolerance = PAPER,
     allow_approximate: bool = False,
 ) -> Realisation:
-    """Find the values with which a drive's filter comes nearest to the target, and recompute that filter.
+    """Find the values nearest to the target, and recompute the filter.
 
     Frequencies and dampings are stated such that the drive's own discretisation gives the target. Of fixed or floating
     point coefficients the neighbours of each are tried too: Σb = 1 + Σa, the DC gain, then holds to the last bit. A
