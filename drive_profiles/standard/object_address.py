@@ -1,4 +1,4 @@
-"""The address of an object in a node's dictionary, index and sub-index, and its text."""
+"""Address of an object (index and sub-index), and its text."""
 
 from typing import Annotated
 
@@ -12,7 +12,10 @@ WrittenAddress = Annotated[str, pydantic.Field(pattern=r"^[0-9A-F]{4}:[0-9A-F]{1
 
 
 def object_address(text: str) -> ObjectAddress:
-    """Index and sub-index of a `WrittenAddress`; without a colon the sub-index is 0."""
+    """Return index and sub-index of a `WrittenAddress`.
+
+    Without a colon the sub-index is 0.
+    """
     index, _, subindex = text.partition(":")
     return int(index, 16), int(subindex or "0", 16)
 

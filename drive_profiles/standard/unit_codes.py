@@ -1,4 +1,6 @@
-"""Units as one number, as 60A8h, 60A9h and 60AAh hold them: prefix, numerator, denominator, a byte each, the lowest byte 0.
+"""Unit codes of 60A8h, 60A9h and 60AAh.
+
+One number holds prefix, numerator and denominator, a byte each; the lowest byte is 0.
 
 A position unit that is an angle is counted as the code says. Increments and metres are counted by the feed constant (6092h), in
 the unit that the code names.
@@ -23,7 +25,10 @@ _PREFIXES = range(-9, 1)
 
 
 def code(numerator: int, denominator: int = 0, prefix: int = 0) -> int:
-    """Number of a unit; the prefix is a power of ten: thousandths of a degree are ``code(DEGREE, prefix=-3)``."""
+    """Return the code of a unit.
+
+    The prefix is a power of ten: thousandths of a degree are ``code(DEGREE, prefix=-3)``.
+    """
     return (prefix & 0xFF) << 24 | numerator << 16 | denominator << 8
 
 
@@ -86,7 +91,10 @@ def acceleration_units(unit: int, position_unit: int, feed: float) -> float:
 
 
 def _way(what: str, unit: int, numerator: int, position_unit: int, feed: float) -> float:
-    """Number of the numerator's unit, without prefix, in one revolution of the shaft."""
+    """Return the number of numerator units per revolution of the shaft.
+
+    The prefix is left out.
+    """
     if numerator in _PER_TURN:
         return _PER_TURN[numerator]
     prefix, counted, _ = _parts("60A8h", position_unit) if position_unit else (0, INCREMENT, 0)
