@@ -36,11 +36,12 @@ def convert(
     rated_torque_nm: Annotated[float | None, typer.Option(help="6076h of the drive, for values in N·m.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace OUT if it is there.")] = False,
 ) -> None:
-    """Convert a parameter set to a DCF or a concise DCF (1F22h), or back.
+    """Convert a parameter set to a DCF or concise DCF, or back.
 
-    A DCF is made from the device's EDS, of which every other byte stays as it is. Values whose unit depends on the drive's
-    encoder or rated torque need these two to become bytes; a set that was pulled states them. Node-ID, bit rate and serial number
-    go into the DCF's commissioning section, and what else the header says into comments there.
+    A DCF is made from the device's EDS; every other byte stays as it is. Values whose unit depends on the drive's encoder or
+    rated torque need these two to become bytes; a set that was pulled states them. Node-ID, bit rate and serial number go
+    into the DCF's commissioning section; the rest of the header goes into comments there. A concise DCF is the value of
+    1F22h.
 
     Example: drive-profiles convert axis2.toml --eds drive.eds --out axis2.dcf
     """

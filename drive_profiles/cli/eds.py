@@ -1,4 +1,4 @@
-"""``drive-profiles eds``: show a device description, check it, and write it again without its faults."""
+"""``drive-profiles eds``: show, check and clean a device description."""
 
 # ruff: noqa: PLC0415 - canopen and rich are imported inside the commands, so that --help and completion stay quick
 
@@ -45,9 +45,9 @@ def check(
     node_id: NodeId = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Name every fault of the files with its line, and what was made of it.
+    """Report every fault of the files with its line and repair.
 
-    Where a file contradicts itself or the standard, both sides are named and kept.
+    If a file contradicts itself or the standard, both sides are reported and kept.
 
     Example: drive-profiles eds check --strict drive.eds
     """
@@ -106,7 +106,9 @@ def convert(
     force: Annotated[bool, typer.Option("--force", help="Overwrite OUT.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Report as one JSON document.")] = False,
 ) -> None:
-    """Write a clean EDS or DCF, or JSON, with what was understood of the file.
+    """Write a clean EDS or DCF, or JSON, from a description.
+
+    The result holds what the reader understood of the file.
 
     Example: drive-profiles eds convert drive.xdd --out drive.eds
     """
@@ -176,7 +178,7 @@ def _count(number: int, one: str, many: str = "") -> str:
 
 
 def _load(path: Path, node_id: int | None) -> Description:
-    """Load a description, or exit with the reasons why it cannot be read."""
+    """Load a description, or exit with the reasons for its refusal."""
     from drive_profiles.eds import load
     from drive_profiles.errors import FileError
 
@@ -188,7 +190,10 @@ def _load(path: Path, node_id: int | None) -> Description:
 
 
 def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, ...]:
-    """Problems of a file just made: faults of the device, not of the file's form."""
+    """Return the problems of a file just made.
+
+    They are faults of the device, not of the file's form.
+    """
     from drive_profiles.eds import loads
     from drive_profiles.errors import FileError
 
@@ -237,7 +242,7 @@ def _row(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _value(row: dict[str, Any], held: float | str | None) -> str:
-    """Number of an object as people read it, text as it is."""
+    """Format the number of an object; text stays as it is."""
     from drive_profiles.standard import shown
     from drive_profiles.standard.cia301 import DataType
 
@@ -248,5 +253,5 @@ def _value(row: dict[str, Any], held: float | str | None) -> str:
 
 
 def _printable(text: str) -> str:
-    """Text of a file, with nothing in it that a terminal would take for a command."""
+    """Return the text of a file with control characters escaped."""
     return text if text.isprintable() else repr(text)

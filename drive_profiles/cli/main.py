@@ -1,4 +1,7 @@
-"""``drive-profiles``: drive families as data, and the parameters of drives: read, compare, write, put back."""
+"""``drive-profiles``: drive families as data, and parameters of drives.
+
+Its commands read, compare, write and restore parameters.
+"""
 
 from __future__ import annotations
 

@@ -15,7 +15,10 @@ from drive_profiles.cli.console import ExitStatus, fail
 
 
 def take_bus(context: typer.Context, value: str | None) -> str | None:
-    """Say on standard error which bus is taken, and where it was named; the option's callback."""
+    """Print the chosen bus and its origin on standard error.
+
+    This is the callback of the option `--bus`.
+    """
     if value is None or context.resilient_parsing:  # the shell asks for completions
         return value
     source = context.get_parameter_source("bus")

@@ -1,4 +1,7 @@
-"""Commands of ``drive-profiles`` that realise a notch and gains in a drive family, and write the documentation's pages."""
+"""Commands of ``drive-profiles`` that realise a notch and gains.
+
+Another one writes the documentation's pages of the families.
+"""
 
 # ruff: noqa: PLC0415 - pydantic and numpy are imported inside the commands, so that --help and completion stay quick
 
@@ -47,7 +50,9 @@ def realise(
     out: SetOutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what a drive would hold of the notch at one speed, and how far off that is.
+    """Show the notch that a drive would hold at one speed.
+
+    The deviations from the target are shown, too.
 
     Example: drive-profiles realise harmonic_drive_yukondrive --speed-rps 5.92 --period-us 125
     """
@@ -153,7 +158,10 @@ def gains(
 
 
 def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact: NotchFacts | LoopFacts | None) -> None:
-    """Save the values as a parameter set, where --out is given; an existing file is not replaced."""
+    """Save the values as a parameter set if --out is given.
+
+    An existing file is not replaced.
+    """
     if out is None:
         return
     from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet
@@ -192,7 +200,10 @@ def _why_unverified(fact: NotchFacts | LoopFacts | None) -> str:
 
 
 def _finite(facts: Any) -> Any:
-    """Facts without infinities, which JSON does not have: the depth of an undamped zero is null."""
+    """Replace infinities by None, since JSON has none.
+
+    The depth of an undamped zero, for example, becomes null.
+    """
     if isinstance(facts, dict):
         return {key: _finite(value) for key, value in facts.items()}
     if isinstance(facts, list | tuple):

@@ -1,4 +1,4 @@
-"""``drive-profiles store`` and ``restore``: keep values over a loss of power, and put earlier values back."""
+"""``drive-profiles store`` and ``restore``: store values, or restore earlier ones."""
 
 # ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the commands, so that --help and completion stay quick
 
@@ -49,7 +49,7 @@ def store(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Let a drive keep all that it holds now over a loss of power.
+    """Let a drive store its values over a loss of power.
 
     Example: drive-profiles store --bus local:/tmp/robot.sock --node 2 --yes
     """
@@ -86,7 +86,7 @@ def restore(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Go back: to the snapshot of an upload, or to the factory's values.
+    """Restore the snapshot of an upload, or the factory settings.
 
     Examples:
         drive-profiles restore --snapshot drive-journals --node 2 --bus local:/tmp/robot.sock
@@ -136,7 +136,10 @@ def _snapshot(request: TransactionRequest, path: Path, node: int | None) -> None
 
 
 def _newest(path: Path, node: int | None) -> Path:
-    """Path of the journal; in a folder that of the newest, of the named node where one is given."""
+    """Return the path of the journal.
+
+    In a folder it is the newest, of the named node if one is given.
+    """
     if not path.is_dir():
         return path
     journals = [each for each in path.glob("*.jsonl") if node is None or each.name.startswith(f"node{node}-")]
@@ -179,7 +182,9 @@ _DEFAULTS = _Words(
 
 
 def _give(request: TransactionRequest, node: int, choose: Callable[[Device], MemoryCommand], words: _Words) -> None:
-    """Give a drive one of the two commands, and print the result; Ctrl-C is remembered until it has answered.
+    """Give a drive one of the two commands, and print the result.
+
+    Ctrl-C is held until the drive has answered.
 
     Args:
         request: Bus and options of the command.

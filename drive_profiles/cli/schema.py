@@ -1,4 +1,7 @@
-"""The command ``schema`` of all three tools: the JSON Schema of a kind of TOML file, for editors."""
+"""The command ``schema`` of all three tools.
+
+It writes the JSON Schema of a kind of TOML file, for editors.
+"""
 
 # ruff: noqa: PLC0415 - pydantic is imported inside the command, so that --help and completion stay quick
 
@@ -43,7 +46,9 @@ def mount_schema(app: typer.Typer, kinds: Kinds, example: str) -> None:
         if out is None:
             typer.echo(text, nl=False)
 
-    schema.__doc__ = f"""Write the JSON Schema of a kind of TOML file, by which an editor completes and checks it.
+    schema.__doc__ = f"""Write the JSON Schema of a kind of TOML file.
+
+    With it an editor completes and checks such a file.
 
     Example: {example}
     """

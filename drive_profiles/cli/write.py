@@ -78,7 +78,10 @@ def upload(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Write parameter sets to drives: check, snapshot, write what differs, read back, store; or put everything back.
+    """Write parameter sets to drives, all or none.
+
+    Each drive is checked, its values are saved in a snapshot, differing values are written, read back and stored. After a
+    failure all get their former values back.
 
     Examples:
         drive-profiles upload axis2.toml --bus local:/tmp/robot.sock --node 2 --dry-run
@@ -132,7 +135,9 @@ def set_(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Write single objects, each named in full, by the same transaction as `upload`.
+    """Write single objects by the same transaction as `upload`.
+
+    Each object is named in full.
 
     Example: drive-profiles set notch_1.mode=1 notch_1.start_rps=4 --bus local:/tmp/robot.sock --node 2
     """
@@ -165,7 +170,10 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None) -> ParameterSet:
-    """Single values as a parameter set, so that they are written by the same transaction."""
+    """Make a parameter set of single values.
+
+    They are then written by the same transaction as a set.
+    """
     from drive_profiles.parameter_set.parameters import CLASSES, Item, ParameterSet
     from drive_profiles.standard.cia301 import DataType
     from drive_profiles.standard.object_address import address_text
@@ -191,7 +199,10 @@ def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None)
 
 
 def _number(text: str, key: str, data_type: Any) -> float | str:
-    """Value of a user's text: decimal, 0x hexadecimal, or text where the object holds text or bytes."""
+    """Parse a user's value: decimal, 0x hexadecimal, or text.
+
+    Text is accepted if the object holds text or bytes.
+    """
     if data_type is not None and not (data_type.is_integer or data_type.is_real or data_type.size):
         return text
     for convert in (lambda t: int(t, 0), float):

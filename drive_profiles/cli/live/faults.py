@@ -1,4 +1,4 @@
-"""drive-profiles faults: what drives say is wrong, in words."""
+"""drive-profiles faults: faults that drives report, in words."""
 
 # ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
 
@@ -39,7 +39,9 @@ def faults(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what drives say is wrong: state, 1001h, 603Fh and the history in 1003h, in words.
+    """Show the faults of drives, in words.
+
+    They come from the state, 1001h, 603Fh and the history in 1003h.
 
     Examples:
         drive-profiles faults --bus socketcan:can0
@@ -66,7 +68,9 @@ def faults(
 
 
 def devices_at(bus: SdoBus, nodes: list[int] | None) -> list[Device]:
-    """Devices at these nodes, or at all that answer; what only the standard knows of them is enough.
+    """Return the devices at these nodes, or at all that answer.
+
+    The objects of the standard are enough; no profile is needed.
 
     Raises:
         typer.Exit: A node does not answer, or none does.

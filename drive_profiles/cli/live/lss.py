@@ -1,4 +1,7 @@
-"""drive-profiles lss: node-ID and bit rate of nodes that are known by their identity alone (CiA 305)."""
+"""drive-profiles lss: node-ID and bit rate of nodes.
+
+A node is chosen by its identity alone (CiA 305).
+"""
 
 # ruff: noqa: PLC0415 - canopen is imported inside the commands, so that --help and completion stay quick
 
@@ -47,7 +50,7 @@ def show(
     only: OnlyOption = False,
     timeout_s: LssTimeoutOption = 0.2,
 ) -> None:
-    """Show identity and node-ID of one node, as it says them by LSS.
+    """Show identity and node-ID of one node, read by LSS.
 
     Example: drive-profiles lss show --unconfigured --bus socketcan:can0
     """
@@ -65,7 +68,9 @@ def node_id(
     yes: YesOption = False,
     timeout_s: LssTimeoutOption = 0.2,
 ) -> None:
-    """Give a node a node-ID; it acts after the node's next reset of communication (`drive-profiles nmt`).
+    """Give a node a node-ID.
+
+    It takes effect with the node's next reset of communication (`drive-profiles nmt`).
 
     Example: drive-profiles lss node-id 5 --unconfigured --store --bus socketcan:can0
     """
@@ -90,7 +95,9 @@ def bit_rate(
     yes: YesOption = False,
     timeout_s: LssTimeoutOption = 0.2,
 ) -> None:
-    """Give a node a bit rate and let it store that; it acts once the node has been switched off and on.
+    """Give a node a bit rate, and store it.
+
+    It takes effect once the node has been switched off and on.
 
     Example: drive-profiles lss bit-rate 500k --identity 0x1,0x2,0x3,4 --bus socketcan:can0
     """
@@ -121,7 +128,7 @@ def _with_one(
     change: Callable[[Lss, LssAddress], None],
     taken: int | None = None,
 ) -> None:
-    """Choose one node, print what it says, and do something with it.
+    """Choose one node, print its address, and act on it.
 
     Args:
         bus: The bus.

@@ -1,4 +1,4 @@
-"""drive-profiles nmt: the network management of CiA 301, for one node or all."""
+"""drive-profiles nmt: network management (CiA 301) for one or all nodes."""
 
 # ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
 
@@ -59,7 +59,9 @@ def nmt(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask first.")] = False,
     timeout_s: Annotated[float, typer.Option("--timeout-s", min=0.01, max=60.0, help="How long an answer may take.")] = 0.5,
 ) -> None:
-    """Send an NMT command to a node, or to all; it says first in which states drives are, and asks.
+    """Send an NMT command to a node, or to all.
+
+    It first shows the states of the drives, and asks.
 
     Stop and resets end the process data of a drive. One that is under torque then reacts as its 6007h says.
 
