@@ -50,7 +50,7 @@ class DeviceInfo:
     simple_boot_up_slave: bool = True
 
     def __post_init__(self) -> None:
-        """Refuse what an EDS has no key for."""
+        """Refuse a value for which an EDS has no key."""
         unknown = sorted(set(self.bit_rates) - set(BIT_RATES))
         if unknown:
             raise ValueError(f"bit rates {unknown} kbit/s are not among {BIT_RATES}")
@@ -59,7 +59,9 @@ class DeviceInfo:
 
 
 def write_eds(dictionary: Dictionary, info: DeviceInfo) -> str:
-    """Give the EDS of a dictionary: equal text for an equal dictionary, so its dates are fixed.
+    """Return the EDS of a dictionary.
+
+    Equal dictionaries give equal text, so the dates are fixed.
 
     Raises:
         ValueError: A default or a name cannot stand in an INI file.
@@ -200,7 +202,7 @@ def _default(entry: Entry) -> str:
 
 
 def _decimal(entry: Entry, value: Value) -> str:
-    """Give the shortest text that reads back as the same value of the entry's type."""
+    """Return the shortest text that reads back as the same value."""
     exact, number = encode(entry.data_type, value), float(value)
     texts = (f"{number:.{digits}g}" for digits in range(1, 17))
     short = next((float(text) for text in texts if encode(entry.data_type, float(text)) == exact), number)

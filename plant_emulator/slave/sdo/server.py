@@ -1,4 +1,7 @@
-"""The SDO server: expedited, segmented and block transfers, as a table of states and services (CiA 301, 7.2.4)."""
+"""The SDO server (CiA 301, 7.2.4).
+
+It handles expedited, segmented and block transfers by a table of states and services.
+"""
 
 import struct
 from collections.abc import Callable
@@ -26,7 +29,10 @@ Answers = tuple[bytes, ...]
 
 
 class SdoService(Enum):
-    """Request of a client: the command specifier in bits 7 to 5, and the sub-command of a block transfer below."""
+    """Request of a client: the command specifier, bits 7 to 5.
+
+    A block transfer has its sub-command in the lower bits.
+    """
 
     DOWNLOAD_SEGMENT = 0, 0
     INITIATE_DOWNLOAD = 1, 0
@@ -67,7 +73,7 @@ class SdoState(Enum):
 
 
 class SdoServer:
-    """Answers one client: frames in, frames out.
+    """SDO server for one client: frames in, frames out.
 
     Every request gets one answer, but for these:
 
@@ -126,11 +132,14 @@ class SdoServer:
 
     @property
     def buffered_bytes(self) -> int:
-        """Bytes of a client's value in the buffer: at most `max_bytes`, and six more in a block download."""
+        """Number of bytes of a client's value in the buffer.
+
+        It is at most `max_bytes`, and six more in a block download.
+        """
         return len(self._received) + len(self._block_download)
 
     def reset(self) -> None:
-        """Forget an unfinished transfer, without a word to the client."""
+        """Drop an unfinished transfer without informing the client."""
         self.state = SdoState.IDLE
         self.due: int | None = None
         self._index = self._subindex = 0
@@ -143,7 +152,7 @@ class SdoServer:
         self._late_answers: Answers = ()
 
     def receive(self, data: bytes, now: int) -> list[Frame]:
-        """Give the answers to a request."""
+        """Return the answers to a request."""
         if len(data) != _LENGTH or self.state is SdoState.WAITING or self._block_download.is_repetition(data):
             return []
         service = _SERVICES[data[0]]
@@ -170,7 +179,10 @@ class SdoServer:
         return [Frame(self.response_id, answer) for answer in answers]
 
     def advance(self, now: int) -> list[Frame]:
-        """Give what time brings: the answer that the owner has finished, an acknowledgement, the abort of a silent client."""
+        """Return the frames that are due.
+
+        They are an answer that the owner has finished, an acknowledgement, or the abort of a silent client's transfer.
+        """
         if self.due is None or now < self.due:
             return []
         if self._job is not None:
