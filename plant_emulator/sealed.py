@@ -1,10 +1,10 @@
-"""Nothing is loaded or compiled while a robot is served: what is nevertheless, is said.
+"""Report of late imports and compilation while a robot is served.
 
-An import takes milliseconds to seconds, the compiler seconds, and meanwhile the whole bus is silent: heartbeats stay away, and
-other nodes report the master lost. So `serve` loads everything before the first frame, and then seals its process.
+An import takes milliseconds to seconds, the compiler seconds. Meanwhile the whole bus is silent: heartbeats are missing, and
+other nodes report the master as lost. So `serve` loads everything before the first frame, and then seals its process.
 
-A sealed process still loads what is missing, for a robot that stands still is better than one that has gone. But it says so on
-standard error, where every test that serves a robot finds it.
+A sealed process still loads what is missing, since a robot that stops is better than one that ends. It reports the fact on
+standard error, which every test that serves a robot checks.
 """
 
 import contextlib
@@ -38,10 +38,12 @@ class _Imports(MetaPathFinder):
 
 @contextlib.contextmanager
 def sealed(say: Callable[[str], None]) -> Iterator[None]:
-    """Say what is imported, loaded or compiled in this context, once for each module or function.
+    """Report imports, loading and compilation in this context.
 
-    What has been made until now lives as long as the process, so the garbage collector passes it over from here on: to go through
-    the 200 000 objects of a served robot takes it 150 ms.
+    Each module or function is reported once.
+
+    Objects that exist at the start are excluded from garbage collection: traversing the 200 000 objects of a served robot
+    takes 150 ms.
 
     Args:
         say: Called with each complaint.
