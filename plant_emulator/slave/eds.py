@@ -1,4 +1,4 @@
-"""The electronic data sheet of an emulated node, written from its dictionary (CiA 306-1).
+"""EDS of an emulated node, written from its dictionary (CiA 306-1).
 
 Real numbers: CiA 306-1 does not say how they are spelled, and readers differ. dcf-tools and Lely take bit patterns, so that
 ``1`` is 1.4E-45 to them; the canopen package takes decimals, drops a bit pattern in a default and reads one in a limit as a

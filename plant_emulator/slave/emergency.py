@@ -93,7 +93,7 @@ class EmergencyProducer:
         return self._sent_at + self._inhibit_ns if self._waiting else None
 
     def advance(self, now: int) -> None:
-        """Send the frames that have waited for the end of the inhibit time."""
+        """Send the waiting frames whose inhibit time is over."""
         while self._waiting and now >= self._sent_at + self._inhibit_ns:
             self._transmit(self._waiting.popleft(), now)
 
