@@ -1,4 +1,7 @@
-"""The consequences of a drive's state as one frozen value: every SYNC reads it, and each change replaces it whole."""
+"""Consequences of a drive's state as one frozen value.
+
+Every SYNC reads it, and each change replaces it whole.
+"""
 
 from dataclasses import dataclass
 
@@ -8,7 +11,9 @@ from plant_emulator.drive.state_machine import POWERED, Power
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """A state of the power drive system with its consequences; an enum lookup costs more than the rest of the status word.
+    """A state of the power drive system with its consequences.
+
+    They are precomputed, since an enum lookup costs more than the rest of the status word.
 
     Attributes:
         power: The memory of the state machine.

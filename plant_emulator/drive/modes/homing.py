@@ -1,4 +1,6 @@
-"""The search of a drive for its zero: the homing methods as data, and the sequence that runs any of them; pure.
+"""Homing methods as data, and a sequence that runs them.
+
+The module is pure: the drive's owner moves the motor.
 
 A method names a switch, the edge of it that counts, and whether the index pulse behind that edge is the zero instead. All
 methods with a switch then go through the same phases, wherever the axis stands:
@@ -247,7 +249,10 @@ class Homing:
                 return HomingAttained(self._zero)
 
     def _coming_to_rest(self, inputs: int, edges: int) -> HomingStep:
-        """On the way to a standstill, or back to the zero: a limit may lie ahead."""
+        """Return the demand on the way to rest or to zero.
+
+        A limit switch may be ahead.
+        """
         is_hard = self._phase is _Phase.TURN or self._is_limit(inputs & ~self._inside, self._direction)
         if self._phase is _Phase.GO:
             return self._limit_entered(inputs, edges) or GoTo(self._zero, is_hard)
@@ -256,9 +261,11 @@ class Homing:
         return Move(0, is_hard=is_hard)
 
     def _limit_entered(self, inputs: int, edges: int) -> HomingFailed | None:
-        """A limit behind the demand that becomes active is one that the motor runs into before it has turned round.
+        """Return a failure if a limit switch behind the demand activates.
 
-        One that is active and stays so is no obstacle: the motor comes out of it.
+        The motor then runs into it before it has turned round.
+
+        A limit switch that is active and stays so is no obstacle: the motor is leaving it.
         """
         behind = -self._direction
         if edges >> _RISING[behind] & 1 and self._is_limit(inputs, behind):
@@ -266,7 +273,10 @@ class Homing:
         return None
 
     def _is_limit(self, inputs: int, direction: int) -> bool:
-        """True if the limit switch in a direction is active and not the one that the method looks for."""
+        """Return True if the limit switch in a direction is active.
+
+        The switch that the method searches does not count.
+        """
         return bool(inputs & _LIMIT_AHEAD[direction] & ~self._method.switch)
 
     def _limit_reached(self, direction: int) -> HomingFailed:
@@ -295,7 +305,7 @@ class Homing:
         return self._obstacle(inputs, edges, counts) or self._demand
 
     def _obstacle(self, inputs: int, edges: int, counts: float) -> HomingStep | None:
-        """Obstacle that ends or turns a move which has not found what it looks for."""
+        """Return the demand if an obstacle ends or turns a move."""
         method, phase = self._method, self._phase
         if self._is_limit(inputs, self._direction):
             if phase is not _Phase.SEARCH or not method.turns_round or self._has_turned:
@@ -311,7 +321,10 @@ class Homing:
         return None
 
     def _from_switch(self, is_active: bool, counts: float) -> HomingStep:
-        """The search stands: on the switch, or beyond one that is shorter than the way to rest."""
+        """Return the demand after the search has come to rest.
+
+        The motor is on the switch, or beyond one that is shorter than the way to rest.
+        """
         if is_active:
             return self._pass(counts)
         return self._move(_Phase.REGAIN, -self._searched, counts)
