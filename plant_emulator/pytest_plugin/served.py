@@ -79,7 +79,10 @@ class LocalBusServers:
         return bus
 
     def __exit__(self, *_: object) -> None:
-        """End all of them and remove their sockets; what one had to load while it served is a warning."""
+        """End all servers and remove their sockets.
+
+        A late import or compilation in a server gives a warning.
+        """
         for bus in self._buses:
             bus.process.terminate()
         late = [line for bus in self._buses for line in self._ended(bus.process).splitlines() if line.startswith(LATE)]
@@ -89,7 +92,7 @@ class LocalBusServers:
 
     @staticmethod
     def _ended(process: subprocess.Popen[str]) -> str:
-        """What a process has said on standard error until its end."""
+        """Return a process's standard error until its end."""
         try:
             return process.communicate(timeout=SERVER_TIMEOUT_S)[1]
         except subprocess.TimeoutExpired:
