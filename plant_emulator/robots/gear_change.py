@@ -1,4 +1,7 @@
-"""Tables of the robot file that make a gear's transmission error depend on time, wear, load, direction and temperature."""
+"""Tables of the robot file for a changing ATE.
+
+It may depend on time, wear, load, direction and temperature.
+"""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +25,9 @@ Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
 
 
 class ErrorChange(Table):
-    """How one order of the transmission error changes, or all that have no line of their own.
+    """Change of one order of the ATE.
+
+    A line without an order is for all orders that have no line of their own.
 
     Time and revolutions count while the axis' brake is open. Load is the torque of the gear, on the arm side, with its sign.
 
@@ -62,7 +67,7 @@ class ErrorChange(Table):
 
 
 class GearTemperature(Table):
-    """Temperature of a gear: where it begins, and what its losses make of it.
+    """Temperature of a gear: initial value and effect of losses.
 
     Attributes:
         start_c: Temperature when the robot is switched on.
@@ -96,7 +101,7 @@ class ChangingAxis(Protocol):
 
 
 def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable, most_load_nm: float) -> None:
-    """Refuse changes of orders that the error does not have, and amplitudes that a load would turn round.
+    """Refuse changes of missing orders, and amplitudes that turn negative.
 
     Args:
         changes: Lines of the axis.
@@ -123,7 +128,9 @@ def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable,
 
 
 def write_change(axis: ChangingAxis, row: Any) -> None:
-    """Put into one record of an `AXIS` array how the error changes, and what it is when the robot is switched on.
+    """Write the ATE's changes into a record of an `AXIS` array.
+
+    The record also gets the state when the robot is switched on.
 
     Args:
         axis: The axis of the robot file; its plant is in the record already.
@@ -150,7 +157,7 @@ def write_change(axis: ChangingAxis, row: Any) -> None:
 
 
 def _write_line(line: ErrorChange, change: Any, i: int) -> None:
-    """One order's changes, in SI."""
+    """Write one order's changes, in SI."""
     change["step_rad"][i] = math.radians(line.phase_step_deg)
     change["step_s"][i] = math.inf if line.phase_step_s is None else line.phase_step_s
     change["drift_rad_s"][i] = math.radians(line.phase_drift_deg_min) / 60.0
