@@ -1,4 +1,7 @@
-"""A whole run of cyclic set-points in one compiled call, for studies of hundreds of runs."""
+"""A whole run of cyclic set-points in one compiled call.
+
+It serves studies of hundreds of runs.
+"""
 
 import math
 
@@ -29,9 +32,12 @@ def follow(
     noise: Real,
     trace: Real,
 ) -> None:
-    """All SYNC periods of a run: state at each SYNC, its set-point, and the control periods up to the next.
+    """Run all SYNC periods.
 
-    The same as `Axes.set_point` and `Axes.advance` in turn, to the bit, while no limit is set; the encoder may be wrong besides.
+    Each has the state at SYNC, its set-point, and the control periods up to the next.
+
+    The result is that of `Axes.set_point` and `Axes.advance` in turn, to the bit, while no limit is set; the encoder may
+    also have errors.
 
     Args:
         periods: Control periods per set-point.
