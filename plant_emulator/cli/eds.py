@@ -16,7 +16,7 @@ EDS_EPILOG = epilog(
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it a command of `plant-emulator`."""
+    """Add `plant-emulator eds`."""
     app.command(epilog=EDS_EPILOG)(eds)
 
 
@@ -40,10 +40,12 @@ def eds(
         ),
     ] = None,
 ) -> None:
-    """Write the EDS files of the emulated drive and accelerometer, for tools that configure CANopen nodes.
+    """Write the EDS files of the emulated drive and accelerometer.
 
-    With --robot the file of every node: axis2.eds and so on, accelerometer.eds, each with its node's serial number, motor, gains
-    and, of a vendor's drive, the vendor's objects.
+    Tools that configure CANopen nodes read them.
+
+    With --robot there is a file for every node: axis2.eds and so on, accelerometer.eds. Each states its node's serial
+    number, motor, gains and, of a vendor's drive, the vendor's objects.
 
     Examples:
         plant-emulator eds --out eds

@@ -1,4 +1,7 @@
-"""plant-emulator fleet: robots drawn by seed, with bench files that know nothing of them."""
+"""plant-emulator fleet: robots drawn by seed, with bench files.
+
+The bench files contain no knowledge of the drawn values.
+"""
 
 # ruff: noqa: PLC0415 - the robots are imported inside the command, so that --help stays quick
 
@@ -70,7 +73,7 @@ ARM_COLUMNS = (
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it `plant-emulator fleet`; its old name, `stable`, works too."""
+    """Add `plant-emulator fleet`; its old name, `stable`, works too."""
     app.command("fleet", epilog=EPILOG)(fleet)
     app.command("stable", epilog=EPILOG, hidden=True)(fleet)
 
@@ -84,9 +87,11 @@ def fleet(
     home_deg: HomeOption = None,
     tip_link: TipOption = None,
 ) -> None:
-    """Draw robots by seed from the ranges that industry's robots fill; write each with a bench file that knows nothing of it.
+    """Draw robots by seed, and write them with bench files.
 
-    Equal seeds give equal robots. `robots.csv` has what was drawn, a line per robot.
+    The ranges are those of industrial robots; the bench files contain no knowledge of the drawn values.
+
+    Equal seeds give equal robots. `robots.csv` lists the drawn values, a line per robot.
 
     Examples:
         plant-emulator fleet --seeds 7 --out fleet
@@ -133,7 +138,7 @@ def fleet(
 
 
 def _home(home_deg: str | None, tip_link: str | None, urdf: Path | None) -> tuple[float, ...]:
-    """The angles of `--home-deg`."""
+    """Return the angles of `--home-deg`."""
     if urdf is None and (home_deg, tip_link) != (None, None):
         raise typer.BadParameter("those of an arm are drawn; with --urdf it is given", param_hint="--home-deg, --tip-link")
     try:
@@ -143,7 +148,10 @@ def _home(home_deg: str | None, tip_link: str | None, urdf: Path | None) -> tupl
 
 
 def _driven(seed: int, urdf: Path, out: Path, home_deg: tuple[float, ...], tip_link: str | None) -> "tuple[str, str, Row]":
-    """The robot file of a URDF file's arm with a seed's drives, its bench file, and what was drawn."""
+    """Return the files and facts of a URDF arm with drives.
+
+    They are the robot file, its bench file, and the drawn values of the seed.
+    """
     from plant_emulator.robots.blank_bench import blank_bench
     from plant_emulator.robots.drawn_arms import arm_facts, draw_drives
     from plant_emulator.robots.writing import file_text
@@ -156,7 +164,7 @@ def _driven(seed: int, urdf: Path, out: Path, home_deg: tuple[float, ...], tip_l
 
 
 def _drawn(seed: int, kind: str, arms: bool) -> "tuple[str, str, Row]":
-    """A seed's robot file, its bench file, and what was drawn."""
+    """Return a seed's robot file, bench file, and drawn values."""
     from plant_emulator.rehearsal.many.one import drawn, facts
     from plant_emulator.robots.blank_bench import blank_bench
     from plant_emulator.robots.drawn_arms import arm_facts, draw_arm

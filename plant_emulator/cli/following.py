@@ -1,4 +1,7 @@
-"""plant-emulator following: what cancellations that follow make of robots that are drawn, beside the feed-forward alone."""
+"""plant-emulator following: tracking cancellations on drawn robots.
+
+They are compared with the feed-forward alone.
+"""
 
 # ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
 
@@ -23,7 +26,7 @@ MOST_ROBOTS = 10_000
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it `plant-emulator following`."""
+    """Add `plant-emulator following`."""
     app.command("following", epilog=FOLLOWING_EPILOG)(following)
 
 
@@ -36,7 +39,9 @@ def following(
     out: Annotated[Path | None, typer.Option("--out", help="CSV file for every law on every motion of every robot.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run cancellations that follow on drawn robots, and compare them with the feed-forward alone.
+    """Compare tracking cancellations with the feed-forward, on drawn robots.
+
+    A tracking cancellation (observer, filtered-x LMS or repetition) updates itself during the motion.
 
     Example: plant-emulator following --seed 1 --robots 100 --law observer --out following.csv
     """

@@ -1,4 +1,7 @@
-"""plant-emulator rehearse: the documented path walked on many drawn robots, into one table and one report."""
+"""plant-emulator rehearse: the documented path on many drawn robots.
+
+The results go into one table and one report.
+"""
 
 # ruff: noqa: PLC0415 - numpy, scipy and the master are imported inside the command, so that --help stays quick
 
@@ -66,7 +69,7 @@ SummaryOption = Annotated[
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it `plant-emulator rehearse`."""
+    """Add `plant-emulator rehearse`."""
     app.command("rehearse", epilog=EPILOG)(rehearse)
 
 
@@ -84,10 +87,13 @@ def rehearse(
     summary: SummaryOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Walk the documented path on many drawn robots, and say of how many the tip becomes quiet, and of which not, and why.
+    """Rehearse the documented path on many drawn robots.
 
-    Each robot is drawn by its seed, and treated from a bench file that knows nothing of it: identified, designed for, cancelled,
-    learnt; then its true tip is measured. A robot's row is kept as soon as it is there, so that nothing that ends this loses it.
+    The report states on how many the tip becomes quiet, on which it does not, and why.
+
+    Each robot is drawn by its seed and treated with a bench file that has no knowledge of it: identification, design,
+    cancellation, learning; then its true tip is measured. Each robot's row is saved at once, so an interruption loses
+    nothing.
 
     Examples:
         plant-emulator rehearse --seeds 1-1000 --out rehearsal
@@ -132,7 +138,7 @@ def _seeds(text: str | None) -> tuple[int, ...]:
 
 
 def _executors(on: str | None, jobs: int | None, *, keep: bool) -> "Executors":
-    """Those who walk, as the options say."""
+    """Return the executors that the options choose."""
     from plant_emulator.rehearsal.many.cluster import DaskWorkers, scheduler_address
     from plant_emulator.rehearsal.many.executors import LocalProcesses
 
@@ -153,7 +159,10 @@ def _processors() -> int:
 def _walk(
     kept: "Kept", seeds: Sequence[int], executors: "Executors", kind: KindName | None, *, over_bus: bool, keep: bool
 ) -> None:
-    """Walk the robots that are not there yet, arms where there is no kind; each row is kept at once."""
+    """Walk the missing robots.
+
+    They are arms if there is no kind. Each row is saved at once.
+    """
     from plant_emulator.rehearsal.arms.path import walk_arm_seed
     from plant_emulator.rehearsal.many.executors import ExecutorsLostError, ExecutorsRefusedError
     from plant_emulator.rehearsal.many.one import kind_of, walk_seed
@@ -193,7 +202,10 @@ def _walk(
 
 @contextmanager
 def _progress(total: int) -> Iterator[Callable[["Row"], None]]:
-    """Progress on standard error: a bar with rate and time left on a terminal, else a line a minute."""
+    """Show progress on standard error.
+
+    A terminal gets a bar with rate and time left, other outputs a line a minute.
+    """
     from plant_emulator.rehearsal.many.reading import is_quiet
 
     begin, quiet, done = time.monotonic(), 0, 0
@@ -234,7 +246,10 @@ def _progress(total: int) -> Iterator[Callable[["Row"], None]]:
 
 
 def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False) -> None:
-    """Write table and report of all robots of the folder, and say which numbers are reached."""
+    """Write table and report of all robots in the folder.
+
+    It also prints which goals are reached.
+    """
     from plant_emulator.rehearsal.arms.summary import arm_claims, arm_tips
     from plant_emulator.rehearsal.many import tables
     from plant_emulator.rehearsal.many.claims import claims_of, document

@@ -127,7 +127,7 @@ SerialRateOption = Annotated[
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it a command of `plant-emulator`."""
+    """Add `plant-emulator serve`."""
     app.command(epilog=SERVE_EPILOG)(serve)
 
 
@@ -152,7 +152,9 @@ def serve(
     framing: FramingOption = SerialFraming.LINE,
     serial_rate_hz: SerialRateOption = 1000.0,
 ) -> None:
-    """Serve the robot on a local bus, or by the wall clock on any other, until Ctrl-C.
+    """Serve the robot on a bus until Ctrl-C.
+
+    On a local bus it runs in lock-step or by the wall clock, on any other by the wall clock.
 
     Examples:
         plant-emulator serve --robot reference --bus local:/tmp/robot.sock
@@ -194,13 +196,13 @@ def serve(
 
 
 def _complain(line: str) -> None:
-    """Write a line on standard error; nobody need read it."""
+    """Write a line on standard error, if it is open."""
     with contextlib.suppress(OSError, ValueError):
         typer.echo(line, err=True)
 
 
 class _Changes(NamedTuple):
-    """Choose what the served robot has other than its file."""
+    """Changes of the served robot from its file."""
 
     axes: str | None
     drives: dict[int, str]
@@ -212,7 +214,10 @@ class _Changes(NamedTuple):
 
 
 def _robot(robot: str, changes: _Changes) -> "Robot":
-    """Return the robot of a file with the axes, drives, gains and the seed that were asked for."""
+    """Return the robot of a file with the requested changes.
+
+    These are its axes, drives, gains and seed.
+    """
     from plant_emulator.robots.part import part_of  # noqa: PLC0415
     from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
     from plant_emulator.robots.tuning import load_tuning, tuned  # noqa: PLC0415
@@ -231,7 +236,10 @@ def _robot(robot: str, changes: _Changes) -> "Robot":
 
 
 def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) -> None:
-    """Let the server end in good order with Ctrl-C, SIGTERM and, where that is asked for, the end of standard input."""
+    """Stop the server orderly on a signal.
+
+    Signals are Ctrl-C, SIGTERM and, with `until_stdin_closes`, the end of standard input.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.stop())
     if until_stdin_closes:
@@ -239,7 +247,10 @@ def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) 
 
 
 def _run(server: "Server | Attachment") -> None:
-    """Serve until something stops the server; those who wait for its announcement read it now."""
+    """Serve until the server is stopped.
+
+    Standard output is flushed first, so that programs that wait for the announcement can read it.
+    """
     from hil.can.errors import BusLostError  # noqa: PLC0415
     from plant_emulator.sealed import sealed  # noqa: PLC0415
 
@@ -252,7 +263,7 @@ def _run(server: "Server | Attachment") -> None:
 
 
 def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "tuple[Address, tuple[str, int] | None]":
-    """Parse the addresses to serve: the bus, and the TCP port beside it."""
+    """Parse the served addresses: the bus, and the TCP port."""
     from drive_profiles.address import LOCAL, AddressError, BusChoice, choose_bus, parse_address  # noqa: PLC0415
     from plant_emulator.bus.virtualcan import EndpointError, parse_endpoint  # noqa: PLC0415
 
@@ -274,7 +285,7 @@ def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "t
 
 
 class _Wire(NamedTuple):
-    """Choose the medium of the local bus."""
+    """Medium of the local bus."""
 
     wall: bool
     host_latency_s: float
@@ -282,7 +293,10 @@ class _Wire(NamedTuple):
 
 
 def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) -> "Server | Attachment":
-    """The local bus around a world, or the world on a bus that others keep."""
+    """Return the local bus around a world, or its attachment.
+
+    The world is attached to an existing bus.
+    """
     from drive_profiles.address import LOCAL  # noqa: PLC0415
     from drive_profiles.errors import FileError  # noqa: PLC0415
     from drive_profiles.files.toml import load  # noqa: PLC0415
@@ -314,7 +328,7 @@ def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) ->
 
 
 def _world(robot: str, model: "Robot", sensor: "EmulatedSerialAccelerometer | None") -> "World":
-    """The world of a model, with a sensor on a serial line where there is one."""
+    """Return the world of a model, with a serial sensor if given."""
     from plant_emulator.serial.accelerometer import MeasuredWorld  # noqa: PLC0415
     from plant_emulator.world import World  # noqa: PLC0415
 
@@ -329,7 +343,7 @@ def _open_ports(
     accelerometer: str | None,
     sensor: "EmulatedSerialAccelerometer | None",
 ) -> None:
-    """The serial ports beside the bus; `ports` closes them."""
+    """Open the serial ports beside the bus; `ports` closes them."""
     if slcan is None and accelerometer is None:
         return
     from hil.can.raw import connect_local  # noqa: PLC0415
@@ -351,7 +365,7 @@ def _open_ports(
 
 
 def _open_virtualcan(server: "Server | Attachment", endpoint: tuple[str, int] | None) -> None:
-    """The bus over TCP, where that is asked for; the server closes it."""
+    """Open the bus over TCP if requested; the server closes it."""
     from plant_emulator.bus.server import Server  # noqa: PLC0415
     from plant_emulator.bus.virtualcan import VirtualcanListener  # noqa: PLC0415
 
