@@ -1,4 +1,4 @@
-"""The option codes of CiA 402 that are in force, from a drive's dictionary."""
+"""Option codes of CiA 402 in force, from a drive's dictionary."""
 
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Object

@@ -1,4 +1,4 @@
-"""Touch probes: the position at an edge of an input, as the control period has latched it.
+"""Touch probes: latched positions at edges of inputs.
 
 Function and status share their layout, probe 2 in the upper byte. A probe starts anew with the rising edge of its enable bit,
 or of the bit that enables an edge. First event keeps what the first edge gave; continuous, what the last one did. Bits 6 and 7
