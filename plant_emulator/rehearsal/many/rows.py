@@ -1,4 +1,7 @@
-"""Rows of the table, a robot each: plain values by the name of their column, kept in files of their own, whole or not at all."""
+"""Rows of the table, one per robot.
+
+They hold plain values by column name. Each is saved atomically in a file of its own.
+"""
 
 import json
 import math
@@ -34,12 +37,15 @@ class RehearsalSettings:
 
 
 def steady(row: Row) -> dict[str, Value]:
-    """Columns that follow from the seed; another machine or another day changes the others, which count processor time."""
+    """Return the columns that follow from the seed alone.
+
+    Columns of processor time differ between machines and days, and are left out.
+    """
     return {name: value for name, value in row.items() if not name.endswith("cpu_s")}
 
 
 def plain(value: object) -> Value:
-    """Value as it stands in a row: a number that is not finite is none.
+    """Return the value for a row; non-finite numbers become None.
 
     Raises:
         TypeError: It is neither text, number, truth value nor None.
@@ -54,7 +60,9 @@ def plain(value: object) -> Value:
 
 
 class Kept:
-    """The rows of a folder: `robots/seed-N.json` each, beside the settings they were made with.
+    """The rows in a folder.
+
+    They are `robots/seed-N.json`, beside the settings that they were made with.
 
     Args:
         folder: Folder of the rehearsal; made where it is not there.
@@ -64,7 +72,7 @@ class Kept:
         self.folder = folder
 
     def begin(self, settings: RehearsalSettings, *, resume: bool) -> None:
-        """Take a folder for a rehearsal, or take it up again.
+        """Begin a rehearsal in a folder, or resume one.
 
         Args:
             settings: RehearsalSettings of this rehearsal.
@@ -94,7 +102,7 @@ class Kept:
             raise RefusedError(f"{self.folder} has a rehearsal with other settings ({differs}); choose another folder")
 
     def settings(self) -> RehearsalSettings:
-        """RehearsalSettings of the rehearsal in the folder.
+        """Return the settings of the rehearsal in the folder.
 
         Raises:
             FileError: The folder holds none, or one that cannot be read.
@@ -108,7 +116,7 @@ class Kept:
         return RehearsalSettings(kind, over_bus)
 
     def keep(self, row: Row) -> None:
-        """Write one robot's row, whole or not at all.
+        """Write one robot's row atomically.
 
         Raises:
             FileError: It cannot be written.
@@ -117,11 +125,13 @@ class Kept:
         write_atomically(self._path(_seed(row)), text.encode(), force=True)
 
     def seeds(self) -> set[int]:
-        """Seeds whose rows are there."""
+        """Return the seeds whose rows are saved."""
         return {int(path.stem.removeprefix("seed-")) for path in self._paths()}
 
     def rows(self, seeds: Sequence[int] | None = None) -> list[Row]:
-        """Rows in the order of their seeds: all, or those of these seeds.
+        """Return rows in the order of their seeds.
+
+        They are all rows, or those of these seeds.
 
         Raises:
             FileError: A row is not there or cannot be read.
