@@ -129,7 +129,7 @@ def check_interface(text: str, origin: str = "") -> None:
 
 @dataclass(frozen=True)
 class BusChoice:
-    """The bus that a command takes, and where it was named.
+    """The bus of a command, and the origin of its address.
 
     Attributes:
         address: Address of the bus, as it was written.
@@ -165,10 +165,10 @@ def choose_bus(
         option_name: Name of what comes first, for the words.
 
     Returns:
-        The choice; None if nobody names a bus.
+        The choice; None if no bus is given.
 
     Raises:
-        AddressError: The address that is taken cannot be read, or has an unknown interface; the message says where it stands.
+        AddressError: The chosen address cannot be read, or has an unknown interface; the message states its origin.
     """
     variables = os.environ if environment is None else environment
     named = ((option_name, option), (BUS_VARIABLE, variables.get(BUS_VARIABLE) or None), otherwise or ("", None))

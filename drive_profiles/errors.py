@@ -135,7 +135,7 @@ class UnknownParameterError(DriveProfileError, KeyError):
 
 
 class UnknownObjectError(DriveProfileError):
-    """Neither profile nor EDS knows such an object.
+    """An object that neither profile nor EDS has.
 
     Args:
         text: Name or address that was asked for.

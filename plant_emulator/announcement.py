@@ -37,7 +37,7 @@ def announced(robot: Robot, world: World, address: str) -> Iterator[str]:
 
 
 def node_name(robot: Robot, node: int) -> str:
-    """Name a node, and say where it has no node-ID."""
+    """Return a node's name, with a note if it has no node-ID."""
     return f"node {node} (without a node-ID: LSS)" if node in robot.unconfigured else f"node {node}"
 
 

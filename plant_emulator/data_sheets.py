@@ -39,7 +39,7 @@ def data_sheets_of(robot: Robot) -> dict[str, str]:
 
     Raises:
         DriveProfileError: There is no such profile, or its file or the EDS file has errors.
-        ValueError: A profile is not a drive's, or a default or a name cannot stand in an INI file.
+        ValueError: A profile is not a drive's, or a default or a name does not fit into an INI file.
     """
     sheets = {}
     for number in sorted(robot.axis):
@@ -63,7 +63,7 @@ def data_sheet_of(dictionary: Dictionary, file_name: str, product: str, order_co
         order_code: By which it is ordered; left out, the product's name.
 
     Raises:
-        ValueError: A default or a name cannot stand in an INI file.
+        ValueError: A default or a name does not fit into an INI file.
     """
     order_code = product.replace(" ", "-").lower() if order_code is None else order_code
     description = f"{product}, written by plant-emulator eds"

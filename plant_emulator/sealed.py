@@ -46,7 +46,7 @@ def sealed(say: Callable[[str], None]) -> Iterator[None]:
     takes 150 ms.
 
     Args:
-        say: Called with each complaint.
+        say: Called with each report.
     """
     imports = _Imports(say)
     gc.freeze()

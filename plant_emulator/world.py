@@ -29,7 +29,7 @@ _SYNC = int(FunctionCode.SYNC)
 _IDENTIFIER = itemgetter(0)
 """Identifier of a frame."""
 _UNKNOWN, _NEVER = -1, 1 << 63
-"""Instead of an instant: one comparison, ``now < wakes_at``, tells that listeners are known and no deadline has come."""
+"""Instead of an instant: one comparison, ``now < wakes_at``, shows that listeners are known and no deadline has passed."""
 
 
 class World:

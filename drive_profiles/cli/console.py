@@ -193,7 +193,7 @@ class Interrupts:
     held until it ends, so that none can change the exit status of a finished command.
 
     Attributes:
-        window: Window in which a signal counts; whoever writes closes it, and a later one is only answered.
+        window: Window in which a signal counts; the writing command closes it, and a later signal only prints an answer.
         owns_process: True in the process of a tool (`Tool.run`).
         is_held_to_the_end: True if signals are held although the context has ended.
     """

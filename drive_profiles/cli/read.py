@@ -184,7 +184,7 @@ def pull(
 
     Standard error and the set's header list what could not be read.
 
-    What could not be read is said on standard error and in the set's header.
+    Objects that could not be read are listed on standard error and in the set's header.
 
     Example: drive-profiles pull --bus local:/tmp/robot.sock --node 2 --out axis2.toml
     """

@@ -126,7 +126,7 @@ def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> Non
 
     With `--json` it goes to standard error, since standard output has the document of the results.
 
-    Before a question, or an outcome, the table is short: what is said after it must not push it out of sight.
+    Before a question or a result the table is short, so that the following text does not push it out of sight.
     """
     rows: list[tuple[str, ...]] = []
     documents: list[dict[str, Any]] = []

@@ -162,7 +162,7 @@ class SdoBus:
         return self._lines[node].boots
 
     def nmt_state(self, node: int) -> int | None:
-        """NMT state of a node's last heartbeat; None if none has come."""
+        """Return the NMT state of a node's last heartbeat, or None."""
         self.port(node)
         return self._lines[node].nmt_state
 

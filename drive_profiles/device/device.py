@@ -103,7 +103,7 @@ class Device:
         return self.catalogue.profile
 
     def name_of(self, address: ObjectAddress) -> str:
-        """Name of an object, empty where it has none."""
+        """Return the name of an object, or ""."""
         entry = self.catalogue.get(address)
         return "" if entry is None else entry.name
 

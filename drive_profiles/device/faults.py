@@ -26,7 +26,7 @@ class FaultReport:
     Attributes:
         node: Node-ID.
         state: State of the drive; None if it has no status word.
-        register: Error register; None if it does not say.
+        register: Error register; None if it cannot be read.
         code: Last error code (603Fh); None if it has no such object.
         history: Entries of 1003h, the newest first: error code in the lower half, the maker's own number in the upper.
         own: The maker's codes in words.

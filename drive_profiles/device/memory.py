@@ -55,7 +55,7 @@ class MemoryCommand:
         Bit 0 of the standard's object says so.
 
         Raises:
-            RefusedError: The device says that it does not.
+            RefusedError: The device reports that it does not.
         """
         if self.address[0] not in _STANDARD_OBJECTS:
             return  # a vendor's own object, of which nothing is known

@@ -87,7 +87,7 @@ def catalogue_of(
     """Return the catalogue of a device from profile and EDS.
 
     Of a family with several products it is that of the device's, by the numbers given, else by those of the EDS; of the first
-    one where neither says.
+    one if neither states them.
 
     Args:
         profile: Name or path of a drive profile, or None.

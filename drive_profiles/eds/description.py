@@ -60,7 +60,7 @@ class Description:
         vendor_name: Name of the vendor, empty where the file does not state it.
         product_name: Name of the product, empty where the file does not state it.
         values: The parameter values, typed, by index and sub-index. Those that need an unknown node-ID are missing.
-        contradictions: What the file says against itself or against the standard; both sides are kept as they stand.
+        contradictions: Contradictions of the file with itself or with the standard; both sides are kept.
         flags: The ``ObjFlags`` other than 0, by index and sub-index: see `variables.ObjectFlag`.
         serial_number: ``LSS_SerialNumber`` in the commissioning section, None if there is none.
     """

@@ -32,7 +32,7 @@ _WHOLE = re.compile(
     r"m\d+(?:moduleinfo|fixedobjects|subextends|subext[0-9a-f]*|comments)|supportedmodules|connectedmodules|dynamicchannels|tools"
     r"|tool\d+"
 )
-"""Sections that are no part of the dictionary, and are copied as they stand."""
+"""Sections that are no part of the dictionary, and are copied unchanged."""
 _OBJECT = re.compile(r"([0-9A-F]{4})(?:sub([0-9A-F]+))?")
 _OF_FILE = {"fileinfo", "deviceinfo", "comments", "dummyusage", *eds_device.LISTS, *eds_device.COMMISSIONING}
 _MOST_NAMED = 3

@@ -204,7 +204,7 @@ def text_of(content: int | float | str | bytes, data_type: int) -> str:
     This is the inverse of `value` for text that needs no remark.
 
     Raises:
-        ValueError: The value is not of the type, or cannot stand on a line.
+        ValueError: The value is not of the type, or does not fit on a line.
     """
     written = _written(content, data_type)
     reading = value(written, data_type)

@@ -3,7 +3,7 @@
 They are the XML form of a description.
 
 A warning therefore names the key of the EDS (``[2100sub1] DefaultValue``) and the line of the XML. Data type, access, limits
-and values may stand at an object, or at the parameter to which its ``uniqueIDRef`` leads; the object's own count first.
+and values may be at an object, or at the parameter to which its ``uniqueIDRef`` refers; the object's own take precedence.
 
 The file is not trusted: see `drive_profiles.files.xml_tree`, and its size is bounded.
 

@@ -286,7 +286,7 @@ class StoreFacts(Fact):
     """Facts about the commands that store and restore parameters.
 
     Attributes:
-        object: Object of the store command; None if there is none, and ``note`` says what to do instead.
+        object: Object of the store command; None if there is none, and ``note`` states the alternative.
         signature: Number that is written to it, "save".
         wait_s: Time that the drive may take to answer, s.
         restore: Object of the command that puts the factory's values back after a reset.

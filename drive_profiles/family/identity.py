@@ -1,4 +1,4 @@
-"""Facts that tell one device from another: identity, modes and SYNC periods."""
+"""Facts that distinguish devices: identity, modes and SYNC periods."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drive_profiles.files.toml import Table
 Unsigned32 = Annotated[int, pydantic.Field(ge=0, le=0xFFFF_FFFF)]
 
 PRODUCT_NAME = r"[a-z0-9][a-z0-9._-]*"
-"""Form of a product's name, which stands behind the family's: ``family/product``."""
+"""Form of a product's name, which follows the family's: ``family/product``."""
 
 
 class Firmware(Table):

@@ -210,8 +210,8 @@ class Profile(Table):
     def candidates(self, product_code: int | None, revision: int | None = None) -> tuple[Self, ...]:
         """The products that a device may be, as profiles.
 
-        Products are told apart by product code and revision. Where no product is of that code, it may be each of those whose
-        code nobody knows.
+        Products are told apart by product code and revision. If no product has that code, it may be each of those
+        whose code is not known.
 
         Args:
             product_code: 1018h:2 of the device; None if it states none.

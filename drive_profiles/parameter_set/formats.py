@@ -120,7 +120,7 @@ def write(
         header: Header of the set, for the commissioning section of a DCF; a concise DCF has no place for it.
 
     Returns:
-        Values that stand in comments only, where no other tool finds them.
+        Values that are in comments only, which other tools ignore.
 
     Raises:
         RefusedError: A DCF lacks its EDS, the suffix is none of the three, the file exists, or it would be too long to be read.

@@ -270,7 +270,7 @@ class ParameterSet(Table):
         Args:
             other: The other set.
             catalogue: The objects of the device. With it objects are compared by address and bytes, so that a line in a unit and
-                a raw line may be the same; a line whose bytes are not known is compared as it stands.
+                a raw line may be the same; a line whose bytes are not known is compared as text.
             scaling_of: Function that returns the scaling for an object, None if it is not known.
         """
         left, right = (_compared(each, catalogue, scaling_of) for each in (self, other))
@@ -376,7 +376,7 @@ def from_values(
         catalogue: The objects of the device.
         values: Values by address.
         scaling_of: Function that returns the scaling for an object; None if it is not known, and the value stays raw.
-        undescribed: True: objects that nobody describes are taken as well, by the length of their bytes.
+        undescribed: True: objects without a description are included as well, by the length of their bytes.
         flagged: True: objects that refuse a download are taken as well.
     """
     tables: dict[str, dict[str, Item]] = {name: {} for name in CLASSES}

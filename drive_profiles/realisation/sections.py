@@ -154,7 +154,7 @@ def period_of(profile: Profile, period_s: float | None) -> float:
 
 
 def rule_of(notch: NotchFacts) -> Rule:
-    """Discretisation of the drive's filter; bilinear where it is not known."""
+    """Return the discretisation of the drive's filter, by default bilinear."""
     return "bilinear" if notch.discretisation == "not known" else notch.discretisation
 
 

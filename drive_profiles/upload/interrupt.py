@@ -21,7 +21,7 @@ class InterruptWindow:
 
     @property
     def is_interrupted(self) -> bool:
-        """True if an interrupt has come in time."""
+        """True if an interrupt came before the closing."""
         return self._first.get(None) == _INTERRUPTED
 
     def interrupt(self) -> bool:

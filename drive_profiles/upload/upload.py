@@ -255,7 +255,7 @@ class Upload:
 
         Raises:
             SdoAbortedError: The drive refuses, and has stored nothing.
-            NoAnswerError: The drive does not answer; `done` then says *unknown*.
+            NoAnswerError: The drive does not answer; `done` then returns *unknown*.
             DriveProfileError: The drive has no store command.
         """
         command = store_command(self.device)

@@ -22,12 +22,12 @@ TURN_FRAMES = 64
 class Attachment:
     """World joined to a bus by a channel.
 
-    Each loop lets the world follow the clock, in steps of at most 1 ms, then hears what has come at the instant at which it is
-    read: set-points, SYNC, requests. What the nodes send leaves at once. A world that has fallen behind hears what waits before
-    its time passes, see `bus.stalls`.
+    Each loop lets the world follow the clock, in steps of at most 1 ms, then processes received frames (set-points, SYNC,
+    requests) at the instant at which they are read. The nodes' frames are sent at once. A world that has fallen behind first
+    processes the waiting frames, before its time passes; see `bus.stalls`.
 
     Attributes:
-        frames: Heard so far.
+        frames: Number of frames received so far.
         time: The wall clock, as the world follows it.
     """
 
@@ -44,7 +44,7 @@ class Attachment:
         Args:
             world: The robot.
             channel: The bus, closed by `close`.
-            say: Called with each complaint.
+            say: Called with each warning.
             clock: Monotonic, in ns.
         """
         self.world, self.channel = world, channel

@@ -30,7 +30,7 @@ class QueuedFrame:
     )  # fmt: skip
 
     def __init__(self, frame: Frame, port: "Port", at: int, rates: Rates, destroyed: int = 0, *, is_late: bool = False) -> None:
-        """Take a frame.
+        """Keep a frame.
 
         Args:
             frame: The frame that the others will receive.
@@ -108,7 +108,7 @@ class Port:
             self.queue.append(entry)
 
     def pop(self) -> QueuedFrame:
-        """Take the frame that goes first."""
+        """Remove and return the frame that is sent first."""
         return heapq.heappop(self.queue) if isinstance(self.queue, list) else self.queue.popleft()
 
     def put_back(self, entry: QueuedFrame) -> None:
@@ -225,7 +225,7 @@ def _acknowledge(attempt: Attempt, others: list[Port], rates: Rates) -> None:
 
     It is if another port listens, and not all have seen a wrong CRC.
 
-    Otherwise the sender's error flag begins with the ACK delimiter, and those who listen answer it one bit later.
+    Otherwise the sender's error flag begins with the ACK delimiter, and the listening ports answer it one bit later.
     """
     winners = attempt.winners
     if others and not any(entry.destroyed for entry in winners):

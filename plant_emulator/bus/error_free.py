@@ -79,7 +79,7 @@ class ErrorFreeBus:
         self.flight: Passed | None = None
 
     def begin(self, idle: int) -> None:
-        """Take over a bus on which nothing waits."""
+        """Take over a bus without waiting frames."""
         self._lines = {number: deque() for number in self._ports}
         self._heads, self.flight = [], None
         self._start = self.idle = idle

@@ -12,7 +12,7 @@ A fault states its frames or ports, its time and its frequency. Equal seeds give
     to_s = 3.0
 
 Some faults affect frames: drop, delay, duplicate, reorder, corrupt. Whether a frame is hit is decided when it is offered, fault
-by fault in the order of the file, so that nothing depends on when somebody looks at the bus. The others affect a port or the
+by fault in the order of the file, so the result does not depend on when the bus is advanced. The others affect a port or the
 bus for a time: mute, babble, stuck, bus_off. Times count in the time of the wire.
 """
 

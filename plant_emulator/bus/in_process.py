@@ -29,7 +29,7 @@ class InProcessChannel:
         syncs: Number of SYNCs so far.
         sent: Frames that the client has sent, the latest `MAX_SENT`.
         heard: Called with each frame of the bus and the time of its end, the client's own included.
-        on_sync: Called with the number of each SYNC before the world hears it; a test interferes here.
+        on_sync: Called with the number of each SYNC before the world receives it; a test interferes here.
         passes: Frames to the client for which it is false are lost.
         lost: Set it to make the bus fail.
     """

@@ -145,7 +145,7 @@ class Timed:
 
         Args:
             bus: World and wire.
-            wall: Time follows the wall clock, whoever sends SYNC.
+            wall: Time follows the wall clock; SYNC does not advance it.
         """
         self._bus = bus
         self.clock = clock.WALL if wall else clock.LOCK_STEP

@@ -137,7 +137,7 @@ class Queues:
         return plan
 
     def take(self, attempt: Attempt) -> None:
-        """Take the frames of an attempt that starts out of their queues."""
+        """Remove the frames of a starting attempt from their queues."""
         self.plan = None
         for entry in attempt.senders:
             port = entry.port

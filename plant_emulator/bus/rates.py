@@ -14,7 +14,7 @@ class Rates:
     """One bit rate, or two.
 
     With a data bit rate every data frame goes as a CAN FD frame with bit rate switching, of the same identifier and the same 0 to
-    8 bytes; CAN FD has no remote frames, so those stay classic. What an error-passive sender says of itself (ESI) is left out:
+    8 bytes; CAN FD has no remote frames, so those stay classic. The flag of an error-passive sender (ESI) is left out:
     it is sent as error-active, which changes no length by more than a stuff bit. Source: ISO 11898-1:2015, 10.4.
 
     Attributes:
@@ -27,7 +27,7 @@ class Rates:
     __slots__ = ("bit_ns", "bitrate", "data_bitrate", "fast_bit_ns")
 
     def __init__(self, bitrate: int | None, data_bitrate: int | None = None) -> None:
-        """Take the rates.
+        """Keep the rates, and compute the bits' durations.
 
         Raises:
             ValueError: No bit rate, or a data bit rate that is lower than the other one or alone.

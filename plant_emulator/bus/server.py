@@ -33,7 +33,7 @@ class AddressInUseError(Exception):
     """Another server answers at this path."""
 
     def __init__(self, path: str) -> None:
-        """Take the path of the socket."""
+        """Compose the message with the path of the socket."""
         self.path = path
         super().__init__(f"another server answers at {path}")
 
@@ -41,8 +41,8 @@ class AddressInUseError(Exception):
 class Server:
     """Server of a world at a path.
 
-    The client whose SYNC was the last holds the clock: as long as it is connected the world moves by SYNC alone. Otherwise the
-    world follows the monotonic clock; one that has fallen behind hears what waits before its time passes, see `bus.stalls`.
+    The client that sent the last SYNC holds the clock: while it is connected, only SYNC advances the world. Otherwise the world
+    follows the monotonic clock; if it has fallen behind, it first processes the waiting frames, see `bus.stalls`.
 
     Attributes:
         world: The world behind the bus.
@@ -69,7 +69,7 @@ class Server:
             path: Path of the socket; a stale one is removed.
             stream: Use a stream socket although the system has seqpacket ones.
             now_ns: The monotonic clock.
-            say: Called with each complaint: that the world has fallen behind the clock.
+            say: Called with a warning each time the world has fallen behind the clock.
 
         Raises:
             AddressInUseError: Another server answers there.

@@ -10,9 +10,9 @@ import sys
 from collections.abc import Callable, Sequence
 
 LATE_NS = 5_000_000
-"""A world that is further behind hears what waits before its time passes. A turn of the servers takes 1 ms."""
+"""A world that is further behind first processes the waiting frames. A turn of the servers takes 1 ms."""
 SILENCE_NS = 50_000_000
-"""Longest stretch without a frame that a late world makes up for; a world that is further behind says so."""
+"""Longest stretch without a frame that a late world makes up for; a longer one is reported."""
 MADE_UP_NS = 500_000_000
 """Longest time that is made up for at once: a world too slow for its clock must not run after it for ever."""
 SAY_AGAIN_NS = 1_000_000_000
@@ -69,7 +69,7 @@ class WallTime:
         Args:
             now_ns: The monotonic clock.
             world_ns: The world's time.
-            say: Called with each complaint.
+            say: Called with each warning.
         """
         self.stalls = self.lost_ns = 0
         self._now_ns, self._say = now_ns, say

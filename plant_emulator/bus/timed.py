@@ -37,7 +37,7 @@ class TimedBus:
     Times are integer nanoseconds of the world's clock.
 
     Args:
-        world: Its nodes hear each frame at its end, and send from there.
+        world: Its nodes receive each frame at its end, and send from there.
         wire: The model of the bus.
         host_latency_ns: Time that a client's frame takes from its program to its controller.
     """

@@ -5,7 +5,7 @@ It serves CANopen stacks in languages without a client for our socket.
 Each message is a length of four bytes, big-endian and always 14, and behind it identifier (4 bytes, big-endian), flags, number of
 data bytes, and eight bytes of data, filled up with zeros. Bit 0 of the flags is set where the identifier has 29 bits. The format
 has no bit for a remote request: as gocanopen does it, the identifier then carries SocketCAN's ``CAN_RTR_FLAG``. Error frames have
-no counterpart and are left out. Nobody hears what it has sent itself.
+no counterpart and are left out. A client does not receive its own frames.
 
 Source: github.com/windelbouwman/virtualcan (its servers and clients in Python, Rust and C++); gocanopen's virtual bus.
 """
@@ -25,7 +25,7 @@ EXTENDED = 0x01
 """Bit of the flags: an identifier of 29 bits."""
 LOOPBACK = {"localhost": "127.0.0.1", "127.0.0.1": "127.0.0.1", "::1": "::1", "[::1]": "::1"}
 MAX_BACKLOG_BYTES = 1 << 18
-"""Bytes that a client has not read: 14 563 frames, two seconds of a full bus at 1 Mbit/s. One that lets more wait is dropped."""
+"""Bytes that a client has not read: 14 563 frames, two seconds of a full bus at 1 Mbit/s. A client with more is dropped."""
 _READ_BYTES = TURN_FRAMES * MESSAGE.size
 _LENGTH_BYTES = 4
 
@@ -181,7 +181,7 @@ class VirtualcanListener(Listener):
         Args:
             host: One of this machine's loopback addresses, as `parse_endpoint` gives it.
             port: 0 for any that is free.
-            tell: Takes a line about every client that is dropped or turned away.
+            tell: Called with a line about every client that is dropped or rejected.
 
         Raises:
             EndpointError: The host is none of this machine's own.

@@ -205,7 +205,7 @@ class EmulatedWire:
         return self._offer(port, frame, at_ns)
 
     def _offer(self, port: int, frame: Frame, at_ns: int) -> bool:
-        """Offer a frame as the faults let it pass."""
+        """Offer a frame, subject to the faults."""
         participant = self._port(port)
         if at_ns < self.now:
             raise ValueError(f"the bus is at {self.now} ns and takes nothing of {at_ns} ns")
@@ -399,7 +399,7 @@ class EmulatedWire:
         return port
 
     def _pass(self, port: Port, passage: Passage, at_ns: int) -> bool:
-        """Queue a frame as the faults let it pass.
+        """Queue a frame, subject to the faults.
 
         Held frames that it overtakes are queued after it.
         """

@@ -448,7 +448,7 @@ class Drive:
         """Restart after an NMT reset, with the node's values at defaults.
 
         A reset of the node closes the brake at once. A reset of communication is a lost connection: 6007h decides, and where it
-        asks for nothing, a quick stop. So a ramp may go on after it, until the motor stands.
+        demands nothing, a quick stop. So a ramp may continue after it, until the motor is at rest.
         """
         if kind is ResetKind.NODE:
             self._restart()

@@ -57,7 +57,7 @@ class Options(NamedTuple):
         shutdown: 605Bh.
         disable_operation: 605Ch.
         fault_reaction: 605Eh.
-        quick_stop_ends: A drive that leaves QUICK_STOP_ACTIVE by itself whatever 605Ah says, as those of some families do.
+        quick_stop_ends: True for a drive that leaves QUICK_STOP_ACTIVE by itself with any 605Ah, as some families do.
     """
 
     quick_stop: int = QuickStopOption.QUICK_STOP_RAMP
@@ -76,7 +76,7 @@ class Power(NamedTuple):
     Args:
         state: State of the power drive system.
         control_word: The last one: the fault reset is an edge.
-        leaving: State after transition 5 or 8, or after the quick stop of a reset, as soon as the motor stands.
+        leaving: State after transition 5 or 8, or after the quick stop of a reset, as soon as the motor is at rest.
     """
 
     state: State = State.NOT_READY_TO_SWITCH_ON

@@ -20,7 +20,7 @@ from plant_emulator.pytest_plugin.target import Target
 
 
 class BenchSession(Session):
-    """A session that knows where it runs.
+    """A session with its target.
 
     Attributes:
         target: Bus on which the session runs.
@@ -67,7 +67,7 @@ class BenchSession(Session):
             loop: `host` or `drive`, which closes the loop.
             adder: Adder to the set-points of a drive-closed run.
             fixed: Filters by axis instead of the variable ones; host-closed only.
-            shows_filter: Let the drives tell what their first filter does.
+            shows_filter: Record the state of the drives' first filter.
 
         Raises:
             KeyboardInterrupt: Ctrl-C; the axes have come to rest.

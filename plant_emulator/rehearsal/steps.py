@@ -39,7 +39,7 @@ class RunNote(NamedTuple):
         note: Its note.
         left_out: Orders that a trial has left out.
         fall: Fraction by which the vibration fell in the trial's last run, that of all that is used; None without a trial.
-        causes: Causes of what it leaves above what was asked; none where nothing is, or nothing was said.
+        causes: Causes of the excess over the goal; empty if there is none, or none was stated.
         left: Its remainder of the vibration, in words.
         left_mm: The tip's peak in the worst window, as the trial saw it; None without a trial.
     """

@@ -82,9 +82,9 @@ REMOVED: dict[str, Callable[[Robot, Bench, int], Pair]] = {
     "speed limit": without_speed_limit,
     "frequency limit": with_quick_bus,  # and a cancellation that ends further up: `_up_to`
 }
-"""What takes a cause away from robot or bench; the cancellation stays what it is."""
+"""Functions that remove a cause from robot or bench; the cancellation is unchanged."""
 KNOWN_BETTER = frozenset({"estimate", "order left out"})
-"""Causes that the robot's own transmission error takes away, where all of it is cancelled."""
+"""Causes that vanish if the robot's whole true ATE is cancelled."""
 
 
 @contextmanager

@@ -44,8 +44,8 @@ def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: A
 
     Args:
         robot: The robot.
-        address: The bus; the robot's bit rate is added where it says one.
-        drawing: The arm as the robot's own file has it, where that is a URDF file, which stands in the bench file as well.
+        address: The bus; the robot's bit rate is added if its file states one.
+        drawing: The arm as in the robot's own file if that names a URDF file, which the bench file names as well.
     """
     bus = parse_address(address)
     lines = [

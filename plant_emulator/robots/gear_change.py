@@ -17,7 +17,7 @@ MOST_LINES = LINES + 1
 """A line for each order that an axis can have, and one for the rest."""
 
 LOWEST_C, HIGHEST_C = -60.0, 200.0
-"""Temperatures of a gear that lubricants stand, and some more."""
+"""Temperatures that a gear's lubricant tolerates, with some margin."""
 
 Celsius = Annotated[float, Field(ge=LOWEST_C, le=HIGHEST_C)]
 Percent = Annotated[float, Field(ge=-100.0, le=100.0)]
@@ -85,7 +85,7 @@ class GearTemperature(Table):
 
 
 class ChangingAxis(Protocol):
-    """The keys of an axis that say how its gear changes."""
+    """Keys of an axis for the changes of its gear."""
 
     @property
     def ate(self) -> TransmissionErrorTable:

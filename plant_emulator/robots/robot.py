@@ -47,7 +47,7 @@ from plant_emulator.robots.gear_change import MOST_LINES, ErrorChange, GearTempe
 from plant_emulator.robots.load_encoder import LoadEncoder
 
 SDO_DOWNLOAD_BYTES = 64 * 1024
-"""The longest value that an SDO channel takes, unless the file says otherwise: what a client can make it keep in memory."""
+"""The longest value that an SDO channel accepts by default; it bounds the memory that a client can occupy."""
 
 DownloadBytes = Annotated[int, Field(ge=8, le=16 * 1024 * 1024)]
 
@@ -68,7 +68,7 @@ class RobotAxis(PlantTable):
         eccentricity: Orders of the joint in the transmission error, beside those of the motor.
         cogging: Torque of the motor's own magnets, in the motor's angle.
         load_encoder: A second encoder, on the joint; None: the drive has none.
-        ate_change: How the transmission error leaves the values of `ate`; left out, it stays what it is.
+        ate_change: Changes of the transmission error from the values of `ate`; left out, it is constant.
         temperature: Temperature of the gear, on which that may depend.
     """
 
@@ -198,7 +198,7 @@ class BusFacts(Table):
     """The bus on which the robot is found.
 
     Attributes:
-        bitrate: Bit rate in bit/s, which its blank bench file names; None: the bus is ideal unless its address says otherwise.
+        bitrate: Bit rate in bit/s, which its blank bench file names; None: the bus is ideal unless its address has a bit rate.
     """
 
     bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] | None = None
@@ -466,8 +466,8 @@ def with_drives(
         robot: The robot of the file.
         profiles: Profile by axis: a name of the package or a path.
         eds: Path of the drive's EDS file, by axis.
-        store_time_s: Time for which all drives are silent while they store; None: as the file says.
-        load_encoder_bits: Bits of a second encoder on every joint; None: as the file says.
+        store_time_s: Time for which all drives are silent while they store; None: as in the file.
+        load_encoder_bits: Bits of a second encoder on every joint; None: as in the file.
 
     Raises:
         ValueError: The robot has no such axis, or the time is negative.

@@ -75,7 +75,7 @@ class AccelerometerNode:
     Args:
         node_id: Its node-ID, 1 to 127.
         measure: Gives the sensor's output (X, Y, Z) in m/s² at this instant.
-        range_m_s2: Beyond it the status of the channel says so.
+        range_m_s2: Beyond it the status of the channel is "not valid".
         options: Options of the `Slave` underneath.
     """
 

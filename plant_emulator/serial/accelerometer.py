@@ -20,7 +20,7 @@ from plant_emulator.world import SECOND, World
 SYNC_BYTES = b"\xaa\x55"
 COUNTS_PER_M_S2 = 1000.0
 LINE_BYTES = 128
-"""Bytes that a sensor's transmitter keeps while nobody reads; older samples are lost, as they are on a wire."""
+"""Bytes that a sensor's transmitter keeps without a reader; older samples are lost, as on a wire."""
 _BODY = struct.Struct("<Hhhh")
 _COUNTER_MODULO = 1 << 16
 _LIMIT = 2**15 - 1

@@ -39,9 +39,11 @@ _HEX = re.compile(rb"(?:[0-9A-Fa-f]{2})*")
 class Adapter:
     """The adapter's side of the protocol, sans IO.
 
-    At another bit rate than the bus' nothing passes, and F tells of bus errors; a bus without one takes any, and one that is set
-    by the registers of s is taken to be right. Acceptance code and mask work on identifiers and the remote bit, as the SJA1000's
-    two filters do; their conditions on data bytes are ignored.
+    At another bit rate than that of the bus nothing passes, and F reports bus errors. A bus without a bit rate accepts any, and
+    a rate that is set by the registers of s is assumed to be right.
+
+    Acceptance code and mask apply to identifiers and the remote bit, as in the SJA1000's two filters; their conditions on data
+    bytes are ignored.
 
     Attributes:
         bus_bitrate: Bit rate of the bus in bit/s; None: the bus has none.

@@ -171,7 +171,7 @@ class Entry:
         return None
 
     def default_for(self, node_id: int) -> Value:
-        """Give the default in the node of this number."""
+        """Return the default in the node of this number."""
         if self.node_relative and isinstance(self.default, int):
             return self.default + node_id
         return self.default
@@ -382,7 +382,7 @@ class Dictionary:
         Args:
             index: Index of the entry.
             subindex: Its sub-index.
-            wrap: Gives the hook from that which is there; None if there is none. It calls that one, or takes its place.
+            wrap: Returns the new hook for the present one (None if there is none), which it calls or replaces.
 
         Raises:
             KeyError: There is no such entry.
@@ -391,7 +391,7 @@ class Dictionary:
         cell.write_hook = wrap(cell.write_hook)
 
     def renumber(self, node_id: int) -> None:
-        """Take another node-ID, in force with the next reset.
+        """Change the node-ID, with effect from the next reset.
 
         A stored COB-ID whose CAN-ID is the default of the old node-ID becomes that of the new one: else two nodes that swap their
         node-IDs would go on with each other's identifiers.

@@ -34,7 +34,7 @@ class DeviceInfo:
         order_code: Code by which it is ordered.
         description: One line for the head of the file.
         bit_rates: In kbit/s, those that the device supports.
-        granularity: Bits of the smallest thing that a PDO may carry; 1 also means that BOOLEAN may stand as a dummy.
+        granularity: Bits of the smallest object that a PDO may carry; 1 also permits BOOLEAN as a dummy.
         lss_supported: Whether it is an LSS slave (CiA 305).
         simple_boot_up_slave: Whether it enters Pre-operational by itself and waits there for its master.
     """
@@ -64,7 +64,7 @@ def write_eds(dictionary: Dictionary, info: DeviceInfo) -> str:
     Equal dictionaries give equal text, so the dates are fixed.
 
     Raises:
-        ValueError: A default or a name cannot stand in an INI file.
+        ValueError: A default or a name does not fit into an INI file.
     """
     objects = {index: list(entries) for index, entries in groupby(dictionary, key=lambda entry: int(entry.index))}  # in a range
     lines = [*_file_info(info), *_device_info(dictionary, info), *_dummy_usage(info.granularity), *_comments(dictionary)]

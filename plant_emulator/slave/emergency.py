@@ -18,7 +18,7 @@ HISTORY = 0x1003
 COB_ID = 0x1014
 INHIBIT_TIME = 0x1015
 MAX_WAITING = 8
-"""Emergencies that wait for the end of the inhibit time; of more the oldest are dropped, since the newest state must be heard."""
+"""Emergencies that wait for the end of the inhibit time; of more the oldest are dropped, since the newest state must be sent."""
 
 _LAYOUT = struct.Struct("<HB5s")
 _VENDOR_LENGTH = 5

@@ -16,7 +16,7 @@ class NodeGuarding:
     """Answers to the NMT master's remote requests, and their supervision.
 
     Life guarding begins with the first request: a node without a guard misses no requests. It is in use while neither 100Ch nor
-    100Dh is 0; a change of either lets it wait for a first request anew.
+    100Dh is 0; after a change of either it waits for a first request again.
 
     Args:
         dictionary: Brings 100Ch and 100Dh.

@@ -77,7 +77,8 @@ class LssSlave:
 
     Three node-IDs (CiA 305, 3.6): `stored` is what the node keeps without power; `pending` is what the master has configured,
     and what NMT reset node takes from `stored`; `active`, the one of the identifiers on the bus, follows `pending` at each reset
-    of communication. Only frames of 8 bytes are LSS. What a state does not know is not answered: all slaves hear all requests.
+    of communication. Only frames of 8 bytes are LSS. A request unknown in the state is not answered, since all slaves receive all
+    requests.
 
     Args:
         dictionary: Brings 1018h; parts that are not there count as 0.

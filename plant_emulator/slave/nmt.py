@@ -49,7 +49,7 @@ _TARGETS = {
     NmtCommand.RESET_COMMUNICATION: NmtState.INITIALISING,
 }
 TRANSITIONS = {(state, command): target for state in _LISTENING for command, target in _TARGETS.items()}
-"""CiA 301, 7.3.2.2: initialising, a node hears no command; afterwards each leads to one state from all three."""
+"""CiA 301, 7.3.2.2: an initialising node ignores commands; afterwards each leads to one state from all three."""
 
 RESETS = {NmtCommand.RESET_NODE: ResetKind.NODE, NmtCommand.RESET_COMMUNICATION: ResetKind.COMMUNICATION}
 

@@ -131,7 +131,7 @@ class ParameterStore:
 
     @property
     def stored(self) -> dict[ObjectAddress, Value]:
-        """Values that the next reset puts back, by address."""
+        """Values that the next reset restores, by address."""
         return dict(self._dictionary.stored)
 
     def is_storable(self, entry: Entry) -> bool:

@@ -26,7 +26,7 @@ _NEVER = 1 << 63
 class SyncConsumer:
     """Consumer of SYNC; the node does not produce it.
 
-    With 1019h = 0 a SYNC has no data (7.2.5.3), but masters that count all the same are heard: one byte is ignored. With
+    With 1019h = 0 a SYNC has no data (7.2.5.3), but a counter byte is tolerated and ignored. With
     a counter the length is 1. Any other length is reported as emergency 8240h, which is withdrawn with the next right SYNC.
     A SYNC that is too long is not acted upon; one that lacks the counter is, except by TPDOs that wait for a counter value.
 

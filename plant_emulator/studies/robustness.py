@@ -76,7 +76,7 @@ class PlantRunResult:
     """Result of one run.
 
     Attributes:
-        index: Number of the draw; −1 for the robot as its file says.
+        index: Number of the draw; −1 for the robot of the file.
         values: Drawn values, by name.
         tip_peak_mm: Largest tip displacement in the window as measured; infinite where the run does not pass through it.
         tip_rms_mm: Its root mean square there.

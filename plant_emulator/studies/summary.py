@@ -71,7 +71,7 @@ class Summary:
     Attributes:
         study: The study that was run.
         judged: Every run, by index.
-        nominal: The robot as its file says.
+        nominal: The robot of the file.
         meeting: Stable and within the specification.
         stable: Without a fault.
         faults: Number of runs with each fault.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 BOOT_S = 5.0
 """Time that a node may take to come back from a reset."""
 SEEN_S = 0.3
-"""Time to wait for a heartbeat that tells the new state."""
+"""Time to wait for a heartbeat with the new state."""
 
 
 class NmtWord(StrEnum):
@@ -63,7 +63,7 @@ def nmt(
 
     It first shows the states of the drives, and asks.
 
-    Stop and resets end the process data of a drive. One that is under torque then reacts as its 6007h says.
+    Stop and resets end the process data of a drive. A drive under torque then reacts as its 6007h demands.
 
     Examples:
         drive-profiles nmt start --bus socketcan:can0 --node 2
@@ -104,7 +104,7 @@ def nmt(
 
 
 def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
-    """Wait until every node has said that it is back.
+    """Wait until every node has sent its boot-up message.
 
     Raises:
         typer.Exit: One has not.

@@ -37,7 +37,7 @@ class DriveFamily(ABC):
         position_mode: Number of a mode of its maker that takes positions with each SYNC, and its target; None: there is none.
         current_step_a: Amperes per step of 6078h; None: it is per mille of 6075h.
         load_position: Where it shows the position of a second encoder.
-        set_point_timeout: The object that says for how many interpolation periods a set-point may be missing; None: it is held.
+        set_point_timeout: Object with the number of interpolation periods that a set-point may be missing; None: it is held.
         equal_limits_are_none: Whether 607Dh with both limits equal means that there are none, as both 0 always does.
     """
 

@@ -98,7 +98,7 @@ class DescribedFamily(DriveFamily):
     def _filters(self) -> list[FixedFilter]:
         """Return the sections that act; a note names the others.
 
-        A section of which a value is not known (the profile knows no default, and nobody has written it) does not act: a filter
+        A section of which a value is not known (the profile has no default, and no client has written it) does not act: a filter
         of made-up values would be none of the drive's.
         """
         filters: list[FixedFilter] = []

@@ -3,14 +3,14 @@
 The module is pure: the drive's owner moves the motor.
 
 A method names a switch, the edge of it that counts, and whether the index pulse behind that edge is the zero instead. All
-methods with a switch then go through the same phases, wherever the axis stands:
+methods with a switch then have the same phases, at any position of the axis:
 
 1. search, fast, until the switch is active; a limit switch in the way turns the search round once, after a stop;
-2. pass the edge, fast, to learn on which side of the switch it is; stand still;
-3. come back where the edge can be passed in the method's own direction;
+2. pass the edge, fast, to find on which side of the switch it is; stop;
+3. return to where the edge can be passed in the method's own direction;
 4. pass the edge slowly: the counts latched there are what the method finds;
 5. with the index pulse: go on in this direction to the first one behind the edge;
-6. go to what was found, and stand there.
+6. go to the found position, and stop there.
 
 The owner holds the motor and the switches::
 
@@ -26,8 +26,8 @@ the last demand sends it: at speed 0 after a `Move` of direction 0, at its posit
 `HomingAttained` with the `counts` of the encoder that are 607Ch in the user's count (`offset_counts` = 607Ch - counts), or
 `HomingFailed`: then the owner stops the motor.
 
-A limit switch ahead that is not the one looked for is heeded in every phase. Methods that it turns round brake hard, on 6085h
-where else 609Ah acts, and lead away from it; with the others, and where the motor has to go on towards it, homing has failed.
+A limit switch ahead that is not the searched one acts in every phase. Methods that it turns round brake hard, on 6085h instead
+of 609Ah, and lead away from it. With other methods, and if the motor must go on towards it, homing has failed.
 
 Source: CiA 402-2, homing mode: methods 1 to 14, 17 to 30, 33, 34, 35 and 37; 6098h, 6099h, 607Ch.
 """
@@ -69,7 +69,7 @@ class Move(NamedTuple):
 
 
 class GoTo(NamedTuple):
-    """Go to a position and stand there, slowly.
+    """Demand to go slowly to a position and stop there.
 
     Args:
         counts: Position of the encoder.
@@ -81,7 +81,7 @@ class GoTo(NamedTuple):
 
 
 class HomingAttained(NamedTuple):
-    """Homing is attained: the motor stands at the zero.
+    """Homing is attained: the motor is at rest at the zero.
 
     Args:
         counts: Position of the encoder at the zero.
@@ -149,7 +149,7 @@ METHODS: dict[int, Method] = {
     33: Method(0, -1, False, -1, has_index=True),
     34: Method(0, +1, False, +1, has_index=True),
 }
-"""All that move; methods 35 and 37 take the position where the motor stands."""
+"""All methods with a motion; 35 and 37 take the motor's present position."""
 
 _HERE = (35, 37)
 _LIMIT_AHEAD = {+1: POSITIVE_SWITCH, -1: NEGATIVE_SWITCH}
@@ -203,7 +203,7 @@ class Homing:
         self._demand = Move(0)
 
     def start(self, counts: float, inputs: int) -> HomingStep:
-        """Begin where the motor stands.
+        """Begin at the motor's present position.
 
         Args:
             counts: Position of the encoder now.
@@ -227,7 +227,7 @@ class Homing:
             edges: Bits of the edges seen since the last step.
             latches: Counts at the last of each edge.
             counts: Position of the encoder now.
-            stands: Whether the motor is at rest where the last demand sends it.
+            stands: True if the motor is at rest where the last demand sends it.
         """
         method = self._method
         is_active = bool(inputs & method.switch)

@@ -39,7 +39,7 @@ Made = TypeVar("Made")
 QUICKER = (0.75, 0.8, 0.85, 0.9)
 """Multiples of the line's time in which it is learnt as well: the first in which the arm can follow it."""
 REFERENCE_SEED = 0
-"""Seed that stands for the reference arm, which is not drawn."""
+"""Seed of the reference arm, which is not drawn."""
 
 
 def arm_of(seed: int) -> tuple[ArmRobot, Bench]:

@@ -50,7 +50,7 @@ class TrueLine(NamedTuple):
 
     @property
     def is_quiet(self) -> bool:
-        """True if the tip keeps the goal along x, y and z."""
+        """True if the tip meets the goal along x, y and z."""
         if self.learnt is None:
             return False
         return all(own <= max(QUIET_MM, FLOOR_FACTOR * least) for own, least in zip(self.learnt[:3], self.floor[:3], strict=True))

@@ -62,7 +62,7 @@ def _is_loaded(row: Row) -> bool:
 
 
 NOT_EXPLAINED = "not explained"
-"""What a run says of what it leaves where it knows no cause."""
+"""A run's text about the remaining tip if it knows no cause."""
 NOBODY = "no robot of the fleet"
 
 CAUSES: tuple[Cause, ...] = (
@@ -106,8 +106,8 @@ class Refusal:
 def main_refusal(row: Row) -> Refusal | None:
     """Return the refusal that ended a robot's path, or None.
 
-    Of a path that ends with a cancellation it is what its run says of what is left above what was asked, with a cause. Else it
-    is the last one that names a cause: one that only misses what an earlier step did not give names none.
+    If a path ends with a cancellation, it is the run's statement, with a cause, about the excess over the goal. Otherwise it is
+    the last refusal that states a cause: a step that only misses an earlier step's result states none.
     """
     if text(row, "end_treatment").startswith("cancellation"):
         return _told(row)

@@ -37,7 +37,7 @@ class RehearsalClaim:
         name: Name in tables, short.
         words: The claim in words.
         asked: Number that is asked for, with its unit.
-        measured: Number that was measured, with what it is of.
+        measured: Measured number, with its quantity.
         holds: True if it holds; None if nothing was measured.
     """
 

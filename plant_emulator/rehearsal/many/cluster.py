@@ -48,7 +48,7 @@ class DaskWorkers:
 
     This class only connects to the scheduler: it starts nothing, and nothing listens here.
 
-    A scheduler gives the robots of a worker that dies to others, three times by its own setting, before it says so.
+    If a worker dies, the scheduler gives its robots to others, by default three times, before it reports the loss.
 
     Args:
         address: Address of the scheduler, such as tcp://127.0.0.1:8786.

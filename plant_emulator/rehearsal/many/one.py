@@ -27,7 +27,7 @@ KINDS = (*get_args(Kind), BOTH)
 
 
 _ALONE = threading.Lock()
-"""One walk at a time in a process, whoever gives them out."""
+"""One walk at a time in a process."""
 
 
 def kind_of(seed: int, kind: str) -> Kind:

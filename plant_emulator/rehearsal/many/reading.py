@@ -13,7 +13,7 @@ ENDED = ("done", "noted", "refused", "stopped", "crashed", "skipped")
 IS_DONE = frozenset({"done", "noted"})
 
 TREATED = ("notch_designed", "cancellation", "cancellation_learnt")
-"""Treatments that the path chooses by what it measures; the copied notch is nobody's choice."""
+"""Treatments that the path chooses by its measurements; it never chooses the copied notch."""
 
 
 def number(row: Row, name: str) -> float | None:

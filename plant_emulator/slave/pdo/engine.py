@@ -123,7 +123,7 @@ class PdoEngine:
             rpdo.synchronise()
 
     def poll(self, now: int, out: list[Frame]) -> None:
-        """Send the event-driven TPDOs whose event has come."""
+        """Send the event-driven TPDOs whose event has occurred."""
         for tpdo in self.event_driven:
             tpdo.poll(now, out)
 

@@ -20,7 +20,7 @@ MAX_MAPPED = 8
 MAX_BITS = 64
 MAX_SYNCHRONOUS = 240
 SYNCHRONOUS_ON_REQUEST, ON_REQUEST = 252, 253
-"""Transmission types of a TPDO that only a remote request lets go: sampled at SYNC, or when it is asked for."""
+"""Transmission types of a TPDO that only a remote request triggers: sampled at SYNC, or at the request."""
 EVENT_DRIVEN = (254, 255)
 
 _DUMMIES = {data_type: bits_of(data_type) for data_type in DataType if data_type <= DataType.UNSIGNED32}

@@ -39,7 +39,7 @@ class BlockDownload:
     server change it, but some clients then put the segments in the wrong places.
 
     Args:
-        announced: Length of the value, or None if the client does not tell.
+        announced: Length of the value, or None if the client does not state it.
         max_bytes: The longest value; up to one sub-block more is kept until its end, where it is refused.
         max_block_size: At most so many segments are granted at once, 1 to 127.
         has_crc: Whether the end brings a checksum.

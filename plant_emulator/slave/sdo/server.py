@@ -81,13 +81,12 @@ class SdoServer:
     - An abort of the client ends the transfer in silence (7.2.4.3.17).
     - A segment of a block download is not answered; the last of its sub-block is, with the acknowledgement (7.2.4.3.10).
       A sub-block whose last segment is lost is acknowledged after `silence_ns`, as far as it came. Where no segment of it
-      came at all it is not: the client may still wait for the acknowledgement before, and would take this one for it. Nor
+      came at all it is not: the client may still wait for the previous acknowledgement, and would take this one for it. Nor
       is a last segment that the bus delivers twice.
     - The start of a block upload, and an acknowledgement after which there is more, are answered with a sub-block: 1 to 127
       segments (7.2.4.3.13).
     - The client's end of a block upload ends the transfer in silence (7.2.4.3.15).
-    - While the owner takes its time over a value (`Postponed`) the server is deaf: what comes meanwhile is lost, and the
-      answer comes when the owner has finished.
+    - While the owner delays a value (`Postponed`), the server drops all requests; it answers when the owner has finished.
 
     A request that begins a transfer forgets the one before it, in any state. In the middle of a sub-block its first byte
     distinguishes it from a segment only where that is higher than the sequence numbers granted; hence the block size of 31, below
