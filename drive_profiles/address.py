@@ -43,7 +43,7 @@ class UnknownInterfaceError(AddressError):
         where = f"{origin}: " if origin else ""
         close = difflib.get_close_matches(interface, known, n=1)
         hint = f", did you mean {close[0]}" if close else ""
-        ValueError.__init__(self, f"{where}{text!r}: there is no interface {interface!r}{hint}; there are {', '.join(known)}")
+        ValueError.__init__(self, f"{where}{text!r}: unknown interface {interface!r}{hint}; expected one of {', '.join(known)}")
 
 
 @dataclass(frozen=True)

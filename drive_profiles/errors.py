@@ -164,7 +164,7 @@ class AmbiguousNameError(DriveProfileError):
 
     def __init__(self, text: str, candidates: tuple[str, ...]) -> None:
         self.text, self.candidates = text, candidates
-        super().__init__(f"{text!r} may be any of {', '.join(candidates)}: write the object instead of its name")
+        super().__init__(f"{text!r} may be any of {', '.join(candidates)}; give its address instead of a name")
 
 
 class RefusedError(DriveProfileError):
@@ -206,7 +206,7 @@ class NoAnswerError(NodeError):
 
     def __init__(self, node: int, what: str, after_s: float) -> None:
         self.after_s = after_s
-        super().__init__(node, f"no answer to {what} within {after_s:g} s", "is it powered, is the node id right?")
+        super().__init__(node, f"no answer to {what} within {after_s:g} s", "check its supply and the node-ID")
 
 
 class SharedNodeError(NoAnswerError):

@@ -45,7 +45,7 @@ def diff(
     right: Annotated[Path | None, typer.Argument(metavar="OTHER", help="Another; default: the drive at --node.")] = None,
     *,
     default: Annotated[
-        bool, typer.Option("--default", help="Show what the drive at --node does not hold as its EDS has it delivered.")
+        bool, typer.Option("--default", help="Show objects of the drive at --node that differ from the defaults of its EDS.")
     ] = False,
     bus: OptionalBusOption = None,
     node: OptionalNodeOption = None,
@@ -72,7 +72,7 @@ def diff(
     with exit_on_error():
         if left is None:
             if bus is None or node is None or eds is None:
-                raise fail("--default needs --bus, --node and --eds: the EDS says what was delivered", ExitStatus.USAGE)
+                raise fail("--default needs --bus, --node and --eds, which states the defaults", ExitStatus.USAGE)
             take_bus(context, bus)
             differences = _against_defaults(bus, node, profile, eds, timeout_s)
             header = ("parameter", str(eds), f"node {node}", "unit")

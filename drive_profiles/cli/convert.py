@@ -31,10 +31,12 @@ def convert(
     *,
     profile: ProfileOption = None,
     eds: EdsOption = None,
-    node_id: Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="For $NODEID in an EDS.")] = None,
-    counts_per_rev: Annotated[int | None, typer.Option(min=1, help="Of the drive's encoder, for values in rad.")] = None,
-    rated_torque_nm: Annotated[float | None, typer.Option(help="6076h of the drive, for values in N·m.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace OUT if it is there.")] = False,
+    node_id: Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="Node-ID for $NODEID in an EDS.")] = None,
+    counts_per_rev: Annotated[
+        int | None, typer.Option(min=1, help="Counts per revolution of the drive's encoder, for values in rad.")
+    ] = None,
+    rated_torque_nm: Annotated[float | None, typer.Option(help="Rated torque of the drive (6076h), for values in N·m.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace OUT if it exists.")] = False,
 ) -> None:
     """Convert a parameter set to a DCF or concise DCF, or back.
 
@@ -61,10 +63,10 @@ def convert(
             scaling = _scaling(parameter_set, catalogue)
             has_flags = out.suffix.lower() not in formats.CONCISE  # a DCF says itself what is kept out of downloads
             for key in () if has_flags else parameter_set.skipped_by_objflags(catalogue):
-                typer.echo(f"left out: {key} is kept out of downloads by the EDS (ObjFlags)", err=True)
+                typer.echo(f"left out: {key}; the EDS excludes it from downloads (ObjFlags)", err=True)
             writes = parameter_set.writes(catalogue, scaling, flagged=has_flags)
             for each in formats.write(out, writes, eds, node_id=node_id or header.node_id, force=force, header=header):
-                typer.echo(f"{each.entry}: cannot stand in a DCF; kept in a comment, which other tools pass over", err=True)
+                typer.echo(f"{each.entry}: does not fit into a DCF; kept in a comment, which other tools ignore", err=True)
         count = sum(1 for _ in parameter_set.items())
     typer.echo(f"{count} values in {out}")
 

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 EDS_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE),
-    {ExitStatus.DONE: "done, perhaps with warnings", ExitStatus.FILE: "a file, or a part of it, had to be refused"},
+    {ExitStatus.DONE: "done, perhaps with warnings", ExitStatus.FILE: "a file, or a part of it, was refused"},
 )
 
 app = Tool("eds", "Device descriptions of any vendor (EDS, DCF, XDD): check, show, convert.", EDS_EPILOG, is_group=True)
-NodeId = Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="For $NODEID; counts before that of the file.")]
+NodeId = Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="Node-ID for $NODEID; overrides that of the file.")]
 File = Annotated[Path, typer.Argument(metavar="FILE", help="An EDS, DCF, XDD or XDC file.")]
 _REAL_DIGITS = 7
 """Digits of a file's real numbers: all that a REAL32 has."""
@@ -83,7 +83,9 @@ def show(
     if wanted is not None:
         rows = [row for row in rows if _is_wanted(row, wanted)]
         if not rows:
-            raise typer.BadParameter(f"no object of {file} is, or is named, {wanted!r}", param_hint="OBJECT")
+            raise typer.BadParameter(
+                f"{file} has no object {wanted!r}; expected an address or a part of a name", param_hint="OBJECT"
+            )
     if as_json:
         typer.echo(json.dumps({**facts, "objects": rows}, indent=2, ensure_ascii=False))
     else:
@@ -118,7 +120,7 @@ def convert(
 
     suffix = out.suffix.lower().removeprefix(".")
     if suffix not in {"eds", "dcf", "json"}:
-        raise typer.BadParameter(f"{out} has none of the suffixes .eds, .dcf, .json", param_hint="--out")
+        raise typer.BadParameter(f"{out} has an unknown suffix; expected .eds, .dcf or .json", param_hint="--out")
     description = _load(file, node_id)
     notes = lost(description, suffix)
     if suffix == "json":
@@ -127,9 +129,9 @@ def convert(
         data = as_text(description, "dcf" if suffix == "dcf" else "eds").encode()
         notes += _read_again(data, out, node_id)
     if not out.parent.is_dir():
-        raise typer.BadParameter(f"there is no folder {out.parent}", param_hint="--out")
+        raise typer.BadParameter(f"folder {out.parent} does not exist; create it first", param_hint="--out")
     if out.exists() and not force:
-        raise typer.BadParameter(f"{out} exists; --force overwrites it", param_hint="--out")
+        raise typer.BadParameter(f"{out} already exists; give --force to overwrite it", param_hint="--out")
     with exit_on_error():
         write_atomically(out, data, force=force)
     if as_json:
@@ -200,7 +202,7 @@ def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, .
     try:
         return loads(data, out, node_id=node_id).warnings
     except FileError as error:
-        typer.echo(f"{error}\nnot written, since it could not be read again", err=True)
+        typer.echo(f"{error}\nnot written: the result cannot be read again", err=True)
         raise typer.Exit(ExitStatus.FILE) from None
 
 

@@ -15,7 +15,7 @@ from drive_profiles.cli.live import backup, faults, lss, nmt, watch
 
 app = Tool(
     "drive-profiles",
-    "Drive families as data, and the parameters of real drives: who they are, what they can do, and what they hold.",
+    "Drive families as data, and the parameters of real drives: identity, capabilities and values.",
     EPILOG,
 )
 

@@ -74,7 +74,7 @@ def scan(
         table("", header, [_row(identity, names) for identity, names in rows])
     if not rows:
         raise fail(
-            f"no node of {nodes} answers on {bus} within {timeout_s:g} s: is the bit rate right, is everything powered?",
+            f"no node of {nodes} answers on {bus} within {timeout_s:g} s: check the bit rate and the supply",
             ExitStatus.NODE,
         )
 
@@ -173,7 +173,7 @@ def pull(
     node: NodeOption,
     *,
     out: Annotated[Path | None, typer.Option("--out", help="File to write; default, or -: standard output.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
     classes: ClassesOption = ALL,
     profile: ProfileOption = None,
     eds: EdsOption = None,

@@ -41,12 +41,12 @@ def realise(
     *,
     order: Annotated[int, typer.Option(min=1, help="Harmonic order k of the transmission error.")] = 2,
     speed_rps: Annotated[float, typer.Option(help="Motor speed f_m, rev/s.")],
-    offset_hz: Annotated[float, typer.Option(help="How far the poles are above the zeros.")] = 0.5,
+    offset_hz: Annotated[float, typer.Option(help="Offset of the poles above the zeros.")] = 0.5,
     zeta_rn: Annotated[float, typer.Option(help="Damping of the zeros.")] = 0.028,
     zeta_rd: Annotated[float, typer.Option(help="Damping of the poles.")] = 0.1,
-    section: Annotated[int, typer.Option(min=1, help="Which of the drive's filters.")] = 1,
-    period_us: Annotated[float | None, typer.Option(help="Period of the drive's filter, where the profile has none.")] = None,
-    approximate: Annotated[bool, typer.Option("--approximate", help="Take the nearest that the drive can hold.")] = False,
+    section: Annotated[int, typer.Option(min=1, help="Number of the drive's filter.")] = 1,
+    period_us: Annotated[float | None, typer.Option(help="Period of the drive's filter, if the profile states none.")] = None,
+    approximate: Annotated[bool, typer.Option("--approximate", help="Accept the nearest notch that the drive can hold.")] = False,
     out: SetOutOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -117,7 +117,9 @@ def gains(
     position_gain: Annotated[float, typer.Option(help="K_p, 1/s.")],
     velocity_gain: Annotated[float, typer.Option(help="K_v, N·m·s/rad, motor side.")],
     velocity_integral_gain: Annotated[float, typer.Option(help="K_v/T_i, N·m/rad, motor side.")],
-    torque_constant: Annotated[float | None, typer.Option(help="Of the motor, N·m/A; for drives that work in amperes.")] = None,
+    torque_constant: Annotated[
+        float | None, typer.Option(help="Torque constant of the motor, N·m/A, for drives that work in amperes.")
+    ] = None,
     out: SetOutOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -174,7 +176,7 @@ def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact:
     typer.echo(f"{len(items)} values in {out}", err=True)
 
 
-def pages(*, out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Where the pages go.")] = Path("docs/drives")) -> None:
+def pages(*, out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Folder for the pages.")] = Path("docs/drives")) -> None:
     """Write the documentation's pages: one per profile, and their index.
 
     Example: drive-profiles pages --out docs/drives

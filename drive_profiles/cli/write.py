@@ -59,7 +59,11 @@ def upload(
     node: Annotated[
         list[int],
         typer.Option(
-            "--node", min=1, max=127, help="Node-ID; again for several drives: all or none.", autocompletion=complete_nodes
+            "--node",
+            min=1,
+            max=127,
+            help="Node-ID; repeat for several drives, which are written all or none.",
+            autocompletion=complete_nodes,
         ),
     ],
     *,
@@ -92,11 +96,11 @@ def upload(
     from drive_profiles.upload.result import UploadOptions
 
     if len(set(node)) != len(node):
-        raise fail(f"--node {' --node '.join(map(str, node))}: the same drive twice", ExitStatus.USAGE)
+        raise fail(f"--node {' --node '.join(map(str, node))}: a drive is given twice; give each node once", ExitStatus.USAGE)
     if len(sets) not in {1, len(node)}:
         raise fail(f"{len(sets)} parameter sets for {len(node)} nodes: give one for all, or one for each", ExitStatus.USAGE)
     if reset and not store:
-        raise fail("--reset without --store would only undo the upload", ExitStatus.USAGE)
+        raise fail("--reset without --store would only undo the upload; give --store as well", ExitStatus.USAGE)
     options = UploadOptions(
         class_names(classes),
         store,
@@ -158,7 +162,7 @@ def set_(
         wanted = _as_set([_pair(text) for text in values], device.catalogue, kind)
         if skipped_by_objflags := wanted.skipped_by_objflags(device.catalogue):
             named = ", ".join(skipped_by_objflags)
-            raise fail(f"{named}: kept out of downloads by the EDS (ObjFlags); without --eds it is written", ExitStatus.FILE)
+            raise fail(f"{named}: the EDS excludes it from downloads (ObjFlags); leave out --eds to write it", ExitStatus.FILE)
         transact(TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json), [(node, wanted)])
 
 

@@ -177,7 +177,7 @@ class SdoBus:
             with self._sending:
                 self._bus.send(can.Message(arbitration_id=can_id, is_extended_id=False, data=data), timeout=self.timeout_s)
         except (can.CanError, OSError) as error:
-            raise BusError(f"bus {self.address} takes no frame: {error}") from error
+            raise BusError(f"bus {self.address} cannot send a frame: {error}") from error
 
     def check(self) -> None:
         """Raise `BusError` if the bus was lost."""

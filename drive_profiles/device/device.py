@@ -274,7 +274,7 @@ class Device:
     def _counts_per_rev(self) -> int:
         facts = self.profile.encoder if self.profile else None
         if facts is None or (facts.increments is None and facts.counts_per_rev is None):
-            raise RefusedError(f"node {self.node}: no object is known that says how its encoder counts")
+            raise RefusedError(f"node {self.node}: no object is known for the resolution of its encoder")
         if facts.increments is None:
             return facts.counts_per_rev or 0
         increments = self._number(facts.increments)
@@ -291,7 +291,7 @@ class Device:
             return {}
         for address in facts.zero:
             if self._number(address):
-                raise RefusedError(f"node {self.node} counts in units of its own: {address} is not 0")
+                raise RefusedError(f"node {self.node} has units of its own, which are not supported: {address} is not 0")
         named = {
             "gear_motor_revs": facts.gear_motor_revs,
             "gear_shaft_revs": facts.gear_shaft_revs,
@@ -303,7 +303,7 @@ class Device:
     def _rated_torque_nm(self) -> float:
         facts = self.profile.torque if self.profile else None
         if facts is None or facts.rated_torque is None:
-            raise RefusedError(f"node {self.node}: no object is known that holds its rated torque")
+            raise RefusedError(f"node {self.node}: no object is known for its rated torque")
         return self._number(facts.rated_torque) * facts.rated_torque_step_nm
 
     def _number(self, address: str) -> int:
@@ -346,7 +346,7 @@ class Device:
         wanted = [entry for entry in known if not entry.flags]
         held = _PulledValues()
         if skipped_by_objflags := ", ".join(str(entry) for entry in known if entry.flags):
-            held.not_read.append(f"{skipped_by_objflags}: kept out of scans or downloads by the ObjFlags of the EDS")
+            held.not_read.append(f"{skipped_by_objflags}: excluded from scans or downloads by the ObjFlags of the EDS")
         for number, entry in enumerate(wanted, 1):
             try:
                 data = self.read(entry.address)

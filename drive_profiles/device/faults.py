@@ -91,9 +91,7 @@ def clear_faults(device: Device) -> list[str]:
         for word in _FAULT_RESET:
             device.write((Object.CONTROL_WORD, 0), word.to_bytes(2, "little"))
         if device.state() is State.FAULT:
-            refused.append(
-                f"node {device.node} is still in fault: what caused it is still there, or it needs its supply switched off"
-            )
+            refused.append(f"node {device.node} is still in fault; its cause persists, or the drive must be switched off and on")
     try:
         device.write((ERROR_HISTORY, 0), b"\0")
     except SdoAbortedError as error:

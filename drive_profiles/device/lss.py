@@ -122,7 +122,7 @@ class Lss:
             RefusedError: It refuses, or there is no such bit rate.
         """
         if bitrate not in BIT_RATES:
-            raise RefusedError(f"{bitrate} bit/s is not in the standard's table: {', '.join(map(str, BIT_RATES))}")
+            raise RefusedError(f"{bitrate} bit/s is not a bit rate of CiA 305; expected one of {', '.join(map(str, BIT_RATES))}")
         self._configured(lambda: self._master.configure_bit_timing(BIT_RATES[bitrate]), f"{bitrate} bit/s")
 
     def store(self) -> None:

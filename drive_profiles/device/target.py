@@ -154,7 +154,7 @@ def device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path
     if len(names) > 1:
         raise NodeError(node, f"may be any of {', '.join(names)}", "choose with --profile")
     if not names and eds_file is None:
-        raise NodeError(node, f"no profile is of this device ({_who(identity)})", _remedy(identity))
+        raise NodeError(node, f"no profile fits this device ({_who(identity)})", _remedy(identity))
     return Device(port, catalogue_of(names[0] if names else None, eds_file, node), bus.nmt)
 
 

@@ -172,7 +172,7 @@ class VariableReader:
                 section.line,
                 section.name,
                 "AccessType",
-                "missing; taken as ro, so that nobody writes by it",
+                "missing; taken as ro, so that no tool writes it",
                 _ACCESS,
             )
             return "ro"

@@ -97,7 +97,7 @@ def parse(data: bytes, path: Path, kind: str) -> Element:
         plain = f"a plain {kind.partition(' ')[2]}"
         raise FileError(path, (Problem(parser.CurrentLineNumber, "", str(error), plain),)) from error
     except expat.ExpatError as error:
-        raise FileError(path, (Problem(error.lineno, "", f"no XML: {expat.ErrorString(error.code)}", kind),)) from error
+        raise FileError(path, (Problem(error.lineno, "", f"is not XML: {expat.ErrorString(error.code)}", kind),)) from error
     except (LookupError, ValueError) as error:  # an encoding that Python does not have, or that is none of single bytes
-        raise FileError(path, (Problem(1, "", f"no XML that can be read: {error}", f"{kind} in UTF-8"),)) from error
+        raise FileError(path, (Problem(1, "", f"is not readable XML: {error}", f"{kind} in UTF-8"),)) from error
     return top.children[0]

@@ -188,7 +188,7 @@ def realise(
     """
     notch = profile.notch
     if notch is None:
-        raise NotRealisableError(profile.label, ("its profile knows no filter",))
+        raise NotRealisableError(profile.label, ("its profile has no filter",))
     if not 0 <= section < len(notch.sections):
         raise NotRealisableError(
             profile.label, (f"it has no filter section {section + 1}, its sections are 1 to {len(notch.sections)}",)

@@ -112,4 +112,4 @@ def _parts(what: str, unit: int) -> tuple[int, int, int]:
 
 
 def _unknown(what: str, unit: int) -> OutOfRangeError:
-    return OutOfRangeError(what, f"{unit:08X}h", "", "is not a unit that is known here")
+    return OutOfRangeError(what, f"{unit:08X}h", "", "is not a known unit")

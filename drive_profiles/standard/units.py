@@ -128,7 +128,7 @@ class Scaling:
             if value is not None and not (value > 0 and math.isfinite(value)):
                 raise OutOfRangeError(name, value, unit, "must be positive and finite")
         if self.polarity & ~(POSITION_REVERSED | VELOCITY_REVERSED):
-            raise OutOfRangeError("607Eh", f"{self.polarity:02X}h", "", "bits 6 and 7 are known")
+            raise OutOfRangeError("607Eh", f"{self.polarity:02X}h", "", "must have no other bits than 6 and 7")
         counts = float(self.encoder_counts_per_rev)
         # the units of one revolution of the shaft, and those revolutions per revolution of the motor
         feed = counts if self.feed is None else self.feed / self.feed_shaft_revs

@@ -39,7 +39,9 @@ def against_identity(device: Device, header: Header, identity: DeviceIdentity, o
         types = () if expected.device_type is None else (expected.device_type,)
         reasons += _differs("device type (1000h)", identity.device_type, types, who)
         if not (expected.is_verified and expected.product_code is not None) and not options.allow_unverified:
-            reasons.append(f"the identity in {who} is not verified ({expected.source}); --allow-unverified")
+            reasons.append(
+                f"the identity in {who} is not verified ({expected.source}); give --allow-unverified to write all the same"
+            )
     if description is not None:  # 0 and nothing are what an EDS says that does not know
         who = str(description.path)
         reasons += _differs("vendor (1018h:1)", identity.vendor_id, description.vendor_ids, who)
@@ -79,10 +81,12 @@ def against_values(
         options: Options of the upload.
     """
     guesses = [] if options.allow_unverified else [write for write in writes if not write.entry.is_verified]
-    why = "nobody has verified what is known of it; --allow-unverified writes it all the same"
+    why = "its facts are not verified; give --allow-unverified to write it all the same"
     reasons = [f"{write.entry}: {why}" for write in guesses]
     if header.unverified and writes and not options.allow_unverified:
-        reasons.append(f"the values were made of facts that nobody has verified ({header.unverified}); --allow-unverified")
+        reasons.append(
+            f"the values come from unverified facts ({header.unverified}); give --allow-unverified to write them all the same"
+        )
     reasons += _foreign_set(header, identity, writes, options)
     reasons += _commissioning(header, identity, writes, options)
     reasons += _foreign_identifiers(header, device.node, writes)
@@ -101,7 +105,7 @@ def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Writ
         return []
     limits = [str(write.entry) for write in theirs if write.parameter_class == "limits"]
     among = f"; limits are among its values: {', '.join(limits[:3])}{', …' if len(limits) > 3 else ''}" if limits else ""
-    return [f"the set is of another device ({other}){among}; --other-device writes it all the same"]
+    return [f"the set is of another device ({other}){among}; give --other-device to write it all the same"]
 
 
 def _other_device(header: Header, identity: DeviceIdentity) -> str:
@@ -157,7 +161,7 @@ def _moving_scale(device: Device, writes: Sequence[Write]) -> list[str]:
     if not moved:
         return []
     named = ", ".join(str(write.entry) for write in moved)
-    return [f"{named} decides what a step of {scaled[0].entry} is worth: upload it first, in a set of its own"]
+    return [f"{named} changes the scaling of {scaled[0].entry}; upload it first, in a set of its own"]
 
 
 def _differs(what: str, actual: int | None, wanted: Iterable[int], who: str) -> list[str]:

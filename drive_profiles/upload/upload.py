@@ -108,12 +108,14 @@ class Upload:
         self.identity = identity = self.device.identify()
         reasons = against_identity(self.device, self.parameter_set.header, identity, self.options)
         if reasons:
-            raise NodeError(self.device.node, "; ".join(reasons), "is this the right node, profile and file?")
+            raise NodeError(self.device.node, "; ".join(reasons), "check node, profile and file")
         self.device.check_quiet()
         self._resolve(identity)
         self.warnings = warnings_for(self.parameter_set, identity, self.writes)
         if skipped_by_objflags := self.parameter_set.skipped_by_objflags(self.device.catalogue) if self.options.limits else []:
-            self.warnings.append(f"left out, as the EDS keeps them out of downloads (ObjFlags): {', '.join(skipped_by_objflags)}")
+            self.warnings.append(
+                f"left out, since the EDS excludes them from downloads (ObjFlags): {', '.join(skipped_by_objflags)}"
+            )
         self.device.check_quiet(self._axes())
         self._goal = {write.address: write.data for write in self.writes}
         self._old = {address: self._before(address) for address in (*self._goal, *sorted(support(self._goal) - set(self._goal)))}
@@ -154,7 +156,7 @@ class Upload:
         """
         if self.device.port.boots != self._boots:
             self._boots = self.device.port.boots
-            raise NodeError(self.device.node, "it has restarted meanwhile", "is its supply sound?")
+            raise NodeError(self.device.node, "it has restarted meanwhile", "check its supply")
 
     def _before(self, address: ObjectAddress) -> bytes:
         """Read an object before anything is written.
@@ -169,7 +171,7 @@ class Upload:
         held = self.device.read(address)
         if len(held) != data_type.size:
             what = f"{self.named(address)} has {len(held)} bytes, a {data_type.name} has {data_type.size}"
-            raise NodeError(self.device.node, what, "is this the right profile or EDS?")
+            raise NodeError(self.device.node, what, "check the profile and the EDS")
         return held
 
     def _resolve(self, identity: DeviceIdentity) -> None:

@@ -70,7 +70,7 @@ def backup(
         rows = [(str(each["node"]), each["file"] or "-", str(each["values"]), each["remark"]) for each in entries]
         table("", ("node", "file", "values", "remark"), rows)
     if failed := [each["node"] for each in entries if each["file"] is None]:
-        typer.echo(f"node {', node '.join(map(str, failed))}: not backed up, {out / INDEX} says why", err=True)
+        typer.echo(f"node {', node '.join(map(str, failed))}: not backed up; for the reason see {out / INDEX}", err=True)
         raise typer.Exit(ExitStatus.NODE)
 
 

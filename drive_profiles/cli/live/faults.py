@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 NodesOption = Annotated[
     list[int] | None,
-    typer.Option("--node", min=1, max=127, help="Node-ID; again for more, left out for all.", autocompletion=complete_nodes),
+    typer.Option(
+        "--node", min=1, max=127, help="Node-ID; repeat for several nodes. Default: all.", autocompletion=complete_nodes
+    ),
 ]
 
 
@@ -33,7 +35,7 @@ def faults(
     node: NodesOption = None,
     *,
     clear: Annotated[
-        bool, typer.Option("--clear", help="Reset faults by the control word, and empty 1003h; it asks first.")
+        bool, typer.Option("--clear", help="Reset faults by the control word and clear 1003h, after a question.")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before clearing.")] = False,
     timeout_s: TimeoutOption = 0.5,
@@ -59,7 +61,7 @@ def faults(
             loud = [device for device, report in zip(devices, reports, strict=True) if not report.is_quiet]
             if loud:
                 _show(reports, as_json=False, err=True)
-                confirm(f"reset faults and empty 1003h on {', '.join(f'node {each.node}' for each in loud)}?", yes=yes)
+                confirm(f"reset faults and clear 1003h on {', '.join(f'node {each.node}' for each in loud)}?", yes=yes)
                 refused = [words for device in loud for words in clear_faults(device)]
                 reports = [read_faults(device) for device in devices]
         _show(reports, as_json=as_json)
