@@ -211,14 +211,14 @@ class FaultTable(Table):
     def _belong_together(self) -> Self:
         for key in sorted(self.model_fields_set):
             if self.kind not in _ONLY_FOR.get(key, {self.kind}):
-                raise ValueError(f"{key} means nothing to a fault of kind {self.kind}")
+                raise ValueError(f"{key} has no effect on a fault of kind {self.kind}; leave it out")
         for key in _NEEDS.get(self.kind, ()):
             if getattr(self, key) is None:
                 raise ValueError(f"a fault of kind {self.kind} needs {key}")
         if self.to_s is not None and self.to_s <= self.from_s:
             raise ValueError(f"to_s = {self.to_s} is not after from_s = {self.from_s}")
         if "bits" in self.model_fields_set and self.crc:
-            raise ValueError("bits are seen by nobody while the CRC gives them away; crc = false lets them pass")
+            raise ValueError("flipped bits fail the CRC and reach no node; set crc = false to let them pass")
         return self
 
     def fault(self) -> Fault:

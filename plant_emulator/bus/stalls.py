@@ -107,6 +107,6 @@ class WallTime:
             self._said_ns = now
             behind, lost = (1e-6 * each for each in unsaid)
             self._say(
-                f"the emulator was {behind:.0f} ms late, and skipped {lost:.0f} ms; it has processed what came meanwhile first"
+                f"the emulator was {behind:.0f} ms late and skipped {lost:.0f} ms; it first processed the frames that had arrived"
             )
             self._unsaid = [0, 0]

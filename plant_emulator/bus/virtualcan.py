@@ -47,7 +47,7 @@ def parse_endpoint(text: str) -> tuple[str, int]:
         raise EndpointError(f"{text}: expected [HOST:]PORT, such as 18000 or 127.0.0.1:18000")
     if (host or "localhost") not in LOOPBACK:
         raise EndpointError(
-            f"{text}: only on 127.0.0.1, ::1 or localhost, since whoever reaches the port commands the robot, without a password"
+            f"{text}: expected the host 127.0.0.1, ::1 or localhost; the port commands the robot without a password"
         )
     return LOOPBACK[host or "localhost"], int(port)
 
@@ -207,7 +207,7 @@ class VirtualcanListener(Listener):
     def reject(self, sock: socket.socket) -> None:
         """Refuse a client beyond the largest number."""
         with contextlib.closing(sock), contextlib.suppress(OSError):  # where it has gone already it has no name
-            self._say(f"virtualcan client {_name(sock)} is turned away: {MAX_CLIENTS} are on the bus")
+            self._say(f"virtualcan client {_name(sock)} is rejected: {MAX_CLIENTS} clients are on the bus already")
 
     def _say(self, line: str) -> None:
         with contextlib.suppress(OSError, ValueError):  # nobody reads standard error any more

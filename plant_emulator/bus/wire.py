@@ -77,7 +77,7 @@ class EmulatedWire:
         """
         self.rates = Rates(bitrate, data_bitrate)
         if queue_frames < 1:
-            raise ValueError(f"a queue of {queue_frames} frames holds none")
+            raise ValueError(f"a queue of {queue_frames} frames; expected at least 1")
         self._patience_ns = patience_ns
         self.now = self._idle = now_ns
         self._ports: dict[int, Port] = {}
@@ -93,7 +93,7 @@ class EmulatedWire:
         self._faults = faults
         for event in faults.events if faults is not None else ():
             if bitrate is None and event.kind in {"babble", "stuck"}:
-                raise ValueError(f"a bus without bit times knows no {event.kind}")
+                raise ValueError(f"a bus without bit times cannot have a fault of kind {event.kind}")
             self.schedule(event)
 
     @property
@@ -172,7 +172,7 @@ class EmulatedWire:
         if at_ns is None:
             self._confinement.restart(participant, self.now)
         elif at_ns < self.now:
-            raise ValueError(f"the bus is at {self.now} ns and restarts nobody at {at_ns} ns")
+            raise ValueError(f"the bus is at {self.now} ns and cannot restart a port at {at_ns} ns")
         else:
             self.schedule(BusEvent(at_ns, "restart", port))
 
@@ -208,7 +208,7 @@ class EmulatedWire:
         """Offer a frame, subject to the faults."""
         participant = self._port(port)
         if at_ns < self.now:
-            raise ValueError(f"the bus is at {self.now} ns and takes nothing of {at_ns} ns")
+            raise ValueError(f"the bus is at {self.now} ns and accepts no frame of {at_ns} ns")
         if self._faults is None:
             return self._pass(participant, Passage(frame), at_ns)
         check(frame)
@@ -381,7 +381,7 @@ class EmulatedWire:
             ValueError: No window.
         """
         if window_ns <= 0:
-            raise ValueError(f"no window: {window_ns} ns")
+            raise ValueError(f"a window of {window_ns} ns; expected more than 0")
         busy_ns = self._traffic.busy_ns(self.now - window_ns, self.now)
         start = None if self._flight is None else self._flight.start
         if self._fast is not None and self._fast.flight is not None:

@@ -23,7 +23,7 @@ class EmulatorExitStatus(ToolExitStatus):
     USAGE = 2, "usage"
     FILE = 3, "bad robot file"
     BUS = 4, "the bus cannot be served, or is lost"
-    NOT_MET = 9, "a number that must be reached is not"
+    NOT_MET = 9, "a goal is not reached"
     INTERRUPTED = 130, "interrupted"
 
 

@@ -21,12 +21,12 @@ def mount(app: typer.Typer) -> None:
 
 
 def eds(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the files; made if it is not there.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the files; created if missing.")],
     robot: Annotated[
         str | None,
         typer.Option(
             "--robot",
-            help="One file for each node of this robot, a robot file or `reference`, instead of each kind.",
+            help="One file per node of this robot (a file or `reference`), instead of one per kind.",
             autocompletion=complete_reference,
         ),
     ] = None,
@@ -57,7 +57,7 @@ def eds(
 
     drives = by_axis("--drive", drive)
     if drives and robot is None:
-        raise fail("--drive says which drive an axis of --robot has: --robot is missing", EmulatorExitStatus.USAGE)
+        raise fail("--drive needs --robot, whose axes it changes", EmulatorExitStatus.USAGE)
     with exit_on_error():
         with exit_on_value_error():
             model = None if robot is None else with_drives(load_robot(robot), drives)

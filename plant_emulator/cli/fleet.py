@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 EPILOG = epilog(
     (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
-    {EmulatorExitStatus.FILE: "a file is there already, or cannot be written"},
+    {EmulatorExitStatus.FILE: "a file already exists, or cannot be written"},
 )
 
 KindName = Literal["linear", "real", "any", "both"]
@@ -33,7 +33,7 @@ KindOption = Annotated[
         "both: linear for odd seeds, real for even ones.",
     ),
 ]
-ArmsOption = Annotated[bool, typer.Option("--arms", help="Whole arms of six axes that feel each other, instead of single axes.")]
+ArmsOption = Annotated[bool, typer.Option("--arms", help="Whole arms of six coupled axes, instead of single axes.")]
 UrdfOption = Annotated[
     Path | None,
     typer.Option("--urdf", help="The arm of this URDF file, for which motors, gears and transmission errors are drawn."),
@@ -43,9 +43,9 @@ HomeOption = Annotated[
     typer.Option("--home-deg", metavar="ANGLES", help="With --urdf: joint angles at home, from the base on: 0,-90,90,0,90,0."),
 ]
 TipOption = Annotated[
-    str | None, typer.Option("--tip-link", help="With --urdf: the link that is the tip; left out, the only one at the end.")
+    str | None, typer.Option("--tip-link", help="With --urdf: the link of the tip. Default: the only one at the end.")
 ]
-OutOption = Annotated[Path, typer.Option("--out", help="Folder for the files; made where it is not there.")]
+OutOption = Annotated[Path, typer.Option("--out", help="Folder for the files; created if missing.")]
 
 COLUMNS = (
     ("N", "reduction_ratio", 1.0),
@@ -114,7 +114,7 @@ def fleet(
         there = sorted(str(path) for path in files if path.exists())
         if there:
             more = f" and {len(there) - 1} more" if len(there) > 1 else ""
-            raise fail(f"{there[0]}{more}: there already; nothing was written, choose another folder", EmulatorExitStatus.FILE)
+            raise fail(f"{there[0]}{more} already exists; nothing was written; choose another folder", EmulatorExitStatus.FILE)
         rows: list[Row] = []
         texts: dict[str, str] = {}
         for seed in named:
@@ -134,17 +134,19 @@ def fleet(
     else:
         table("", ("seed", "kind", *(head for head, *_ in COLUMNS)), [_cells(row) for row in rows])
     what = "one robot and its bench file" if len(rows) == 1 else f"{len(rows)} robots and their bench files"
-    typer.echo(f"{what} in {out}; robots.csv has all that was drawn", err=True)
+    typer.echo(f"{what} in {out}; robots.csv lists the drawn values", err=True)
 
 
 def _home(home_deg: str | None, tip_link: str | None, urdf: Path | None) -> tuple[float, ...]:
     """Return the angles of `--home-deg`."""
     if urdf is None and (home_deg, tip_link) != (None, None):
-        raise typer.BadParameter("those of an arm are drawn; with --urdf it is given", param_hint="--home-deg, --tip-link")
+        raise typer.BadParameter("needs --urdf; other arms are drawn", param_hint="--home-deg, --tip-link")
     try:
         return tuple(float(each) for each in home_deg.split(",")) if home_deg else ()
     except ValueError:
-        raise typer.BadParameter(f"{home_deg!r} are no angles: 0,-90,90,0,90,0 are", param_hint="--home-deg") from None
+        raise typer.BadParameter(
+            f"{home_deg!r} is not a list of angles; expected e.g. 0,-90,90,0,90,0", param_hint="--home-deg"
+        ) from None
 
 
 def _driven(seed: int, urdf: Path, out: Path, home_deg: tuple[float, ...], tip_link: str | None) -> "tuple[str, str, Row]":

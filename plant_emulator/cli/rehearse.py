@@ -37,7 +37,7 @@ EPILOG = epilog(
         EmulatorExitStatus.DONE: "done, whatever the numbers",
         EmulatorExitStatus.FILE: "bad file, or a folder that holds another rehearsal",
         EmulatorExitStatus.BUS: "no scheduler, or it is lost",
-        EmulatorExitStatus.NOT_MET: "with --check: a number is not reached",
+        EmulatorExitStatus.NOT_MET: "with --check: a goal is not reached",
         EmulatorExitStatus.INTERRUPTED: "interrupted, finished robots are kept",
     },
 )
@@ -52,19 +52,19 @@ RATE_OVER_S = 600.0
 
 SeedsOption = Annotated[str | None, typer.Option("--seeds", metavar="SEEDS", help="Seeds of the robots: 7, 1-1000, 1-40,50.")]
 ArmsOption = Annotated[
-    bool, typer.Option("--arms", help="Whole arms: learnt on their line, looked at on others; seed 0 is the reference arm.")
+    bool, typer.Option("--arms", help="Whole arms: learn on their line, test on others; seed 0 is the reference arm.")
 ]
-OverBusOption = Annotated[bool, typer.Option("--over-bus", help="Over a bus: each robot is served, and the tools are processes.")]
+OverBusOption = Annotated[bool, typer.Option("--over-bus", help="Use a bus: each robot is served, and each tool is a process.")]
 JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; default: one per processor.")]
 OnOption = Annotated[
-    str | None, typer.Option("--on", metavar="dask:tcp://HOST:PORT", help="On the workers of a Dask scheduler (extra cluster).")
+    str | None, typer.Option("--on", metavar="dask:tcp://HOST:PORT", help="Use the workers of a Dask scheduler (extra cluster).")
 ]
-ResumeOption = Annotated[bool, typer.Option("--resume", help="Go on with the folder's rehearsal: walk the robots that it lacks.")]
+ResumeOption = Annotated[bool, typer.Option("--resume", help="Continue the folder's rehearsal with the missing robots.")]
 KeepOption = Annotated[bool, typer.Option("--keep", help="Keep all files of each walk, in files/SEED of the folder.")]
-CheckOption = Annotated[bool, typer.Option("--check", help="Exit status 9 where a number that must be reached is not.")]
+CheckOption = Annotated[bool, typer.Option("--check", help="End with exit status 9 if a goal is not reached.")]
 SummaryOption = Annotated[
     Path | None,
-    typer.Option("--summary", metavar="DIR", help="Walk nothing: make table and report of DIR again, and print Markdown."),
+    typer.Option("--summary", metavar="DIR", help="Walk no robot: rewrite table and report of DIR, and print Markdown."),
 ]
 
 
@@ -120,7 +120,7 @@ def rehearse(
             return
         named = _seeds(seeds)
         if arms and over_bus:
-            raise fail("--arms: arms are walked in this process, leave --over-bus out", EmulatorExitStatus.USAGE)
+            raise fail("--arms walks arms in this process; leave --over-bus out", EmulatorExitStatus.USAGE)
         executors = _executors(on, jobs, keep=keep)
         kept = Kept(out)
         kept.begin(RehearsalSettings(ARMS if arms else kind, over_bus), resume=resume)
@@ -147,7 +147,7 @@ def _executors(on: str | None, jobs: int | None, *, keep: bool) -> "Executors":
     if jobs is not None:
         raise fail("--jobs cannot be combined with --on; the scheduler decides", EmulatorExitStatus.USAGE)
     if keep:
-        raise fail("--keep: the workers of --on may have another file system", EmulatorExitStatus.USAGE)
+        raise fail("--keep cannot be combined with --on, whose workers may have another file system", EmulatorExitStatus.USAGE)
     with exit_on_value_error():
         return DaskWorkers(scheduler_address(on))
 
@@ -171,7 +171,7 @@ def _walk(
     there = kept.seeds()
     missing = [seed for seed in seeds if seed not in there]
     if len(missing) < len(seeds):
-        typer.echo(f"{len(seeds) - len(missing)} of {len(seeds)} robots are there already", err=True)
+        typer.echo(f"{len(seeds) - len(missing)} of {len(seeds)} robots are done already", err=True)
     if not missing:
         return
     done = 0
@@ -195,7 +195,7 @@ def _walk(
     except (ExecutorsLostError, KeyboardInterrupt) as error:
         is_lost = isinstance(error, ExecutorsLostError)
         words = (
-            f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots were walked and are kept: --resume goes on"
+            f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots are walked and kept; continue with --resume"
         )
         raise fail(words, EmulatorExitStatus.BUS if is_lost else EmulatorExitStatus.INTERRUPTED) from None
 
@@ -294,6 +294,6 @@ def _claims_file(folder: Path, whole: "Mapping[str, object]") -> Path:
 def _judge(found: "Sequence[RehearsalClaim]", *, check: bool) -> None:
     failed = [each for each in found if each.holds is False]
     for each in failed:
-        typer.echo(f"not reached: {each.words}; asked {each.asked}, measured {each.measured}", err=True)
+        typer.echo(f"not reached: {each.words}; goal {each.asked}, measured {each.measured}", err=True)
     if failed and check:
         raise typer.Exit(EmulatorExitStatus.NOT_MET)

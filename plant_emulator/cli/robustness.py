@@ -55,20 +55,25 @@ AxesOption = Annotated[
         autocompletion=AXES.several,
     ),
 ]
-ExperimentOption = Annotated[ExperimentName, typer.Option("--experiment", help="What the robot is asked to do.")]
+ExperimentOption = Annotated[ExperimentName, typer.Option("--experiment", help="Motion of the robot.")]
 TreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="none: the same plants without filters.")]
 TuningOption = Annotated[
     Path | None,
     typer.Option("--tuning", help="Gains and filters: a bench, robot or tuning file; default: the robot file's own."),
 ]
 NotchOption = Annotated[Path | None, typer.Option("--notch", help="Filters instead: the design file of hil design notch.")]
-SpreadOption = Annotated[Path | None, typer.Option("--spread", help="What is not known, and how far (TOML); docs/robustness.md.")]
-RunsOption = Annotated[int, typer.Option("--runs", min=1, max=100_000, help="Plants of each study.")]
+SpreadOption = Annotated[
+    Path | None, typer.Option("--spread", help="Spread of the unknowns (TOML file); see docs/robustness.md.")
+]
+RunsOption = Annotated[int, typer.Option("--runs", min=1, max=100_000, help="Number of plants in each study.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Equal seeds give equal plants.")]
 JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; default: one per processor.")]
-TipOption = Annotated[float, typer.Option("--tip-mm", help="The specification: largest tip peak.")]
+TipOption = Annotated[float, typer.Option("--tip-mm", help="Specification: largest permitted tip peak.")]
 AreaOption = Annotated[
-    float, typer.Option("--area-percent", help="Of a line motion with filters: smallest reduction of the spectrum's area.")
+    float,
+    typer.Option(
+        "--area-percent", help="Specification of a line motion with filters: smallest reduction of the spectrum's area."
+    ),
 ]
 OnlyOption = Annotated[int | None, typer.Option("--only", min=0, metavar="INDEX", help="Only this plant, in detail.")]
 OutOption = Annotated[
@@ -213,7 +218,7 @@ def _check_filters(numbers: Sequence[int | None], filters: Mapping[int, object],
     for number in numbers:
         if number is not None and number not in filters:
             where = "" if designed is None else f" in {designed}"
-            raise fail(f"axis {number} has no filter{where}; --treatment none runs it without", EmulatorExitStatus.USAGE)
+            raise fail(f"axis {number} has no filter{where}; give --treatment none to run it without", EmulatorExitStatus.USAGE)
 
 
 def _studies(model: "Robot", numbers: Sequence[int | None], settings: Mapping[str, object]) -> list["Study"]:
@@ -235,7 +240,7 @@ def _many(studies: Sequence["Study"], runs: int, jobs: int, out: Path | None, *,
         with progress("plants", runs * len(studies)) as step:
             judged = run_all(studies, runs, jobs, step)
     except BrokenProcessPool:
-        raise fail("a process that was simulating has died; --jobs 1 does without others", EmulatorExitStatus.INTERNAL) from None
+        raise fail("a simulating process has died; try --jobs 1", EmulatorExitStatus.INTERNAL) from None
     took = time.monotonic() - begin
     summaries = [summarise(study, each, study.judge(-1)) for study, each in zip(studies, judged, strict=True)]
     whole = {"studies": [document(summary) for summary in summaries]}

@@ -87,7 +87,7 @@ EdsOption = Annotated[
     typer.Option("--eds", metavar="AXIS=PATH", help="EDS file of an axis' drive; its further objects do nothing; repeatable."),
 ]
 StoreTimeOption = Annotated[
-    float | None, typer.Option("--store-time-s", min=0.0, help="How long a drive is silent while it stores.")
+    float | None, typer.Option("--store-time-s", min=0.0, help="Time for which a drive is silent while it stores.")
 ]
 LoadEncoderOption = Annotated[
     int | None,
@@ -95,15 +95,12 @@ LoadEncoderOption = Annotated[
         "--load-encoder-bits", min=8, max=26, help="Bits of a second encoder on every joint (60E4h); docs/load-encoder.md."
     ),
 ]
-WallOption = Annotated[
-    bool, typer.Option("--wall", help="The local bus follows the wall clock, whoever sends SYNC; else SYNC moves it.")
-]
+WallOption = Annotated[bool, typer.Option("--wall", help="Let the local bus follow the wall clock; by default SYNC advances it.")]
 HostLatencyOption = Annotated[
-    float, typer.Option("--host-latency-us", min=0.0, max=1e6, help="From a client's program to its controller, in bus time.")
+    float,
+    typer.Option("--host-latency-us", min=0.0, max=1e6, help="Delay from a client's program to its controller, in bus time."),
 ]
-FaultsOption = Annotated[
-    Path | None, typer.Option("--faults", help="What goes wrong on the wire: a TOML file of [[fault]] tables.")
-]
+FaultsOption = Annotated[Path | None, typer.Option("--faults", help="Faults on the wire: a TOML file of [[fault]] tables.")]
 SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all noise instead of the file's.")]
 StreamOption = Annotated[bool, typer.Option("--stream", help="Use a stream socket although the system has seqpacket.")]
 UntilStdinClosesOption = Annotated[
@@ -120,7 +117,9 @@ SerialAccelerometerOption = Annotated[
     str | None,
     typer.Option("--serial-accelerometer", metavar="PATH", help="Also send the tip's acceleration on a serial port here."),
 ]
-FramingOption = Annotated[SerialFraming, typer.Option("--framing", help="How the serial accelerometer writes; docs/serial.md.")]
+FramingOption = Annotated[
+    SerialFraming, typer.Option("--framing", help="Frame format of the serial accelerometer; see docs/serial.md.")
+]
 SerialRateOption = Annotated[
     float, typer.Option("--serial-rate-hz", min=1.0, max=4000.0, help="Samples per second of the serial accelerometer.")
 ]
@@ -275,9 +274,9 @@ def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "t
     if bus is None or choice.passed_over:
         typer.echo(str(choice), err=True)  # of a plain --bus the announcement says enough
     if address.interface != LOCAL and slcan is not None:
-        raise fail(f"--slcan: an adapter joins a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
+        raise fail(f"--slcan needs a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
     if address.interface != LOCAL and virtualcan is not None:
-        raise fail(f"--virtualcan: over TCP a bus local:PATH is served, not {address}", EmulatorExitStatus.USAGE)
+        raise fail(f"--virtualcan needs a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
     try:
         return address, None if virtualcan is None else parse_endpoint(virtualcan)
     except EndpointError as error:
@@ -313,9 +312,7 @@ def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) ->
             medium = medium_for(world, address.bitrate, wall=wire.wall, host_latency_s=wire.host_latency_s, faults=faults)
             return Server(world, address.channel, stream=stream, medium=medium)
         if wire != (False, 0.0, None):
-            raise fail(
-                f"--wall, --host-latency-us and --faults are for a bus local:PATH, not {address}", EmulatorExitStatus.USAGE
-            )
+            raise fail(f"--wall, --host-latency-us and --faults need a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
         return Attachment(world, open_channel(address))
     except FileError as error:
         raise fail(str(error), EmulatorExitStatus.FILE) from None

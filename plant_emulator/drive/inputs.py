@@ -131,7 +131,7 @@ class DigitalInputs:
             ValueError: There are no such inputs.
         """
         if not 0 < inputs <= INPUTS:
-            raise ValueError(f"inputs {inputs:#x}: bits of {INPUTS:#x} are known")
+            raise ValueError(f"inputs {inputs:#x}; expected bits of {INPUTS:#x}")
         motion = self._motion
         motion["input_mask"] = int(motion["input_mask"]) | inputs
         forced = int(motion["forced_inputs"])

@@ -42,21 +42,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--hil-robot",
         dest="hil_robot",
         metavar="FILE|NAME",
-        help="Emulate this robot, whatever bus --hil-bench names; without it `reference` where one is emulated.",
+        help="Emulate this robot and ignore the bus of --hil-bench. An emulated robot is `reference` by default.",
     )
     add(
         "--hil-axis",
         dest="hil_axis",
         type=int,
         metavar="N",
-        help="Axis of the `hil_drive` fixture; else the lowest of the bench.",
+        help="Axis of the `hil_drive` fixture; default: the lowest of the bench.",
     )
-    add("--hil-bitrate", dest="hil_bitrate", metavar="RATE", help="Bit times on the emulated bus, such as 1M; none unless given.")
+    add("--hil-bitrate", dest="hil_bitrate", metavar="RATE", help="Bit times on the emulated bus, such as 1M; default: none.")
     add(
         "--hil-allow-motion",
         dest="hil_allow_motion",
         action="store_true",
-        help="Let fixtures move a real robot; without it they skip.",
+        help="Let fixtures move a real robot; by default they skip.",
     )
     add(
         "--hil-require-hardware",
@@ -65,7 +65,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="Missing hardware fails instead of skipping.",
     )
     add("--hil-keep-traces", dest="hil_keep_traces", metavar="DIR",
-        help="Where failed tests leave trace and recordings; .hil-traces unless given.")  # fmt: skip
+        help="Folder for trace and recordings of failed tests; default: .hil-traces.")  # fmt: skip
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -152,7 +152,7 @@ def hil_robot(_hil_target: "Target") -> "EmulatedRobot":
     Time is virtual; equal seeds give equal frames.
     """
     if _hil_target.robot is None:
-        pytest.skip(f"looks inside the emulated robot; {_hil_target.where} is none")
+        pytest.skip(f"needs the emulated robot; {_hil_target.where} is none")
     return _hil_target.robot
 
 

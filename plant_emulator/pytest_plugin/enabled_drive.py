@@ -225,7 +225,7 @@ class EnabledDrive:
         """Disable the drive; return a failure in words, or None."""
         if self._stopped is None:
             return None if self._run.disable(SHUTDOWN) else f"axis {self.number} has not confirmed that it is disabled"
-        return None if self._is_seen else f"nobody asked why, but axis {self.number} was {self._stopped}"
+        return None if self._is_seen else f"axis {self.number} was {self._stopped}; the test did not read `stopped`"
 
     def recorded(self) -> tuple[dict[str, Any], Recording]:
         """Return the recording of all cycles, for a failed test."""

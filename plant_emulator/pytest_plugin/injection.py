@@ -126,7 +126,7 @@ class FaultInjection:
         """
         self._needs_emulation("wrong set-points would reach a real robot")
         if noticed and self._interference.wire is None:
-            pytest.skip("a CRC that is noticed needs bit times: --hil-bitrate 1M")
+            pytest.skip("noticed=True needs bit times; give --hil-bitrate 1M")
         return self._apply(Fault("corrupt", can_id, bits=bits, crc=noticed, every=every, count=count), after_s, for_s)
 
     # -- nodes and bus -------------------------------------------------------------------------------------------------
@@ -154,7 +154,7 @@ class FaultInjection:
 
         Values that it has not stored are lost.
         """
-        self._needs_emulation("nobody here can switch a real node off; nmt() resets one by a message")
+        self._needs_emulation("a test cannot switch a real node off; nmt() resets one by a message")
         interference = self._interference
         interference.at(interference.now_ns() + round(SECOND * after_s), lambda: interference.power_cycle(node_id))
         self._at_once(after_s)
@@ -167,7 +167,7 @@ class FaultInjection:
         Raises:
             ValueError: The robot has no such node.
         """
-        self._needs_emulation("nobody here can put a real controller bus-off")
+        self._needs_emulation("a test cannot put a real controller bus-off")
         robot = self._target.robot
         if robot is not None and node_id not in robot.world.node_ids:
             raise ValueError(f"the robot has no node {node_id}; it has {', '.join(map(str, robot.world.node_ids))}")
@@ -192,7 +192,7 @@ class FaultInjection:
         data = code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0))
         frame = Frame(FunctionCode.EMERGENCY + node_id, data)
         if self._target.robot is None:
-            self._needs_emulation("a master does not hear the emergencies that it sends itself")
+            self._needs_emulation("a master does not receive the emergencies that it sends")
         self.send(frame, after_s=after_s)
 
     def send(self, frame: Frame, *, after_s: float = 0.0) -> None:
@@ -228,12 +228,12 @@ class FaultInjection:
         """
         inputs = self._inputs(axis)
         if name not in INPUTS:
-            raise ValueError(f"there is no input {name}; there are {', '.join(INPUTS)}")
+            raise ValueError(f"unknown input {name}; expected one of {', '.join(INPUTS)}")
         bit = INPUTS[name]
         self._between(after_s, for_s, lambda: inputs.force(bit), lambda: inputs.force(bit, active=False))
 
     def _inputs(self, axis: int) -> DigitalInputs:
-        self._needs_emulation("nobody here can reach a real drive's contacts")
+        self._needs_emulation("a test cannot reach a real drive's contacts")
         drives = {} if self._target.robot is None else self._target.robot.drives
         if axis not in drives:
             raise ValueError(f"the robot has no axis {axis}; it has {', '.join(map(str, sorted(drives)))}")

@@ -145,7 +145,7 @@ class Target:
         """Skip a motion of a real robot without `--hil-allow-motion`."""
         is_real = self.robot is None and parse_address(self.bench.bus.address).interface != LOCAL
         if is_real and not self.config.getoption("hil_allow_motion"):
-            pytest.skip(f"moves the robot on {self.bench.bus.address}; --hil-allow-motion lets it")
+            pytest.skip(f"would move the robot on {self.bench.bus.address}; give --hil-allow-motion to permit it")
 
     def close(self) -> None:
         """Leave the bus."""

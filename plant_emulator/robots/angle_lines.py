@@ -63,10 +63,10 @@ def check_lines(eccentricity: Sequence[EccentricityLine], cogging: Sequence[Cogg
     for name, lines in (("eccentricity", [line.order for line in eccentricity]), ("cogging", [line.order for line in cogging])):
         twice = sorted({order for order in lines if lines.count(order) > 1})
         if twice:
-            raise ValueError(f"{name}: order {twice[0]} stands twice")
+            raise ValueError(f"{name}: order {twice[0]} is given twice")
     most = math.fsum(line.torque_nm for line in cogging)
     if most >= torque_limit_nm:
-        raise ValueError(f"cogging: {most:g} N·m hold a motor that has {torque_limit_nm:g} N·m")
+        raise ValueError(f"cogging: {most:g} N·m in total exceed the motor's torque limit of {torque_limit_nm:g} N·m")
 
 
 def write_lines(

@@ -62,7 +62,7 @@ class ErrorChange(Table):
     @model_validator(mode="after")
     def _step_is_whole(self) -> "ErrorChange":
         if (self.phase_step_s is None) != (self.phase_step_deg == 0.0):
-            raise ValueError("phase_step_deg says how far, phase_step_s when: one is missing")
+            raise ValueError("phase_step_deg and phase_step_s need each other: one is missing")
         return self
 
 
@@ -115,7 +115,7 @@ def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable,
     for line in changes:
         words = "the line without order" if line.order is None else f"order {line.order:g}"
         if named.count(line.order) > 1:
-            raise ValueError(f"ate_change: {words} stands twice")
+            raise ValueError(f"ate_change: {words} is given twice")
         if line.order is not None and line.order not in present:
             there = ", ".join(f"{order:g}" for order in present) or "none"
             raise ValueError(f"ate_change: {words} changes, but ate has no such order; it has {there}")
@@ -123,7 +123,7 @@ def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable,
         if most > 100.0:
             raise ValueError(
                 f"ate_change: {words}: load_percent_nm {line.load_percent_nm:g} at the gear's {most_load_nm:.0f} N·m and "
-                f"direction_percent {line.direction_percent:g} make {most:.0f} %: an amplitude would go below nothing"
+                f"direction_percent {line.direction_percent:g} make {most:.0f} %: an amplitude would become negative"
             )
 
 

@@ -39,5 +39,5 @@ class LoadEncoder(Table):
     def _orders_differ(self) -> "LoadEncoder":
         orders: Sequence[int] = [line.order for line in self.eccentricity]
         if len(set(orders)) < len(orders):
-            raise ValueError(f"eccentricity: order {next(order for order in orders if orders.count(order) > 1)} stands twice")
+            raise ValueError(f"eccentricity: order {next(order for order in orders if orders.count(order) > 1)} is given twice")
         return self

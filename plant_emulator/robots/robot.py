@@ -231,11 +231,11 @@ class Robot(Table):
         twice = [node for node in sorted(holders) if len(holders[node]) > 1]
         if twice:
             given = " and ".join(holders[twice[0]][:2])
-            raise ValueError(f"node id {twice[0]} is given to two nodes of the bus, {given}: node_id changes it")
+            raise ValueError(f"node-ID {twice[0]} is given to two nodes of the bus, {given}; change the node_id of one")
         if self.geometry is not None:
             self.geometry.check_axes(self.axis, "a geometry")
         if self.accelerometer.mounting is not None and "arm" not in type(self).model_fields:
-            raise ValueError("accelerometer: a mounting says on which link it sits, and the robot has no [arm]")
+            raise ValueError("accelerometer: mounting names a link, but the robot has no [arm]")
         for name in ("lowpass_hz", "mounting_resonance_hz"):
             frequency = getattr(self.accelerometer, name)
             if frequency is not None and frequency * self.control_period_s > HIGHEST_FREQUENCY:
@@ -249,7 +249,7 @@ class Robot(Table):
             if 0.0 < lag_s < 0.5 * step_s:  # Runge-Kutta of 4th order diverges from 0.36 steps down
                 raise ValueError(
                     f"axis {number}: current_time_constant_s {lag_s:g} is less than half of the solver's step of {step_s:g} s; "
-                    "0 is none, and plant_substeps makes the steps shorter"
+                    "use 0 for none, or a larger plant_substeps"
                 )
         return self
 
@@ -346,22 +346,22 @@ class ArmRobot(Robot):
         for number, axis in self.axis.items():
             given = [key for key in OF_THE_LINKS if key in axis.model_fields_set]
             if given:
-                raise ValueError(f"axis {number}: {given[0]} is that of the links of [arm]; leave it out")
+                raise ValueError(f"axis {number}: the links of [arm] define {given[0]}; leave it out")
             if (axis.joint is None) == (self.arm.urdf is not None):
                 needed = (
                     "needs joint, the name of its joint in the URDF file"
                     if axis.joint is None
-                    else "joint names one of a URDF file"
+                    else "joint needs a URDF file in [arm]; leave it out"
                 )
                 raise ValueError(f"axis {number}: {needed}")
         joints = [axis.joint for axis in self.axis.values() if axis.joint is not None]
         twice = [joint for joint in joints if joints.count(joint) > 1]
         if twice:
-            raise ValueError(f"joint {twice[0]!r} is that of two axes: each moves one")
+            raise ValueError(f"joint {twice[0]!r} is given to two axes; each axis needs a joint of its own")
         if self.arm.link and self.accelerometer.mounting is not None:
             self.accelerometer.mounting.check_arm(self.arm)
         if self.geometry is not None:
-            raise ValueError("geometry: the links of [arm] say where the tip is; leave it out")
+            raise ValueError("geometry: the links of [arm] define the tip; leave it out")
         if self.arm.link:
             self.arm.check_axes(list(self.axis))
             check_masses(self.arm)

@@ -58,7 +58,7 @@ class Tuning(Table):
         """
         known = {number: table.control for number, table in self.axis.items() if table.control is not None}
         if without := [number for number in axes if number not in known]:
-            raise ValueError(f"the tuning has no gains of axis {without[0]}: axis.{without[0]}.control has to state them")
+            raise ValueError(f"the tuning has no gains for axis {without[0]}; add axis.{without[0]}.control")
         return {number: known[number] for number in axes}
 
 

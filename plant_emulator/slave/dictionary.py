@@ -153,7 +153,7 @@ class Entry:
         for name in (self.name, self.record_name):
             # What an EDS, an INI file, can carry as a name.
             if name is not None and (not name.isprintable() or name != name.strip() or not name or ";" in name):
-                return f"{name!r} cannot stand as a name in an EDS"
+                return f"{name!r} is not a possible name in an EDS"
         if self.mappable and self.data_type.size is None:
             return f"{self.data_type.name} has no fixed length and cannot be mapped"
         limits = [limit for limit in (self.low, self.high) if limit is not None]

@@ -81,7 +81,7 @@ def _section(name: str, options: dict[str, str | int]) -> Iterator[str]:
     for key, value in options.items():
         text = str(value)
         if text != text.strip() or " ;" in text or (text and not text.isprintable()):
-            raise ValueError(f"[{name}] {key} = {text!r} cannot stand in an EDS")
+            raise ValueError(f"[{name}] {key} = {text!r} does not fit into an EDS")
         yield f"{key}={text}"
     yield ""
 

@@ -136,7 +136,10 @@ class EmergencyProducer:
             ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 vendor bytes.
         """
         if not 0x0100 <= code <= 0xFFFF or len(vendor) > _VENDOR_LENGTH:
-            raise ValueError(f"no emergency: code {code:#x}, {len(vendor)} vendor bytes")
+            raise ValueError(
+                f"no emergency has code {code:#x} and {len(vendor)} vendor bytes; "
+                f"expected 0x100 to 0xFFFF, and at most {_VENDOR_LENGTH} bytes"
+            )
         error = _Error(code, register)
         if self._active.get(cause) == error:
             return

@@ -162,12 +162,14 @@ class Study:
     def __post_init__(self) -> None:
         """Refuse a study that cannot be run."""
         if self.robot.links is not None:
-            raise ValueError(f"robot {self.robot.name!r} has an [arm]: a study varies axes that do not feel each other")
+            raise ValueError(f"robot {self.robot.name!r} has an [arm]; a study needs axes that are not coupled")
         period = self.robot.control_period_s
         if not math.isclose(self.periods * period, self.robot.sync_period_s, rel_tol=1e-9):
             raise ValueError(f"{self.robot.sync_period_s} s is not a whole number of control periods of {period} s")
         if self.robot.accelerometer.lowpass_hz is not None or self.robot.accelerometer.mounting_resonance_hz is not None:
-            raise ValueError("a study sees the tip at each SYNC only: leave lowpass_hz and mounting_resonance_hz of it out")
+            raise ValueError(
+                "accelerometer: a study samples the tip at each SYNC only; leave out lowpass_hz and mounting_resonance_hz"
+            )
         self._targets()
         for number in self.axes:
             if number not in self.controls:

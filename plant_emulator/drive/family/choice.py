@@ -36,7 +36,7 @@ def family_of(robot: Robot, number: int) -> DriveFamily:
         return OwnFamily(_dictionary(_own_entries(robot, number), robot, number), scaling)
     profile = Profile.load(axis.profile)
     if profile.kind != "drive":
-        raise ValueError(f"axis.{number}: {profile.name} expected a drive profile, this one describes an {profile.kind}")
+        raise ValueError(f"axis.{number}: profile {profile.name} describes an {profile.kind}; expected a drive profile")
     scaling = vendor_scaling(profile, axis)
     gains = None if profile.loop is None else Gains(profile, profile.loop, axis, scaling)
     if gains is None:

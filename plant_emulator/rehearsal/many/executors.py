@@ -79,7 +79,7 @@ class LocalProcesses:
 
     def __init__(self, jobs: int) -> None:
         if not 1 <= jobs <= MOST_JOBS:
-            raise ValueError(f"{jobs} processes; 1 to {MOST_JOBS} are possible")
+            raise ValueError(f"{jobs} processes; expected 1 to {MOST_JOBS}")
         self._jobs = jobs
         self._free: list[ProcessPoolExecutor] = []
         self._busy: dict[Future[Row], ProcessPoolExecutor] = {}

@@ -92,7 +92,7 @@ class Kept:
             return
         before = self.settings()
         if not resume:
-            raise RefusedError(f"{self.folder} has a rehearsal already; --resume goes on with it, or choose another folder")
+            raise RefusedError(f"{self.folder} already holds a rehearsal; give --resume to continue it, or choose another folder")
         if before != settings:
             differs = ", ".join(
                 f"{each.name} was {getattr(before, each.name)}, now {getattr(settings, each.name)}"
@@ -170,9 +170,9 @@ def _document(path: Path) -> dict[str, Value]:
     except OSError as error:
         raise _bad(path, f"cannot be read ({error.strerror})", "a file of plant-emulator rehearse") from None
     except ValueError as error:
-        raise _bad(path, f"is no JSON ({error})", "a file of plant-emulator rehearse") from None
+        raise _bad(path, f"is not JSON ({error})", "a file of plant-emulator rehearse") from None
     if not isinstance(document, dict) or not all(_is_plain(value) for value in document.values()):
-        raise _bad(path, "is no flat JSON object", "a file of plant-emulator rehearse")
+        raise _bad(path, "is not a flat JSON object", "a file of plant-emulator rehearse")
     return document
 
 
