@@ -93,8 +93,8 @@ def catalogue_of(
         profile: Name or path of a drive profile, or None.
         eds_file: An EDS, DCF or XDD file, or None.
         node: Node-ID for ``$NODEID`` in the file.
-        product_code: 1018h:2 of the device, where it is known.
-        revision: 1018h:3 of the device, where it is known.
+        product_code: 1018h:2 of the device, if it is known.
+        revision: 1018h:3 of the device, if it is known.
 
     Raises:
         ProfileNotFoundError: There is no such profile.

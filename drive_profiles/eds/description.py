@@ -57,8 +57,8 @@ class Description:
         vendor_id: Vendor-ID, None if the file does not state it.
         product_code: Product code, None if the file does not state it.
         revision: Revision number, None if the file does not state it.
-        vendor_name: Name of the vendor, empty where the file does not state it.
-        product_name: Name of the product, empty where the file does not state it.
+        vendor_name: Name of the vendor, empty if the file does not state it.
+        product_name: Name of the product, empty if the file does not state it.
         values: The parameter values, typed, by index and sub-index. Those that need an unknown node-ID are missing.
         contradictions: Contradictions of the file with itself or with the standard; both sides are kept.
         flags: The ``ObjFlags`` other than 0, by index and sub-index: see `variables.ObjectFlag`.

@@ -100,7 +100,7 @@ class EdsSection:
         return entry if entry is not None and entry.value else None
 
     def text(self, key: str) -> str:
-        """Return the value of a key, empty where there is none."""
+        """Return the value of a key, empty if there is none."""
         entry = self.entries.get(key.lower())
         return entry.value if entry is not None else ""
 

@@ -58,7 +58,7 @@ class ValueReading(NamedTuple):
 
     Args:
         value: The value; None if the text is empty or was dropped.
-        remark: The fault and its repair; empty where the text is as the standard demands.
+        remark: The fault and its repair; empty if the text is as the standard demands.
         relative: True if ``$NODEID`` is in the text.
         hexadecimal: True if the number was written in hexadecimal.
     """

@@ -166,8 +166,8 @@ class Catalogue:
     The standard's objects can be found by name too; iteration and length leave them out.
 
     Args:
-        profile: Drive profile of the family, where it is known.
-        description: EDS of the device, where there is one.
+        profile: Drive profile of the family, if it is known.
+        description: EDS of the device, if there is one.
     """
 
     def __init__(self, profile: Profile | None = None, description: Description | None = None) -> None:

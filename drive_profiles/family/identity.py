@@ -59,7 +59,7 @@ class Firmware(Table):
 
     @property
     def range_in_words(self) -> str:
-        """The range as text, empty where all revisions are in it."""
+        """The range as text, empty if all revisions are in it."""
         if not self.has_range:
             return ""
         low = "" if self.min_revision is None else f" from 0x{self.min_revision:08X}"
@@ -75,8 +75,8 @@ class Identity(Firmware, Fact):
     Attributes:
         vendor_id: Vendor-ID, 1018h:1.
         product: Name of the product, where the family has several.
-        revision: 1018h:3 for which the facts hold, where it is known; others are accepted unless there is a range.
-        device_type: Device type, 1000h, where it is known.
+        revision: 1018h:3 for which the facts hold, if it is known; others are accepted unless there is a range.
+        device_type: Device type, 1000h, if it is known.
     """
 
     vendor_id: Annotated[int, pydantic.Field(ge=1, le=0xFFFF_FFFF)]  # 0 is not a vendor (CiA 301, 1018h)
@@ -86,7 +86,7 @@ class Identity(Firmware, Fact):
 
     @property
     def typical_revision(self) -> int:
-        """A revision number for which the facts hold, 0 where any does."""
+        """A revision number for which the facts hold, 0 if any does."""
         return (self.min_revision or 0) if self.revision is None else self.revision
 
 

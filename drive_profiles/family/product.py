@@ -96,7 +96,7 @@ class Product(Firmware, Fact):
     Attributes:
         name: Name behind the family's: ``family/name``.
         title: Name for people.
-        revision: 1018h:3 for which the facts hold, where it is known.
+        revision: 1018h:3 for which the facts hold, if it is known.
         device_type: Device type, 1000h, where it is not the first product's.
         modes: CiA 402 modes of the drive.
         position_mode: A mode of the maker's own that takes positions cyclically.

@@ -23,8 +23,8 @@ class FamilyRun(Table):
     Attributes:
         mode: Mode in which a run gives it set-points.
         is_moved: True if a run has moved it and left it as it was.
-        refusal: Why its transmission error was not identified or not cancelled; empty where both were done.
-        plant_refusal: Why its plant was not identified; empty where it was.
+        refusal: Why its transmission error was not identified or not cancelled; empty if both were done.
+        plant_refusal: Why its plant was not identified; empty if it was.
         tip_mm: Tip's peak of the reference robot's axis 2 without a treatment; None if it was not identified.
         cancelled_tip_mm: The same with cancellation by set-points, all other things equal; None if it was refused.
         held_by_drive: Limits of a bench file that the drive holds as well as the master.

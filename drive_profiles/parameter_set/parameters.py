@@ -68,7 +68,7 @@ class Header(Table):
     """Header of a parameter set: the device that it belongs to.
 
     Attributes:
-        unverified: The unverified facts from which the values were computed; empty where all are verified.
+        unverified: The unverified facts from which the values were computed; empty if all are verified.
         not_read: Objects that could not be read, each with the reason.
         bitrate_bit_s: Bit rate of the bus that the set was pulled on, where the bus had one.
         counts_per_rev: Increments of the drive's encoder per revolution, where values count in them; None if not known.

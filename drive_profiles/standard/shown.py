@@ -87,7 +87,7 @@ def value(held: float | str, address: ObjectAddress, data_type: DataType | None 
     Args:
         held: Value in the object's unit, or text.
         address: Object that holds it.
-        data_type: Its type, where it is known.
+        data_type: Its type, if it is known.
         digits: Significant digits of a number that is not whole.
     """
     if isinstance(held, str):
@@ -104,7 +104,7 @@ def pair(left: float | str, right: float | str, address: ObjectAddress, data_typ
         left: One value.
         right: The other.
         address: Object that holds it.
-        data_type: Its type, where it is known.
+        data_type: Its type, if it is known.
     """
     for digits in range(DIGITS, _EXACT + 1):
         shown = value(left, address, data_type, digits), value(right, address, data_type, digits)

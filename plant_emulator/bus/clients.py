@@ -30,7 +30,7 @@ class Client:
     Records that it does not read in time are dropped and counted; the server never waits for it.
 
     Attributes:
-        is_over: Whether the server is to drop it, though it is still connected.
+        is_over: True if the server is to drop it, though it is still connected.
     """
 
     def __init__(self, sock: socket.socket, port: int) -> None:

@@ -76,7 +76,7 @@ def walk(robot: Robot, bench: Bench, folder: Path, options: PathOptions | None =
     Args:
         robot: The robot that is treated, all its truth in it.
         bench: The bench file, which knows nothing of it.
-        folder: Directory for what the steps write; made where it is missing.
+        folder: Directory for what the steps write; created if missing.
         options: Options; the defaults unless given.
         reporter: Listener of each step.
 

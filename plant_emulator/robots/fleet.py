@@ -141,7 +141,7 @@ def draw(seed: int, ranges: Ranges = RANGES, *, kind: Kind = "any", axes: int = 
     Args:
         seed: Seed of all draws, and of the robot's own noise.
         ranges: Ranges of the quantities.
-        kind: Whether gear and drive are linear; robots of equal seeds differ in nothing else.
+        kind: Linear or real gear and drive; robots of equal seeds differ in nothing else.
         axes: Number of axes, 1 to 3.
 
     Raises:

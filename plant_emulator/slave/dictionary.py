@@ -106,7 +106,7 @@ class Entry:
         default: Value after a reset.
         low: Lowest value that may be written, or None.
         high: Highest value that may be written, or None.
-        mappable: Whether a PDO may carry the entry; in which direction follows from `access`.
+        mappable: True if a PDO may carry the entry; in which direction follows from `access`.
         record_name: Name of the array or record that the entry belongs to.
         object_type: ARRAY or RECORD; left out, an object with sub-indices is a RECORD.
         node_relative: The default is `default` plus the node-ID (``$NODEID+`` in an EDS).

@@ -35,8 +35,8 @@ class DeviceInfo:
         description: One line for the head of the file.
         bit_rates: In kbit/s, those that the device supports.
         granularity: Bits of the smallest object that a PDO may carry; 1 also permits BOOLEAN as a dummy.
-        lss_supported: Whether it is an LSS slave (CiA 305).
-        simple_boot_up_slave: Whether it enters Pre-operational by itself and waits there for its master.
+        lss_supported: True if it is an LSS slave (CiA 305).
+        simple_boot_up_slave: True if it enters Pre-operational by itself and waits there for its master.
     """
 
     file_name: str

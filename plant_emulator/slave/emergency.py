@@ -38,7 +38,7 @@ class EmergencyProducer:
     A frame is sent when a cause arises, and when the last one has gone.
 
     Args:
-        dictionary: Brings 1001h, 1003h with as many sub-indices as the history is long, 1014h and 1015h.
+        dictionary: Must have 1001h, 1003h with as many sub-indices as the history is long, 1014h and 1015h.
         send: Takes each frame.
         clock: Gives the node's time.
         changed: Called when `due` has become another.

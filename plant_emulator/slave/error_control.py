@@ -24,7 +24,7 @@ class ErrorControl:
     A node that sends heartbeats is not guarded.
 
     Args:
-        dictionary: Brings 100Ch, 100Dh, 1016h and 1017h.
+        dictionary: Must have 100Ch, 100Dh, 1016h and 1017h.
         emergency: Producer that reports lost and found nodes.
         send: Takes each frame.
         clock: Gives the node's time.

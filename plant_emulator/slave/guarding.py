@@ -19,7 +19,7 @@ class NodeGuarding:
     100Dh is 0; after a change of either it waits for a first request again.
 
     Args:
-        dictionary: Brings 100Ch and 100Dh.
+        dictionary: Must have 100Ch and 100Dh.
         on_lost: Called once when no request has come for guard time × life time factor.
         on_found: Called when one comes again, or when none is expected any more.
 

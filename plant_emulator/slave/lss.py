@@ -81,7 +81,7 @@ class LssSlave:
     requests.
 
     Args:
-        dictionary: Brings 1018h; parts that are not there count as 0.
+        dictionary: Must have 1018h; parts that are not there count as 0.
         node_id: The stored one: 1 to 127, or `UNCONFIGURED`.
         is_memory_good: Asked before the node-ID is stored.
         on_configured: Called when an unconfigured node has been given a node-ID and shall start with it.

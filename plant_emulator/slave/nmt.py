@@ -67,7 +67,7 @@ class HeartbeatProducer:
     Heartbeats are due at whole multiples of 1017h in the node's time, so that runs repeat.
 
     Args:
-        dictionary: Brings 1017h.
+        dictionary: Must have 1017h.
         clock: Gives the node's time.
         changed: Called when heartbeats may begin or end.
     """
@@ -118,7 +118,7 @@ class HeartbeatConsumer:
     message is no heartbeat: a node that restarts and then stays silent must be noticed.
 
     Args:
-        dictionary: Brings 1016h.
+        dictionary: Must have 1016h.
         on_lost: Called with the node-ID once when its heartbeat has failed to come.
         on_found: Called with the node-ID when it comes again, or is no longer to be watched.
         changed: Called when other nodes are to be watched.

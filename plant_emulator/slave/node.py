@@ -57,7 +57,7 @@ class Slave:
 
     Args:
         node_id: 1 to 127, or `UNCONFIGURED`: then it stays initialising until an LSS master gives it one.
-        dictionary: Brings at least the `communication_entries`; the node sets its node-ID and puts its defaults back.
+        dictionary: Must have at least the `communication_entries`; the node sets its node-ID and puts its defaults back.
         sdo_max_bytes: The longest value that a client may write.
         sdo_timeout_ns: A client's silence that ends its transfer.
         sdo_block_size: Segments of a block download between two acknowledgements.
@@ -70,7 +70,7 @@ class Slave:
         lss: The LSS slave, with the node-ID that an LSS master has configured.
         on_sync: Called with the time of each SYNC, when the TPDOs have been sampled and the RPDOs are in force.
         on_nmt: Called with the old and the new state.
-        on_heartbeat_lost: Called with the number of a watched node; with 0 where the NMT master, by life guarding, or the whole
+        on_heartbeat_lost: Called with the number of a watched node; with 0 if the NMT master (life guarding) or the whole
             bus is lost.
         on_rpdo_timeout: Called with the number of an RPDO, 1 for the first, that has not come within its event timer.
         on_reset: Called when the dictionary has its stored values or defaults again and the boot-up message is about to be sent.

@@ -96,7 +96,7 @@ class ParameterStore:
     soon as an SDO changes a storable value, or "load" the stored ones (CiA 301, 7.5.2.23). A tool therefore writes it last.
 
     Args:
-        dictionary: Brings the entries of the commands.
+        dictionary: Must have the entries of the commands.
         commands: Those whose entries the dictionary does not have are left out.
         time_ns: Duration of storing.
         volatile: Indices that are never stored.

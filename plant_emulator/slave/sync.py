@@ -34,7 +34,7 @@ class SyncConsumer:
     leave in the instant of SYNC, and what holds them back afterwards is the bus.
 
     Args:
-        dictionary: Brings 1005h, 1007h and 1019h; 1006h where there is one.
+        dictionary: Must have 1005h, 1007h and 1019h; 1006h if there is one.
         emergency: Hears of a SYNC of the wrong length.
         changed: Called when one of the objects has been written.
 
@@ -43,8 +43,8 @@ class SyncConsumer:
         overflow: 1019h: highest value of the counter, or 0.
         window_ns: 1007h, or 0.
         counter: That of the last SYNC; None if it had none.
-        closes_at: End of the window that the last SYNC opened; far away where there is none.
-        is_plain: Whether a SYNC without data is right and opens no window, so that `accepts` need not be asked.
+        closes_at: End of the window that the last SYNC opened; far away if there is none.
+        is_plain: True if a SYNC without data is right and opens no window, so that `accepts` need not be asked.
     """
 
     def __init__(self, dictionary: Dictionary, emergency: EmergencyProducer, changed: Callable[[], None]) -> None:

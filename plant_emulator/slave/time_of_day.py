@@ -27,7 +27,7 @@ class TimeConsumer:
     1984-01-01 00:00.
 
     Args:
-        dictionary: Brings 1012h.
+        dictionary: Must have 1012h.
         changed: Called when the identifier to listen to has changed.
 
     Attributes:

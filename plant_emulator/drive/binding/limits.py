@@ -30,7 +30,7 @@ class DriveLimits:
 
     Attributes:
         counting: Conversion between the drive's units and the encoder's counts.
-        is_profile_halted: Whether the halt bit holds the profile at speed 0.
+        is_profile_halted: True if the halt bit holds the profile at speed 0.
     """
 
     def __init__(self, axes: Axes, number: int, family: DriveFamily, counting: Counting) -> None:

@@ -52,7 +52,7 @@ class DriveData:
             axes: The mechanics.
             number: Axis number.
             family: The drive's family, with the dictionary.
-            is_powered: Whether the motor is, or may be, under torque.
+            is_powered: Returns True if the motor is, or may be, under torque.
         """
         self.axes, self.row = axes, axes.row(number)
         self.motion: Any = axes.motion[self.row]

@@ -32,7 +32,7 @@ class Counting:
         offset_counts: The position that the drive shows, less the encoder's counts: homing shifts the zero by it.
 
     Attributes:
-        is_encoder: Whether a position is shown in the encoder's own counts.
+        is_encoder: True if a position is shown in the encoder's own counts.
         units_per_count: Position units per count of the encoder, with the sign of the polarity.
         units_per_rad_s: Velocity units per rad/s of the motor, with the sign of the polarity.
         rad_s_per_unit: The inverse of it.

@@ -58,7 +58,7 @@ class UserUnits:
 
         Args:
             dictionary: Object dictionary of the drive.
-            is_powered: Whether the motor is, or may be, under torque.
+            is_powered: Returns True if the motor is, or may be, under torque.
             scaling: Present scaling of the drive.
             use: Puts another scaling into force.
         """

@@ -33,12 +33,12 @@ class DriveFamily(ABC):
         steps: SI units per step of those CiA 402 objects that do not count as ours do.
         rated_torque: The object that torques are per mille of, and N·m per step of it.
         unwatched_windows: Values of 6065h with which the following error is not watched.
-        has_user_units: Whether the objects of the factor group act (6091h, 6092h, 607Eh, 60A8h to 60AAh).
+        has_user_units: True if the objects of the factor group act (6091h, 6092h, 607Eh, 60A8h to 60AAh).
         position_mode: Number of a mode of its maker that takes positions with each SYNC, and its target; None: there is none.
         current_step_a: Amperes per step of 6078h; None: it is per mille of 6075h.
         load_position: Where it shows the position of a second encoder.
         set_point_timeout: Object with the number of interpolation periods that a set-point may be missing; None: it is held.
-        equal_limits_are_none: Whether 607Dh with both limits equal means that there are none, as both 0 always does.
+        equal_limits_are_none: True if 607Dh with both limits equal means that there are none, as both 0 always does.
     """
 
     profile: str
@@ -102,7 +102,7 @@ class DriveFamily(ABC):
         Args:
             axes: The mechanics, and the arrays of the servo law.
             row: Row of the axis in `Axes.rows`.
-            is_powered: Whether the motor is, or may be, under torque.
+            is_powered: Returns True if the motor is, or may be, under torque.
         """
 
     @abstractmethod

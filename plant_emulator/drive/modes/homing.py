@@ -60,7 +60,7 @@ class Move(NamedTuple):
     Args:
         direction: +1, -1, or 0 for a ramp to rest.
         is_fast: 6099h sub 1, speed during search for switch; else sub 2, during search for zero.
-        is_hard: Whether a limit switch asks for the ramp of 6085h instead of 609Ah.
+        is_hard: True if a limit switch asks for the ramp of 6085h instead of 609Ah.
     """
 
     direction: int
@@ -73,7 +73,7 @@ class GoTo(NamedTuple):
 
     Args:
         counts: Position of the encoder.
-        is_hard: Whether a limit switch asks for the ramp of 6085h instead of 609Ah.
+        is_hard: True if a limit switch asks for the ramp of 6085h instead of 609Ah.
     """
 
     counts: float
@@ -108,12 +108,12 @@ class Method(NamedTuple):
     """The goal of a method with a switch or an index pulse.
 
     Args:
-        switch: Bit of the switch; 0 where the index pulse alone counts.
+        switch: Bit of the switch; 0 if the index pulse alone counts.
         search: Direction in which the switch is looked for.
-        is_entered: Whether the edge is passed into the switch, or out of it.
+        is_entered: True if the edge is passed into the switch, False if out of it.
         direction: Direction in which the edge is passed, and the index pulse follows.
-        has_index: Whether the index pulse behind the edge is the zero.
-        turns_round: Whether a limit switch turns the search round; else it ends it.
+        has_index: True if the index pulse behind the edge is the zero.
+        turns_round: True if a limit switch turns the search round; else it ends it.
     """
 
     switch: int

@@ -14,12 +14,12 @@ class ModeOfOperation:
     """A mode of operation, called only in Operation enabled.
 
     Attributes:
-        number: Number of the mode in 6060h and 6061h, one of `Mode`; 0 where none is chosen.
+        number: Number of the mode in 6060h and 6061h, one of `Mode`; 0 if none is chosen.
         motion: Its mode of the compiled law.
-        needs_gains: Whether it closes a loop, which without gains would let the arm fall.
-        needs_interpolation: Whether its set-points come with SYNC and are interpolated, for which 60C2h must be fit.
-        is_halted: Whether the halt bit holds the axis.
-        watches: Whether `look` is to be called when time has passed.
+        needs_gains: True if it closes a loop, which without gains would let the arm fall.
+        needs_interpolation: True if its set-points come with SYNC and are interpolated, for which 60C2h must be fit.
+        is_halted: True if the halt bit holds the axis.
+        watches: True if `look` is to be called when time has passed.
     """
 
     number: ClassVar[int]

@@ -37,7 +37,7 @@ class ProfilePosition(ModeOfOperation):
     its position, and bit 10 stays 0 until the next set-point.
 
     Attributes:
-        is_given_up: Whether a limit switch has ended the last set-point.
+        is_given_up: True if a limit switch has ended the last set-point.
     """
 
     number, motion = Mode.PP, record.PROFILE

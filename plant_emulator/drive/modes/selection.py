@@ -46,7 +46,7 @@ class ModeSelection:
             faults: Faults of the drive, which report what a mode lacks.
             limit_switches: Limit switches, which forget what they have stopped when another mode acts.
             power: Power of the state machine.
-            halt_blocks: Whether another mode has to wait until the halt bit is clear.
+            halt_blocks: True if another mode has to wait until the halt bit is clear.
         """
         self.acting: ModeOfOperation | None = None
         self._slave, self._stage, self._modes, self._faults = slave, stage, modes, faults

@@ -56,7 +56,7 @@ class Outcome:
         is_used: True if its trial, on the sensor, has let it be used.
         has_moved: True if it has changed anything in a run after that.
         used_worse_mm: The rise in a run after the trial, of what is used.
-        recovery_rev: Motor revolutions after a step until it is back; nan where it is not within eight.
+        recovery_rev: Motor revolutions after a step until it is back; nan if it is not within eight.
         bound_rev: The same for a law that knew at once: the arm's own ring-down.
     """
 

@@ -65,7 +65,7 @@ class Kept:
     They are `robots/seed-N.json`, beside the settings that they were made with.
 
     Args:
-        folder: Folder of the rehearsal; made where it is not there.
+        folder: Folder of the rehearsal; created if missing.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -25,7 +25,7 @@ class PdoEngine:
     A SYNC touches only the PDOs that it concerns.
 
     Args:
-        dictionary: Brings the records 1400h to 1403h and 1800h to 1803h, as many as there are.
+        dictionary: Must have the records 1400h to 1403h and 1800h to 1803h, as many as there are.
         emergency: Hears of frames that have the wrong length or fail to come.
         sync: Whose counter and window count.
         changed: Called when the identifiers to listen to have changed.

@@ -61,7 +61,7 @@ class PdoSetup:
     be looked at anew. `Rpdo` and `Tpdo` add what a PDO does.
 
     Args:
-        dictionary: Brings both records and the objects to be mapped.
+        dictionary: Must have both records and the objects to be mapped.
         number: 0 for the first PDO.
         is_transmit: TPDO (1800h, 1A00h) or RPDO (1400h, 1600h).
         changed: Called after an accepted change.

@@ -42,12 +42,12 @@ class BlockDownload:
         announced: Length of the value, or None if the client does not state it.
         max_bytes: The longest value; up to one sub-block more is kept until its end, where it is refused.
         max_block_size: At most so many segments are granted at once, 1 to 127.
-        has_crc: Whether the end brings a checksum.
+        has_crc: True if the end brings a checksum.
 
     Attributes:
         block_size: Segments granted for each sub-block.
-        is_complete: Whether the last segment of the value is there.
-        has_heard: Whether a segment of this sub-block has come, be it the right one or not.
+        is_complete: True if the last segment of the value is there.
+        has_heard: True if a segment of this sub-block has come, be it the right one or not.
     """
 
     def __init__(self, announced: int | None, max_bytes: int, max_block_size: int, *, has_crc: bool) -> None:
@@ -134,7 +134,7 @@ class BlockUpload:
     Args:
         value: All of it.
         block_size: Segments that the client wants at once.
-        has_crc: Whether the end brings a checksum.
+        has_crc: True if the end brings a checksum.
 
     Raises:
         SdoAbort: There is no such block size.

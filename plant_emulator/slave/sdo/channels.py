@@ -43,7 +43,7 @@ class AdditionalChannel:
     supported.
 
     Args:
-        dictionary: Brings the record.
+        dictionary: Must have the record.
         index: Index of the record.
         server: SDO server of this channel.
         changed: Called when the channel exists from now on, or no longer.
