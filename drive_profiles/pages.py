@@ -134,7 +134,7 @@ def brief_runs(profiles: Sequence[Profile]) -> str:
 
 
 def _made_with(profiles: Sequence[Profile]) -> list[tuple[Profile, FamilyRun]]:
-    """The profiles, by name, with which a run has been made."""
+    """Return the profiles, by name, with which a run has been made."""
     made = family_runs()
     return [(profile, made[profile.name]) for profile in sorted(profiles, key=lambda each: each.name) if profile.name in made]
 
@@ -154,7 +154,7 @@ def _run_row(profile: Profile, run: FamilyRun) -> tuple[str, ...]:
 
 
 def _further_products(profiles: Sequence[Profile], answers: Callable[[Profile], tuple[str, ...]]) -> Iterator[str]:
-    """Table of the products beside each family's first one.
+    """Yield the table of the products beside each family's first one.
 
     The table of families covers the first products only.
     """
@@ -171,7 +171,7 @@ def _further_products(profiles: Sequence[Profile], answers: Callable[[Profile], 
 
 
 def written(profiles: Sequence[Profile]) -> dict[str, str]:
-    """All pages by file name."""
+    """Return all pages by file name."""
     return {"README.md": index(profiles)} | {f"{profile.name}.md": page(profile) for profile in profiles}
 
 
@@ -186,7 +186,7 @@ class _Sources:
         self.all = list(dict.fromkeys(sources))
 
     def evidence(self, fact: Fact) -> str:
-        """Evidence of a fact, and the number of its source."""
+        """Return the evidence of a fact, and the number of its source."""
         sign = "" if fact.is_verified else f"{SIGN} "
         return f"{sign}{fact.evidence} [{self.all.index(fact.source) + 1}]"
 
@@ -258,7 +258,7 @@ def _held(profile: Profile, target: NotchTarget, period_s: float | None) -> tupl
 
 
 def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
-    """Table of one fact of a profile.
+    """Yield the table of one fact of a profile.
 
     It holds the fact's values, nested tables, note and evidence.
     """
@@ -288,7 +288,7 @@ def _gains(loop: LoopFacts) -> str:
 
 
 def _products(profile: Profile, sources: _Sources) -> Iterator[str]:
-    """Table of the products of a family that has several.
+    """Yield the table of the products of a family that has several.
 
     It shows how the products are told apart, and how each differs from the first one.
     """
@@ -360,7 +360,7 @@ def _text(name: str, value: object) -> str:
 
 
 def _label(name: str) -> str:
-    """A field's name without its unit, which the value carries."""
+    """Return a field's name without its unit, which the value carries."""
     suffix = next((suffix for suffix in _UNITS if name.endswith(suffix)), "")
     return name.removesuffix(suffix).replace("_", " ")
 

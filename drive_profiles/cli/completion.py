@@ -176,7 +176,7 @@ def _objects(given: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _further(document: Mapping[str, Any]) -> list[str]:
-    """Names of a family's further products."""
+    """Return the names of a family's further products."""
     products = document.get("product")
     return [each["name"] for each in products if "name" in each] if isinstance(products, list) else []
 

@@ -72,7 +72,7 @@ def convert(
 
 
 def _scaling(wanted: ParameterSet, catalogue: Catalogue) -> Scaling:
-    """Scaling of the drive, from the set's header.
+    """Return the scaling of the drive, from the set's header.
 
     Raises:
         RefusedError: The header does not state what the set needs; the message names the options that do.

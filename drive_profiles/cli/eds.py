@@ -143,7 +143,7 @@ def convert(
 
 
 def _checked(path: Path, node_id: int | None, *, strict: bool) -> tuple[dict[str, Any], str]:
-    """Findings in one file, as data and as text."""
+    """Return the findings in one file, as data and as text."""
     from drive_profiles.eds import load
     from drive_profiles.eds.export import summary
     from drive_profiles.errors import FileError

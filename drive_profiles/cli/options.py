@@ -87,7 +87,7 @@ JOURNALS = Path("drive-journals")
 
 
 def class_names(text: str) -> tuple[str, ...]:
-    """Parameter classes of an option's text."""
+    """Return the parameter classes of an option's text."""
     from drive_profiles.parameter_set.parameters import CLASSES
 
     names = tuple(name.strip() for name in text.split(",") if name.strip())

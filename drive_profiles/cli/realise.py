@@ -223,7 +223,7 @@ def _refuse(error: NotRealisableError, *, as_json: bool) -> NoReturn:
 
 
 def _option_for(reason: str) -> str:
-    """Option that resolves a reason, in brackets."""
+    """Return the option that resolves a reason, in brackets."""
     for words, option in (("period at which its filter runs", "--period-us"), ("torque constant is needed", "--torque-constant")):
         if words in reason:
             return f" ({option})"

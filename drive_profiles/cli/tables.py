@@ -63,7 +63,7 @@ def _widths(columns: list[list[str]], width: int | None) -> list[int] | None:
 
 
 def _row(row: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> list[str]:
-    """Lines of one row."""
+    """Return the lines of one row."""
     wrapped = [_wrap(cell, width) for cell, width in zip(row, widths, strict=True)]
     shown = []
     for number in range(max(map(len, wrapped))):

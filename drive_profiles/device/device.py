@@ -239,7 +239,7 @@ class Device:
         return replace(scaling, **self._feed) if "counts" in needed else scaling
 
     def scaling_addresses(self) -> set[ObjectAddress]:
-        """Addresses of the objects that decide the scaling of others."""
+        """Return the addresses of the objects that decide the scaling of others."""
         encoder = self.profile.encoder if self.profile else None
         torque = self.profile.torque if self.profile else None
         named = [torque.rated_torque] if torque else []
@@ -250,7 +250,7 @@ class Device:
         return {object_address(address) for address in named if address}
 
     def _scaling_for(self, entry: CatalogueEntry) -> Scaling | None:
-        """Scaling for one object; None if it cannot be read."""
+        """Return the scaling for one object; None if it cannot be read."""
         scale = str(entry.parameter.scale) if entry.parameter is not None and entry.needs_scaling else ""
         if scale in self._without_scaling:
             return None

@@ -42,7 +42,7 @@ class LssAddress:
         return self.vendor_id, self.product_code, self.revision, self.serial_number
 
     def __str__(self) -> str:
-        """The address as `--identity` takes it."""
+        """Return the address as `--identity` takes it."""
         vendor, product, revision, serial = self.numbers
         return f"0x{vendor:X},0x{product:X},0x{revision:X},{serial}"
 

@@ -280,7 +280,7 @@ def _with_value(line: str, new: Replacement) -> str:
 
 
 def _opened(document: Document, stripped: str, number: int, findings: Findings) -> EdsSection:
-    """Section that a head line opens, or continues."""
+    """Return the section that a head line opens, or continues."""
     name, bracket, rest = stripped[1:].partition("]")
     name = name.strip(BLANK)
     rest = rest.strip(BLANK)

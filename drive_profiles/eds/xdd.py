@@ -71,7 +71,7 @@ def _section(name: str, line: int, values: dict[str, tuple[str | None, int]]) ->
 
 
 def _device_info(root: Element) -> EdsSection:
-    """Section ``[DeviceInfo]`` as an EDS would have it."""
+    """Return the section ``[DeviceInfo]`` as an EDS would have it."""
     values: dict[str, tuple[str | None, int]] = {}
     line = root.line
     for element in root.walk():

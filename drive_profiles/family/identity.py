@@ -51,7 +51,7 @@ class Firmware(Table):
         return (self.min_revision or 0) <= revision and (self.max_revision is None or revision <= self.max_revision)
 
     def overlaps(self, other: Firmware) -> bool:
-        """True if a device may be covered by both."""
+        """Return True if a device may be covered by both."""
         if self.product_code != other.product_code:
             return False
         starts = max(self.min_revision or 0, other.min_revision or 0)

@@ -160,7 +160,7 @@ class Parameter(Fact):
         return encode(self.type, value)
 
     def value_per_step(self, scaling: units.Scaling | None = None) -> float:
-        """Value of one step on the wire, in ``unit``.
+        """Return the value of one step on the wire, in ``unit``.
 
         Args:
             scaling: Scaling of the drive; needed where the scale depends on its encoder or rated torque.

@@ -67,7 +67,7 @@ class ParameterChange(Table):
     without: tuple[Literal["minimum", "maximum", "default"], ...] = ()
 
     def of(self, first: Parameter | None, product: Fact) -> Parameter:
-        """The parameter as the product has it.
+        """Return the parameter as the product has it.
 
         Args:
             first: The parameter of the first product; None if it has none of this name.

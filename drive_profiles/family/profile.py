@@ -208,7 +208,7 @@ class Profile(Table):
         return (first, *map(self._as, self.products))
 
     def candidates(self, product_code: int | None, revision: int | None = None) -> tuple[Self, ...]:
-        """The products that a device may be, as profiles.
+        """Return the products that a device may be, as profiles.
 
         Products are told apart by product code and revision. If no product has that code, it may be each of those
         whose code is not known.
@@ -241,7 +241,7 @@ class Profile(Table):
         return found[0]
 
     def product_named(self, name: str) -> Self:
-        """The profile of the product of a name.
+        """Return the profile of the product of a name.
 
         Raises:
             UnknownProductError: The profile names no such product.
@@ -263,7 +263,7 @@ class Profile(Table):
         return shown
 
     def _as(self, product: Product) -> Self:
-        """The profile of a further product.
+        """Return the profile of a further product.
 
         Raises:
             ValueError: It does not come out whole.
@@ -303,7 +303,7 @@ class Profile(Table):
         return () if self.modes is None else tuple(Mode[name] for name in self.modes.names)
 
     def parameter(self, name: str) -> Parameter:
-        """Parameter of a name.
+        """Return the parameter of a name.
 
         Raises:
             UnknownParameterError: The profile has no such parameter.
@@ -319,12 +319,12 @@ class Profile(Table):
         return any(entry.address == address and not entry.is_settable for entry in self.parameters.values())
 
     def in_class(self, parameter_class: ParameterClass) -> dict[str, Parameter]:
-        """The parameters of one class, in the order of the file."""
+        """Return the parameters of one class, in the order of the file."""
         return {name: entry for name, entry in self.parameters.items() if entry.parameter_class == parameter_class}
 
 
 def available() -> list[str]:
-    """Names of the profiles in the package."""
+    """Return the names of the profiles in the package."""
     return sorted(path.stem for path in VENDORS.glob("*.toml") if _NAME.fullmatch(path.stem))
 
 

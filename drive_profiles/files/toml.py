@@ -357,7 +357,7 @@ def _known_keys(model: type[pydantic.BaseModel], location: KeyPath) -> dict[str,
 
 
 def _annotations(model: object, location: KeyPath) -> list[Any]:
-    """The types that the model allows at this place."""
+    """Return the types that the model allows at this place."""
     here = list(_flat(model))
     for part in location:
         deeper = [leaf for annotation in here for step in _step(annotation, part) for leaf in _flat(step)]

@@ -181,12 +181,12 @@ def _commissioning(header: Header) -> tuple[dict[str, str], list[str]]:
 
 
 def _ascii(value: Any) -> str:
-    """A value in TOML's form, in characters that every encoding has."""
+    """Return a value in TOML's form, in characters that every encoding has."""
     return json.dumps("".join(c for c in value if c <= "\uffff")) if isinstance(value, str) else toml_value(value)
 
 
 def _header_in(description: eds.Description) -> Header:
-    """Header as a DCF states it.
+    """Return the header as a DCF states it.
 
     Raises:
         FileError: A comment that should be ours is none.

@@ -223,7 +223,7 @@ def quadratic_of(polynomial: Polynomial, period_s: float, rule: Rule = "bilinear
 
 
 def biquad_of(zero: Quadratic, pole: Quadratic, period_s: float, rule: Rule = "bilinear") -> Biquad:
-    """Filter with given zeros and poles and DC gain 1.
+    """Return the filter with given zeros and poles and DC gain 1.
 
     Args:
         zero: Frequency and damping of the zeros.

@@ -48,7 +48,7 @@ class Fit:
     reasons: list[str] = field(default_factory=list)
 
     def values(self) -> dict[str, float]:
-        """Parameter values by name, settings first.
+        """Return the parameter values by name, settings first.
 
         Raises:
             NotRealisableError: An object cannot hold its frequency or coefficient.
@@ -74,12 +74,12 @@ class Fit:
         return (biquad_of(zero, pole, self.period_s, rule_of(self.notch)),)
 
     def parameter(self, part: str) -> Parameter:
-        """Parameter that holds a part of the filter."""
+        """Return the parameter that holds a part of the filter."""
         return self.profile.parameter(self.section.parts[part])
 
 
 def design(target: NotchTarget, period_s: float) -> Biquad:
-    """Bilinear discretisation of the target, as in the paper."""
+    """Return the bilinear discretisation of the target, as in the paper."""
     return biquad_of(Quadratic(target.zero_hz, target.zeta_zero), Quadratic(target.pole_hz, target.zeta_pole), period_s)
 
 
@@ -158,7 +158,7 @@ def _damping(fit: Fit, prefix: str, zeta: float, low: float, high: float, freque
 
 
 def _limits(parameter: Parameter) -> tuple[float, float]:
-    """Smallest and largest value that an object takes."""
+    """Return the smallest and largest value that an object takes."""
     low, high = -math.inf, math.inf
     if parameter.data_type in LIMITS:
         step = parameter.value_per_step()

@@ -95,11 +95,11 @@ class Tolerance:
     dc_gain: float = 1e-3
 
     def frequency_hz(self, target: NotchTarget) -> float:
-        """Largest deviation of the frequencies of zeros and poles, Hz."""
+        """Return the largest deviation of the frequencies of zeros and poles, Hz."""
         return self.offset_fraction * max(abs(target.offset_hz), target.zeta_zero * target.zero_hz)
 
     def excess(self, target: NotchTarget, held: Shape) -> dict[str, float]:
-        """Each deviation as a multiple of the tolerance."""
+        """Return each deviation as a multiple of the tolerance."""
         off, f = Deviations.between(target, held), self.frequency_hz(target)
         return {
             "zero_hz": abs(off.zero_hz) / f,
@@ -110,7 +110,7 @@ class Tolerance:
         }
 
     def objections(self, target: NotchTarget, held: Shape) -> tuple[str, ...]:
-        """Deviations beyond the tolerance, in words with the numbers."""
+        """Return the deviations beyond the tolerance, in words with the numbers."""
         excess, f = self.excess(target, held), self.frequency_hz(target)
         tolerance = f"tolerance {100 * self.damping_fraction:g} %"
         said = {

@@ -77,7 +77,7 @@ class HeldValues:
 
 
 def filter_of(held: HeldValues, notch: NotchFacts, section: FilterSection, period_s: float) -> tuple[Biquad, ...]:
-    """Biquads of one section, in series.
+    """Return the biquads of one section, in series.
 
     Args:
         held: Values that the drive's objects hold.
@@ -159,7 +159,7 @@ def rule_of(notch: NotchFacts) -> Rule:
 
 
 def coefficient_per_value(notch: NotchFacts, parameter: Parameter) -> float:
-    """Coefficient per unit of a parameter's value.
+    """Return the coefficient per unit of a parameter's value.
 
     A fixed-point word is stated either by its scale, 2⁻ᶠ, or as a plain integer with f ``fraction_bits``.
     """
@@ -202,7 +202,7 @@ def _from_coefficients(held: HeldValues, notch: NotchFacts, section: FilterSecti
 
 
 def _quadratics(held: HeldValues, notch: NotchFacts, section: FilterSection) -> tuple[Quadratic, Quadratic]:
-    """Zeros and poles in s from the values."""
+    """Return the zeros and poles in s from the values."""
 
     def damping(prefix: str, frequency_hz: float) -> float:
         parts = section.parts

@@ -139,7 +139,7 @@ def _found(code: int, own: Mapping[int, str]) -> tuple[str, bool]:
 
 
 def code_text(code: int, own: Mapping[int, str] | None = None) -> str:
-    """An error code with its words, as a sentence names it.
+    """Return an error code with its words, as a sentence names it.
 
     >>> code_text(0x8611), code_text(0x8613), code_text(0xE123)
     ('8611h (following error)', "8613h (positioning controller, of the maker's own)", 'E123h (unknown code)')
@@ -149,7 +149,7 @@ def code_text(code: int, own: Mapping[int, str] | None = None) -> str:
 
 
 def emergency_text(code: int, register: int, own: Mapping[int, str] | None = None) -> str:
-    """An emergency message in words.
+    """Return an emergency message in words.
 
     Args:
         code: Its error code.
@@ -163,7 +163,7 @@ def emergency_text(code: int, register: int, own: Mapping[int, str] | None = Non
 
 
 def register_words(register: int) -> list[str]:
-    """The bits of an error register (1001h) in words.
+    """Return the bits of an error register (1001h) in words.
 
     >>> register_words(0x21), register_words(0)
     (['generic', 'of the device profile'], ['no error'])

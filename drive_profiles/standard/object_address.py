@@ -21,5 +21,5 @@ def object_address(text: str) -> ObjectAddress:
 
 
 def address_text(address: ObjectAddress) -> str:
-    """Address of an object as text: ``2101:1``, hexadecimal."""
+    """Return the address of an object as text: ``2101:1``, hexadecimal."""
     return f"{address[0]:04X}:{address[1]:X}"

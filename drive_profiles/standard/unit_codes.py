@@ -33,7 +33,7 @@ def code(numerator: int, denominator: int = 0, prefix: int = 0) -> int:
 
 
 def position_units(unit: int, feed: float) -> float:
-    """Position units per revolution of the shaft.
+    """Return the position units per revolution of the shaft.
 
     Args:
         unit: 60A8h; 0 is the feed constant's own unit.
@@ -51,7 +51,7 @@ def position_units(unit: int, feed: float) -> float:
 
 
 def velocity_units(unit: int, position_unit: int, feed: float) -> float:
-    """Velocity units per revolution of the shaft in a second.
+    """Return the velocity units per revolution of the shaft in a second.
 
     Args:
         unit: 60A9h; 0 is position units per second.
@@ -70,7 +70,7 @@ def velocity_units(unit: int, position_unit: int, feed: float) -> float:
 
 
 def acceleration_units(unit: int, position_unit: int, feed: float) -> float:
-    """Acceleration units per revolution of the shaft in a second².
+    """Return the acceleration units per revolution of the shaft in a second².
 
     Args:
         unit: 60AAh; 0 is position units per second².

@@ -219,7 +219,7 @@ class Scaling:
     @overload
     def position_counts(self, position_rad: FloatArray) -> IntArray: ...
     def position_counts(self, position_rad: Any) -> Any:
-        """Counts of a motor angle in rad, INTEGER32 (6064h, 607Ah).
+        """Return the counts of a motor angle in rad, INTEGER32 (6064h, 607Ah).
 
         Raises:
             OutOfRangeError: The result is outside INTEGER32.
@@ -231,7 +231,7 @@ class Scaling:
     @overload
     def position_rad(self, counts: IntArray) -> FloatArray: ...
     def position_rad(self, counts: Any) -> Any:
-        """Motor angle in rad of a position in counts."""
+        """Return the motor angle in rad of a position in counts."""
         return counts * (self.position_sign * TWO_PI / self._position)
 
     @overload
@@ -327,7 +327,7 @@ def rated_torque_mnm(torque_nm: float) -> int:
 
 
 def rated_torque_nm(torque_mnm: int) -> float:
-    """Rated torque in N·m of 6076h in mN·m."""
+    """Return the rated torque in N·m of 6076h in mN·m."""
     return torque_mnm / 1000.0
 
 
@@ -381,7 +381,7 @@ def counts_per_rev(what: str, increments: int, revolutions: int) -> int:
 
 
 def interpolation_period_s(value: int, index: int) -> float:
-    """Interpolation period in s from 60C2h sub 1 and 2.
+    """Return the interpolation period in s from 60C2h sub 1 and 2.
 
     Raises:
         OutOfRangeError: The value is outside 1 to 255, or the index outside -128 to 63.

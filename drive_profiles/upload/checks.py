@@ -53,7 +53,7 @@ def against_identity(device: Device, header: Header, identity: DeviceIdentity, o
 
 
 def warnings_for(parameter_set: ParameterSet, identity: DeviceIdentity, writes: Sequence[Write] = ()) -> list[str]:
-    """Warnings to the user that do not forbid the upload."""
+    """Return the warnings to the user that do not forbid the upload."""
     header, said = parameter_set.header, []
     if header.revision is not None and identity.revision != header.revision:
         theirs, own = (_hexadecimal(number) for number in (header.revision, identity.revision))

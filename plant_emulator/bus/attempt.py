@@ -144,7 +144,7 @@ class Attempt:
         self.collided = False
 
     def drop_out_bits(self, entry: QueuedFrame) -> int:
-        """Extra bits before this sender's intermission ends.
+        """Return the extra bits before this sender's intermission ends.
 
         One that dropped out waits for six equal bits, which are those from the ACK delimiter on; its delimiter follows them.
         Without an acknowledgement they are those from the CRC delimiter on, two bits before the other sender's flag ends.

@@ -198,5 +198,5 @@ def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int | None:
 
 
 def _frames(records: bytes) -> list[Frame]:
-    """Frames of whole records; other bytes are skipped."""
+    """Return the frames of whole records; other bytes are skipped."""
     return [Frame(can_id, data[:length]) for can_id, length, data in RECORD.iter_unpack(records) if length <= MAX_DATA_LENGTH]

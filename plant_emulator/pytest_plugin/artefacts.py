@@ -143,7 +143,7 @@ class Artefacts:
 
 
 def directory_of(config: pytest.Config, node_id: str) -> Path:
-    """The directory that is named after a test."""
+    """Return the directory that is named after a test."""
     given: str | None = config.getoption("hil_keep_traces")
     root = config.invocation_params.dir / (".hil-traces" if given is None else given)
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", node_id).strip("-.")

@@ -132,11 +132,11 @@ class EmulatedRobot:
         self.channel.advance(round(SECOND * duration_s))
 
     def is_braked(self, axis: int) -> bool:
-        """True if the brake of an axis is closed."""
+        """Return True if the brake of an axis is closed."""
         return bool(self.world.axes.motion["mode"][self.world.axes.row(axis)] == BRAKED)
 
     def position_rev(self, axis: int) -> float:
-        """Position of an axis' motor, as its encoder counts."""
+        """Return the position of an axis' motor, as its encoder counts."""
         axes = self.world.axes
         return float(axes.counts(axes.row(axis))) / self.model.axis[axis].encoder_counts_per_rev
 

@@ -33,7 +33,7 @@ class ServedBus:
         self.address = f"local:{socket}" + ("" if bitrate is None else f"@{bitrate}")
 
     def __str__(self) -> str:
-        """The address as text."""
+        """Return the address as text."""
         return self.address
 
 

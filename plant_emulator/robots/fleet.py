@@ -106,24 +106,24 @@ class Draws:
         self._seed, self._prefix = seed, prefix
 
     def even(self, name: str, limits: Range) -> float:
-        """A number between two limits, all equally probable."""
+        """Return a number between two limits, all equally probable."""
         return rounded(float(self._generator(name).uniform(*limits)))
 
     def logarithmic(self, name: str, limits: Range) -> float:
-        """A number between two limits, all ratios equally probable."""
+        """Return a number between two limits, all ratios equally probable."""
         low, high = (math.log(limit) for limit in limits)
         return rounded(math.exp(self._generator(name).uniform(low, high)))
 
     def whole(self, name: str, limits: Range) -> int:
-        """A whole number between two limits, both included."""
+        """Return a whole number between two limits, both included."""
         return int(self._generator(name).integers(round(limits[0]), round(limits[1]), endpoint=True))
 
     def one_of(self, name: str, choices: tuple[float, ...]) -> float:
-        """One of some values."""
+        """Return one of some values."""
         return choices[int(self._generator(name).integers(len(choices)))]
 
     def chance(self, name: str, probability: float = 0.5) -> bool:
-        """True with a probability."""
+        """Return True with a probability."""
         return bool(self._generator(name).random() < probability)
 
     def _generator(self, name: str) -> np.random.Generator:
@@ -180,7 +180,7 @@ def least_sync_period_s(axes: int, bitrate: int) -> float:
 
 
 def accelerometer(draws: Draws, ranges: Ranges) -> RobotAccelerometer:
-    """Sensor with noise, delay and mounting."""
+    """Return the sensor with noise, delay and mounting."""
     has_lowpass, is_loose = draws.chance("sensor low-pass"), draws.chance("mounting resonance")
     return RobotAccelerometer(
         node_id=16,

@@ -51,7 +51,7 @@ class Tuning(Table):
     axis: Annotated[dict[Annotated[int, Field(ge=1, le=6)], TunedAxis], Field(min_length=1)]
 
     def gains(self, axes: Iterable[int]) -> dict[int, Control]:
-        """Gains of these axes.
+        """Return the gains of these axes.
 
         Raises:
             ValueError: One has none.

@@ -457,7 +457,7 @@ class Study:
 
 
 def _read(reading: Reading, tip: Real, radial: Real, period_s: float, source: np.random.Generator) -> Real:
-    """The accelerometer's reading of true accelerations at the SYNCs; shape (n,)."""
+    """Return the accelerometer's reading of true accelerations at the SYNCs; shape (n,)."""
     value = reading.sensitivity * tip + reading.cross_axis * radial
     if reading.delay_s > 0.0:
         times = np.arange(len(tip)) * period_s

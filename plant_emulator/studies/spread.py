@@ -240,7 +240,7 @@ class Encoder:
 
 
 def drawn_encoder(axis: RobotAxis, values: Values) -> Encoder:
-    """The encoder with drawn values of `AXIS_UNKNOWNS`."""
+    """Return the encoder with drawn values of `AXIS_UNKNOWNS`."""
     terms = (
         values["encoder_error_1_arcsec"] * ARCSEC,
         math.radians(values["encoder_phase_1_deg"]),
@@ -272,7 +272,7 @@ class Reading:
 
 
 def drawn_reading(sensor: RobotAccelerometer, values: Values) -> Reading:
-    """The accelerometer with drawn values of `SENSOR_UNKNOWNS`."""
+    """Return the accelerometer with drawn values of `SENSOR_UNKNOWNS`."""
     return Reading(
         1.0 + 0.01 * values["accelerometer_sensitivity_percent"],
         0.01 * values["accelerometer_cross_axis_percent"],

@@ -118,7 +118,7 @@ def result(study: Study, judged: PlantRunResult) -> float:
 
 
 def run_fraction(count: int, runs: int) -> RunFraction:
-    """A fraction of the runs and its Wilson interval."""
+    """Return a fraction of the runs and its Wilson interval."""
     interval = scipy.stats.binomtest(count, runs).proportion_ci(CONFIDENCE, "wilson")
     return RunFraction(count, runs, count / runs, float(interval.low), float(interval.high))
 

@@ -119,7 +119,7 @@ def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
 
 
 def _seen(bus: SdoBus, node: int) -> str:
-    """State of a node by its last heartbeat, in words."""
+    """Return the state of a node by its last heartbeat, in words."""
     from drive_profiles.standard.cia301 import NmtState
 
     state = bus.nmt_state(node)

@@ -109,7 +109,7 @@ class DriveLimits:
         return limit.quantity.si(self.counting.scaling, value) if step is None else float(value * step)
 
     def control_periods_per_set_point(self) -> float:
-        """Control periods per set-point, from 60C2h."""
+        """Return the control periods per set-point, from 60C2h."""
         value, exponent = (self._held(Object.INTERPOLATION_PERIOD, sub) for sub in (1, 2))
         return float(value * 10.0**exponent / self._control_period_s)
 

@@ -172,7 +172,7 @@ class DescribedFamily(DriveFamily):
         return parameter is None or address in self.steps or parameter.unit in _STANDARD_UNITS
 
     def states(self, address: ObjectAddress) -> bool:
-        """True if the profile has the object."""
+        """Return True if the profile has the object."""
         return address in self._parameters
 
     def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:

@@ -63,7 +63,7 @@ def kinds_of(rows: Sequence[Row]) -> list[str]:
 
 
 def tips(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of the true tip over the goal, by treatment.
+    """Return the figure of the true tip over the goal, by treatment.
 
     It shows the fraction of all robots that stay below.
     """
@@ -104,7 +104,7 @@ def _ratios(rows: Sequence[Row], treatment: str) -> list[float]:
 
 
 def before_and_after(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of each robot's true tip before and after.
+    """Return the figure of each robot's true tip before and after.
 
     The tip at the path's end is shown over that without a treatment.
     """
@@ -141,7 +141,7 @@ def before_and_after(rows: Sequence[Row]) -> Drawing | None:
 
 
 def steps(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of the steps' ends, as bars of counts."""
+    """Return the figure of the steps' ends, as bars of counts."""
     kinds = kinds_of(rows)
     if not kinds:
         return None
@@ -239,7 +239,7 @@ def wilson(counts: style.Real, whole: style.Real, z: float = 1.96) -> tuple[styl
 
 
 def errors(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of the deviations in standard errors.
+    """Return the figure of the deviations in standard errors.
 
     It shows their spread and root mean square.
     """
@@ -278,7 +278,7 @@ def errors(rows: Sequence[Row]) -> Drawing | None:
 
 
 def cost(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of the processor time of one robot's path."""
+    """Return the figure of the processor time of one robot's path."""
     spent = numbers(rows, "cpu_s")
     if not spent:
         return None

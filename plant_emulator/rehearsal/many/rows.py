@@ -160,7 +160,7 @@ def _seed(row: Row) -> int:
 
 
 def _document(path: Path) -> dict[str, Value]:
-    """A flat JSON document of plain values."""
+    """Return a flat JSON document of plain values."""
     try:
         with path.open("rb") as file:
             data = file.read(MAX_ROW_BYTES + 1)
