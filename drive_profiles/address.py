@@ -142,7 +142,7 @@ class BusChoice:
     passed_over: tuple[tuple[str, str], ...] = ()
 
     def __str__(self) -> str:
-        """The choice in words, for the first line that a command prints."""
+        """Return the choice in words, for a command's first line."""
         others = "".join(f"; not {address}, as {origin} says" for origin, address in self.passed_over)
         return f"bus {self.address}, from {self.origin}{others}"
 

@@ -101,7 +101,7 @@ _RUN_COLUMNS = ("mode", "moved", "plant identified", "error identified", "notch 
 
 
 def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
-    """Table of what a run does with each family's emulated drive."""
+    """Yield the table of runs with each family's emulated drive."""
     made = _made_with(profiles)
     if not made:
         return
@@ -224,9 +224,9 @@ def _capabilities(profile: Profile) -> Iterator[str]:
 
 
 def _notch_held(profile: Profile) -> Iterator[str]:
-    """Table of the paper's notch (Table 3) as the drive holds it.
+    """Yield the table of the paper's notch (Table 3).
 
-    The rows are for the motor speeds of the resonance.
+    The values are those that the drive holds, at the motor speeds of the resonance.
     """
     if profile.notch is None:
         return
@@ -312,7 +312,7 @@ def _products(profile: Profile, sources: _Sources) -> Iterator[str]:
 
 
 def _differences(first: Profile, product: Product, member: Profile, sources: _Sources) -> Iterator[str]:
-    """Differences between a product and the first one of its family."""
+    """Yield the differences between a product and the family's first one."""
     if product.quirks:
         yield "\n".join(f"- {quirk}" for quirk in product.quirks)
     if product.absent:

@@ -189,14 +189,17 @@ def _eds_addresses(path: Path | None) -> set[str]:
 
 
 def _tables(document: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
-    """Tables of a bench or robot file that may name a node."""
+    """Yield the tables of a file that may name a node.
+
+    The file is a bench or robot file.
+    """
     for key, value in document.items():
         if isinstance(value, dict):
             yield from (each for each in ([value] if key != "axis" else value.values()) if isinstance(each, dict))
 
 
 def _files(suffixes: tuple[str, ...]) -> list[Path]:
-    """The first files of the working directory with one of the suffixes."""
+    """Return the working directory's first files with a given suffix."""
     with contextlib.suppress(OSError):
         return sorted(path for path in Path().iterdir() if path.suffix in suffixes and path.is_file())[:_MOST_FILES]
     return []

@@ -139,7 +139,9 @@ class SdoBus:
                 self._bus.shutdown()
 
     def port(self, node: int) -> SdoPort:
-        """SDO client of a node; every call returns the same one.
+        """Return the SDO client of a node.
+
+        Every call returns the same one.
 
         Raises:
             ValueError: The node-ID is not from 1 to 127.
@@ -157,7 +159,10 @@ class SdoBus:
         self.send(FunctionCode.NMT, bytes((command, BROADCAST if node == 0 else node)))
 
     def boots(self, node: int) -> int:
-        """Number of boot-up messages of a node since its port was made."""
+        """Return the number of boot-up messages of a node.
+
+        It counts from the making of the node's port.
+        """
         self.port(node)
         return self._lines[node].boots
 

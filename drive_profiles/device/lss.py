@@ -93,7 +93,7 @@ class Lss:
             self._all_wait()
 
     def node_id(self) -> int | None:
-        """Node-ID of the chosen node; None for one that has none.
+        """Return the node-ID of the chosen node, or None.
 
         Raises:
             NoAnswerError: It does not answer.

@@ -22,7 +22,10 @@ def matching(identity: DeviceIdentity) -> list[str]:
 
 
 def fitting(vendor_id: int | None, product_code: int | None, revision: int | None) -> list[str]:
-    """Labels of the profiles that fit the numbers of 1018h; see `matching`."""
+    """Return the labels of the profiles that fit 1018h.
+
+    See `matching`.
+    """
     exact: list[str] = []
     vendor: list[str] = []
     for name in available():

@@ -265,7 +265,7 @@ class Builder(VariableReader):
 
 
 def _entry_count(index: int, count: int) -> ODVariable:
-    """Sub-index 0 of a compact notation, as CiA 306-1 defines it."""
+    """Return sub-index 0 of a compact notation, as in CiA 306-1."""
     variable = ODVariable("NrOfObjects", index, 0)
     variable.data_type = 0x05
     variable.access_type = "ro"

@@ -158,7 +158,7 @@ def _values(item: Element, parameters: dict[str, Element], *, has_subs: bool) ->
 
 
 def _of_parameter(parameter: Element) -> dict[str, tuple[str | None, int]]:
-    """Keys of an EDS from a parameter of the application process."""
+    """Return an EDS's keys from a parameter of the application process."""
     access = parameter.attributes.get("access", "read")  # the default in the schema
     values: dict[str, tuple[str | None, int]] = {"AccessType": (_ACCESS.get(access, access), parameter.line)}
     for child in parameter.children:

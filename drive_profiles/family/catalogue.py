@@ -210,7 +210,10 @@ class Catalogue:
         return len(self._entries)
 
     def get(self, address: ObjectAddress) -> CatalogueEntry | None:
-        """Entry of an object; None if neither device nor standard has it."""
+        """Return the entry of an object, or None.
+
+        None means that neither device nor standard has it.
+        """
         return self._entries.get(address) or self._standard.get(address)
 
     def unit_of(self, entry: CatalogueEntry) -> str:

@@ -143,7 +143,7 @@ class Parameter(Fact):
         return "" if self.is_bytes or self.type.is_real else f"{self.scale:g} {shown.unit(self.unit)}".rstrip()
 
     def default_bytes(self) -> bytes | None:
-        """Bytes of the factory setting; None if it is not known.
+        """Return the bytes of the factory setting, or None.
 
         Raises:
             ValueError: The default is not of the data type.
@@ -252,7 +252,9 @@ class Parameter(Fact):
         return encode(self.type, bool(raw) if self.data_type == "BOOLEAN" else raw)
 
     def decoded(self, data: bytes, scaling: units.Scaling | None = None) -> float | str:
-        """Value in ``unit`` of the object's bytes; the inverse of `encoded`.
+        """Return the value in ``unit`` of the object's bytes.
+
+        This is the inverse of `encoded`.
 
         Raises:
             ValueError: The length is not that of the type.

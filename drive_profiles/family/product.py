@@ -146,7 +146,7 @@ class Product(Firmware, Fact):
         return {name: fact for name, fact in named.items() if fact is not None}
 
     def parameters_of(self, first: Mapping[str, Parameter]) -> dict[str, Parameter]:
-        """The parameters of the product, in the order of the first product's.
+        """Return the product's parameters in the order of the first product's.
 
         Args:
             first: The parameters of the first product.

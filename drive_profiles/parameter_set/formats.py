@@ -168,7 +168,10 @@ def _stands(each: Write) -> bool:
 
 
 def _commissioning(header: Header) -> tuple[dict[str, str], list[str]]:
-    """Keys of the commissioning section, and comments for what has no key."""
+    """Return keys and comments of the commissioning section.
+
+    The comments are for values without a key.
+    """
     rate = header.bitrate_bit_s
     keys = {
         "NodeID": None if header.node_id is None else str(header.node_id),

@@ -173,7 +173,10 @@ class ParameterSet(Table):
                 yield name, key, item
 
     def digest(self) -> str:
-        """SHA-256 over classes, keys, values and units; the header does not count."""
+        """Return the SHA-256 over classes, keys, values and units.
+
+        The header does not count.
+        """
         lines = [json.dumps([name, key, item.value, item.unit, item.type]) for name, key, item in self.items()]
         return "sha256:" + hashlib.sha256("\n".join(sorted(lines)).encode()).hexdigest()
 

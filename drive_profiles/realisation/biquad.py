@@ -80,7 +80,9 @@ class NotchTarget:
 
     @classmethod
     def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> NotchTarget:
-        """Notch for one motor speed: zeros at k f_m, poles ω_d/2π above.
+        """Return the notch for one motor speed.
+
+        Its zeros are at k f_m, its poles ω_d/2π above.
 
         Args:
             order: k, harmonic order of the transmission error.

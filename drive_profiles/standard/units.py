@@ -239,7 +239,9 @@ class Scaling:
     @overload
     def speed_counts_s(self, speed_rad_s: FloatArray) -> IntArray: ...
     def speed_counts_s(self, speed_rad_s: Any) -> Any:
-        """Counts per second of a motor speed in rad/s, INTEGER32 (606Ch, 60FFh).
+        """Convert a motor speed in rad/s to counts per second.
+
+        It is an INTEGER32 (606Ch, 60FFh).
 
         Raises:
             OutOfRangeError: The result is outside INTEGER32.
@@ -251,7 +253,7 @@ class Scaling:
     @overload
     def speed_rad_s(self, counts_s: IntArray) -> FloatArray: ...
     def speed_rad_s(self, counts_s: Any) -> Any:
-        """Motor speed in rad/s of a speed in counts per second."""
+        """Convert counts per second to a motor speed in rad/s."""
         return counts_s * (self.velocity_sign * TWO_PI / self._velocity)
 
     @overload
@@ -273,7 +275,7 @@ class Scaling:
     @overload
     def acceleration_rad_s2(self, counts_s2: IntArray) -> FloatArray: ...
     def acceleration_rad_s2(self, counts_s2: Any) -> Any:
-        """Motor acceleration in rad/s² of an acceleration in counts per second²."""
+        """Convert counts per second² to a motor acceleration in rad/s²."""
         return counts_s2 * (TWO_PI / self._acceleration)
 
     @overload
@@ -303,7 +305,7 @@ class Scaling:
     @overload
     def shaft_rad(self, motor_rad: FloatArray) -> FloatArray: ...
     def shaft_rad(self, motor_rad: Any) -> Any:
-        """Angle (or speed) behind the gear from that in front of it."""
+        """Convert a motor-side angle (or speed) to the load side."""
         return motor_rad * (self.gear_shaft_revs / self.gear_motor_revs)
 
     @overload
@@ -311,7 +313,7 @@ class Scaling:
     @overload
     def motor_rad(self, shaft_rad: FloatArray) -> FloatArray: ...
     def motor_rad(self, shaft_rad: Any) -> Any:
-        """Angle (or speed) in front of the gear from that behind it."""
+        """Convert a load-side angle (or speed) to the motor side."""
         return shaft_rad * (self.gear_motor_revs / self.gear_shaft_revs)
 
 

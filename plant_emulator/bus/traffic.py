@@ -105,7 +105,7 @@ class Traffic:
         self.counts.busy_ns += end - begin
 
     def busy_ns(self, since: int, until: int) -> int:
-        """Time for which the bus was busy between two instants, in ns."""
+        """Return the busy time between two instants, in ns."""
         busy = 0
         for begin, end in reversed(self._intervals):
             if end <= since:

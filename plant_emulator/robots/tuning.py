@@ -88,7 +88,7 @@ def tuned(robot: Robot, gains: Mapping[int, Control]) -> Robot:
 
 
 def robot_tuning(robot: Robot) -> dict[int, TunedAxis]:
-    """Gains and filters that the robot file itself states, by axis."""
+    """Return gains and filters by axis from the robot file."""
     found = {}
     for number, axis in robot.axis.items():
         filters = () if axis.notch is None else (NotchTable(**axis.notch.model_dump()),)

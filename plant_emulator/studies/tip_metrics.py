@@ -21,7 +21,7 @@ LINE_BAND_HZ = (0.0, 50.0)
 
 
 def band_hz(f_al_hz: float) -> tuple[float, float]:
-    """Band of the vibration of an arm that rings at f_al."""
+    """Return the vibration band of an arm with resonance f_al."""
     return BAND_FACTORS[0] * f_al_hz, BAND_FACTORS[1] * f_al_hz
 
 

@@ -179,7 +179,10 @@ def _inside(panel: Axes, at: style.Real, left: style.Real, counts: style.Real, w
 
 
 def facts(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of the fraction within the goal over facts of the robots."""
+    """Return the figure of the fraction within the goal.
+
+    It is drawn over facts of the robots.
+    """
     shown = [name for name in FACTS_SHOWN if len(set(numbers(rows, f"robot_{name}"))) > 1]
     if not shown:
         return None
