@@ -1,4 +1,4 @@
-"""Bus addresses: one spelling everywhere, `interface:channel[@bitrate]`; and which of several that are named is taken."""
+"""Bus addresses, spelt `interface:channel[@bitrate]`, and the choice among several."""
 
 import difflib
 import os
@@ -22,7 +22,10 @@ class AddressError(ValueError):
     """A bus address that cannot be read."""
 
     def __init__(self, text: str, origin: str = "") -> None:
-        """Compose the message; `text` is the spelling that was refused, `origin` names where it stood."""
+        """Compose the message.
+
+        `text` is the address that was refused; `origin` names the option, variable or file that gave it.
+        """
         self.text, self.origin = text, origin
         where = f"{origin}: " if origin else ""
         super().__init__(
@@ -35,17 +38,17 @@ class UnknownInterfaceError(AddressError):
     """A bus address with an interface that there is not."""
 
     def __init__(self, text: str, interface: str, known: tuple[str, ...], origin: str = "") -> None:
-        """Compose the message; `known` are the interfaces that there are."""
+        """Compose the message; `known` lists the valid interfaces."""
         self.text, self.origin, self.interface, self.known = text, origin, interface, known
         where = f"{origin}: " if origin else ""
         close = difflib.get_close_matches(interface, known, n=1)
         hint = f", did you mean {close[0]}" if close else ""
-        ValueError.__init__(self, f"{where}{text!r}: there is no interface {interface!r}{hint}; there are {', '.join(known)}")
+        ValueError.__init__(self, f"{where}{text!r}: unknown interface {interface!r}{hint}; expected one of {', '.join(known)}")
 
 
 @dataclass(frozen=True)
 class Address:
-    """Address of a CAN bus: the interface, its channel and its bit rate.
+    """Address of a CAN bus: interface, channel and bit rate.
 
     Attributes:
         interface: `local` (the emulator's socket), `socketcan`, or any python-can interface.
@@ -64,13 +67,16 @@ class Address:
 
 
 def _shortest(bitrate: int) -> str:
-    """The shortest spelling of a bit rate: 1M for 1000000."""
+    """Return the shortest spelling of a bit rate: 1M for 1000000."""
     unit = next(unit for unit in ("M", "k", "") if bitrate % _UNITS[unit] == 0)
     return f"{bitrate // _UNITS[unit]}{unit}"
 
 
 def _is_same(text: str, other: str) -> bool:
-    """True for two spellings of one bus, in which the place of a local socket may be relative, too."""
+    """Return True if both texts name the same bus.
+
+    Paths of local sockets are made absolute before the comparison.
+    """
     try:
         one, two = parse_address(text), parse_address(other)
     except AddressError:
@@ -97,7 +103,9 @@ def parse_address(text: str) -> Address:
 
 
 def check_interface(text: str, origin: str = "") -> None:
-    """Refuse an address that cannot be read, or whose interface nobody knows; nothing is opened.
+    """Refuse an unreadable address or an unknown interface.
+
+    The bus is not opened.
 
     Args:
         text: The address.
@@ -121,7 +129,7 @@ def check_interface(text: str, origin: str = "") -> None:
 
 @dataclass(frozen=True)
 class BusChoice:
-    """The bus that a command takes, and where it was named.
+    """The bus of a command, and the origin of its address.
 
     Attributes:
         address: Address of the bus, as it was written.
@@ -134,7 +142,7 @@ class BusChoice:
     passed_over: tuple[tuple[str, str], ...] = ()
 
     def __str__(self) -> str:
-        """The choice in words, for the first line that a command prints."""
+        """Return the choice in words, for a command's first line."""
         others = "".join(f"; not {address}, as {origin} says" for origin, address in self.passed_over)
         return f"bus {self.address}, from {self.origin}{others}"
 
@@ -146,7 +154,9 @@ def choose_bus(
     *,
     option_name: str = "--bus",
 ) -> BusChoice | None:
-    """Choose the bus of a command: its option, then the environment (`HIL_BUS`), then its file or default.
+    """Choose the bus of a command.
+
+    The option comes first, then the environment (`HIL_BUS`), then the command's file or default.
 
     Args:
         option: Address that the user gave as `--bus`.
@@ -155,10 +165,10 @@ def choose_bus(
         option_name: Name of what comes first, for the words.
 
     Returns:
-        The choice; None if nobody names a bus.
+        The choice; None if no bus is given.
 
     Raises:
-        AddressError: The address that is taken cannot be read, or has an unknown interface; the message says where it stands.
+        AddressError: The chosen address cannot be read, or has an unknown interface; the message states its origin.
     """
     variables = os.environ if environment is None else environment
     named = ((option_name, option), (BUS_VARIABLE, variables.get(BUS_VARIABLE) or None), otherwise or ("", None))

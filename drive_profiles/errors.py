@@ -1,4 +1,7 @@
-"""The errors of this package: one root, values as attributes, and a message that is made from them."""
+"""Errors of this package.
+
+All have one root class; each keeps its values as attributes and composes its message from them.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,18 @@ from typing import ClassVar, NamedTuple
 
 
 class DriveProfileError(Exception):
-    """Root of all errors of this package; ``exit_code`` is the exit status of a command that ends with it."""
+    """Root of all errors of this package.
+
+    ``exit_code`` is the exit status of a command that ends with the error.
+    """
 
     exit_code: ClassVar[int] = 3
 
 
 class OutOfRangeError(DriveProfileError, ValueError):
-    """A value that the object on the wire cannot hold. It is refused, never clamped.
+    """A value that the object on the wire cannot hold.
+
+    Such a value is refused, never clamped.
 
     Args:
         what: The quantity, e.g. ``torque``.
@@ -32,7 +40,10 @@ class OutOfRangeError(DriveProfileError, ValueError):
 
 
 def beyond(low: float, high: float) -> str:
-    """The reason why a value that is not within limits is refused; a limit that is infinite is none."""
+    """Return the reason why a value outside the limits is refused.
+
+    An infinite limit is left out of the text.
+    """
     if math.isinf(low):
         return f"must be at most {high:.10g}"
     return f"must be at least {low:.10g}" if math.isinf(high) else f"is outside {low:.10g} to {high:.10g}"
@@ -83,7 +94,7 @@ class ProfileNotFoundError(DriveProfileError):
 
 
 class UnknownProductError(DriveProfileError):
-    """A profile that does not name the product that a device is, or that is asked for.
+    """A device or a name that matches no product of the profile.
 
     Args:
         profile: The profile's name.
@@ -124,7 +135,7 @@ class UnknownParameterError(DriveProfileError, KeyError):
 
 
 class UnknownObjectError(DriveProfileError):
-    """Neither profile nor EDS knows such an object.
+    """An object that neither profile nor EDS has.
 
     Args:
         text: Name or address that was asked for.
@@ -153,7 +164,7 @@ class AmbiguousNameError(DriveProfileError):
 
     def __init__(self, text: str, candidates: tuple[str, ...]) -> None:
         self.text, self.candidates = text, candidates
-        super().__init__(f"{text!r} may be any of {', '.join(candidates)}: write the object instead of its name")
+        super().__init__(f"{text!r} may be any of {', '.join(candidates)}; give its address instead of a name")
 
 
 class RefusedError(DriveProfileError):
@@ -195,11 +206,14 @@ class NoAnswerError(NodeError):
 
     def __init__(self, node: int, what: str, after_s: float) -> None:
         self.after_s = after_s
-        super().__init__(node, f"no answer to {what} within {after_s:g} s", "is it powered, is the node id right?")
+        super().__init__(node, f"no answer to {what} within {after_s:g} s", "check its supply and the node-ID")
 
 
 class SharedNodeError(NoAnswerError):
-    """A node whose answers did not come, or came to another client: two clients at one SDO server disturb each other."""
+    """A node whose answers were lost or went to another client.
+
+    Two clients at one SDO server disturb each other.
+    """
 
     def __init__(self, node: int, what: str, after_s: float) -> None:
         self.after_s = after_s
@@ -216,7 +230,7 @@ class SdoAbortedError(DriveProfileError):
         subindex: Sub-index of the object.
         code: The abort code.
         text: Meaning of the code: the standard's words, or the vendor's where they are known.
-        name: Name of the object, empty where it is not known.
+        name: Name of the object, empty if it is not known.
         action: Access that was refused: ``read`` or ``write of …``.
     """
 

@@ -40,7 +40,10 @@ _CLASSES = {"tuning": "Tuning", "limits": "Limits", "communication": "Communicat
 
 
 def page(profile: Profile) -> str:
-    """Page of one family: its capabilities for the loop, its facts and its parameters, each with its source."""
+    """Return the page of one family.
+
+    It lists the capabilities for the loop, the facts and the parameters, each with its source.
+    """
     sources = _Sources(profile)
     parts = [
         f"# {profile.title}",
@@ -67,7 +70,7 @@ def page(profile: Profile) -> str:
 
 
 def index(profiles: Sequence[Profile]) -> str:
-    """Page that lists all families, with the facts that decide between them."""
+    """Return the page that lists all families with their deciding facts."""
 
     def answers(profile: Profile) -> tuple[str, ...]:
         c = profile.capabilities
@@ -98,7 +101,7 @@ _RUN_COLUMNS = ("mode", "moved", "plant identified", "error identified", "notch 
 
 
 def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
-    """Table of what a run does with each family, as its emulated drive has shown it."""
+    """Yield the table of runs with each family's emulated drive."""
     made = _made_with(profiles)
     if not made:
         return
@@ -118,7 +121,11 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
 
 
 def brief_runs(profiles: Sequence[Profile]) -> str:
-    """The table of runs for a page with little room: a family with two tips was moved, identified and quieted."""
+    """Return the short table of runs.
+
+    Two tip values in a row mean that a run moved and identified the family, and that cancellation was on for the second
+    value.
+    """
     rows = []
     for profile, run in _made_with(profiles):
         _, mode, _, plant, _, notch, tip, *_ = _run_row(profile, run)
@@ -127,7 +134,7 @@ def brief_runs(profiles: Sequence[Profile]) -> str:
 
 
 def _made_with(profiles: Sequence[Profile]) -> list[tuple[Profile, FamilyRun]]:
-    """The profiles, by name, with which a run has been made."""
+    """Return the profiles, by name, with which a run has been made."""
     made = family_runs()
     return [(profile, made[profile.name]) for profile in sorted(profiles, key=lambda each: each.name) if profile.name in made]
 
@@ -147,7 +154,10 @@ def _run_row(profile: Profile, run: FamilyRun) -> tuple[str, ...]:
 
 
 def _further_products(profiles: Sequence[Profile], answers: Callable[[Profile], tuple[str, ...]]) -> Iterator[str]:
-    """Table of the products beside each family's first one, of which the table of families speaks."""
+    """Yield the table of the products beside each family's first one.
+
+    The table of families covers the first products only.
+    """
     rows = [
         (f"[{member.title}]({profile.name}.md#products)", f"`{member.label}`", *answers(member), str(len(member.parameters)))
         for profile in sorted(profiles, key=lambda p: p.name)
@@ -161,12 +171,12 @@ def _further_products(profiles: Sequence[Profile], answers: Callable[[Profile], 
 
 
 def written(profiles: Sequence[Profile]) -> dict[str, str]:
-    """All pages by file name."""
+    """Return all pages by file name."""
     return {"README.md": index(profiles)} | {f"{profile.name}.md": page(profile) for profile in profiles}
 
 
 class _Sources:
-    """The sources of a profile, each once, in the order of the file."""
+    """Sources of a profile, each once, in the order of the file."""
 
     def __init__(self, profile: Profile) -> None:
         members = profile.members
@@ -176,7 +186,7 @@ class _Sources:
         self.all = list(dict.fromkeys(sources))
 
     def evidence(self, fact: Fact) -> str:
-        """Evidence of a fact, and the number of its source."""
+        """Return the evidence of a fact, and the number of its source."""
         sign = "" if fact.is_verified else f"{SIGN} "
         return f"{sign}{fact.evidence} [{self.all.index(fact.source) + 1}]"
 
@@ -214,7 +224,10 @@ def _capabilities(profile: Profile) -> Iterator[str]:
 
 
 def _notch_held(profile: Profile) -> Iterator[str]:
-    """Table of the paper's notch (Table 3) as the drive holds it, at the speeds of the resonance."""
+    """Yield the table of the paper's notch (Table 3).
+
+    The values are those that the drive holds, at the motor speeds of the resonance.
+    """
     if profile.notch is None:
         return
     yield "### The notch of Table 3 as it holds it"
@@ -245,7 +258,10 @@ def _held(profile: Profile, target: NotchTarget, period_s: float | None) -> tupl
 
 
 def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
-    """One table of a profile: its values, the tables inside it, its note and its evidence."""
+    """Yield the table of one fact of a profile.
+
+    It holds the fact's values, nested tables, note and evidence.
+    """
     rows = [(_label(name), text) for name, value in fact if name not in _OWN_TABLE and (text := _text(name, value))]
     if rows:
         yield _table(("fact", "value"), rows)
@@ -272,7 +288,10 @@ def _gains(loop: LoopFacts) -> str:
 
 
 def _products(profile: Profile, sources: _Sources) -> Iterator[str]:
-    """The products of a family that has several: how they are told apart, and what is other in each than in the first."""
+    """Yield the table of the products of a family that has several.
+
+    It shows how the products are told apart, and how each differs from the first one.
+    """
     if not profile.products:
         return
     yield "## Products"
@@ -293,7 +312,7 @@ def _products(profile: Profile, sources: _Sources) -> Iterator[str]:
 
 
 def _differences(first: Profile, product: Product, member: Profile, sources: _Sources) -> Iterator[str]:
-    """What is other in a product than in the first one of its family."""
+    """Yield the differences between a product and the family's first one."""
     if product.quirks:
         yield "\n".join(f"- {quirk}" for quirk in product.quirks)
     if product.absent:
@@ -322,7 +341,10 @@ def _has_other_default(first: Profile, name: str, value: object) -> bool:
 
 
 def _text(name: str, value: object) -> str:
-    """Write a value for people: CiA 301's numbers in hexadecimal, times in ms or µs, lists with commas."""
+    """Write a value for people.
+
+    CiA 301's numbers are hexadecimal, times in ms or µs, and lists separated by commas.
+    """
     if value is None or value in ("", (), {}):
         return ""
     if isinstance(value, dict):
@@ -338,7 +360,7 @@ def _text(name: str, value: object) -> str:
 
 
 def _label(name: str) -> str:
-    """A field's name without its unit, which the value carries."""
+    """Return a field's name without its unit, which the value carries."""
     suffix = next((suffix for suffix in _UNITS if name.endswith(suffix)), "")
     return name.removesuffix(suffix).replace("_", " ")
 

@@ -1,4 +1,7 @@
-"""python-can without what it loads for MF4 files: that is ten times as much as all the rest of it, in every process.
+"""Import of python-can without its slow readers of MF4 files.
+
+If asammdf is installed, `import can` imports it (and `import canopen` imports `can`), which takes about ten times as long as
+the rest of python-can. Few programs read MF4 logs; they load the readers when they need them.
 
 Where asammdf is installed, `import can` imports it, and `import canopen` imports `can`. A tool that reads an MF4 log is one in
 thousands; it loads the readers when it needs them.
@@ -17,7 +20,7 @@ READERS = "can.io.mf4"
 
 
 class _NotYet(MetaPathFinder):
-    """Finder to which the package is missing while python-can's own module for MF4 files is being imported, and then alone."""
+    """Finder that hides asammdf while python-can imports its MF4 module."""
 
     def find_spec(self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
         """Find nothing, so that the other finders are asked.
@@ -32,13 +35,19 @@ class _NotYet(MetaPathFinder):
 
 
 def postpone_mf4() -> None:
-    """Let this process import python-can without asammdf; for programs that call `with_mf4` before they open such a file."""
+    """Let this process import python-can without asammdf.
+
+    A program that does so calls `with_mf4` before it opens an MF4 file.
+    """
     if not any(isinstance(finder, _NotYet) for finder in sys.meta_path):
         sys.meta_path.insert(0, _NotYet())
 
 
 def with_mf4() -> None:
-    """Give python-can its readers and writers of MF4 files; where asammdf is missing, they go on saying so."""
+    """Load python-can's readers and writers of MF4 files.
+
+    Without asammdf they still report that it is missing.
+    """
     readers: Any = importlib.import_module(READERS)
     if readers.asammdf is not None:
         return

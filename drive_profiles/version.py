@@ -1,4 +1,4 @@
-"""Version of this project with the commit it was made from: `--version` of the tools and the reports say the same."""
+"""Version and commit of this project, for `--version` and the reports."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _GIT_TIMEOUT_S = 2.0
 
 
 def version_text() -> str:
-    """Version, and the commit where it is known: ``0.1.0 (commit 105b655a1b2c, modified)``."""
+    """Return the version and, if known, the commit: ``0.1.0 (commit 105b655a1b2c, modified)``."""
     try:
         number = metadata.version(DISTRIBUTION)
     except metadata.PackageNotFoundError:
@@ -27,7 +27,12 @@ def version_text() -> str:
 
 
 def commit_text(project: Path = _PROJECT, built: Path = COMMIT_FILE) -> str:
-    """Commit in twelve digits, and whether the files differ from it; empty where it is not known.
+    """Return the commit in twelve digits; "" if it is not known.
+
+    If the files differ from the commit, the text ends with ", modified".
+
+    In a checkout the commit comes from .git, in an installed wheel from the file that the build wrote. Another project's
+    repository around the package is not taken for ours.
 
     A checkout speaks for itself, an installed wheel by the file that was written when it was built. Another project's repository
     around the package is not taken for ours.
@@ -43,7 +48,10 @@ def commit_text(project: Path = _PROJECT, built: Path = COMMIT_FILE) -> str:
 
 
 def commit_of(project: Path) -> str:
-    """Commit that a checkout stands on, read from its .git without git; empty where that is not a git checkout."""
+    """Read a checkout's commit from its .git folder, without git.
+
+    The result is empty if the folder is no git checkout.
+    """
     git = project / ".git"
     if git.is_file():  # a worktree: .git names the folder
         git = project / _first_line(git).removeprefix("gitdir:").strip()
@@ -56,7 +64,7 @@ def commit_of(project: Path) -> str:
 
 
 def _packed(git: Path, name: str) -> str:
-    """Commit of a reference that git has packed."""
+    """Return the commit of a reference that git has packed."""
     for line in _text(git / "packed-refs").splitlines():
         commit, _, reference = line.partition(" ")
         if reference == name:
@@ -69,7 +77,10 @@ def _is_ours(project: Path) -> bool:
 
 
 def _is_modified(project: Path) -> bool:
-    """True if git says that a package's file differs from the commit; without git nothing is said."""
+    """Return True if git reports changed files in the packages.
+
+    The result is False if git cannot be run.
+    """
     # no lock is taken: another git may be at work in the checkout
     command = ["git", "--no-optional-locks", "-C", str(project), "diff", "--quiet", "HEAD", "--", *_PACKAGES]
     try:

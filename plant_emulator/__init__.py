@@ -1,8 +1,10 @@
-"""The emulated robot: harmonic-drive axes, CANopen drives and an accelerometer on a bus.
+"""The emulated robot on a bus.
 
-Any CANopen master moves it: `plant-emulator serve` puts the robot on a local bus, on SocketCAN or behind a serial adapter, and
-`plant_emulator.pytest_plugin` gives it to tests. In Python the whole is a `plant_emulator.world.World`, sans IO: frames and time
-go in, frames come out. Here a master asks the drive of axis 2 for its device type (1000h):
+It has harmonic-drive axes, CANopen drives and an accelerometer.
+
+Any CANopen master can move it: `plant-emulator serve` puts the robot on a local bus, on SocketCAN or behind a serial
+adapter, and `plant_emulator.pytest_plugin` provides it for tests. In Python it is a `plant_emulator.world.World`, sans IO:
+frames and time go in, frames come out. Here a master asks the drive of axis 2 for its device type (1000h):
 
     >>> from hil.can.frame import Frame
     >>> from plant_emulator.robots.robot import load_robot

@@ -1,4 +1,7 @@
-"""The announcement of a served robot at its start: which drive is at which node, and what is unusual."""
+"""Announcement of a served robot at its start.
+
+It lists which drive is at which node, and unusual settings.
+"""
 
 from collections.abc import Iterable, Iterator
 
@@ -11,7 +14,10 @@ FEW = 8
 
 
 def announced(robot: Robot, world: World, address: str) -> Iterator[str]:
-    """Give the lines: the bus, then the drives, those of many axes with equal words together."""
+    """Yield the lines of the announcement.
+
+    They are the bus, then the drives; drives of many axes with equal texts share a line.
+    """
     nodes = robot.node_ids
     drives = [f"axis {axis} at {node_name(robot, node)}" for axis, node in nodes.items()]
     if len(drives) > FEW:
@@ -31,18 +37,18 @@ def announced(robot: Robot, world: World, address: str) -> Iterator[str]:
 
 
 def node_name(robot: Robot, node: int) -> str:
-    """Name a node, and say where it has no node-ID."""
+    """Return a node's name, with a note if it has no node-ID."""
     return f"node {node} (without a node-ID: LSS)" if node in robot.unconfigured else f"node {node}"
 
 
 def unusual(behaviour: Behaviour) -> Iterator[str]:
-    """Give what the robot file makes different from a drive that does all at once."""
+    """Yield the robot file's deviations from ideal drive behaviour."""
     if behaviour.given:
         yield "behaviour: " + ", ".join(f"{key} = {str(value).lower()}" for key, value in behaviour.given.items())
 
 
 def spans(numbers: Iterable[int]) -> str:
-    """Give 1, 2, 3, 7 as "1-3, 7"."""
+    """Return 1, 2, 3, 7 as "1-3, 7"."""
     texts: list[str] = []
     rising = sorted(numbers)
     begin = 0

@@ -1,4 +1,7 @@
-"""The EDS files of the emulated nodes, as they are committed beside the profiles in `drive_profiles/vendors`."""
+"""The EDS files of the emulated nodes.
+
+They are committed beside the profiles in `drive_profiles/vendors`.
+"""
 
 from plant_emulator.drive.dictionary.manufacturer_objects import drive_entries
 from plant_emulator.drive.family.choice import family_of
@@ -15,7 +18,7 @@ LSS_SUPPORTED = True
 
 
 def data_sheets() -> dict[str, str]:
-    """File name and text of each.
+    """Return the name and text of each EDS file.
 
     A data sheet is of a kind of device, not of one: its serial number is 0, and what depends on the motor (encoder, torques,
     and the speeds that count in encoder counts) is that of the default drive.
@@ -30,11 +33,13 @@ def data_sheets() -> dict[str, str]:
 
 
 def data_sheets_of(robot: Robot) -> dict[str, str]:
-    """File name and text for each node of a robot: its own serial number, motor and gains, and the vendor's objects.
+    """Return file name and text of each node's EDS.
+
+    It states the node's serial number, motor and gains, and the vendor's objects.
 
     Raises:
         DriveProfileError: There is no such profile, or its file or the EDS file has errors.
-        ValueError: A profile is not a drive's, or a default or a name cannot stand in an INI file.
+        ValueError: A profile is not a drive's, or a default or a name does not fit into an INI file.
     """
     sheets = {}
     for number in sorted(robot.axis):
@@ -47,7 +52,9 @@ def data_sheets_of(robot: Robot) -> dict[str, str]:
 
 
 def data_sheet_of(dictionary: Dictionary, file_name: str, product: str, order_code: str | None = None) -> str:
-    """The EDS of one node, with the serial number and the motor that its dictionary states.
+    """Return the EDS of one node.
+
+    Serial number and motor are those of its dictionary.
 
     Args:
         dictionary: Object dictionary of any emulated node, also of a described drive.
@@ -56,7 +63,7 @@ def data_sheet_of(dictionary: Dictionary, file_name: str, product: str, order_co
         order_code: By which it is ordered; left out, the product's name.
 
     Raises:
-        ValueError: A default or a name cannot stand in an INI file.
+        ValueError: A default or a name does not fit into an INI file.
     """
     order_code = product.replace(" ", "-").lower() if order_code is None else order_code
     description = f"{product}, written by plant-emulator eds"

@@ -1,4 +1,4 @@
-"""Surroundings in which processes are started that calculate for this one."""
+"""Environment in which calculating child processes are started."""
 
 import os
 import signal
@@ -9,7 +9,10 @@ from contextlib import contextmanager
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Processes that start in here have one thread each for linear algebra, since there is one process per core."""
+    """Limit linear algebra to one thread in processes started here.
+
+    There is one process per core.
+    """
     name = "OPENBLAS_NUM_THREADS"
     before = os.environ.get(name)
     os.environ[name] = "1"
@@ -24,10 +27,13 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def deaf_children() -> Iterator[None]:
-    """Processes that start in here inherit that Ctrl-C waits, before they could ask for it; here it waits until this is over.
+    """Block Ctrl-C in processes that are started in this context.
 
-    A mask is of one thread, and Ctrl-C may come by any: the handler only notes it meanwhile, or what this thread starts could
-    be interrupted between the process and the place where it is written down.
+    They inherit the mask, so they are protected from their first instruction. In this process Ctrl-C waits until the context
+    ends.
+
+    A mask belongs to one thread, but any thread may receive Ctrl-C, so the handler only records it meanwhile. Otherwise it
+    could interrupt this thread between starting a process and recording it.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield

@@ -1,4 +1,7 @@
-"""The look of the three tools: one form of help, examples that can be copied, `--version`, completion in the shell."""
+"""The common look of the three tools.
+
+They share one form of help, examples that can be copied, `--version`, and completion in the shell.
+"""
 
 from __future__ import annotations
 
@@ -29,14 +32,20 @@ READER_GONE = 141
 
 
 def described(text: str) -> tuple[str, tuple[str, ...]]:
-    """Split a command's help into its description and its examples, of which each is a line below `Example:` or `Examples:`."""
+    """Split a command's help into its description and its examples.
+
+    Each line below `Example:` or `Examples:` is an example.
+    """
     description, *rest = _EXAMPLES.split(inspect.cleandoc(text), maxsplit=1)
     lines = "".join(rest).splitlines()
     return description.rstrip(), tuple(line.strip() for line in lines if line.strip())
 
 
 def folded(command: str, width: int) -> list[str]:
-    r"""Fold a command for the shell: every line but the last ends with a backslash, and no option is parted from its value."""
+    r"""Fold a command for the shell.
+
+    Every line but the last ends with a backslash, and each option stays on one line with its value.
+    """
     parts: list[str] = []
     for word in _WORD.findall(command):
         if parts and not word.startswith("-"):
@@ -55,13 +64,19 @@ def folded(command: str, width: int) -> list[str]:
 
 
 class _Help:
-    """Help of a command or a group: prose that is wrapped, options, examples that are not, exit statuses."""
+    """Help of a command or a group.
+
+    Prose and options are wrapped, examples are not; exit statuses come last.
+    """
 
     help: str | None
     epilog: str | None
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help; a name such as `fixed-notch` stays on one line, so that it can be copied and searched for."""
+        """Write the help, with names such as `fixed-notch` unbroken.
+
+        A name on one line can be copied and searched for.
+        """
         write_rows = formatter.write_dl
         formatter.write_dl = lambda rows, *sizes: write_rows(
             [(left, right.replace("-", _UNBROKEN)) for left, right in rows], *sizes
@@ -78,7 +93,7 @@ class _Help:
                 formatter.write_text(description)
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write the examples, each in lines that a shell takes, and the exit statuses."""
+        """Write the examples for the shell, and the exit statuses."""
         _, examples = described(self.help or "")
         if examples:
             with formatter.section("Examples"):
@@ -94,7 +109,7 @@ class ToolCommand(_Help, TyperCommand):
     """Command of a tool."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the arguments; a value that is refused is named beside what is expected."""
+        """Read the arguments; a refusal names value and expectation."""
         try:
             return super().parse_args(ctx, args)
         except typer.BadParameter as error:
@@ -111,7 +126,10 @@ class ToolGroup(_Help, TyperGroup):
     """Tool, or group of its commands, whose summaries are whole sentences."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; where the reader of its output has gone there is nothing to tell it, and click would end with 1."""
+        """Run the command; end quietly if the output's reader is gone.
+
+        click would end with 1.
+        """
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
@@ -151,11 +169,14 @@ class Tool(typer.Typer):
             self.callback(help=help)(_root)
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
-        """Return what adds a command, of this look unless another class is given."""
+        """Return a decorator that adds a command, a `ToolCommand` by default."""
         return super().command(name, **({"cls": ToolCommand} | settings))
 
     def run(self, arguments: Sequence[str] | None = None) -> None:
-        """Run the tool with the arguments of the process, or with these; never returns."""
+        """Run the tool; never returns.
+
+        Without `arguments` it takes those of the process.
+        """
         postpone_mf4()
         Interrupts.owns_process = True
         came: list[int] = []
@@ -184,7 +205,10 @@ class Tool(typer.Typer):
 
 
 def _leave(status: int) -> NoReturn:
-    """End the process at once: the interpreter's own end would heed signals again, and change the status."""
+    """End the process at once.
+
+    The interpreter's own end would handle signals again and change the status.
+    """
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()

@@ -1,4 +1,7 @@
-"""Commands of ``drive-profiles`` that compare parameter sets, with each other or with what a drive holds."""
+"""Commands of ``drive-profiles`` that compare parameter sets.
+
+A set is compared with another, or with the values of a drive.
+"""
 
 # ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
 
@@ -42,7 +45,7 @@ def diff(
     right: Annotated[Path | None, typer.Argument(metavar="OTHER", help="Another; default: the drive at --node.")] = None,
     *,
     default: Annotated[
-        bool, typer.Option("--default", help="Show what the drive at --node does not hold as its EDS has it delivered.")
+        bool, typer.Option("--default", help="Show objects of the drive at --node that differ from the defaults of its EDS.")
     ] = False,
     bus: OptionalBusOption = None,
     node: OptionalNodeOption = None,
@@ -51,7 +54,9 @@ def diff(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare a parameter set with another, or with what a drive holds; ends with 7 where they differ.
+    """Compare a parameter set with another, or with a drive.
+
+    Ends with 7 if they differ.
 
     Examples:
         drive-profiles diff old.toml new.toml
@@ -67,7 +72,7 @@ def diff(
     with exit_on_error():
         if left is None:
             if bus is None or node is None or eds is None:
-                raise fail("--default needs --bus, --node and --eds: the EDS says what was delivered", ExitStatus.USAGE)
+                raise fail("--default needs --bus, --node and --eds, which states the defaults", ExitStatus.USAGE)
             take_bus(context, bus)
             differences = _against_defaults(bus, node, profile, eds, timeout_s)
             header = ("parameter", str(eds), f"node {node}", "unit")
@@ -86,7 +91,10 @@ def diff(
 
 
 def _between_files(left: Path, right: Path, profile: str | None, eds: Path | None, node: int | None) -> list[Difference]:
-    """Differences between two sets in files of any format, by address and bytes as far as these are known."""
+    """Return the differences between two sets in files.
+
+    The files may have any format; objects are compared by address and bytes, if these are known.
+    """
     from drive_profiles.cli.sets import catalogue_for
     from drive_profiles.errors import ProfileNotFoundError
     from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
@@ -110,7 +118,10 @@ def _between_files(left: Path, right: Path, profile: str | None, eds: Path | Non
 
 
 def _against_drive(path: Path, bus: str, node: int, profile: str | None, eds: Path | None, timeout_s: float) -> list[Difference]:
-    """Differences between a parameter set and the objects of a drive, which may hold what no limit allows."""
+    """Return the differences between a parameter set and a drive.
+
+    The drive's values may be outside the limits.
+    """
     from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.parameter_set.parameters import Difference
@@ -129,7 +140,10 @@ def _against_drive(path: Path, bus: str, node: int, profile: str | None, eds: Pa
 
 
 def _against_defaults(bus: str, node: int, profile: str | None, eds_file: Path, timeout_s: float) -> list[Difference]:
-    """Differences between the defaults of an EDS and the objects of a drive; what only its maker writes is left out."""
+    """Return the differences between an EDS's defaults and a drive.
+
+    Objects that only the maker writes are left out.
+    """
     from drive_profiles import eds as front_end
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.target import device_at
@@ -187,7 +201,10 @@ def _show(differences: list[Difference], header: tuple[str, ...], *, as_json: bo
 
 
 def _values(difference: Difference) -> tuple[str, str]:
-    """Both values, as long as it takes to tell them apart; a dash for a set without the object."""
+    """Format both values so that they differ visibly.
+
+    A set without the object has a dash.
+    """
     from drive_profiles.family.catalogue import address_from
 
     left, right = difference.left, difference.right
@@ -209,7 +226,9 @@ def verify(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Check that a drive holds a parameter set, byte for byte; ends with 7 where it does not.
+    """Check that a drive holds a parameter set, byte for byte.
+
+    Ends with 7 if it does not.
 
     Example: drive-profiles verify axis2.toml --bus local:/tmp/robot.sock --node 2
     """

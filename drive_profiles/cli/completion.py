@@ -1,4 +1,6 @@
-"""Completion in the shell: names of profiles, robots and objects, axes of a bench file, node-IDs; the shell completes all else.
+"""Completion in the shell.
+
+It offers names of profiles, robots and objects, axes of a bench file, and node-IDs; the shell completes all else.
 
 A completer reads small files only, loads neither pydantic nor numpy, talks to no bus, and is silent where something is wrong.
 Where no name fits, nothing is offered, and the shell goes on with file names.
@@ -31,12 +33,15 @@ _SEPARATORS = re.compile("[=:]+")
 
 
 def profile_names() -> list[str]:
-    """Names of the package's profiles."""
+    """Return the names of the package's profiles."""
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
 def profiles_beginning(begun: str) -> list[str]:
-    """Names of the package's profiles that begin so; behind a slash those of the family's products."""
+    """Return the package's profiles whose names begin with a text.
+
+    After a slash the names of the family's products are returned.
+    """
     family, slash, _ = begun.partition("/")
     names = profile_names()
     if slash and family in names:
@@ -47,7 +52,9 @@ def profiles_beginning(begun: str) -> list[str]:
 
 
 def names_or_files(beginning: Callable[[str], Iterable[str]], *suffixes: str) -> Completer:
-    """Return a completer of names, and of files beside them; where no name fits, of nothing: the shell's own is better then.
+    """Return a completer of names, and of files beside them.
+
+    If no name fits, it offers nothing, and the shell's own completion takes over.
 
     Args:
         beginning: Giver of the names that begin with a text.
@@ -68,7 +75,10 @@ complete_reference = names_or_files(lambda begun: [name for name in SHIPPED if n
 
 
 def complete_objects(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of parameters, of the profile that is given, else of all; addresses once a digit is typed, those of --eds too."""
+    """Complete names of parameters, or addresses after a digit.
+
+    The objects are those of the given profile, else of all profiles. Addresses include those of --eds.
+    """
     known = _objects(ctx.params)
     if not incomplete[:1].isdigit():
         return sorted(name for name in known if name.startswith(incomplete))
@@ -78,12 +88,12 @@ def complete_objects(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def complete_values(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of objects with the sign that a value follows."""
+    """Complete names of objects, each with an equals sign."""
     return [] if "=" in incomplete else [f"{name}=" for name in complete_objects(ctx, incomplete)]
 
 
 class AxisCompleter:
-    """Completers of axes, from the bench or robot file that the command line names so far.
+    """Completers of axes, from the command line's bench or robot file.
 
     Args:
         folder: Folder of the files of `SHIPPED`, which each tool has of its own.
@@ -93,15 +103,15 @@ class AxisCompleter:
         self._folder = folder
 
     def one(self, ctx: typer.Context, incomplete: str) -> list[str]:
-        """Number of an axis."""
+        """Complete the number of an axis."""
         return [number for number in self._numbers(ctx.params) if number.startswith(incomplete)]
 
     def several(self, ctx: typer.Context, incomplete: str) -> list[str]:
-        """Numbers with commas between, each once."""
+        """Complete numbers separated by commas, each once."""
         return complete_list(lambda: self._numbers(ctx.params))(ctx, incomplete)
 
     def with_profile(self, ctx: typer.Context, incomplete: str) -> list[str]:
-        """AXIS=PROFILE: first the axes, then the names of profiles."""
+        """Complete AXIS=PROFILE: first the axes, then the profile names."""
         axis, equals, begun = incomplete.partition("=")
         if not equals:
             return [f"{number}=" for number in self._numbers(ctx.params) if number.startswith(axis)]
@@ -118,7 +128,7 @@ class AxisCompleter:
 
 
 def complete_nodes(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Node-IDs of the bench and robot files of this folder, each with the file that names it."""
+    """Complete node-IDs of the bench and robot files in this folder."""
     found: dict[str, None] = {}
     for path in _files((".toml",)):
         for table in _tables(_document(path)):
@@ -142,7 +152,10 @@ def complete_list(names: Callable[[], Iterable[str]]) -> Completer:
 
 
 def _objects(given: Mapping[str, Any]) -> dict[str, str]:
-    """Address of each object by name: the standard's, and of the profile that is given or of all."""
+    """Return the address of each object by name.
+
+    The objects are the standard's and those of the given profile, or of all profiles.
+    """
     chosen, wanted = given.get("profile"), ""
     named = [_FOLDER / f"{name}.toml" for name in profile_names()]
     if chosen and chosen in profiles_beginning(chosen):
@@ -163,7 +176,7 @@ def _objects(given: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _further(document: Mapping[str, Any]) -> list[str]:
-    """Names of a family's further products."""
+    """Return the names of a family's further products."""
     products = document.get("product")
     return [each["name"] for each in products if "name" in each] if isinstance(products, list) else []
 
@@ -176,14 +189,17 @@ def _eds_addresses(path: Path | None) -> set[str]:
 
 
 def _tables(document: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
-    """Tables of a bench or robot file that may name a node."""
+    """Yield the tables of a file that may name a node.
+
+    The file is a bench or robot file.
+    """
     for key, value in document.items():
         if isinstance(value, dict):
             yield from (each for each in ([value] if key != "axis" else value.values()) if isinstance(each, dict))
 
 
 def _files(suffixes: tuple[str, ...]) -> list[Path]:
-    """The first files of the working directory with one of the suffixes."""
+    """Return the working directory's first files with a given suffix."""
     with contextlib.suppress(OSError):
         return sorted(path for path in Path().iterdir() if path.suffix in suffixes and path.is_file())[:_MOST_FILES]
     return []
@@ -206,7 +222,9 @@ def _text(path: Path, most: int) -> str:
 
 
 def joined(words: list[str], current: int) -> tuple[list[str], int, str]:
-    """Join what bash parts at `=` and `:`: words as they were typed, which of them is current, and what of it bash will keep.
+    """Join the words that bash splits at `=` and `:`.
+
+    Returned are the words as typed, the index of the current one, and the part of it that bash keeps.
 
     Bash parts `--drive 2=emu` into four words and replaces only the last one by what is offered.
 
@@ -237,7 +255,7 @@ def joined(words: list[str], current: int) -> tuple[list[str], int, str]:
 
 @contextlib.contextmanager
 def bash_words() -> Iterator[None]:
-    """Let a tool that bash asks for completions see the words as they were typed, and bash get what it will put in."""
+    """Adapt bash's completion request and answer to words as typed."""
     asked = [name for name, value in os.environ.items() if name.endswith("_COMPLETE") and value == "complete_bash"]
     given, current = os.environ.get("COMP_WORDS"), os.environ.get("COMP_CWORD", "")
     if not asked or given is None or not current.isdigit():
@@ -255,7 +273,7 @@ def bash_words() -> Iterator[None]:
 
 
 def _without(kept: str, line: str) -> str:
-    """An offer without the beginning that bash keeps."""
+    """Return an offer without the beginning that bash keeps."""
     for start in range(len(kept)):
         if line.startswith(kept[start:]):
             return line[len(kept) - start :]

@@ -1,4 +1,7 @@
-"""Console of the commands of ``drive-profiles``: tables, JSON, errors and exit status, progress, the question before writing."""
+"""Console of the commands of ``drive-profiles``.
+
+It prints tables, JSON, errors and progress, gives the exit statuses, and asks before a command writes.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,9 @@ from drive_profiles.upload.interrupt import InterruptWindow
 
 
 class ToolExitStatus(IntEnum):
-    """Exit statuses of one tool: each member is its number and the sentence that the help says of it.
+    """Exit statuses of one tool.
+
+    Each member has its number and its sentence in the help.
 
     Attributes:
         sentence: The meaning, without a full stop.
@@ -53,7 +58,7 @@ class ExitStatus(ToolExitStatus):
 
 
 def epilog(statuses: Iterable[ToolExitStatus], own: Mapping[ToolExitStatus, str] | None = None) -> str:
-    """Return the end of a command's help: the exit statuses that it can give, each with its sentence.
+    """Return the exit statuses of a command for its help.
 
     Args:
         statuses: The exit statuses of the command.
@@ -88,7 +93,10 @@ WRITE_EPILOG = epilog((*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED))
 
 @contextlib.contextmanager
 def exit_on_error() -> Iterator[None]:
-    """Turn the package's errors into their message and exit status; never a traceback for what the user can mend."""
+    """Turn the package's errors into a message and an exit status.
+
+    Errors that the user can mend give no traceback.
+    """
     from drive_profiles.address import AddressError  # noqa: PLC0415
     from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError  # noqa: PLC0415
 
@@ -115,7 +123,9 @@ def print_json(document: Any) -> None:
 
 
 def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, err: bool = False) -> None:
-    """Print a table in aligned columns: as wide as the terminal, or as wide as it is where there is none.
+    """Print a table in aligned columns.
+
+    It is as wide as the terminal; without a terminal its width is not limited.
 
     Args:
         title: Title above the table; empty for none.
@@ -130,13 +140,19 @@ def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], 
 
 
 def terminal_width(*, err: bool = False) -> int | None:
-    """Columns of the terminal on standard output, or on standard error; None if that is none."""
+    """Return the columns of the terminal on standard output or error.
+
+    The result is None if the stream is no terminal.
+    """
     return shutil.get_terminal_size().columns if (sys.stderr if err else sys.stdout).isatty() else None
 
 
 @contextlib.contextmanager
 def progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show a bar on standard error, where that is a terminal; the context's function is called with each number of steps."""
+    """Show a progress bar on standard error, if it is a terminal.
+
+    Call the context's function with each number of finished steps.
+    """
     if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         yield lambda count: None
         return
@@ -168,14 +184,16 @@ def confirm(question: str, *, yes: bool) -> None:
 
 
 class Interrupts:
-    """Signals to end while a drive is written to: from `hold` on they no longer end the program.
+    """Hold of signals while a command writes to a drive.
 
-    Ctrl-C, SIGTERM, SIGHUP (the terminal has closed), and on Windows Ctrl-Break; there a console that closes may end the program
-    at once, whatever it remembers, and the journal tells the rest. In the process of a tool they are held until it has ended, so
-    that none can change the exit status of what is over.
+    From `hold` on they no longer end the program.
+
+    The signals are Ctrl-C, SIGTERM, SIGHUP (the terminal has closed) and, on Windows, Ctrl-Break. If a Windows console
+    closes, it may end the program at once; the journal then shows what was written. In the process of a tool the signals are
+    held until it ends, so that none can change the exit status of a finished command.
 
     Attributes:
-        window: Window in which a signal counts; whoever writes closes it, and a later one is only answered.
+        window: Window in which a signal counts; the writing command closes it, and a later signal only prints an answer.
         owns_process: True in the process of a tool (`Tool.run`).
         is_held_to_the_end: True if signals are held although the context has ended.
     """
@@ -200,7 +218,7 @@ class Interrupts:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Put the handlers back, unless the process of a tool ends with this."""
+        """Restore the handlers, unless this ends a tool's process."""
         if self._before and self._is_last and Interrupts.owns_process:
             Interrupts.is_held_to_the_end = True
             return

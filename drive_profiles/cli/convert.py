@@ -31,16 +31,19 @@ def convert(
     *,
     profile: ProfileOption = None,
     eds: EdsOption = None,
-    node_id: Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="For $NODEID in an EDS.")] = None,
-    counts_per_rev: Annotated[int | None, typer.Option(min=1, help="Of the drive's encoder, for values in rad.")] = None,
-    rated_torque_nm: Annotated[float | None, typer.Option(help="6076h of the drive, for values in N·m.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace OUT if it is there.")] = False,
+    node_id: Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="Node-ID for $NODEID in an EDS.")] = None,
+    counts_per_rev: Annotated[
+        int | None, typer.Option(min=1, help="Counts per revolution of the drive's encoder, for values in rad.")
+    ] = None,
+    rated_torque_nm: Annotated[float | None, typer.Option(help="Rated torque of the drive (6076h), for values in N·m.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace OUT if it exists.")] = False,
 ) -> None:
-    """Convert a parameter set to a DCF or a concise DCF (1F22h), or back.
+    """Convert a parameter set to a DCF or concise DCF, or back.
 
-    A DCF is made from the device's EDS, of which every other byte stays as it is. Values whose unit depends on the drive's
-    encoder or rated torque need these two to become bytes; a set that was pulled states them. Node-ID, bit rate and serial number
-    go into the DCF's commissioning section, and what else the header says into comments there.
+    A DCF is made from the device's EDS; every other byte stays as it is. Values whose unit depends on the drive's encoder or
+    rated torque need these two to become bytes; a set that was pulled states them. Node-ID, bit rate and serial number go
+    into the DCF's commissioning section; the rest of the header goes into comments there. A concise DCF is the value of
+    1F22h.
 
     Example: drive-profiles convert axis2.toml --eds drive.eds --out axis2.dcf
     """
@@ -60,16 +63,16 @@ def convert(
             scaling = _scaling(parameter_set, catalogue)
             has_flags = out.suffix.lower() not in formats.CONCISE  # a DCF says itself what is kept out of downloads
             for key in () if has_flags else parameter_set.skipped_by_objflags(catalogue):
-                typer.echo(f"left out: {key} is kept out of downloads by the EDS (ObjFlags)", err=True)
+                typer.echo(f"left out: {key}; the EDS excludes it from downloads (ObjFlags)", err=True)
             writes = parameter_set.writes(catalogue, scaling, flagged=has_flags)
             for each in formats.write(out, writes, eds, node_id=node_id or header.node_id, force=force, header=header):
-                typer.echo(f"{each.entry}: cannot stand in a DCF; kept in a comment, which other tools pass over", err=True)
+                typer.echo(f"{each.entry}: does not fit into a DCF; kept in a comment, which other tools ignore", err=True)
         count = sum(1 for _ in parameter_set.items())
     typer.echo(f"{count} values in {out}")
 
 
 def _scaling(wanted: ParameterSet, catalogue: Catalogue) -> Scaling:
-    """Scaling of the drive, from the set's header.
+    """Return the scaling of the drive, from the set's header.
 
     Raises:
         RefusedError: The header does not state what the set needs; the message names the options that do.

@@ -1,4 +1,4 @@
-"""``drive-profiles eds``: show a device description, check it, and write it again without its faults."""
+"""``drive-profiles eds``: show, check and clean a device description."""
 
 # ruff: noqa: PLC0415 - canopen and rich are imported inside the commands, so that --help and completion stay quick
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 EDS_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE),
-    {ExitStatus.DONE: "done, perhaps with warnings", ExitStatus.FILE: "a file, or a part of it, had to be refused"},
+    {ExitStatus.DONE: "done, perhaps with warnings", ExitStatus.FILE: "a file, or a part of it, was refused"},
 )
 
 app = Tool("eds", "Device descriptions of any vendor (EDS, DCF, XDD): check, show, convert.", EDS_EPILOG, is_group=True)
-NodeId = Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="For $NODEID; counts before that of the file.")]
+NodeId = Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="Node-ID for $NODEID; overrides that of the file.")]
 File = Annotated[Path, typer.Argument(metavar="FILE", help="An EDS, DCF, XDD or XDC file.")]
 _REAL_DIGITS = 7
 """Digits of a file's real numbers: all that a REAL32 has."""
@@ -45,9 +45,9 @@ def check(
     node_id: NodeId = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Name every fault of the files with its line, and what was made of it.
+    """Report every fault of the files with its line and repair.
 
-    Where a file contradicts itself or the standard, both sides are named and kept.
+    If a file contradicts itself or the standard, both sides are reported and kept.
 
     Example: drive-profiles eds check --strict drive.eds
     """
@@ -83,7 +83,9 @@ def show(
     if wanted is not None:
         rows = [row for row in rows if _is_wanted(row, wanted)]
         if not rows:
-            raise typer.BadParameter(f"no object of {file} is, or is named, {wanted!r}", param_hint="OBJECT")
+            raise typer.BadParameter(
+                f"{file} has no object {wanted!r}; expected an address or a part of a name", param_hint="OBJECT"
+            )
     if as_json:
         typer.echo(json.dumps({**facts, "objects": rows}, indent=2, ensure_ascii=False))
     else:
@@ -106,7 +108,9 @@ def convert(
     force: Annotated[bool, typer.Option("--force", help="Overwrite OUT.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Report as one JSON document.")] = False,
 ) -> None:
-    """Write a clean EDS or DCF, or JSON, with what was understood of the file.
+    """Write a clean EDS or DCF, or JSON, from a description.
+
+    The result holds what the reader understood of the file.
 
     Example: drive-profiles eds convert drive.xdd --out drive.eds
     """
@@ -116,7 +120,7 @@ def convert(
 
     suffix = out.suffix.lower().removeprefix(".")
     if suffix not in {"eds", "dcf", "json"}:
-        raise typer.BadParameter(f"{out} has none of the suffixes .eds, .dcf, .json", param_hint="--out")
+        raise typer.BadParameter(f"{out} has an unknown suffix; expected .eds, .dcf or .json", param_hint="--out")
     description = _load(file, node_id)
     notes = lost(description, suffix)
     if suffix == "json":
@@ -125,9 +129,9 @@ def convert(
         data = as_text(description, "dcf" if suffix == "dcf" else "eds").encode()
         notes += _read_again(data, out, node_id)
     if not out.parent.is_dir():
-        raise typer.BadParameter(f"there is no folder {out.parent}", param_hint="--out")
+        raise typer.BadParameter(f"folder {out.parent} does not exist; create it first", param_hint="--out")
     if out.exists() and not force:
-        raise typer.BadParameter(f"{out} exists; --force overwrites it", param_hint="--out")
+        raise typer.BadParameter(f"{out} already exists; give --force to overwrite it", param_hint="--out")
     with exit_on_error():
         write_atomically(out, data, force=force)
     if as_json:
@@ -139,7 +143,7 @@ def convert(
 
 
 def _checked(path: Path, node_id: int | None, *, strict: bool) -> tuple[dict[str, Any], str]:
-    """Findings in one file, as data and as text."""
+    """Return the findings in one file, as data and as text."""
     from drive_profiles.eds import load
     from drive_profiles.eds.export import summary
     from drive_profiles.errors import FileError
@@ -176,7 +180,7 @@ def _count(number: int, one: str, many: str = "") -> str:
 
 
 def _load(path: Path, node_id: int | None) -> Description:
-    """Load a description, or exit with the reasons why it cannot be read."""
+    """Load a description, or exit with the reasons for its refusal."""
     from drive_profiles.eds import load
     from drive_profiles.errors import FileError
 
@@ -188,14 +192,17 @@ def _load(path: Path, node_id: int | None) -> Description:
 
 
 def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, ...]:
-    """Problems of a file just made: faults of the device, not of the file's form."""
+    """Return the problems of a file just made.
+
+    They are faults of the device, not of the file's form.
+    """
     from drive_profiles.eds import loads
     from drive_profiles.errors import FileError
 
     try:
         return loads(data, out, node_id=node_id).warnings
     except FileError as error:
-        typer.echo(f"{error}\nnot written, since it could not be read again", err=True)
+        typer.echo(f"{error}\nnot written: the result cannot be read again", err=True)
         raise typer.Exit(ExitStatus.FILE) from None
 
 
@@ -237,7 +244,7 @@ def _row(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _value(row: dict[str, Any], held: float | str | None) -> str:
-    """Number of an object as people read it, text as it is."""
+    """Format the number of an object; text stays as it is."""
     from drive_profiles.standard import shown
     from drive_profiles.standard.cia301 import DataType
 
@@ -248,5 +255,5 @@ def _value(row: dict[str, Any], held: float | str | None) -> str:
 
 
 def _printable(text: str) -> str:
-    """Text of a file, with nothing in it that a terminal would take for a command."""
+    """Return the text of a file with control characters escaped."""
     return text if text.isprintable() else repr(text)

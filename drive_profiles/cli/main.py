@@ -1,4 +1,7 @@
-"""``drive-profiles``: drive families as data, and the parameters of drives: read, compare, write, put back."""
+"""``drive-profiles``: drive families as data, and parameters of drives.
+
+Its commands read, compare, write and restore parameters.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from drive_profiles.cli.live import backup, faults, lss, nmt, watch
 
 app = Tool(
     "drive-profiles",
-    "Drive families as data, and the parameters of real drives: who they are, what they can do, and what they hold.",
+    "Drive families as data, and the parameters of real drives: identity, capabilities and values.",
     EPILOG,
 )
 

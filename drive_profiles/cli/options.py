@@ -15,7 +15,10 @@ from drive_profiles.cli.console import ExitStatus, fail
 
 
 def take_bus(context: typer.Context, value: str | None) -> str | None:
-    """Say on standard error which bus is taken, and where it was named; the option's callback."""
+    """Print the chosen bus and its origin on standard error.
+
+    This is the callback of the option `--bus`.
+    """
     if value is None or context.resilient_parsing:  # the shell asks for completions
         return value
     source = context.get_parameter_source("bus")
@@ -35,7 +38,7 @@ ProfileName = Annotated[
     str,
     typer.Argument(
         metavar="NAME",
-        help="A name from `drive-profiles list`, or a profile's file; /PRODUCT behind it for one product.",
+        help="A name from `drive-profiles list`, or a profile's file; append /PRODUCT for one product.",
         autocompletion=complete_profiles,
     ),
 ]
@@ -57,12 +60,12 @@ ProfileOption = Annotated[
     str | None,
     typer.Option(
         "--profile",
-        help="A name or a file, /PRODUCT behind it or not; else what matches the identity.",
+        help="Profile name or file, also with /PRODUCT. Default: the one that matches the identity.",
         autocompletion=complete_profiles,
     ),
 ]
-EdsOption = Annotated[Path | None, typer.Option("--eds", help="The device's own EDS: more objects, and their limits.")]
-TimeoutOption = Annotated[float, typer.Option("--timeout-s", min=0.01, max=60.0, help="How long an answer may take.")]
+EdsOption = Annotated[Path | None, typer.Option("--eds", help="The device's own EDS, for further objects and limits.")]
+TimeoutOption = Annotated[float, typer.Option("--timeout-s", min=0.01, max=60.0, help="Longest time until an answer.")]
 ALL = "tuning,limits,communication,commissioning"
 ClassesOption = Annotated[
     str,
@@ -78,17 +81,17 @@ JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for jou
 UnverifiedOption = Annotated[bool, typer.Option("--allow-unverified", help="Allow writes based on unverified profile data.")]
 StoreOption = Annotated[bool, typer.Option("--store", help="Save the values to the drive's non-volatile memory.")]
 RollBackOption = Annotated[
-    bool, typer.Option("--rollback-on-error/--no-rollback-on-error", help="Put everything back when something fails.")
+    bool, typer.Option("--rollback-on-error/--no-rollback-on-error", help="Restore the former values when something fails.")
 ]
 JOURNALS = Path("drive-journals")
 
 
 def class_names(text: str) -> tuple[str, ...]:
-    """Parameter classes of an option's text."""
+    """Return the parameter classes of an option's text."""
     from drive_profiles.parameter_set.parameters import CLASSES
 
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     unknown = [name for name in names if name not in CLASSES]
     if unknown or not names:
-        raise fail(f"--classes {text}: expected some of {', '.join(CLASSES)}", ExitStatus.USAGE)
+        raise fail(f"--classes {text}: unknown class; expected some of {', '.join(CLASSES)}", ExitStatus.USAGE)
     return names

@@ -24,7 +24,9 @@ def mount(app: typer.Typer) -> None:
 
 
 def list_profiles(*, as_json: JsonOption = False) -> None:
-    """List the profiles of the package, and what each can do for a variable notch; `show` has the reasons.
+    """List the profiles, and what each can do for the notch.
+
+    The notch is the variable one; `show` has the reasons.
 
     Examples:
         drive-profiles list
@@ -70,7 +72,9 @@ def show(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Show one profile: identity, capabilities with their reasons, parameters with objects and units.
+    """Show one profile with its capabilities and parameters.
+
+    The capabilities have their reasons, the parameters their objects and units.
 
     Example: drive-profiles show emulated_drive
     """
@@ -131,7 +135,7 @@ _CAPABILITIES = {"p_pi_inside": "P-PI inside", "host_closed": "host-closed"}
 
 
 def _step(entry: Parameter) -> str:
-    """Value of one step on the wire, where it is not simply the number."""
+    """Return the value of one step on the wire, if not 1."""
     if isinstance(entry.scale, str):
         return entry.step
     return "" if entry.scale == 1.0 else f"{number(entry.scale)} {unit(entry.unit)}".rstrip()

@@ -48,7 +48,9 @@ def scan(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Ask every node who it is: only reads of 1000h, 1008h, 100Ah and 1018h.
+    """Read the identity of every node.
+
+    Only 1000h, 1008h, 100Ah and 1018h are read.
 
     Example: drive-profiles scan --bus local:/tmp/robot.sock
     """
@@ -72,7 +74,7 @@ def scan(
         table("", header, [_row(identity, names) for identity, names in rows])
     if not rows:
         raise fail(
-            f"no node of {nodes} answers on {bus} within {timeout_s:g} s: is the bit rate right, is everything powered?",
+            f"no node of {nodes} answers on {bus} within {timeout_s:g} s: check the bit rate and the supply",
             ExitStatus.NODE,
         )
 
@@ -116,7 +118,7 @@ def info(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Show who a node is, its state, its errors and what is known of it.
+    """Show a node's identity, state, errors and matching profile.
 
     Example: drive-profiles info --bus socketcan:can0 --node 2
     """
@@ -171,16 +173,18 @@ def pull(
     node: NodeOption,
     *,
     out: Annotated[Path | None, typer.Option("--out", help="File to write; default, or -: standard output.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
     classes: ClassesOption = ALL,
     profile: ProfileOption = None,
     eds: EdsOption = None,
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Read everything that could be written back: the parameter set that the drive is.
+    """Read all values that could be written back, as a set.
 
-    What could not be read is said on standard error and in the set's header.
+    Standard error and the set's header list what could not be read.
+
+    Objects that could not be read are listed on standard error and in the set's header.
 
     Example: drive-profiles pull --bus local:/tmp/robot.sock --node 2 --out axis2.toml
     """
@@ -223,7 +227,9 @@ def get(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Read objects. One that cannot be read does not hide the others; the command then ends with its exit status.
+    """Read objects.
+
+    If one cannot be read, the others are shown all the same, and the command ends with its exit status.
 
     Example: drive-profiles get position_gain_per_s 0x6041 --bus local:/tmp/robot.sock --node 2
     """
@@ -263,7 +269,10 @@ def get(
 def _got(
     device: Device, entries: list[CatalogueEntry]
 ) -> tuple[list[tuple[CatalogueEntry, bytes, float | str]], list[tuple[CatalogueEntry, DriveProfileError]]]:
-    """Objects with their bytes and values, and those that could not be read, each with the reason."""
+    """Read objects; return those read and those that failed.
+
+    The read ones have bytes and value, the failed ones the reason.
+    """
     from drive_profiles.errors import BusError, DriveProfileError
 
     values: list[tuple[CatalogueEntry, bytes, float | str]] = []
@@ -285,7 +294,10 @@ def _got(
 
 
 def _value(entry: CatalogueEntry, data: bytes, value: float | str) -> str:
-    """Value as people read it; a word of bits also where neither profile nor EDS says its type."""
+    """Format a value for people.
+
+    A word of bits is hexadecimal even if its type is not known.
+    """
     if entry.data_type is None and shown.is_hexadecimal(entry.address) and len(data) in {1, 2, 4, 8}:
         return f"0x{int.from_bytes(data, 'little'):0{2 * len(data)}X}"
     return shown.value(value, entry.address, entry.data_type)

@@ -1,4 +1,7 @@
-"""Commands of ``drive-profiles`` that realise a notch and gains in a drive family, and write the documentation's pages."""
+"""Commands of ``drive-profiles`` that realise a notch and gains.
+
+Another one writes the documentation's pages of the families.
+"""
 
 # ruff: noqa: PLC0415 - pydantic and numpy are imported inside the commands, so that --help and completion stay quick
 
@@ -38,16 +41,18 @@ def realise(
     *,
     order: Annotated[int, typer.Option(min=1, help="Harmonic order k of the transmission error.")] = 2,
     speed_rps: Annotated[float, typer.Option(help="Motor speed f_m, rev/s.")],
-    offset_hz: Annotated[float, typer.Option(help="How far the poles are above the zeros.")] = 0.5,
+    offset_hz: Annotated[float, typer.Option(help="Offset of the poles above the zeros.")] = 0.5,
     zeta_rn: Annotated[float, typer.Option(help="Damping of the zeros.")] = 0.028,
     zeta_rd: Annotated[float, typer.Option(help="Damping of the poles.")] = 0.1,
-    section: Annotated[int, typer.Option(min=1, help="Which of the drive's filters.")] = 1,
-    period_us: Annotated[float | None, typer.Option(help="Period of the drive's filter, where the profile has none.")] = None,
-    approximate: Annotated[bool, typer.Option("--approximate", help="Take the nearest that the drive can hold.")] = False,
+    section: Annotated[int, typer.Option(min=1, help="Number of the drive's filter.")] = 1,
+    period_us: Annotated[float | None, typer.Option(help="Period of the drive's filter, if the profile states none.")] = None,
+    approximate: Annotated[bool, typer.Option("--approximate", help="Accept the nearest notch that the drive can hold.")] = False,
     out: SetOutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what a drive would hold of the notch at one speed, and how far off that is.
+    """Show the notch that a drive would hold at one speed.
+
+    The deviations from the target are shown, too.
 
     Example: drive-profiles realise harmonic_drive_yukondrive --speed-rps 5.92 --period-us 125
     """
@@ -112,7 +117,9 @@ def gains(
     position_gain: Annotated[float, typer.Option(help="K_p, 1/s.")],
     velocity_gain: Annotated[float, typer.Option(help="K_v, N·m·s/rad, motor side.")],
     velocity_integral_gain: Annotated[float, typer.Option(help="K_v/T_i, N·m/rad, motor side.")],
-    torque_constant: Annotated[float | None, typer.Option(help="Of the motor, N·m/A; for drives that work in amperes.")] = None,
+    torque_constant: Annotated[
+        float | None, typer.Option(help="Torque constant of the motor, N·m/A, for drives that work in amperes.")
+    ] = None,
     out: SetOutOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -153,7 +160,10 @@ def gains(
 
 
 def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact: NotchFacts | LoopFacts | None) -> None:
-    """Save the values as a parameter set, where --out is given; an existing file is not replaced."""
+    """Save the values as a parameter set if --out is given.
+
+    An existing file is not replaced.
+    """
     if out is None:
         return
     from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet
@@ -166,7 +176,7 @@ def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact:
     typer.echo(f"{len(items)} values in {out}", err=True)
 
 
-def pages(*, out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Where the pages go.")] = Path("docs/drives")) -> None:
+def pages(*, out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Folder for the pages.")] = Path("docs/drives")) -> None:
     """Write the documentation's pages: one per profile, and their index.
 
     Example: drive-profiles pages --out docs/drives
@@ -192,7 +202,10 @@ def _why_unverified(fact: NotchFacts | LoopFacts | None) -> str:
 
 
 def _finite(facts: Any) -> Any:
-    """Facts without infinities, which JSON does not have: the depth of an undamped zero is null."""
+    """Replace infinities by None, since JSON has none.
+
+    The depth of an undamped zero, for example, becomes null.
+    """
     if isinstance(facts, dict):
         return {key: _finite(value) for key, value in facts.items()}
     if isinstance(facts, list | tuple):
@@ -210,7 +223,7 @@ def _refuse(error: NotRealisableError, *, as_json: bool) -> NoReturn:
 
 
 def _option_for(reason: str) -> str:
-    """Option that resolves a reason, in brackets."""
+    """Return the option that resolves a reason, in brackets."""
     for words, option in (("period at which its filter runs", "--period-us"), ("torque constant is needed", "--torque-constant")):
         if words in reason:
             return f" ({option})"

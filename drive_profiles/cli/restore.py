@@ -1,4 +1,4 @@
-"""``drive-profiles store`` and ``restore``: keep values over a loss of power, and put earlier values back."""
+"""``drive-profiles store`` and ``restore``: store values, or restore earlier ones."""
 
 # ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the commands, so that --help and completion stay quick
 
@@ -49,7 +49,7 @@ def store(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Let a drive keep all that it holds now over a loss of power.
+    """Let a drive store its values over a loss of power.
 
     Example: drive-profiles store --bus local:/tmp/robot.sock --node 2 --yes
     """
@@ -69,10 +69,10 @@ def restore(
     ] = None,
     *,
     snapshot: Annotated[
-        Path | None, typer.Option("--snapshot", help="Write back what this journal's drive held before; of a folder the newest.")
+        Path | None, typer.Option("--snapshot", help="Journal whose former values are restored; of a folder the newest.")
     ] = None,
     defaults: Annotated[
-        bool, typer.Option("--defaults", help="Let the drive put its factory's values back; they act after its next reset.")
+        bool, typer.Option("--defaults", help="Restore the drive's factory settings; they take effect after its next reset.")
     ] = False,
     dry_run: DryRunOption = False,
     yes: YesOption = False,
@@ -86,7 +86,7 @@ def restore(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Go back: to the snapshot of an upload, or to the factory's values.
+    """Restore the snapshot of an upload, or the factory settings.
 
     Examples:
         drive-profiles restore --snapshot drive-journals --node 2 --bus local:/tmp/robot.sock
@@ -108,7 +108,7 @@ def restore(
         elif node is None:
             raise fail("--defaults needs --node", ExitStatus.USAGE)
         elif store:
-            raise fail("--store would keep what --defaults lets the drive forget; reset it, then store", ExitStatus.USAGE)
+            raise fail("--store with --defaults would store the old values; reset the drive first, then store", ExitStatus.USAGE)
         else:
             _defaults(request, node)
 
@@ -130,13 +130,16 @@ def _snapshot(request: TransactionRequest, path: Path, node: int | None) -> None
     wanted = as_set(before, catalogue)
     options = request.options
     if not before.identity.get("serial_number"):  # 0 is what a device says that has none
-        typer.echo(f"node {before.node} had no serial number: see to it that it is the same device, not its twin", err=True)
+        typer.echo(f"node {before.node} had no serial number; check that it is the same device", err=True)
         options = replace(options, force_commissioning=True)
     transact(replace(request, profile=profile, options=options), [(before.node, wanted)])
 
 
 def _newest(path: Path, node: int | None) -> Path:
-    """Path of the journal; in a folder that of the newest, of the named node where one is given."""
+    """Return the path of the journal.
+
+    In a folder it is the newest, of the named node if one is given.
+    """
     if not path.is_dir():
         return path
     journals = [each for each in path.glob("*.jsonl") if node is None or each.name.startswith(f"node{node}-")]
@@ -163,23 +166,25 @@ class _Words:
 
 
 _STORE = _Words(
-    "let it store everything that it holds",
-    "has stored what it holds",
-    "whether it has stored is not known; once it answers, store again",
+    "store all its values",
+    "has stored its values",
+    "it is not known whether it has stored; once it answers, store again",
     "stored",
     True,
 )
 _DEFAULTS = _Words(
-    "let it forget its values and go back to the factory's",
-    "will hold its factory's values after its next reset",
-    "what it will hold after its next reset is not known; once it answers, give the command again",
+    "drop its values and restore the factory settings",
+    "will hold its factory settings after its next reset",
+    "its values after the next reset are not known; once it answers, repeat the command",
     "defaults",
     "after the next reset",
 )
 
 
 def _give(request: TransactionRequest, node: int, choose: Callable[[Device], MemoryCommand], words: _Words) -> None:
-    """Give a drive one of the two commands, and print the result; Ctrl-C is remembered until it has answered.
+    """Give a drive one of the two commands, and print the result.
+
+    Ctrl-C is held until the drive has answered.
 
     Args:
         request: Bus and options of the command.
@@ -206,7 +211,7 @@ def _give(request: TransactionRequest, node: int, choose: Callable[[Device], Mem
             return
         confirm(f"node {node}: {words.question} ({command.written_address}, up to {command.wait_s:g} s)?", yes=request.yes)
         device.check_quiet()  # a user may have thought for long
-        told = f"the interrupt came too late: node {node} has been told; it may take {command.wait_s:g} s to answer"
+        told = f"the interrupt came too late: node {node} has the command; it may take {command.wait_s:g} s to answer"
         interrupts.hold("interrupted: nothing has been written", told)
         if not interrupts.window.close():
             raise typer.Exit(ExitStatus.INTERRUPTED)

@@ -1,4 +1,7 @@
-"""The command ``schema`` of all three tools: the JSON Schema of a kind of TOML file, for editors."""
+"""The command ``schema`` of all three tools.
+
+It writes the JSON Schema of a kind of TOML file, for editors.
+"""
 
 # ruff: noqa: PLC0415 - pydantic is imported inside the command, so that --help and completion stay quick
 
@@ -29,13 +32,13 @@ def mount_schema(app: typer.Typer, kinds: Kinds, example: str) -> None:
         kind: Annotated[str, typer.Argument(help=f"One of {named}.", autocompletion=complete_list(lambda: list(kinds)))],
         out: Annotated[Path | None, typer.Option("--out", help="File to write; default: standard output.")] = None,
         *,
-        force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+        force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
     ) -> None:
         from drive_profiles.files.safefile import write_atomically
         from drive_profiles.files.schema import schema_text
 
         if kind not in kinds:
-            raise fail(f"{kind}: there are schemas of {named}", ExitStatus.USAGE)
+            raise fail(f"no schema of {kind!r}; expected one of {named}", ExitStatus.USAGE)
         with exit_on_error():
             text = schema_text(kinds[kind](), f"{app.info.name} {kind} file")
             if out is not None:
@@ -43,7 +46,9 @@ def mount_schema(app: typer.Typer, kinds: Kinds, example: str) -> None:
         if out is None:
             typer.echo(text, nl=False)
 
-    schema.__doc__ = f"""Write the JSON Schema of a kind of TOML file, by which an editor completes and checks it.
+    schema.__doc__ = f"""Write the JSON Schema of a kind of TOML file.
+
+    With it an editor completes and checks such a file.
 
     Example: {example}
     """

@@ -1,4 +1,7 @@
-"""Parameter sets as a user names them: files of any format, beside other files or before a drive."""
+"""Parameter sets as a user names them.
+
+They are files of any format, for a comparison of files or for a drive.
+"""
 
 # ruff: noqa: PLC0415 - canopen and pydantic are imported inside the functions, so that --help and completion stay quick
 
@@ -19,9 +22,11 @@ if TYPE_CHECKING:
 def set_for_drive(
     bus: SdoBus, node: int, path: Path, profile: str | None = None, eds: Path | None = None
 ) -> tuple[Device, ParameterSet]:
-    """Open the drive at a node and read the set for it; a DCF serves as its own EDS.
+    """Open the drive at a node and read the set for it.
 
-    What of a file is not taken is said on standard error.
+    A DCF serves as its own EDS.
+
+    Parts of the file that are not used are listed on standard error.
 
     Args:
         bus: The bus.
@@ -46,7 +51,9 @@ def set_for_drive(
 
 
 def catalogue_for(path: Path, profile: str | None = None, eds: Path | None = None, node_id: int | None = None) -> Catalogue:
-    """Objects of the device that a file is of, without a bus; a DCF serves as its own EDS.
+    """Return the objects of a file's device, without a bus.
+
+    A DCF serves as its own EDS.
 
     Without a profile it is that of the file's header, else the one that matches the identity in the file.
 
@@ -76,7 +83,10 @@ def _own_eds(path: Path, eds: Path | None) -> Path | None:
 
 
 def _matching(header: Header) -> str | None:
-    """Name of the one profile that fits the identity in a header; None if none fits, or several do."""
+    """Return the one profile that fits the header's identity, or None.
+
+    The result is None if none fits, or several do.
+    """
     from drive_profiles.device.device import DeviceIdentity
     from drive_profiles.device.target import matching
 

@@ -1,4 +1,6 @@
-"""Tables of the three tools as text: aligned columns that fit the terminal without breaking a word.
+"""Tables of the three tools as aligned text.
+
+They fit the terminal without breaking a word.
 
 A cell wraps between words; where even that is too wide, or takes more lines, each row becomes a block of its own. What does not
 go to a terminal has a line for each row, as wide as it is. Machines read `--json`.
@@ -15,7 +17,9 @@ _NUMBER = re.compile(r"[-+−]?(\d[\d.,]*|\.\d+)(e[-+]?\d+)?( ?[%‰])?|[-–?]|
 
 
 def lines(header: Sequence[str], rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
-    """Lines of a table: the header, on a terminal a rule below it, the rows.
+    """Return the lines of a table: header, rule, and rows.
+
+    The rule is only drawn on a terminal.
 
     Args:
         header: Names of the columns; all empty for a table without a header.
@@ -39,7 +43,10 @@ def lines(header: Sequence[str], rows: Sequence[Sequence[str]], width: int | Non
 
 
 def _widths(columns: list[list[str]], width: int | None) -> list[int] | None:
-    """Width of each column, the widest ones wrapped as far as it must be; None if words would have to be broken."""
+    """Return the width of each column.
+
+    The widest ones are wrapped as far as necessary; the result is None if words would have to be broken.
+    """
     widths = [max(map(len, column)) for column in columns]
     least = [max((len(word) for cell in column for word in cell.split()), default=0) for column in columns]
     if width is None:
@@ -56,7 +63,7 @@ def _widths(columns: list[list[str]], width: int | None) -> list[int] | None:
 
 
 def _row(row: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> list[str]:
-    """Lines of one row."""
+    """Return the lines of one row."""
     wrapped = [_wrap(cell, width) for cell, width in zip(row, widths, strict=True)]
     shown = []
     for number in range(max(map(len, wrapped))):
@@ -67,7 +74,10 @@ def _row(row: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> li
 
 
 def _blocks(header: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[str]:
-    """Each row as a block: its first cell, then the others behind their columns' names, as many on a line as fit."""
+    """Return each row as a block.
+
+    Its first cell comes first, then the others after their columns' names, as many on a line as fit.
+    """
     shown = []
     for row in rows:
         shown += _wrap(row[0], width)

@@ -54,9 +54,10 @@ class TransactionRequest:
 
 
 def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSet | Path]]) -> None:
-    """Prepare all uploads, show the changes, ask, run all, and report how each ended.
+    """Prepare uploads, show changes, ask, run, and report.
 
-    From the first write to the end of the process Ctrl-C does not end the program: it has everything put back, or comes too late.
+    From the first write to the end of the process Ctrl-C does not end the program: it rolls the uploads back, or comes too
+    late.
 
     Raises:
         typer.Exit: Not every drive holds its set.
@@ -98,14 +99,17 @@ def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSe
 
 
 def exit_status(outcomes: Sequence[UploadResult]) -> int:
-    """Exit status of a command with these results: an unknown state takes precedence over any failure."""
+    """Return the exit status of a command with these results.
+
+    An unknown state takes precedence over any failure.
+    """
     if any(outcome.kind == "unknown" for outcome in outcomes):
         return ExitStatus.UNKNOWN
     return max((outcome.exit_code for outcome in outcomes), default=0)
 
 
 def _upload(bus: SdoBus, node: int, wanted: ParameterSet | Path, request: TransactionRequest) -> Upload:
-    """Upload to one node, of a set or of the file that holds it."""
+    """Prepare the upload of a set or file to a node."""
     from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.target import device_at
     from drive_profiles.upload.upload import Upload
@@ -118,9 +122,11 @@ def _upload(bus: SdoBus, node: int, wanted: ParameterSet | Path, request: Transa
 
 
 def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> None:
-    """Print the changes as a table; on standard error where standard output is for the JSON document of the results.
+    """Print the changes as a table.
 
-    Before a question, or an outcome, the table is short: what is said after it must not push it out of sight.
+    With `--json` it goes to standard error, since standard output has the document of the results.
+
+    Before a question or a result the table is short, so that the following text does not push it out of sight.
     """
     rows: list[tuple[str, ...]] = []
     documents: list[dict[str, Any]] = []
@@ -142,7 +148,10 @@ def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> Non
 
 
 def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, float | str, str, DataType | None]:
-    """Value now, new value, unit and type of a write: in the parameter's unit also where the line is raw, as in a snapshot."""
+    """Return the value now, new value, unit and type of a write.
+
+    They are in the parameter's unit even if the line is raw, as in a snapshot.
+    """
     from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
 
     known = device.catalogue.get(write.address)
@@ -158,7 +167,10 @@ def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, fl
 
 
 def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> None:
-    """Print how each upload ended, and the next command where the drive's state is not known."""
+    """Print the result of each upload.
+
+    If a drive's state is not known, the next command is printed, too.
+    """
     if request.as_json:
         print_json(
             [{**asdict(outcome), "journal": None if outcome.journal is None else str(outcome.journal)} for outcome in outcomes]

@@ -59,7 +59,11 @@ def upload(
     node: Annotated[
         list[int],
         typer.Option(
-            "--node", min=1, max=127, help="Node-ID; again for several drives: all or none.", autocompletion=complete_nodes
+            "--node",
+            min=1,
+            max=127,
+            help="Node-ID; repeat for several drives, which are written all or none.",
+            autocompletion=complete_nodes,
         ),
     ],
     *,
@@ -78,7 +82,10 @@ def upload(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Write parameter sets to drives: check, snapshot, write what differs, read back, store; or put everything back.
+    """Write parameter sets to drives, all or none.
+
+    Each drive is checked, its values are saved in a snapshot, differing values are written, read back and stored. After a
+    failure all get their former values back.
 
     Examples:
         drive-profiles upload axis2.toml --bus local:/tmp/robot.sock --node 2 --dry-run
@@ -89,11 +96,11 @@ def upload(
     from drive_profiles.upload.result import UploadOptions
 
     if len(set(node)) != len(node):
-        raise fail(f"--node {' --node '.join(map(str, node))}: the same drive twice", ExitStatus.USAGE)
+        raise fail(f"--node {' --node '.join(map(str, node))}: a drive is given twice; give each node once", ExitStatus.USAGE)
     if len(sets) not in {1, len(node)}:
         raise fail(f"{len(sets)} parameter sets for {len(node)} nodes: give one for all, or one for each", ExitStatus.USAGE)
     if reset and not store:
-        raise fail("--reset without --store would only undo the upload", ExitStatus.USAGE)
+        raise fail("--reset without --store would only undo the upload; give --store as well", ExitStatus.USAGE)
     options = UploadOptions(
         class_names(classes),
         store,
@@ -132,7 +139,9 @@ def set_(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Write single objects, each named in full, by the same transaction as `upload`.
+    """Write single objects by the same transaction as `upload`.
+
+    Each object is named in full.
 
     Example: drive-profiles set notch_1.mode=1 notch_1.start_rps=4 --bus local:/tmp/robot.sock --node 2
     """
@@ -153,7 +162,7 @@ def set_(
         wanted = _as_set([_pair(text) for text in values], device.catalogue, kind)
         if skipped_by_objflags := wanted.skipped_by_objflags(device.catalogue):
             named = ", ".join(skipped_by_objflags)
-            raise fail(f"{named}: kept out of downloads by the EDS (ObjFlags); without --eds it is written", ExitStatus.FILE)
+            raise fail(f"{named}: the EDS excludes it from downloads (ObjFlags); leave out --eds to write it", ExitStatus.FILE)
         transact(TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json), [(node, wanted)])
 
 
@@ -165,7 +174,10 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None) -> ParameterSet:
-    """Single values as a parameter set, so that they are written by the same transaction."""
+    """Make a parameter set of single values.
+
+    They are then written by the same transaction as a set.
+    """
     from drive_profiles.parameter_set.parameters import CLASSES, Item, ParameterSet
     from drive_profiles.standard.cia301 import DataType
     from drive_profiles.standard.object_address import address_text
@@ -191,7 +203,10 @@ def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None)
 
 
 def _number(text: str, key: str, data_type: Any) -> float | str:
-    """Value of a user's text: decimal, 0x hexadecimal, or text where the object holds text or bytes."""
+    """Parse a user's value: decimal, 0x hexadecimal, or text.
+
+    Text is accepted if the object holds text or bytes.
+    """
     if data_type is not None and not (data_type.is_integer or data_type.is_real or data_type.size):
         return text
     for convert in (lambda t: int(t, 0), float):

@@ -1,4 +1,7 @@
-"""A CAN bus for the parameter tool: SDO ports, NMT commands and a scan for nodes, on any bus that python-can knows."""
+"""A CAN bus for the parameter tool, opened through python-can.
+
+It offers SDO ports, NMT commands and a scan for nodes.
+"""
 
 from __future__ import annotations
 
@@ -52,11 +55,14 @@ class _Line:
         self._bus.send(can_id, data)
 
     def on_request(self, data: bytes) -> None:
-        """Count a request to the node that is on the bus and is not ours; some adapters return what they have sent."""
+        """Count an SDO request that another client sent to the node.
+
+        Frames of our own are not counted: some adapters return what they have sent.
+        """
         self.requests_of_others += data not in self._sent
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """Wait for the next answer; raise when the bus is lost, rather than wait in vain."""
+        """Wait for the next answer; raise `BusError` if the bus is lost."""
         self._bus.check()
         try:
             return self.answers.get(timeout=timeout_s)
@@ -73,7 +79,9 @@ class _Line:
 
 
 class SdoBus:
-    """A CAN bus that several threads may use: each node has one SDO port, and a thread sorts the received frames.
+    """A CAN bus that several threads may share.
+
+    Each node has one SDO port; a thread hands the received frames to them.
 
     Attributes:
         address: The bus address as it was given.
@@ -131,7 +139,9 @@ class SdoBus:
                 self._bus.shutdown()
 
     def port(self, node: int) -> SdoPort:
-        """SDO client of a node; every call returns the same one.
+        """Return the SDO client of a node.
+
+        Every call returns the same one.
 
         Raises:
             ValueError: The node-ID is not from 1 to 127.
@@ -149,12 +159,15 @@ class SdoBus:
         self.send(FunctionCode.NMT, bytes((command, BROADCAST if node == 0 else node)))
 
     def boots(self, node: int) -> int:
-        """Number of boot-up messages of a node since its port was made."""
+        """Return the number of boot-up messages of a node.
+
+        It counts from the making of the node's port.
+        """
         self.port(node)
         return self._lines[node].boots
 
     def nmt_state(self, node: int) -> int | None:
-        """NMT state of a node's last heartbeat; None if none has come."""
+        """Return the NMT state of a node's last heartbeat, or None."""
         self.port(node)
         return self._lines[node].nmt_state
 
@@ -169,7 +182,7 @@ class SdoBus:
             with self._sending:
                 self._bus.send(can.Message(arbitration_id=can_id, is_extended_id=False, data=data), timeout=self.timeout_s)
         except (can.CanError, OSError) as error:
-            raise BusError(f"bus {self.address} takes no frame: {error}") from error
+            raise BusError(f"bus {self.address} cannot send a frame: {error}") from error
 
     def check(self) -> None:
         """Raise `BusError` if the bus was lost."""
@@ -177,7 +190,10 @@ class SdoBus:
             raise BusError(f"bus {self.address} lost: {self._lost}")
 
     def answering(self, nodes: range | list[int]) -> list[int]:
-        """Ask all nodes at once for 1000h, and return those that answer, in rising order."""
+        """Return the nodes that answer a read of 1000h, in rising order.
+
+        All nodes are asked at once.
+        """
         for node in nodes:
             self.port(node)
             self._lines[node].clear()
@@ -192,7 +208,7 @@ class SdoBus:
         return [node for node in nodes if self._lines[node].clear()]
 
     def _read(self) -> None:
-        """Hand each received frame to its node's port, until the bus is closed or lost."""
+        """Pass each received frame to its node's port until the bus closes."""
         while not self._closing.is_set():
             try:
                 message = self._bus.recv(_POLL_S)

@@ -1,4 +1,7 @@
-"""A device behind an SDO port: its identity, its CiA 402 state, its scaling and the values in its dictionary."""
+"""A device behind an SDO port.
+
+It has an identity, a CiA 402 state, a scaling and the values of its object dictionary.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +69,7 @@ class DeviceIdentity:
 
 
 class Device:
-    """A device on a bus, read and written through the objects of its catalogue.
+    """A device on a bus, accessed through the objects of its catalogue.
 
     Attributes:
         port: SDO client of the node.
@@ -100,12 +103,14 @@ class Device:
         return self.catalogue.profile
 
     def name_of(self, address: ObjectAddress) -> str:
-        """Name of an object, empty where it has none."""
+        """Return the name of an object, or ""."""
         entry = self.catalogue.get(address)
         return "" if entry is None else entry.name
 
     def read(self, address: ObjectAddress) -> bytes:
-        """Read the bytes of an object. A read that is not answered is repeated once, since reading changes nothing.
+        """Read the bytes of an object.
+
+        A read without an answer is repeated once, since reading changes nothing.
 
         Raises:
             SdoAbortedError: The device refuses; the text is the vendor's where the profile has it.
@@ -141,7 +146,7 @@ class Device:
         return error
 
     def identify(self) -> DeviceIdentity:
-        """Read the identity objects; one that the device does not have is None.
+        """Read the identity objects; one that the device lacks gives None.
 
         Raises:
             NoAnswerError: The device does not answer.
@@ -149,7 +154,7 @@ class Device:
         return identity_at(self.port)
 
     def state(self) -> State | None:
-        """Read the CiA 402 state; None if the device has no status word."""
+        """Read the CiA 402 state; None without a readable status word."""
         try:
             word = decode(DataType.UNSIGNED16, self.read((Object.STATUS_WORD, 0)))
         except (SdoAbortedError, ValueError):
@@ -157,7 +162,9 @@ class Device:
         return state_of(int(word))
 
     def check_quiet(self, axes: Collection[int] = (0,)) -> None:
-        """Refuse a drive that is enabled: its gains are not touched while a motor is under torque.
+        """Refuse a drive that is enabled.
+
+        Gains are not written while the motor is under torque.
 
         Args:
             axes: Axes to check, counted from 0; the objects of axis n are at + 800h n (CiA 402).
@@ -181,7 +188,9 @@ class Device:
                 raise NodeError(self.node, f"it is in state {state.value!r}", "disable it first; it is not written to")
 
     def reset(self, within_s: float) -> None:
-        """Reset the node as a loss of power would, and wait until it answers again.
+        """Reset the node and wait until it answers again.
+
+        The reset acts like a loss of power.
 
         Args:
             within_s: Time that the whole may take, s.
@@ -210,7 +219,9 @@ class Device:
                     raise NoAnswerError(self.node, "anything after its reset", within_s) from None
 
     def scaling(self, entries: Collection[CatalogueEntry]) -> Scaling | None:
-        """Read the drive's scaling, as far as these objects need it; None if none does.
+        """Read the drive's scaling, as far as the entries need it.
+
+        The result is None if none of them does.
 
         Raises:
             RefusedError: The profile does not name the objects that hold the scaling.
@@ -228,7 +239,7 @@ class Device:
         return replace(scaling, **self._feed) if "counts" in needed else scaling
 
     def scaling_addresses(self) -> set[ObjectAddress]:
-        """Addresses of the objects that decide the scaling of others."""
+        """Return the addresses of the objects that decide the scaling of others."""
         encoder = self.profile.encoder if self.profile else None
         torque = self.profile.torque if self.profile else None
         named = [torque.rated_torque] if torque else []
@@ -239,7 +250,7 @@ class Device:
         return {object_address(address) for address in named if address}
 
     def _scaling_for(self, entry: CatalogueEntry) -> Scaling | None:
-        """Scaling for one object; None if it cannot be read."""
+        """Return the scaling for one object; None if it cannot be read."""
         scale = str(entry.parameter.scale) if entry.parameter is not None and entry.needs_scaling else ""
         if scale in self._without_scaling:
             return None
@@ -253,14 +264,17 @@ class Device:
             return None
 
     def _check_that_it_answers(self) -> None:
-        """Raise `NoAnswerError` unless the device still answers, after an object for which it did not."""
+        """Raise `NoAnswerError` if the device no longer answers at all.
+
+        It is called after a read that had no answer.
+        """
         with contextlib.suppress(SdoAbortedError):
             _read(self.port, (0x1000, 0))
 
     def _counts_per_rev(self) -> int:
         facts = self.profile.encoder if self.profile else None
         if facts is None or (facts.increments is None and facts.counts_per_rev is None):
-            raise RefusedError(f"node {self.node}: no object is known that says how its encoder counts")
+            raise RefusedError(f"node {self.node}: no object is known for the resolution of its encoder")
         if facts.increments is None:
             return facts.counts_per_rev or 0
         increments = self._number(facts.increments)
@@ -268,13 +282,16 @@ class Device:
         return counts_per_rev(f"node {self.node}, {facts.increments}", increments, revolutions)
 
     def _feed_constant(self) -> dict[str, int]:
-        """Gear ratio and feed constant (6091h, 6092h), where the profile says that positions are counted by them."""
+        """Read gear ratio and feed constant (6091h, 6092h).
+
+        The result is empty unless the profile says that they decide the unit of positions.
+        """
         facts = self.profile.encoder if self.profile else None
         if facts is None:
             return {}
         for address in facts.zero:
             if self._number(address):
-                raise RefusedError(f"node {self.node} counts in units of its own: {address} is not 0")
+                raise RefusedError(f"node {self.node} has units of its own, which are not supported: {address} is not 0")
         named = {
             "gear_motor_revs": facts.gear_motor_revs,
             "gear_shaft_revs": facts.gear_shaft_revs,
@@ -286,14 +303,17 @@ class Device:
     def _rated_torque_nm(self) -> float:
         facts = self.profile.torque if self.profile else None
         if facts is None or facts.rated_torque is None:
-            raise RefusedError(f"node {self.node}: no object is known that holds its rated torque")
+            raise RefusedError(f"node {self.node}: no object is known for its rated torque")
         return self._number(facts.rated_torque) * facts.rated_torque_step_nm
 
     def _number(self, address: str) -> int:
         return int.from_bytes(self.read(object_address(address)), "little")
 
     def resolve(self, parameter_set: ParameterSet, classes: Collection[str] = CLASSES, *, limits: bool = True) -> list[Write]:
-        """Turn each line of a parameter set into the bytes for this very drive; see `ParameterSet.writes`."""
+        """Encode each line of a parameter set for this device.
+
+        See `ParameterSet.writes`.
+        """
         named = {key for _, key, item in parameter_set.items() if item.type is None}
         scaling = self.scaling([entry for entry in self.catalogue if entry.needs_scaling and entry.name in named])
         return parameter_set.writes(self.catalogue, scaling, classes=classes, limits=limits)
@@ -326,7 +346,7 @@ class Device:
         wanted = [entry for entry in known if not entry.flags]
         held = _PulledValues()
         if skipped_by_objflags := ", ".join(str(entry) for entry in known if entry.flags):
-            held.not_read.append(f"{skipped_by_objflags}: kept out of scans or downloads by the ObjFlags of the EDS")
+            held.not_read.append(f"{skipped_by_objflags}: excluded from scans or downloads by the ObjFlags of the EDS")
         for number, entry in enumerate(wanted, 1):
             try:
                 data = self.read(entry.address)
@@ -368,7 +388,10 @@ class Device:
 
 @dataclass
 class _PulledValues:
-    """Values that a pull has read so far, by class and name, and the objects that it could not read."""
+    """Values that a pull has read so far, and the unreadable objects.
+
+    The values are ordered by class and name.
+    """
 
     tables: dict[str, dict[str, Item]] = field(default_factory=lambda: {name: {} for name in CLASSES})
     not_read: list[str] = field(default_factory=list)
@@ -413,7 +436,10 @@ def _ask(port: SdoPort, address: ObjectAddress) -> bytes | None:
 
 
 def _read(port: SdoPort, address: ObjectAddress, name: str = "") -> bytes:
-    """Read an object, and once more where no answer comes: reading changes nothing."""
+    """Read an object, and retry once if there is no answer.
+
+    A retry is safe, because reading changes nothing.
+    """
     try:
         return port.read(address, name)
     except NoAnswerError as first:

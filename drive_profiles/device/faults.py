@@ -1,4 +1,7 @@
-"""What a drive says is wrong: 1001h, 603Fh and the history in 1003h, in words; and their clearing."""
+"""Faults of a drive in words, and their clearing.
+
+They come from 1001h, 603Fh and the history in 1003h.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +21,12 @@ _FAULT_RESET = (0x0000, 0x0080, 0x0000)
 
 @dataclass(frozen=True)
 class FaultReport:
-    """What a node says is wrong.
+    """Faults that a node reports.
 
     Attributes:
         node: Node-ID.
         state: State of the drive; None if it has no status word.
-        register: Error register; None if it does not say.
+        register: Error register; None if it cannot be read.
         code: Last error code (603Fh); None if it has no such object.
         history: Entries of 1003h, the newest first: error code in the lower half, the maker's own number in the upper.
         own: The maker's codes in words.
@@ -38,12 +41,12 @@ class FaultReport:
 
     @property
     def is_quiet(self) -> bool:
-        """True if nothing is wrong, and nothing was."""
+        """True if the node reports no fault, present or past."""
         return self.state is not State.FAULT and not self.register and not self.code and not self.history
 
     @property
     def sentences(self) -> list[tuple[str, str, str]]:
-        """Object, value and words of all of it."""
+        """Return object, value and text of every report."""
         rows = [("6041", "" if self.state is None else self.state.value, "state")] if self.state is not None else []
         if self.register is not None:
             rows.append(("1001", f"0x{self.register:02X}", "error register: " + ", ".join(register_words(self.register))))
@@ -56,7 +59,7 @@ class FaultReport:
 
 
 def read_faults(device: Device) -> FaultReport:
-    """Read what is wrong; nothing is written.
+    """Read the faults of a node; nothing is written.
 
     Raises:
         NoAnswerError: The device does not answer.
@@ -74,7 +77,9 @@ def read_faults(device: Device) -> FaultReport:
 
 
 def clear_faults(device: Device) -> list[str]:
-    """Reset a fault by the control word, and empty the history; gives what the device refused, in words.
+    """Reset a fault by the control word, and clear the history.
+
+    The result lists the refused steps in words.
 
     Raises:
         NodeError: The drive is enabled; nothing has been written.
@@ -86,9 +91,7 @@ def clear_faults(device: Device) -> list[str]:
         for word in _FAULT_RESET:
             device.write((Object.CONTROL_WORD, 0), word.to_bytes(2, "little"))
         if device.state() is State.FAULT:
-            refused.append(
-                f"node {device.node} is still in fault: what caused it is still there, or it needs its supply switched off"
-            )
+            refused.append(f"node {device.node} is still in fault; its cause persists, or the drive must be switched off and on")
     try:
         device.write((ERROR_HISTORY, 0), b"\0")
     except SdoAbortedError as error:

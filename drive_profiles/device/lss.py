@@ -1,4 +1,7 @@
-"""The layer setting services of CiA 305 on a bus: one node is chosen, asked, and given a node-ID or a bit rate."""
+"""Layer setting services (LSS, CiA 305) on a bus.
+
+The master selects one node, reads its address, and gives it a node-ID or a bit rate.
+"""
 
 from __future__ import annotations
 
@@ -35,17 +38,19 @@ class LssAddress:
 
     @property
     def numbers(self) -> tuple[int, int, int, int]:
-        """The four, in their order."""
+        """The four numbers of the address, in their order."""
         return self.vendor_id, self.product_code, self.revision, self.serial_number
 
     def __str__(self) -> str:
-        """The address as `--identity` takes it."""
+        """Return the address as `--identity` takes it."""
         vendor, product, revision, serial = self.numbers
         return f"0x{vendor:X},0x{product:X},0x{revision:X},{serial}"
 
 
 class Lss:
-    """The LSS master on a bus, canopen's; every service is for the one node in configuration state.
+    """LSS master on a bus, through canopen.
+
+    Every service addresses the one node in configuration state.
 
     Args:
         bus: The bus.
@@ -61,7 +66,7 @@ class Lss:
 
     @contextmanager
     def chosen(self, address: LssAddress | None, *, unconfigured: bool = False) -> Iterator[LssAddress]:
-        """One node in configuration state; afterwards all wait again.
+        """Put one node in configuration state; return all to waiting afterwards.
 
         Args:
             address: Its address; None for the only node of the bus.
@@ -88,7 +93,7 @@ class Lss:
             self._all_wait()
 
     def node_id(self) -> int | None:
-        """Node-ID of the chosen node; None for one that has none.
+        """Return the node-ID of the chosen node, or None.
 
         Raises:
             NoAnswerError: It does not answer.
@@ -99,7 +104,9 @@ class Lss:
         return None if found == UNCONFIGURED else int(found)
 
     def configure_node_id(self, node_id: int) -> None:
-        """Give the chosen node a node-ID, which acts after its next reset of communication.
+        """Give the chosen node a node-ID.
+
+        It takes effect with the node's next reset of communication.
 
         Raises:
             RefusedError: It refuses.
@@ -107,17 +114,19 @@ class Lss:
         self._configured(lambda: self._master.configure_node_id(node_id), f"node-ID {node_id}")
 
     def configure_bit_rate(self, bitrate: int) -> None:
-        """Give the chosen node a bit rate, which acts once it is stored and the node has been switched off and on.
+        """Give the chosen node a bit rate.
+
+        It takes effect once it is stored and the node has been power-cycled.
 
         Raises:
             RefusedError: It refuses, or there is no such bit rate.
         """
         if bitrate not in BIT_RATES:
-            raise RefusedError(f"{bitrate} bit/s is not in the standard's table: {', '.join(map(str, BIT_RATES))}")
+            raise RefusedError(f"{bitrate} bit/s is not a bit rate of CiA 305; expected one of {', '.join(map(str, BIT_RATES))}")
         self._configured(lambda: self._master.configure_bit_timing(BIT_RATES[bitrate]), f"{bitrate} bit/s")
 
     def store(self) -> None:
-        """Let the chosen node keep both over a loss of power.
+        """Store node-ID and bit rate of the chosen node.
 
         Raises:
             RefusedError: It refuses.

@@ -1,4 +1,7 @@
-"""Store and restore: the commands by which a drive keeps its values over a loss of power, or forgets them."""
+"""Store and restore commands of a drive.
+
+Store keeps the values over a loss of power; restore returns to the factory settings.
+"""
 
 from __future__ import annotations
 
@@ -47,10 +50,12 @@ class MemoryCommand:
         return object_address(self.written_address)
 
     def check(self, device: Device) -> None:
-        """Check that the device carries the command out when it is told to, as bit 0 of the standard's object says.
+        """Check that the device executes the command on request.
+
+        Bit 0 of the standard's object says so.
 
         Raises:
-            RefusedError: The device says that it does not.
+            RefusedError: The device reports that it does not.
         """
         if self.address[0] not in _STANDARD_OBJECTS:
             return  # a vendor's own object, of which nothing is known
@@ -65,7 +70,9 @@ class MemoryCommand:
             raise RefusedError(f"node {device.node}: {what}")
 
     def give(self, device: Device) -> None:
-        """Send the command to a device, and read its object back: the device answers again when it has done.
+        """Send the command and wait until the device answers again.
+
+        A read of the command's object shows that the device has finished.
 
         Raises:
             SdoAbortedError: The device refuses, or fails: see `has_done_nothing`.
@@ -99,7 +106,9 @@ def store_command(device: Device) -> MemoryCommand:
 
 
 def restore_command(device: Device) -> MemoryCommand:
-    """Command after which the device holds its factory's values, from its next reset on.
+    """Return the command that restores the factory settings.
+
+    They take effect with the device's next reset.
 
     Raises:
         RefusedError: The device has no such command.
@@ -111,7 +120,10 @@ def restore_command(device: Device) -> MemoryCommand:
 
 
 def has_done_nothing(error: SdoAbortedError) -> bool:
-    """True if the abort says that nothing was done. Other aborts, such as a fault of the memory, leave it open."""
+    """Return True if the abort says that nothing was done.
+
+    Other aborts, such as a memory fault, leave that open.
+    """
     return error.code in _NOTHING_DONE
 
 

@@ -1,4 +1,7 @@
-"""An SDO client for one node: canopen's transfers, fed by the thread that reads the bus, and safe against late answers."""
+"""An SDO client for one node, based on canopen's transfers.
+
+The thread that reads the bus supplies the answers; late answers to earlier requests are discarded.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,7 @@ class SdoLine(Protocol):
         ...
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """Return the node's next SDO answer, or None when none came in time."""
+        """Return the node's next SDO answer; None after the time-out."""
         ...
 
     def clear(self) -> list[bytes]:
@@ -61,7 +64,7 @@ class SdoLine(Protocol):
 
 
 class _Sender(canopen.Network):
-    """Stand-in for canopen's network, which its SDO client needs in order to send."""
+    """Stand-in for the canopen network that its SDO client sends through."""
 
     def __init__(self, send: Callable[[int, bytes], None]) -> None:
         super().__init__()
@@ -131,7 +134,7 @@ class SdoPort(SdoClient):
         return self._line.boots
 
     def forget(self) -> None:
-        """Forget the objects written so far and the `strays`: a new transaction begins."""
+        """Clear the written objects and the `strays` for a new transaction."""
         self.strays.clear()
         self._written.clear()
 
@@ -165,7 +168,9 @@ class SdoPort(SdoClient):
     def write(
         self, address: ObjectAddress, data: bytes, name: str = "", value: object = None, timeout_s: float | None = None
     ) -> None:
-        """Download the bytes of an object, once: a write is never repeated blindly.
+        """Download the bytes of an object, once.
+
+        A write is never repeated blindly.
 
         Args:
             address: The object.
@@ -191,7 +196,10 @@ class SdoPort(SdoClient):
             raise self._silent(f"the write of {_said(address, name)}", self._wait_s) from error
 
     def _send(self, address: ObjectAddress, data: bytes) -> None:
-        """Download in canopen's segments, without the empty last one that its stream adds, even to a transfer that has failed."""
+        """Download in segments through canopen's stream.
+
+        The stream's empty last segment is suppressed, which it would send even after a failed transfer.
+        """
         stream: Any = WritableStream(self, *address, size=len(data))  # type: ignore[no-untyped-call]
         try:
             position = 0
@@ -203,7 +211,7 @@ class SdoPort(SdoClient):
             stream._done = True
 
     def _catch_up(self) -> None:
-        """Wait, after a time-out, until no older answer can come any more.
+        """Wait, after a time-out, until no older answer can arrive.
 
         Raises:
             NoAnswerError: The node answers nothing at all.
@@ -225,14 +233,20 @@ class SdoPort(SdoClient):
         return (self.shared if self.is_shared else self.silence)(self.node, what, after_s)
 
     def _text_of(self, code: int) -> str:
-        """Words for an abort; two transfers that get into each other's way end with one of the protocol's own."""
+        """Return the text of an abort code.
+
+        If another client shares the node, codes that entangled transfers cause are marked so.
+        """
         text = abort_text(code)
         return f"{text} (another SDO client talks to this node)" if self.is_shared and code in _ENTANGLED else text
 
     # -- what canopen's client calls -----------------------------------------------------------------------------------
 
     def request_response(self, sdo_request: Any) -> bytes:
-        """Send a request once and wait for its answer; answers that came before it are dropped."""
+        """Send a request once and wait for its answer.
+
+        Answers that arrived before the request are dropped.
+        """
         for answer in self._line.clear():
             self._look_at(answer)
         if sdo_request[0] >> 5 in _INITIATE_REQUESTS:
@@ -269,7 +283,10 @@ class SdoPort(SdoClient):
         raise SdoCommunicationError("others' answers only")
 
     def _look_at(self, answer: bytes) -> None:
-        """Note the object of a confirmed write that this port has not sent."""
+        """Note the object of another client's confirmed write.
+
+        An answer to a download that this port has not sent shows it.
+        """
         if len(answer) == _LENGTH and answer[0] >> 5 == _DOWNLOAD_ANSWER and answer[1:4] not in self._written:
             index, subindex = _OBJECT.unpack(answer[1:4])
             self.strays.add((index, subindex))
@@ -280,7 +297,7 @@ def _said(address: ObjectAddress, name: str) -> str:
 
 
 def _bounded(stream: Any) -> bytes:
-    """Read an upload up to a bound, so that a node cannot fill our memory."""
+    """Read an upload up to a bound, which protects our memory."""
     data = bytearray()
     while chunk := stream.read(7):
         data += chunk

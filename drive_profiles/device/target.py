@@ -1,4 +1,4 @@
-"""Choice of a device: from bus, node, profile and EDS, as the user names them, to a device that can be read and written."""
+"""Choice of a device by bus, node, profile and EDS."""
 
 from __future__ import annotations
 
@@ -14,12 +14,18 @@ from drive_profiles.family.profile import Profile, available
 
 
 def matching(identity: DeviceIdentity) -> list[str]:
-    """Labels of the profiles that fit a device by vendor, product and revision; by vendor alone where no code is known."""
+    """Return the labels of the profiles that fit a device.
+
+    Vendor, product and revision must fit; if a profile has no known code, the vendor alone.
+    """
     return fitting(identity.vendor_id, identity.product_code, identity.revision)
 
 
 def fitting(vendor_id: int | None, product_code: int | None, revision: int | None) -> list[str]:
-    """Labels of the profiles that fit the numbers of 1018h; see `matching`."""
+    """Return the labels of the profiles that fit 1018h.
+
+    See `matching`.
+    """
     exact: list[str] = []
     vendor: list[str] = []
     for name in available():
@@ -32,19 +38,27 @@ def fitting(vendor_id: int | None, product_code: int | None, revision: int | Non
 
 
 def fault_texts_of(vendor_id: int | None, product_code: int | None, revision: int | None) -> dict[int, str]:
-    """The maker's own error codes in words, by the numbers of 1018h; none where no family or several fit them."""
+    """Return the maker's own error codes in words.
+
+    The numbers of 1018h choose the family; the result is empty if none or several fit.
+    """
     families = {label.partition("/")[0] for label in fitting(vendor_id, product_code, revision)}
     return _profile(families.pop()).fault_texts if len(families) == 1 else {}
 
 
 @cache
 def _profile(name: str) -> Profile:
-    """A profile of the package, which is read once: a scan compares all of them with every node."""
+    """Read a profile of the package once.
+
+    A scan compares all of them with every node.
+    """
     return Profile.load(name)
 
 
 def named_profile(identity: DeviceIdentity, name: str) -> Profile:
-    """The profile that a user names for a device; of a family with several products that of the device's.
+    """Return the profile that a user names for a device.
+
+    Of a family with several products it is that of the device's product.
 
     Args:
         identity: Identity of the device.
@@ -73,17 +87,17 @@ def catalogue_of(
     product_code: int | None = None,
     revision: int | None = None,
 ) -> Catalogue:
-    """Catalogue of a device's objects, from the profile and the EDS that the user names.
+    """Return the catalogue of a device from profile and EDS.
 
     Of a family with several products it is that of the device's, by the numbers given, else by those of the EDS; of the first
-    one where neither says.
+    one if neither states them.
 
     Args:
         profile: Name or path of a drive profile, or None.
         eds_file: An EDS, DCF or XDD file, or None.
         node: Node-ID for ``$NODEID`` in the file.
-        product_code: 1018h:2 of the device, where it is known.
-        revision: 1018h:3 of the device, where it is known.
+        product_code: 1018h:2 of the device, if it is known.
+        revision: 1018h:3 of the device, if it is known.
 
     Raises:
         ProfileNotFoundError: There is no such profile.
@@ -99,7 +113,9 @@ def catalogue_of(
 
 
 def _of_product(known: Profile, product_code: int | None, revision: int | None) -> Profile:
-    """The profile of the product, of a family that has several; the family's own where it names none such.
+    """Return the profile of the device's product.
+
+    The family's own profile is returned if no product code is given or the profile does not know it.
 
     What is not named can be read by the facts of the first product; an upload refuses it, see `upload.checks`.
     """
@@ -141,7 +157,7 @@ def device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path
     if len(names) > 1:
         raise NodeError(node, f"may be any of {', '.join(names)}", "choose with --profile")
     if not names and eds_file is None:
-        raise NodeError(node, f"no profile is of this device ({_who(identity)})", _remedy(identity))
+        raise NodeError(node, f"no profile fits this device ({_who(identity)})", _remedy(identity))
     return Device(port, catalogue_of(names[0] if names else None, eds_file, node), bus.nmt)
 
 
@@ -151,7 +167,10 @@ def _who(identity: DeviceIdentity) -> str:
 
 
 def _remedy(identity: DeviceIdentity) -> str:
-    """Advice for a device that no profile names: a family of its vendor may be much alike."""
+    """Return advice for a device that no profile names.
+
+    The advice lists families of the same vendor, which may be similar.
+    """
     near = [each for each in map(_profile, available()) if each.identity.vendor_id == identity.vendor_id]
     if not near:
         return "give --profile, or its EDS with --eds"

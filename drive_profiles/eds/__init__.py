@@ -1,4 +1,6 @@
-r"""Device descriptions of any vendor (EDS, DCF and XDD), read tolerantly: each repair is reported with its line.
+r"""Tolerant reading of device descriptions (EDS, DCF and XDD).
+
+Every repair is reported with its line.
 
 `load` reads a file and `loads` its bytes; both return a `Description`. Its `dictionary` is canopen's object dictionary, and its
 `rewrite` writes other parameter values into the text of the file. `export` makes a clean EDS or DCF, or JSON.

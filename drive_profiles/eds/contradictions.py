@@ -1,4 +1,6 @@
-"""Contradictions of a description with itself or the standard. Nothing is repaired: only the device knows which side is right.
+"""Contradictions of a description with itself or the standard.
+
+Nothing is repaired, because only the device knows which side is right.
 
 Source: CiA 301, version 4.2.0 (7.4.1, sub-index 0; 7.5.1, mandatory objects); CiA 306-1 (device information).
 """
@@ -40,7 +42,10 @@ def found(sections: dict[str, EdsSection], builder: Builder) -> list[Problem]:
 
 
 def _identity(information: EdsSection | None, builder: Builder) -> list[Problem]:
-    """[DeviceInfo] against the defaults of 1018h; 0 is what a file says that does not know."""
+    """Compare [DeviceInfo] with the defaults of 1018h.
+
+    A 0 in the file means that the number is not known.
+    """
     item = builder.dictionary.indices.get(0x1018)
     if information is None or not isinstance(item, ODArray | ODRecord):
         return []
@@ -78,7 +83,7 @@ def _missing(builder: Builder) -> list[Problem]:
 
 
 def _entry_count(item: ODArray | ODRecord, builder: Builder) -> list[Problem]:
-    """Type and value of sub-index 0 against the sub-indices that are there."""
+    """Check type and value of sub-index 0 against the existing sub-indices."""
     count = item.subindices.get(0)
     section = builder.sections.get((item.index, 0))
     if count is None or section is None:

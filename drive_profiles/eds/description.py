@@ -1,8 +1,10 @@
-"""A tolerant reader of EDS, DCF and XDD files: it gives canopen's object dictionary, and lists every repair.
+"""A tolerant reader of EDS, DCF and XDD files.
 
-Vendors' files have faults. A reader that stops at the first of them, or that passes over them in silence, is of little use at a
-bench. Here a fault costs a warning with its line, and an object that cannot be read is left out. Only a file without any readable
-object is refused. Each warning says how the fault was repaired; ``strict`` refuses a file with any fault.
+It returns canopen's object dictionary and lists every repair.
+
+Vendors' files have faults. A fault costs a warning with its line, and an object that cannot be read is left out. Only a file
+without any readable object is refused. Each warning says how the fault was repaired; ``strict`` refuses a file with any
+fault.
 
 Numbers: ``0x`` hexadecimal, leading 0 octal, ``$NODEID`` once in a sum. The bit pattern of a negative number in a signed type is
 that number. Of repeated keys the first counts. Missing access is ``ro``, a missing or unknown data type DOMAIN. Bounds: 4 MiB,
@@ -55,10 +57,10 @@ class Description:
         vendor_id: Vendor-ID, None if the file does not state it.
         product_code: Product code, None if the file does not state it.
         revision: Revision number, None if the file does not state it.
-        vendor_name: Name of the vendor, empty where the file does not state it.
-        product_name: Name of the product, empty where the file does not state it.
+        vendor_name: Name of the vendor, empty if the file does not state it.
+        product_name: Name of the product, empty if the file does not state it.
         values: The parameter values, typed, by index and sub-index. Those that need an unknown node-ID are missing.
-        contradictions: What the file says against itself or against the standard; both sides are kept as they stand.
+        contradictions: Contradictions of the file with itself or with the standard; both sides are kept.
         flags: The ``ObjFlags`` other than 0, by index and sub-index: see `variables.ObjectFlag`.
         serial_number: ``LSS_SerialNumber`` in the commissioning section, None if there is none.
     """
@@ -85,12 +87,15 @@ class Description:
 
     @property
     def vendor_ids(self) -> tuple[int, ...]:
-        """Vendor-IDs that the file states, in ``[DeviceInfo]`` and as the default of 1018h:1; two where it contradicts itself."""
+        """Vendor-IDs in ``[DeviceInfo]`` and in the default of 1018h:1.
+
+        There are two if the file contradicts itself.
+        """
         return self._stated(self.vendor_id, 1)
 
     @property
     def product_codes(self) -> tuple[int, ...]:
-        """Product codes that the file states, in ``[DeviceInfo]`` and as the default of 1018h:2."""
+        """Product codes in ``[DeviceInfo]`` and in the default of 1018h:2."""
         return self._stated(self.product_code, 2)
 
     def _stated(self, number: int | None, subindex: int) -> tuple[int, ...]:
@@ -111,7 +116,9 @@ class Description:
         commissioning: Mapping[str, str] = types.MappingProxyType({}),
         comments: Sequence[str] = (),
     ) -> bytes:
-        """Write other parameter values into the text of the file; every other byte stays as it was.
+        """Return the file with other parameter values.
+
+        Every other byte stays as it was.
 
         The result is read again before it is returned, to prove that it holds the values.
 
@@ -203,7 +210,10 @@ def loads(
 
 
 def _file_format(named: FileFormat | None, *, is_xml: bool, is_dcf: bool) -> FileFormat:
-    """Decide the format of a file: its content says whether it is XML, its name the rest, where it has one."""
+    """Choose the format of a file by its content and name.
+
+    The content shows whether it is XML; the name, if there is one, decides the rest.
+    """
     if is_xml:
         return "xdd"
     if named is None or named == "xdd":

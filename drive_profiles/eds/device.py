@@ -1,4 +1,6 @@
-"""The parts of a description beside its objects: identity, commissioning, lists of objects, dummies, comments.
+"""Parts of a description other than its objects.
+
+They are identity, commissioning, lists of objects, dummies and comments.
 
 Source: CiA 306-1 (file and device information).
 """
@@ -48,7 +50,10 @@ _MAX_PDOS = 512
 
 
 def read_device_info(section: EdsSection | None, builder: Builder) -> None:
-    """Take identity and abilities over into canopen's form; an empty number is unknown."""
+    """Copy identity and features into canopen's form.
+
+    An empty number means unknown.
+    """
     if section is None:
         return
     information = builder.dictionary.device_information
@@ -69,7 +74,10 @@ def read_device_info(section: EdsSection | None, builder: Builder) -> None:
 
 
 def read_commissioning(sections: dict[str, EdsSection], builder: Builder) -> tuple[int | None, int | None]:
-    """Return node-ID and bit rate (bit/s) of a DCF, in either spelling of the section; 0 in the file means unknown."""
+    """Return node-ID and bit rate (bit/s) of a DCF.
+
+    Both spellings of the section are read; 0 in the file means unknown.
+    """
     node_id = bit_rate = None
     for identity in COMMISSIONING:
         section = sections.get(identity)
@@ -87,7 +95,10 @@ def read_serial_number(sections: dict[str, EdsSection], builder: Builder) -> int
 
 
 def read_dummies(section: EdsSection | None, builder: Builder) -> None:
-    """Add the data types that may fill gaps in an RPDO, under their own index as canopen does."""
+    """Add the dummy data types that fill gaps in an RPDO.
+
+    Each has its own index, as in canopen.
+    """
     for key, entry in section.entries.items() if section is not None else ():
         match = re.fullmatch(r"dummy([0-9a-f]{4})", key)
         if match is None or section is None:
@@ -101,7 +112,10 @@ def read_dummies(section: EdsSection | None, builder: Builder) -> None:
 
 
 def read_comments(section: EdsSection | None, builder: Builder) -> None:
-    """Join the lines of the comment; there may be fewer of them than the file claims."""
+    """Join the lines of the comment.
+
+    A missing line costs a warning.
+    """
     if section is None:
         return
     found: dict[int, str] = {}
@@ -145,7 +159,10 @@ def note_modules(sections: dict[str, EdsSection], findings: Findings) -> None:
 
 
 def add_compact_pdos(section: EdsSection | None, builder: Builder) -> None:
-    """Add the PDO objects that ``CompactPDO`` stands for: as many as are counted, where they have no sections."""
+    """Add the PDO objects that ``CompactPDO`` abbreviates.
+
+    As many are added as the file counts, unless they have sections of their own.
+    """
     mask = builder.number(section, "CompactPDO") if section is not None and section.get("CompactPDO") else None
     if not mask or section is None:
         return
@@ -171,7 +188,7 @@ def add_compact_pdos(section: EdsSection | None, builder: Builder) -> None:
 
 
 def _communication(index: int, mask: int, base: int | None, node_id: int | None) -> ODRecord:
-    """Communication record of a PDO with the sub-indices whose bits are set in `mask`."""
+    """Return a PDO's communication record with the sub-indices in `mask`."""
     record = ODRecord(f"{'RPDO' if index < 0x1800 else 'TPDO'} {(index & 0x1FF) + 1} communication parameter", index)
     highest = max(subindex for subindex in range(1, 7) if mask >> (subindex - 1) & 1) if mask & 0x3F else 0
     record.add_member(_member("Highest sub-index supported", index, 0, 0x05, "const", highest))
@@ -279,7 +296,7 @@ def _read_list(section: EdsSection, listed: dict[int, tuple[EdsSection, EdsEntry
 
 
 def identity(information: DeviceInformation) -> tuple[int | None, int | None, int | None]:
-    """Return vendor, product and revision number, each None if it is not stated."""
+    """Return vendor, product and revision number; None if not stated."""
     return information.vendor_number, information.product_number, information.revision_number
 
 

@@ -1,4 +1,7 @@
-"""Export of a description: a clean EDS or DCF by canopen's exporter, or JSON."""
+"""Export of a description as a clean EDS, DCF or JSON.
+
+canopen's exporter writes the EDS and the DCF.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from drive_profiles.errors import Problem
 
 
 def entries(dictionary: ObjectDictionary) -> Iterator[tuple[ODVariable | ODRecord | ODArray, ODVariable]]:
-    """List every variable with the object that it belongs to, by index and sub-index."""
+    """Yield each variable with its object, by index and sub-index."""
     for index in sorted(dictionary.indices):
         item = dictionary.indices[index]
         if isinstance(item, ODVariable):
@@ -30,7 +33,7 @@ def entries(dictionary: ObjectDictionary) -> Iterator[tuple[ODVariable | ODRecor
 
 
 def as_text(description: Description, file_format: Literal["eds", "dcf"]) -> str:
-    """Write a clean file, in which every value has one reading only.
+    """Write a clean file whose values have one reading only.
 
     Defaults, values and limits are those that were understood. Every key of CiA 306 stays, and compact notations are written out;
     `lost` lists what does not stay.
@@ -48,7 +51,10 @@ def as_text(description: Description, file_format: Literal["eds", "dcf"]) -> str
 
 
 def as_data(description: Description) -> dict[str, Any]:
-    """Return the whole description in JSON's types: bytes become hexadecimal text, numbers stay numbers."""
+    """Return the whole description in JSON's types.
+
+    Bytes become hexadecimal text, numbers stay numbers.
+    """
     return {
         **summary(description),
         "objects": [
@@ -120,7 +126,10 @@ def lost(description: Description, file_format: str) -> tuple[Problem, ...]:
 
 
 def _lost_texts(description: Description, *, with_values: bool) -> list[Problem]:
-    """Texts that cannot stand on the line of a file: with control characters, or with blanks around them."""
+    """List texts that do not fit on the line of a file.
+
+    They have control characters, or blanks around them.
+    """
     problems = []
     for _, variable in entries(description.dictionary):
         for attribute in ("default", "value") if with_values else ("default",):
@@ -135,7 +144,7 @@ def _lost_texts(description: Description, *, with_values: bool) -> list[Problem]
 
 
 def _canonical(variable: ODVariable, node_id: int | None) -> None:
-    """Bring default and value into one form each; a missing one is left out."""
+    """Write default and value in canonical form; omit missing ones."""
     attributes: Mapping[str, Any] = vars(variable)
     data_type = variable.data_type or eds_values.DOMAIN
     for attribute in ("default", "value"):

@@ -1,4 +1,6 @@
-"""Keys of CiA 306 that canopen's exporter does not know, put back into the file that it has written.
+"""Keys of CiA 306 that canopen's exporter does not write.
+
+They are inserted into its output.
 
 Only what has a meaning in CiA 306 is kept. What the exporter writes itself, and what the reader has repaired or dropped, stays as
 the exporter has it.
@@ -30,7 +32,7 @@ _WHOLE = re.compile(
     r"m\d+(?:moduleinfo|fixedobjects|subextends|subext[0-9a-f]*|comments)|supportedmodules|connectedmodules|dynamicchannels|tools"
     r"|tool\d+"
 )
-"""Sections that are no part of the dictionary, and are copied as they stand."""
+"""Sections that are no part of the dictionary, and are copied unchanged."""
 _OBJECT = re.compile(r"([0-9A-F]{4})(?:sub([0-9A-F]+))?")
 _OF_FILE = {"fileinfo", "deviceinfo", "comments", "dummyusage", *eds_device.LISTS, *eds_device.COMMISSIONING}
 _MOST_NAMED = 3
@@ -127,14 +129,14 @@ def _lines(section: EdsSection, keys: tuple[str, ...]) -> list[str]:
 
 
 def _denotations(identity: str, section: EdsSection) -> Iterator[tuple[str, list[str]]]:
-    """Denotations of a compact notation, which is written out."""
+    """Return the denotations of a compact notation, written out."""
     for key, entry in section.entries.items():
         if key.isascii() and key.isdigit() and len(key) <= 3 and entry.value:
             yield f"{identity[:4]}sub{int(key):X}", [f"Denotation={_safe(entry.value)}"]
 
 
 def _safe(text: str) -> str:
-    """Text that can stand on a line, and that no terminal takes for a command."""
+    """Replace characters that a file's line or a terminal cannot take."""
     return "".join(c if c.isprintable() or c == "\t" else "\ufffd" for c in text)
 
 

@@ -1,4 +1,4 @@
-"""The objects of a description: canopen's dictionary, built from the sections of a file.
+"""canopen's dictionary, built from the sections of a file.
 
 canopen's own reader stops at the first fault of a file, or reads ``0xFD`` in an INTEGER8 as 253. Here an object that cannot be
 read is left out and named; the others stay.
@@ -38,7 +38,10 @@ class ObjectSections:
 
 
 def parts_of(sections: dict[str, EdsSection], findings: Findings) -> dict[int, ObjectSections]:
-    """Collect the sections of each object, by index; other sections are passed over."""
+    """Collect the sections of each object, by index.
+
+    Other sections are skipped.
+    """
     parts: dict[int, ObjectSections] = {}
     for identity, section in sections.items():
         match = _NAME.fullmatch(identity)
@@ -93,14 +96,17 @@ class Builder(VariableReader):
         self.dictionary.add_object(item)
 
     def has_room(self, section: EdsSection, size: int) -> bool:
-        """Return True if so many more entries may be added; otherwise note the refusal."""
+        """Return True if `size` more entries fit; otherwise note the refusal."""
         if self._count + size <= MAX_VARIABLES:
             return True
         self.findings.refuse(section.line, section.name, "", "too many entries; left out", f"at most {MAX_VARIABLES}")
         return False
 
     def _note_type(self, parts: ObjectSections) -> None:
-        """Note the type behind a type definition: its length in bits, or the type that it is made of."""
+        """Note the type behind a type definition.
+
+        The definition states its length in bits or the underlying type.
+        """
         if parts.head is None:
             return
         object_code = self.number(parts.head, "ObjectType")
@@ -138,7 +144,10 @@ class Builder(VariableReader):
             self._compound(container(self.name(head, head.name), parts.index), head, parts)
 
     def _object_code(self, head: EdsSection, parts: ObjectSections) -> int | None:
-        """Object code (CiA 301: VAR, ARRAY, RECORD …); None if the object cannot be accessed."""
+        """Return the object code (CiA 301: VAR, ARRAY, RECORD …).
+
+        The result is None if the object cannot be accessed.
+        """
         entry = head.get("ObjectType")
         object_code = self.number(head, "ObjectType")
         if object_code in _TYPE_OBJECTS or object_code == 0:
@@ -209,7 +218,7 @@ class Builder(VariableReader):
             self.findings.warn(head.line, head.name, "", "no sub-index 0", f"[{head.name}sub0], the number of entries")
 
     def _compact_count(self, head: EdsSection) -> int:
-        """Number of entries that a compact notation stands for; 0 without such a notation."""
+        """Return the number of entries in a compact notation, else 0."""
         entry = head.get("CompactSubObj")
         if entry is None:
             return 0
@@ -238,7 +247,7 @@ class Builder(VariableReader):
         self.compact[item.index] = parts
 
     def _numbered(self, section: EdsSection | None, count: int) -> dict[int, EdsEntry]:
-        """The entries 1 to count of a list that goes with a compact notation."""
+        """Return entries 1 to `count` of a compact notation's list."""
         found: dict[int, EdsEntry] = {}
         if section is None:
             return found
@@ -256,7 +265,7 @@ class Builder(VariableReader):
 
 
 def _entry_count(index: int, count: int) -> ODVariable:
-    """Sub-index 0 of a compact notation, as CiA 306-1 defines it."""
+    """Return sub-index 0 of a compact notation, as in CiA 306-1."""
     variable = ODVariable("NrOfObjects", index, 0)
     variable.data_type = 0x05
     variable.access_type = "ro"

@@ -1,4 +1,7 @@
-"""Rewriting of a file with other parameter values: where each value stands, and the text that replaces it."""
+"""Rewriting of a file with other parameter values.
+
+It finds the place of each value and the text that replaces it.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +97,10 @@ def rewritten(
 
 
 def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVariable | None:
-    """Variable at an address; None if there is none, for which canopen's arrays would make one up."""
+    """Return the variable at an address, or None.
+
+    canopen's arrays would invent a variable that the file lacks.
+    """
     item = dictionary.indices.get(index)
     if item is None or isinstance(item, ODVariable):
         return item if subindex == 0 else None
@@ -103,7 +109,10 @@ def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVari
 
 
 def _last(section: EdsSection) -> int:
-    """Number of the line after which a parameter value is inserted: the default's, else the last of the section."""
+    """Return the line after which a parameter value is inserted.
+
+    It is the default's line, else the section's last one.
+    """
     default = section.entries.get("defaultvalue")
     return default.line if default is not None else section.last
 
@@ -117,7 +126,10 @@ def _set(changes: _Changes, section: EdsSection, key: str, new: Replacement, aft
 
 
 def _set_compact(changes: _Changes, parts: ObjectSections, contents: dict[int, Replacement]) -> None:
-    """Write values into the ``[xxxxValue]`` section of a compact notation, which is added where it is missing."""
+    """Write values into the ``[xxxxValue]`` section of a compact notation.
+
+    A missing section is added.
+    """
     section = parts.lists.get("value")
     if section is None:
         lines = ["", f"[{parts.index:04X}Value]", f"NrOfEntries={len(contents)}"]
@@ -139,7 +151,10 @@ def _set_compact(changes: _Changes, parts: ObjectSections, contents: dict[int, R
 
 
 def _commission(changes: _Changes, document: Document, keys: Mapping[str, str], comments: Sequence[str]) -> None:
-    """Write keys of the commissioning section, which is added behind that of the device where it is missing."""
+    """Write keys of the commissioning section.
+
+    A missing section is added after that of the device.
+    """
     lines = [f"; {comment}" for comment in comments]
     section = next((document.sections[name] for name in COMMISSIONING if name in document.sections), None)
     if section is not None:

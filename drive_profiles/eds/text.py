@@ -1,4 +1,6 @@
-"""The text of an EDS or DCF file: lines, sections and keys with their line numbers, and a rewrite that changes single values.
+"""The text of an EDS or DCF, rewritable value by value.
+
+It is divided into lines, sections and keys with their line numbers.
 
 This module does not know what a key means. It keeps the lines as they are, so that a rewrite changes no byte that it need not.
 Keys and section names are compared without regard to case, and sections of objects by their numbers: ``[1a00Sub00]``
@@ -38,7 +40,10 @@ _NEVER_LETTERS = re.compile(r"[^\W\d_]([\u2018\u201c-\u2039\u203a\u02c6\u02dc\u2
 
 
 def quoted(text: str) -> str:
-    """Make text from a file fit for a message: one line, no control characters, at most 60 characters."""
+    """Quote text from a file for a message.
+
+    The result has one line, no control characters, and a shortened text of at most 60 characters.
+    """
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
@@ -87,12 +92,15 @@ class EdsSection:
     repeated: list[EdsEntry] = field(default_factory=list)
 
     def get(self, key: str) -> EdsEntry | None:
-        """Return the entry of a key that has a value: ``LowLimit=`` says as much as no line at all."""
+        """Return the entry of a key that has a value.
+
+        ``LowLimit=`` counts as a missing key.
+        """
         entry = self.entries.get(key.lower())
         return entry if entry is not None and entry.value else None
 
     def text(self, key: str) -> str:
-        """Return the value of a key, empty where there is none."""
+        """Return the value of a key, empty if there is none."""
         entry = self.entries.get(key.lower())
         return entry.value if entry is not None else ""
 
@@ -137,7 +145,10 @@ class Findings:
         self._add(self.refused, Problem(line, _key(section, key), message, expected))
 
     def closed(self) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
-        """Return warnings and refusals, sorted by line; the last warning counts those that are not listed."""
+        """Return warnings and refusals, sorted by line.
+
+        The last warning counts those that are not listed.
+        """
         warnings, refused = sorted(self.warnings), sorted(self.refused)
         if self.beyond:
             warnings.append(Problem(0, "", f"has {self.beyond} more problems, not listed", "a description of a CANopen device"))
@@ -170,7 +181,7 @@ class Document:
     sections: dict[str, EdsSection]
 
     def rewritten(self, replace: dict[int, Replacement], insert: dict[int, list[str]]) -> bytes:
-        """Return the bytes of the file with other values in some lines, and with lines added.
+        """Return the file with replaced values and added lines.
 
         Args:
             replace: New values by line number.
@@ -191,7 +202,10 @@ class Document:
 
 
 def section_id(name: str) -> str:
-    """Return the key of a section: for an object its number and sub-index as canopen writes them, else the folded name."""
+    """Return the key of a section.
+
+    For an object it is number and sub-index as canopen writes them, else the folded name.
+    """
     name = name.strip(BLANK)
     match = _OBJECT.fullmatch(name)
     if match is None:
@@ -204,12 +218,15 @@ def section_id(name: str) -> str:
 
 
 def folded(key: str) -> str:
-    """Return a key in the form in which keys are compared: in lower case, without blanks inside."""
+    """Return a key in lower case and without blanks, for comparisons."""
     return "".join(key.lower().split()) if " " in key or "\t" in key else key.lower()
 
 
 def comment_start(value: str) -> int:
-    """Position at which a comment begins in a value: ``0x07 # VAR`` or ``rw ; note``. Not for names and strings."""
+    """Return the position at which a comment begins in a value.
+
+    Examples: ``0x07 # VAR`` and ``rw ; note``. Names and strings may hold these characters: do not use it for them.
+    """
     ends = [at for mark in "#;" if (at := value.find(mark)) >= 0]
     return min(ends, default=len(value))
 
@@ -249,7 +266,10 @@ def _key(section: str, key: str) -> str:
 
 
 def _with_value(line: str, new: Replacement) -> str:
-    """Replace the value in a line; the blanks around it, the end of the line and perhaps a comment stay."""
+    """Replace the value in a line.
+
+    The blanks around it and the end of the line stay, and so does a comment if `new` says so.
+    """
     head, _, rest = line.partition("=")
     body = rest.rstrip("\r\n")
     old = body.strip(BLANK)
@@ -260,7 +280,7 @@ def _with_value(line: str, new: Replacement) -> str:
 
 
 def _opened(document: Document, stripped: str, number: int, findings: Findings) -> EdsSection:
-    """Section that a head line opens, or continues."""
+    """Return the section that a head line opens, or continues."""
     name, bracket, rest = stripped[1:].partition("]")
     name = name.strip(BLANK)
     rest = rest.strip(BLANK)
@@ -313,7 +333,10 @@ def _keep(document: Document, section: EdsSection | None, stripped: str, number:
 
 
 def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
-    """Decode a file; return the text and the codec that turns it back into the same bytes."""
+    """Decode a file; return its text and codec.
+
+    The codec encodes the text to the same bytes again.
+    """
     if len(data) > MAX_BYTES:
         raise FileError(path, (Problem(0, "", f"is larger than {MAX_BYTES >> 20} MiB", "a description of a CANopen device"),))
     for mark, codec in ((codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be")):
@@ -346,7 +369,10 @@ def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
 
 
 def _code_pages(data: bytes) -> Iterator[str]:
-    """Single-byte code pages that the file may be in, the best first; the last takes any byte."""
+    """Yield the likely single-byte code pages, the best first.
+
+    The last one accepts any byte.
+    """
     try:
         text = data.decode("cp1252")
     except UnicodeDecodeError:

@@ -1,7 +1,9 @@
-"""Values from their text: numbers in every spelling that files have, ``$NODEID``, data types, access words.
+"""Values from their text in a file.
 
-The rule: text with one possible meaning is read, with a remark where the standard demands another spelling. Text that leaves room
-for a guess is dropped, with a remark. A `ValueReading` with a remark and no value was dropped.
+They are numbers in every spelling that files have, ``$NODEID``, data types and access words.
+
+Text with one possible meaning is read, with a remark if the standard demands another spelling. Ambiguous text is dropped,
+with a remark. A `ValueReading` with a remark and no value was dropped.
 
 Source: CiA 306-1 (values of keys); CiA 301, version 4.2.0, 7.4.7 (data types).
 """
@@ -56,7 +58,7 @@ class ValueReading(NamedTuple):
 
     Args:
         value: The value; None if the text is empty or was dropped.
-        remark: The fault and its repair; empty where the text is as the standard demands.
+        remark: The fault and its repair; empty if the text is as the standard demands.
         relative: True if ``$NODEID`` is in the text.
         hexadecimal: True if the number was written in hexadecimal.
     """
@@ -89,7 +91,9 @@ def expected_of(data_type: int) -> str:
 
 
 def number(text: str) -> ValueReading:
-    """Read a whole number: decimal, ``0x`` hexadecimal, octal with a leading 0, and other spellings that files have.
+    """Read a whole number.
+
+    It may be decimal, ``0x`` hexadecimal, octal with a leading 0, or in another spelling that files have.
 
     ``010`` is 8, as the standard has it, with a remark, since some writers mean ten; ``008`` cannot be octal and is 8.
     """
@@ -115,7 +119,9 @@ def number(text: str) -> ValueReading:
 
 
 def integer(text: str, data_type: int, node_id: int | None = None) -> ValueReading:
-    """Read an integer of a type, the sum of terms with at most one ``$NODEID`` among them.
+    """Read an integer of a type, or a sum with ``$NODEID``.
+
+    At most one ``$NODEID`` may be among the terms.
 
     Args:
         text: Text in the file, not empty.
@@ -164,7 +170,10 @@ def value(text: str, data_type: int, node_id: int | None = None) -> ValueReading
 
 
 def access(text: str) -> ValueReading:
-    """Read an access type: one of `ACCESS`; ``rwr`` and ``rww`` are not simplified."""
+    """Read an access type, one of `ACCESS`.
+
+    ``rwr`` and ``rww`` are not simplified.
+    """
     body, remark = _without_comment(text)
     word = body.lower()
     if word in ACCESS:
@@ -190,10 +199,12 @@ def flag(text: str) -> ValueReading:
 
 
 def text_of(content: int | float | str | bytes, data_type: int) -> str:
-    """Write a value as text for a file: the inverse of `value`, where that makes no remark.
+    """Write a value as text for a file.
+
+    This is the inverse of `value` for text that needs no remark.
 
     Raises:
-        ValueError: The value is not of the type, or cannot stand on a line.
+        ValueError: The value is not of the type, or does not fit on a line.
     """
     written = _written(content, data_type)
     reading = value(written, data_type)
@@ -215,7 +226,7 @@ def _written(content: int | float | str | bytes, data_type: int) -> str:
     else:
         written = repr(content) if isinstance(content, float) else str(content)
     if not written or written != written.strip(BLANK + "\r\n") or not written.replace("\t", " ").isprintable():
-        raise ValueError(f"{quoted(written)} cannot stand on a line: it is empty, or has blanks around it or control characters")
+        raise ValueError(f"{quoted(written)} does not fit on a line: it is empty, or has blanks around it or control characters")
     return written
 
 
@@ -244,7 +255,10 @@ def _decimal(body: str, remark: str) -> ValueReading:
 
 
 def _in_range(reading: ValueReading, data_type: int) -> ValueReading:
-    """Bring a reading into the range of its type: bit patterns become negative numbers, other values are dropped."""
+    """Convert a reading to the range of its type.
+
+    Bit patterns become negative numbers, other values outside the range are dropped.
+    """
     limits = limits_of(data_type)
     content = reading.value
     if not isinstance(content, int) or limits is None or limits[0] <= content <= limits[1]:

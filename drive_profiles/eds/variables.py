@@ -1,7 +1,9 @@
-"""One variable from the keys of its section: name, type, access, default, limits, and the value that a DCF gives it.
+"""One variable from the keys of its section.
 
-A missing or wrong key is noted, and the variable is made all the same, so that it does least harm: an unreadable number is left
-out, missing access is read-only, an unknown type is bytes.
+It has a name, type, access, default and limits, and the value that a DCF gives.
+
+A missing or wrong key is noted, and the variable gets the least harmful substitute: an unreadable number is left out,
+missing access is read-only, an unknown type is bytes.
 
 Source: CiA 306-1, object description (4.6.3).
 """
@@ -23,19 +25,22 @@ _ACCESS = "ro, wo, rw, rwr, rww or const"
 
 
 class ObjectFlag(IntFlag):
-    """Bits of ``ObjFlags``, by which a file keeps tools from objects that do harm where everything is written, or read."""
+    """Bits of ``ObjFlags``, which exclude objects from bulk transfers.
+
+    Writing, or reading, such an object together with all others would do harm.
+    """
 
     REFUSES_WRITE_ON_DOWNLOAD = 1
     REFUSES_READ_ON_SCAN = 2
 
 
 def assign(item: ODVariable | ODRecord | ODArray, **attributes: object) -> None:
-    """Set attributes of canopen's types, which are annotated more narrowly than they are used, or not at all."""
+    """Set attributes of canopen's types, bypassing their narrow annotations."""
     vars(item).update(attributes)
 
 
 class VariableReader:
-    """Reader that makes variables, and collects types and parameter values on the way.
+    """Reader that makes variables and collects types and parameter values.
 
     Args:
         findings: List to which repairs and refusals are added.
@@ -77,13 +82,16 @@ class VariableReader:
         return variable
 
     def add_flags(self, section: EdsSection, index: int, *subindices: int) -> None:
-        """Note the ``ObjFlags`` of a section for these entries, beside those that they have already."""
+        """Add the ``ObjFlags`` of a section to those of its entries."""
         flags = self.number(section, "ObjFlags")
         for subindex in subindices if flags and flags > 0 else ():
             self.flags[index, subindex] = self.flags.get((index, subindex), 0) | (flags or 0)
 
     def name(self, section: EdsSection, substitute: str) -> str:
-        """Return the name of an object; a missing one is replaced and noted."""
+        """Return the name of an object.
+
+        A missing name is replaced by `substitute` and noted.
+        """
         name = self.text(section, "ParameterName")
         if name:
             return name
@@ -164,7 +172,7 @@ class VariableReader:
                 section.line,
                 section.name,
                 "AccessType",
-                "missing; taken as ro, so that nobody writes by it",
+                "missing; taken as ro, so that no tool writes it",
                 _ACCESS,
             )
             return "ro"
@@ -187,7 +195,10 @@ class VariableReader:
             assign(variable, default=reading.value, default_raw=entry.value, relative=reading.relative)
 
     def _limits(self, variable: ODVariable, section: EdsSection) -> None:
-        """Set the limits, without those that contradict each other; warn where the default is outside them."""
+        """Set the limits and warn if the default is outside them.
+
+        Limits that contradict each other are dropped.
+        """
         data_type = variable.data_type
         low, high = (self._limit(section, key, data_type or 0) for key in ("LowLimit", "HighLimit"))
         if low is not None and high is not None and low > high:

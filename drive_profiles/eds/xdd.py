@@ -1,7 +1,9 @@
-"""XDD and XDC, the XML form of a description, divided into the same sections as an EDS.
+"""XDD and XDC files, divided into the sections of an EDS.
+
+They are the XML form of a description.
 
 A warning therefore names the key of the EDS (``[2100sub1] DefaultValue``) and the line of the XML. Data type, access, limits
-and values may stand at an object, or at the parameter to which its ``uniqueIDRef`` leads; the object's own count first.
+and values may be at an object, or at the parameter to which its ``uniqueIDRef`` refers; the object's own take precedence.
 
 The file is not trusted: see `drive_profiles.files.xml_tree`, and its size is bounded.
 
@@ -69,7 +71,7 @@ def _section(name: str, line: int, values: dict[str, tuple[str | None, int]]) ->
 
 
 def _device_info(root: Element) -> EdsSection:
-    """Section ``[DeviceInfo]`` as an EDS would have it."""
+    """Return the section ``[DeviceInfo]`` as an EDS would have it."""
     values: dict[str, tuple[str | None, int]] = {}
     line = root.line
     for element in root.walk():
@@ -129,7 +131,7 @@ def _add(document: Document, name: str, values: dict[str, tuple[str | None, int]
 
 
 def _values(item: Element, parameters: dict[str, Element], *, has_subs: bool) -> dict[str, tuple[str | None, int]]:
-    """Keys of an EDS from the attributes of an object and from its parameter."""
+    """Return an EDS's keys from an object's attributes and its parameter."""
     own, line = item.attributes, item.line
     parameter = parameters.get(own.get("uniqueIDRef", ""))
     mapping = own.get("PDOmapping", "no")
@@ -156,7 +158,7 @@ def _values(item: Element, parameters: dict[str, Element], *, has_subs: bool) ->
 
 
 def _of_parameter(parameter: Element) -> dict[str, tuple[str | None, int]]:
-    """Keys of an EDS from a parameter of the application process."""
+    """Return an EDS's keys from a parameter of the application process."""
     access = parameter.attributes.get("access", "read")  # the default in the schema
     values: dict[str, tuple[str | None, int]] = {"AccessType": (_ACCESS.get(access, access), parameter.line)}
     for child in parameter.children:
@@ -173,7 +175,10 @@ def _of_parameter(parameter: Element) -> dict[str, tuple[str | None, int]]:
 
 
 def _range(allowed: Element) -> dict[str, tuple[str | None, int]]:
-    """Limits of a parameter with one range; several ranges have no common limits."""
+    """Return the limits of a parameter with one range.
+
+    Several ranges have no common limits.
+    """
     ranges = [child for child in allowed.children if child.tag == "range"]
     if len(ranges) != 1:
         return {}
@@ -182,7 +187,7 @@ def _range(allowed: Element) -> dict[str, tuple[str | None, int]]:
 
 
 def _of_hexadecimal(text: str | None) -> str | None:
-    """Number as an EDS writes it, of one that is hexadecimal without saying so."""
+    """Add the ``0x`` that an EDS needs to a hexadecimal number."""
     return text if text is None or text.lower().startswith("0x") else f"0x{text}"
 
 

@@ -1,4 +1,7 @@
-"""Capabilities of a drive for the paper's loop, and the facts about its own loop, filters, encoder and store."""
+"""Capabilities of a drive for the paper's loop, and further facts.
+
+The facts describe the drive's own loop, filters, torques, encoders and store.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,9 @@ class Capability(Table):
 
 
 class Capabilities(Table):
-    """Capabilities that decide where the loop and the notch can run: in the drive or in the host.
+    """Capabilities that decide where loop and notch can run.
+
+    Either can run in the drive or in the host.
 
     Attributes:
         p_pi_inside: The drive closes position P and velocity PI itself.
@@ -46,7 +51,9 @@ class Capabilities(Table):
 
 
 class Gain(Table):
-    """Conversion of one gain of the law from SI: ``held = gain / factor``, and ``/ K_t`` where the drive works in amperes.
+    """Conversion of one gain of the control law from SI.
+
+    ``held = gain / factor``, and also ``/ K_t`` if the drive works in amperes.
 
     Attributes:
         parameter: Name of the parameter that holds it.
@@ -74,7 +81,9 @@ _PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k"}
 
 
 def gain_unit(role: str, gain: Gain) -> str:
-    """Unit of the number that a drive holds for a gain, such as µA/rad; empty where the scaling is not known.
+    """Return the unit of a gain in the drive, such as µA/rad.
+
+    The result is empty if the scaling is not known.
 
     Args:
         role: Name of the gain in `LoopFacts.gains`.
@@ -119,7 +128,7 @@ class LoopFacts(Fact):
 
 
 class FilterSection(Table):
-    """One filter of the drive, with the parameter for each part of it.
+    """One filter of the drive, with the parameter for each part.
 
     Attributes:
         parts: Parameter names by part: ``zero_frequency``, ``zero_q``, ``zero_damping``, ``pole_frequency``, ``pole_q``,
@@ -214,7 +223,9 @@ class TorqueFacts(Fact):
 
 
 class PositionModeFacts(Fact):
-    """A mode of the maker's own that takes a position with every RPDO, of a drive without CSP.
+    """A maker's own mode that takes a position with every RPDO.
+
+    A drive without CSP may have one.
 
     Attributes:
         number: Its number in 6060h.
@@ -256,7 +267,7 @@ class EncoderFacts(Fact):
 
 
 class LoadEncoderFacts(Fact):
-    """Facts about a second encoder, which sits on the joint where one is fitted there.
+    """Facts about a second encoder, which measures the joint's load side.
 
     Attributes:
         position: Object with its position (60E4h), which a TPDO can carry.
@@ -275,7 +286,7 @@ class StoreFacts(Fact):
     """Facts about the commands that store and restore parameters.
 
     Attributes:
-        object: Object of the store command; None if there is none, and ``note`` says what to do instead.
+        object: Object of the store command; None if there is none, and ``note`` states the alternative.
         signature: Number that is written to it, "save".
         wait_s: Time that the drive may take to answer, s.
         restore: Object of the command that puts the factory's values back after a reset.
@@ -298,7 +309,10 @@ class StoreFacts(Fact):
 
 
 class FaultCode(Fact):
-    """A maker's own error code, of emergencies, 603Fh and 1003h, with its meaning."""
+    """A maker's own error code, with its meaning.
+
+    Emergencies, 603Fh and 1003h carry it.
+    """
 
     code: Annotated[int, pydantic.Field(ge=0, le=0xFFFF)]
     text: str = pydantic.Field(min_length=1)

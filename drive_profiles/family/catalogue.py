@@ -1,4 +1,7 @@
-"""The objects of a device with names, types and limits, from its drive profile and, where the user gives one, its EDS."""
+"""Objects of a device with names, types and limits.
+
+They come from its drive profile and, if the user gives one, from its EDS.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,10 @@ MAX_CANDIDATES = 12
 
 
 def address_from(text: str) -> ObjectAddress | None:
-    """Address from ``0x2147:1``, ``2147sub1``, ``2147h:1`` or ``0x2147`` (sub-index 0); None for any other text."""
+    """Parse an object address; None for any other text.
+
+    Accepted are ``0x2147:1``, ``2147sub1``, ``2147h:1`` and ``0x2147`` (sub-index 0).
+    """
     match = _SPELLING.fullmatch(text.strip())
     if match is None:
         return None
@@ -82,21 +88,29 @@ class CatalogueEntry:
 
     @property
     def is_verified(self) -> bool:
-        """True if the facts are more than a guess; an EDS that the user gives counts as such."""
+        """True if the entry's facts are more than a guess.
+
+        Facts of an EDS that the user gives count as verified.
+        """
         return self.parameter is None or self.parameter.is_verified
 
     @property
     def needs_scaling(self) -> bool:
-        """True if the value of a step depends on the drive's encoder or rated torque."""
+        """True if one step's value depends on encoder or rated torque."""
         return self.parameter is not None and isinstance(self.parameter.scale, str)
 
     def without_limits(self) -> CatalogueEntry:
-        """Return the same entry without limits, for values that a device holds whatever they are."""
+        """Return the same entry without limits.
+
+        It encodes and decodes values that a device holds outside the stated limits.
+        """
         free = None if self.parameter is None else self.parameter.model_copy(update={"minimum": None, "maximum": None})
         return replace(self, low=None, high=None, parameter=free)
 
     def encoded(self, value: float | str, scaling: Scaling | None = None) -> bytes:
-        """Bytes of a value in the object's unit, within the limits of profile *and* EDS.
+        """Encode a value, given in the object's unit.
+
+        The limits of profile *and* EDS hold.
 
         Raises:
             OutOfRangeError: The value is outside the limits of either.
@@ -116,7 +130,9 @@ class CatalogueEntry:
         return data
 
     def decoded(self, data: bytes, scaling: Scaling | None = None) -> float | str:
-        """Value of the object's bytes, in its unit; hexadecimal text for bytes and for an unknown type.
+        """Decode the object's bytes to a value in its unit.
+
+        Bytes, and objects of unknown type, give hexadecimal text.
 
         Raises:
             ValueError: The length is not that of the type.
@@ -150,8 +166,8 @@ class Catalogue:
     The standard's objects can be found by name too; iteration and length leave them out.
 
     Args:
-        profile: Drive profile of the family, where it is known.
-        description: EDS of the device, where there is one.
+        profile: Drive profile of the family, if it is known.
+        description: EDS of the device, if there is one.
     """
 
     def __init__(self, profile: Profile | None = None, description: Description | None = None) -> None:
@@ -186,7 +202,7 @@ class Catalogue:
             self._names[name.casefold()] = [parameter.address]
 
     def __iter__(self) -> Iterator[CatalogueEntry]:
-        """Iterate over the objects of the device, in the order of their addresses."""
+        """Iterate over the objects of the device by rising address."""
         return iter(self._entries.values())
 
     def __len__(self) -> int:
@@ -194,11 +210,17 @@ class Catalogue:
         return len(self._entries)
 
     def get(self, address: ObjectAddress) -> CatalogueEntry | None:
-        """Entry of an object; None if neither device nor standard has it."""
+        """Return the entry of an object, or None.
+
+        None means that neither device nor standard has it.
+        """
         return self._entries.get(address) or self._standard.get(address)
 
     def unit_of(self, entry: CatalogueEntry) -> str:
-        """Unit of an object's value, a gain's included, as people read it; files have that of the entry."""
+        """Return the unit of an object's value, as shown to people.
+
+        Gains have one, too. Files use the unit of the entry instead.
+        """
         known = entry.unit or (self.profile.unit_of(entry.name) if self.profile and entry.parameter is not None else "")
         return shown.unit(known)
 
@@ -208,7 +230,7 @@ class Catalogue:
         return [entry.name for entry in self]
 
     def find(self, text: str, *, whole: bool = False) -> CatalogueEntry:
-        """Find the object that a user means by ``0x2147:1``, ``2147sub1``, or a name.
+        """Find an object by ``0x2147:1``, ``2147sub1``, or a name.
 
         An object that neither profile nor EDS has is found by its address alone. A name must be that of one object only.
 
@@ -277,7 +299,7 @@ def _raw(entry: CatalogueEntry, value: float | str) -> Value:
 
 
 def variables(description: Description) -> Iterator[tuple[ObjectAddress, Any]]:
-    """Every variable of a device description, by its address, as canopen has it."""
+    """Yield every variable of a device description with its address."""
     for item in description.dictionary.values():
         members = [item] if isinstance(item, canopen.objectdictionary.ODVariable) else item.values()
         yield from (((each.index, each.subindex), each) for each in members)

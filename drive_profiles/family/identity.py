@@ -1,4 +1,4 @@
-"""Facts that tell one device from another: identity, modes and SYNC periods."""
+"""Facts that distinguish devices: identity, modes and SYNC periods."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from drive_profiles.files.toml import Table
 Unsigned32 = Annotated[int, pydantic.Field(ge=0, le=0xFFFF_FFFF)]
 
 PRODUCT_NAME = r"[a-z0-9][a-z0-9._-]*"
-"""Form of a product's name, which stands behind the family's: ``family/product``."""
+"""Form of a product's name, which follows the family's: ``family/product``."""
 
 
 class Firmware(Table):
-    """The product code and the range of revisions (1018h:2 and :3) for which facts hold.
+    """Product code and range of revisions for which facts hold.
+
+    The objects are 1018h:2 and 1018h:3.
 
     Attributes:
         product_code: Product code; None if it is not known, and every product counts as unverified.
@@ -40,13 +42,16 @@ class Firmware(Table):
         return self.min_revision is not None or self.max_revision is not None
 
     def covers(self, revision: int | None) -> bool:
-        """True if the facts hold for a revision; an unknown one is covered where all are."""
+        """Return True if the facts hold for a revision.
+
+        An unknown revision (None) is covered only if the facts have no range.
+        """
         if revision is None:
             return not self.has_range
         return (self.min_revision or 0) <= revision and (self.max_revision is None or revision <= self.max_revision)
 
     def overlaps(self, other: Firmware) -> bool:
-        """True if a device may be covered by both."""
+        """Return True if a device may be covered by both."""
         if self.product_code != other.product_code:
             return False
         starts = max(self.min_revision or 0, other.min_revision or 0)
@@ -54,7 +59,7 @@ class Firmware(Table):
 
     @property
     def range_in_words(self) -> str:
-        """The range as text, empty where all revisions are in it."""
+        """The range as text, empty if all revisions are in it."""
         if not self.has_range:
             return ""
         low = "" if self.min_revision is None else f" from 0x{self.min_revision:08X}"
@@ -63,13 +68,15 @@ class Firmware(Table):
 
 
 class Identity(Firmware, Fact):
-    """Identity of a family's first product (1018h), which an upload compares before it writes anything.
+    """Identity (1018h) of a family's first product.
+
+    An upload compares it with the device's before it writes anything.
 
     Attributes:
         vendor_id: Vendor-ID, 1018h:1.
         product: Name of the product, where the family has several.
-        revision: 1018h:3 for which the facts hold, where it is known; others are accepted unless there is a range.
-        device_type: Device type, 1000h, where it is known.
+        revision: 1018h:3 for which the facts hold, if it is known; others are accepted unless there is a range.
+        device_type: Device type, 1000h, if it is known.
     """
 
     vendor_id: Annotated[int, pydantic.Field(ge=1, le=0xFFFF_FFFF)]  # 0 is not a vendor (CiA 301, 1018h)
@@ -79,12 +86,12 @@ class Identity(Firmware, Fact):
 
     @property
     def typical_revision(self) -> int:
-        """A revision number for which the facts hold, 0 where any does."""
+        """A revision number for which the facts hold, 0 if any does."""
         return (self.min_revision or 0) if self.revision is None else self.revision
 
 
 class SyncLimits(Fact):
-    """The SYNC periods that the device follows; None if that is not known."""
+    """SYNC periods that the device follows; None if not known."""
 
     min_period_s: float | None = pydantic.Field(default=None, gt=0)
     max_period_s: float | None = pydantic.Field(default=None, gt=0)

@@ -1,4 +1,7 @@
-"""One value in a drive's object dictionary, as a drive profile states it: address, unit, limits, source and evidence."""
+"""One value in a drive's object dictionary, as a profile states it.
+
+The profile gives its address, unit, limits, source and evidence.
+"""
 
 from __future__ import annotations
 
@@ -121,12 +124,12 @@ class Parameter(Fact):
 
     @property
     def is_bytes(self) -> bool:
-        """True if the value is a string of bytes rather than a number."""
+        """True if the value is bytes or text rather than a number."""
         return self.data_type in BYTES
 
     @property
     def is_settable(self) -> bool:
-        """True if the object can be written, and takes more than one value."""
+        """True if the object is writable and takes several values."""
         low, high = LIMITS.get(self.data_type, (-math.inf, math.inf))
         least = low if self.minimum is None else max(low, self.minimum)
         greatest = high if self.maximum is None else min(high, self.maximum)
@@ -140,7 +143,7 @@ class Parameter(Fact):
         return "" if self.is_bytes or self.type.is_real else f"{self.scale:g} {shown.unit(self.unit)}".rstrip()
 
     def default_bytes(self) -> bytes | None:
-        """Bytes of the factory setting; None if it is not known.
+        """Return the bytes of the factory setting, or None.
 
         Raises:
             ValueError: The default is not of the data type.
@@ -157,7 +160,7 @@ class Parameter(Fact):
         return encode(self.type, value)
 
     def value_per_step(self, scaling: units.Scaling | None = None) -> float:
-        """Value of one step on the wire, in ``unit``.
+        """Return the value of one step on the wire, in ``unit``.
 
         Args:
             scaling: Scaling of the drive; needed where the scale depends on its encoder or rated torque.
@@ -172,7 +175,9 @@ class Parameter(Fact):
         return 1.0 / scaling.counts_per_rad if self.scale == "counts" else scaling.torque_quantum_nm
 
     def raw(self, value: float, scaling: units.Scaling | None = None) -> int | float:
-        """Number that the object holds for a value in ``unit``: an integer, or a rounded REAL32.
+        """Return the number that the object holds for a value in ``unit``.
+
+        It is an integer, or a rounded REAL32.
 
         Raises:
             OutOfRangeError: The value is outside the range of parameter or data type, or not finite.
@@ -206,18 +211,26 @@ class Parameter(Fact):
         return units.to_integer(value, LIMITS[self.data_type], self.written_address, self.unit, 1.0 / per_step)
 
     def _as_read_back(self, limit: float, per_step: float, pick: Callable[[float, float], float]) -> float:
-        """Round a limit as the drive does; otherwise a limit such as 0.01, or 3 steps of 0.1, is refused when it is read back."""
+        """Round a limit as the drive does.
+
+        Otherwise a limit such as 0.01, or 3 steps of 0.1, would be refused when it is read back.
+        """
         if self.data_type == "REAL32":
             return pick(limit, units.real32(limit / per_step) * per_step)
         nearest = limit if self.type.is_real else round(limit / per_step) * per_step
         return pick(limit, nearest) if math.isclose(limit, nearest, rel_tol=1e-12) else limit
 
     def value(self, raw: float, scaling: units.Scaling | None = None) -> float:
-        """Value in ``unit`` of a number that the object holds; the inverse of `raw`."""
+        """Return the value in ``unit`` of a held number.
+
+        This is the inverse of `raw`.
+        """
         return raw * self.value_per_step(scaling)
 
     def encoded(self, value: float | str, scaling: units.Scaling | None = None) -> bytes:
-        """Bytes of a value in ``unit``. The value is text for a VISIBLE_STRING, hexadecimal text for bytes.
+        """Encode a value in ``unit``.
+
+        The value is text for a VISIBLE_STRING and hexadecimal text for bytes.
 
         Raises:
             OutOfRangeError: As for `raw`.
@@ -239,7 +252,9 @@ class Parameter(Fact):
         return encode(self.type, bool(raw) if self.data_type == "BOOLEAN" else raw)
 
     def decoded(self, data: bytes, scaling: units.Scaling | None = None) -> float | str:
-        """Value in ``unit`` of the object's bytes; the inverse of `encoded`.
+        """Return the value in ``unit`` of the object's bytes.
+
+        This is the inverse of `encoded`.
 
         Raises:
             ValueError: The length is not that of the type.

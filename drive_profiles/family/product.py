@@ -1,4 +1,4 @@
-"""A further product of a family: what is other in it than in the first one."""
+"""A further product of a family, stated by its differences."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Question = Literal[
 
 
 def in_words(error: pydantic.ValidationError) -> str:
-    """What is wrong with a table, in one line."""
+    """Return the errors of a table in one line."""
     said = []
     for each in error.errors(include_url=False):
         key = ".".join(map(str, each["loc"]))
@@ -37,7 +37,10 @@ def in_words(error: pydantic.ValidationError) -> str:
 
 
 class ParameterChange(Table):
-    """What is other in a product's parameter: the keys of a parameter, each of which may be left out.
+    """Differences of one parameter between a product and the first one.
+
+    Each key of a parameter may be left out. Source and evidence are the product's, unless they are given. A parameter that
+    the first product lacks is stated whole.
 
     Source and evidence are the product's, unless they are given. A parameter that the first product has not is stated whole.
 
@@ -64,7 +67,7 @@ class ParameterChange(Table):
     without: tuple[Literal["minimum", "maximum", "default"], ...] = ()
 
     def of(self, first: Parameter | None, product: Fact) -> Parameter:
-        """The parameter as the product has it.
+        """Return the parameter as the product has it.
 
         Args:
             first: The parameter of the first product; None if it has none of this name.
@@ -86,14 +89,14 @@ class ParameterChange(Table):
 
 
 class Product(Firmware, Fact):
-    """A further product of a family, as its differences from the first one.
+    """A further product of a family, stated by its differences.
 
     A table of facts that is given replaces the first product's; a capability replaces that answer alone.
 
     Attributes:
         name: Name behind the family's: ``family/name``.
         title: Name for people.
-        revision: 1018h:3 for which the facts hold, where it is known.
+        revision: 1018h:3 for which the facts hold, if it is known.
         device_type: Device type, 1000h, where it is not the first product's.
         modes: CiA 402 modes of the drive.
         position_mode: A mode of the maker's own that takes positions cyclically.
@@ -143,7 +146,7 @@ class Product(Firmware, Fact):
         return {name: fact for name, fact in named.items() if fact is not None}
 
     def parameters_of(self, first: Mapping[str, Parameter]) -> dict[str, Parameter]:
-        """The parameters of the product, in the order of the first product's.
+        """Return the product's parameters in the order of the first product's.
 
         Args:
             first: The parameters of the first product.

@@ -1,4 +1,6 @@
-"""A family of drives (or accelerometers) as data: its identity, its capabilities, and the object of each parameter.
+"""A family of drives (or accelerometers) as data.
+
+A profile states identity, capabilities, and the object of each parameter.
 
 The facts are in ``vendors/*.toml``, each with its source and evidence; none of them rests on a factory setting.
 """
@@ -98,7 +100,10 @@ class Profile(Table):
     @pydantic.field_validator("parameters")
     @classmethod
     def _consistent(cls, parameters: dict[str, Parameter]) -> dict[str, Parameter]:
-        """Refuse an object that holds two parameters, and a name whose unit is not that of the value."""
+        """Refuse a shared object, and a name with the wrong unit.
+
+        No two parameters may have one object; a unit in a parameter's name must be that of its value.
+        """
         objects: dict[ObjectAddress, str] = {}
         for name, parameter in parameters.items():
             first = objects.setdefault(parameter.address, name)
@@ -126,7 +131,7 @@ class Profile(Table):
 
     @pydantic.model_validator(mode="after")
     def _distinct(self) -> Self:
-        """Refuse products that a name, or an identity, does not tell apart, and those that do not come out whole."""
+        """Refuse products with equal names, overlapping identities or incomplete facts."""
         if self.products and not self.identity.product:
             raise ValueError("identity.product is missing: a family of several products names the first one, too")
         names = [self.identity.product, *(product.name for product in self.products)]
@@ -143,7 +148,10 @@ class Profile(Table):
         return self
 
     def unit_of(self, name: str) -> str:
-        """Unit of a parameter's value: its own, or what the loop's facts make of a gain that has none."""
+        """Return the unit of a parameter's value.
+
+        A gain without a unit of its own gets the one that follows from the facts about the loop.
+        """
         parameter = self.parameters.get(name)
         if parameter is None or parameter.unit or self.loop is None:
             return "" if parameter is None else parameter.unit
@@ -151,7 +159,9 @@ class Profile(Table):
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Self:
-        """Read a profile of the package by its name, or of any file by its path; of one product with ``/product`` behind it.
+        """Read a profile by name or path.
+
+        A name means a profile of the package; ``/product`` after name or path chooses one product.
 
         A bare name is looked up in the package only, never in the working directory.
 
@@ -182,20 +192,26 @@ class Profile(Table):
 
     @property
     def label(self) -> str:
-        """Name of the profile as a user writes it: ``family``, or ``family/product`` for one of several products."""
+        """Name of the profile as a user writes it.
+
+        It is ``family``, or ``family/product`` for one of several products.
+        """
         return f"{self.name}/{self.identity.product}" if self.identity.product and not self.products else self.name
 
     @property
     def members(self) -> tuple[Self, ...]:
-        """The profile of each product, the first one's first; of a family that has one product, the profile itself."""
+        """Profiles of all products, the first product's first.
+
+        A family that has one product gives itself.
+        """
         first = self.model_copy(update={"products": ()}) if self.products else self
         return (first, *map(self._as, self.products))
 
     def candidates(self, product_code: int | None, revision: int | None = None) -> tuple[Self, ...]:
-        """The products that a device may be, as profiles.
+        """Return the products that a device may be, as profiles.
 
-        Products are told apart by product code and revision. Where no product is of that code, it may be each of those whose
-        code nobody knows.
+        Products are told apart by product code and revision. If no product has that code, it may be each of those
+        whose code is not known.
 
         Args:
             product_code: 1018h:2 of the device; None if it states none.
@@ -208,7 +224,9 @@ class Profile(Table):
         return tuple(each for each in (first, *others) if each.identity.product_code is None)
 
     def product(self, product_code: int | None, revision: int | None = None) -> Self:
-        """The profile of the product that a device is; of several whose code nobody knows, the first.
+        """Return the profile of the product that a device is.
+
+        If several products have no known code, the first of them is taken.
 
         Args:
             product_code: 1018h:2 of the device; None if it states none.
@@ -223,7 +241,7 @@ class Profile(Table):
         return found[0]
 
     def product_named(self, name: str) -> Self:
-        """The profile of the product of a name.
+        """Return the profile of the product of a name.
 
         Raises:
             UnknownProductError: The profile names no such product.
@@ -245,7 +263,7 @@ class Profile(Table):
         return shown
 
     def _as(self, product: Product) -> Self:
-        """The profile of a further product.
+        """Return the profile of a further product.
 
         Raises:
             ValueError: It does not come out whole.
@@ -285,7 +303,7 @@ class Profile(Table):
         return () if self.modes is None else tuple(Mode[name] for name in self.modes.names)
 
     def parameter(self, name: str) -> Parameter:
-        """Parameter of a name.
+        """Return the parameter of a name.
 
         Raises:
             UnknownParameterError: The profile has no such parameter.
@@ -297,33 +315,36 @@ class Profile(Table):
             raise UnknownParameterError(self.name, name, tuple(close)) from None
 
     def is_fixed(self, address: ObjectAddress) -> bool:
-        """True if the profile has an object and says that it keeps its value."""
+        """Return True if the profile marks an object as constant."""
         return any(entry.address == address and not entry.is_settable for entry in self.parameters.values())
 
     def in_class(self, parameter_class: ParameterClass) -> dict[str, Parameter]:
-        """The parameters of one class, in the order of the file."""
+        """Return the parameters of one class, in the order of the file."""
         return {name: entry for name, entry in self.parameters.items() if entry.parameter_class == parameter_class}
 
 
 def available() -> list[str]:
-    """Names of the profiles in the package."""
+    """Return the names of the profiles in the package."""
     return sorted(path.stem for path in VENDORS.glob("*.toml") if _NAME.fullmatch(path.stem))
 
 
 def is_name(text: str) -> bool:
-    """True for ``family`` and for ``family/product`` of the package; all else that names a profile is a path."""
+    """Return True for a profile name, False for a path.
+
+    Names are ``family`` and ``family/product``; all other texts are paths.
+    """
     family, _ = _split(text)
     return isinstance(family, str) and _NAME.fullmatch(family) is not None
 
 
 @functools.lru_cache(maxsize=64)
 def _packaged(model: type[Profile], file: Path, written_ns: int) -> Profile:
-    """A profile of the package, read once for each time that its file was written: a run asks for it a dozen times."""
+    """Read a profile of the package, cached until its file changes."""
     return files.load(file, model)
 
 
 def _split(text: str | Path) -> tuple[str | Path, str]:
-    """Family or file, and product; no product where the text names none."""
+    """Split a text into family or file, and product (or None)."""
     match = _OF_A_PRODUCT.fullmatch(text) if isinstance(text, str) else None
     if match is None:
         return text, ""

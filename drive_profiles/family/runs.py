@@ -1,4 +1,7 @@
-"""What a run does with each drive family: found on emulated drives, and kept in ``runs.toml``."""
+"""Results of a run with each drive family.
+
+They were found on emulated drives and are kept in ``runs.toml``.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +18,13 @@ FILE = Path(__file__).with_name("runs.toml")
 
 
 class FamilyRun(Table):
-    """What a run does with a family, as its emulated drive has shown it.
+    """Result of a run with a family's emulated drive.
 
     Attributes:
         mode: Mode in which a run gives it set-points.
         is_moved: True if a run has moved it and left it as it was.
-        refusal: Why its transmission error was not identified or not cancelled; empty where both were done.
-        plant_refusal: Why its plant was not identified; empty where it was.
+        refusal: Why its transmission error was not identified or not cancelled; empty if both were done.
+        plant_refusal: Why its plant was not identified; empty if it was.
         tip_mm: Tip's peak of the reference robot's axis 2 without a treatment; None if it was not identified.
         cancelled_tip_mm: The same with cancellation by set-points, all other things equal; None if it was refused.
         held_by_drive: Limits of a bench file that the drive holds as well as the master.
@@ -58,12 +61,12 @@ class FamilyRuns(Table):
 
 @functools.cache
 def family_runs() -> dict[str, FamilyRun]:
-    """What a run does with each family, by the name of its profile."""
+    """Return the results of a run with each family, by name."""
     return files.load(FILE, FamilyRuns).family
 
 
 def in_words(run: FamilyRun) -> str:
-    """The mode in which a family runs, for a narrow column."""
+    """Return the mode in which a family runs, for a narrow column."""
     if not run.is_moved:
         return "no"
     return run.mode if len(run.mode) <= len("CSP") else "own"

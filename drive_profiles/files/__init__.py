@@ -1,4 +1,6 @@
-r"""Files of users: one door to read them (`reading`), written whole or not at all (`safefile`).
+r"""Reading and writing of users' files.
+
+`reading` reads files of bounded size, `safefile` writes them atomically.
 
 TOML is validated by line (`toml`), XML a tree of bounded size (`xml_tree`).
 

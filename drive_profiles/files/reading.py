@@ -1,4 +1,7 @@
-"""The one door through which a user's file is read: a file, whole and of bounded size, and nothing that could keep us waiting."""
+"""Reading of a user's file, whole and of bounded size.
+
+Only regular files are read, since a pipe or a device could block the reader.
+"""
 
 from __future__ import annotations
 

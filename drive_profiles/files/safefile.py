@@ -1,4 +1,7 @@
-"""Atomic writing of files: after a crash a file is there whole or not at all."""
+"""Atomic writing of files.
+
+After a crash a file is complete or missing.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +58,9 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path, note: str = "") -> Iterator[None]:
-    """A context in which an `OSError` names the file, which that of a full disk does not, and has a note.
+    """Add the file's name, and a note, to an `OSError`.
+
+    The error of a full disk, for example, does not name the file.
 
     Args:
         path: The file.
@@ -71,7 +76,9 @@ def naming(path: Path, note: str = "") -> Iterator[None]:
 
 
 def check_writable(path: Path) -> None:
-    """Check that a file can be written later, by writing and removing another beside it; nothing is made.
+    """Check that a file can be written later.
+
+    A temporary file is written beside it and removed; nothing else is created.
 
     Args:
         path: The file; its folder must be there.

@@ -1,4 +1,7 @@
-"""JSON Schema of TOML files, for editors: keys, types, ranges, and what the code says of each key."""
+"""JSON Schema of TOML files, for editors.
+
+It states keys, types and ranges; descriptions come from the docstrings of the models.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,9 @@ _ATTRIBUTE = re.compile(r"^ {4}(\w+): (.+?)(?=^ {4}\w+: |\Z)", re.MULTILINE | re
 
 
 def json_schema(model: Any, title: str) -> dict[str, Any]:
-    """The schema of a kind of file; descriptions are those of the classes and of their attributes.
+    """Return the JSON Schema of a kind of file.
+
+    The descriptions are those of the classes and of their attributes.
 
     Args:
         model: Class of the file, or a union of classes.
@@ -32,12 +37,12 @@ def json_schema(model: Any, title: str) -> dict[str, Any]:
 
 
 def schema_text(model: Any, title: str) -> str:
-    """The same as the text of a file."""
+    """Return the JSON Schema as the text of a file."""
     return json.dumps(json_schema(model, title), indent=1, ensure_ascii=False, sort_keys=False) + "\n"
 
 
 def _parts(docstring: str) -> tuple[str, dict[str, str]]:
-    """What a docstring says of its class, and of each attribute."""
+    """Split a docstring into the class description and its attributes."""
     described, _, rest = inspect.cleandoc(docstring).partition("\nAttributes:\n")
     rest = re.split(r"^\S", rest, maxsplit=1, flags=re.MULTILINE)[0]
     return described.strip(), {name: " ".join(text.split()) for name, text in _ATTRIBUTE.findall(rest)}

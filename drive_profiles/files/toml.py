@@ -1,6 +1,8 @@
-"""TOML files in, frozen models out; or every error, each with its line, its key and what was expected there.
+"""Reading of TOML files into frozen models, with located errors.
 
-The unit of a number is in the name of its key (``torque_limit_nm``), so a wrong unit is a wrong key, and is said to be.
+Each error has its line, its key and the expectation there.
+
+The unit of a number is in the name of its key (``torque_limit_nm``), so a wrong unit is a wrong key, and is reported.
 """
 
 from __future__ import annotations
@@ -84,13 +86,16 @@ M = TypeVar("M", bound=pydantic.BaseModel)
 
 
 class Table(pydantic.BaseModel):
-    """Base of every table of a file: unknown keys refused, frozen, strings never taken for numbers, no NaN."""
+    """Base of every table of a file.
+
+    Unknown keys are refused, instances are frozen, strings are never converted to numbers, and NaN is refused.
+    """
 
     model_config = pydantic.ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class WrongKeyError(ValueError):
-    """A contradiction of a table, for its validators to raise: it names the key that is wrong.
+    """A contradiction in a table, raised by validators with its key.
 
     Args:
         message: What is wrong.
@@ -104,7 +109,10 @@ class WrongKeyError(ValueError):
 
 
 def split_unit(key: str) -> tuple[str, str]:
-    """The stem of a key and its unit suffix, empty where it has none: ``start_rps`` is (``start``, ``_rps``)."""
+    """Split a key into its stem and its unit suffix.
+
+    The suffix is empty if there is none: ``start_rps`` gives (``start``, ``_rps``).
+    """
     for suffix in _SUFFIXES:
         if key.endswith(suffix) and len(key) > len(suffix):
             return key[: -len(suffix)], suffix
@@ -133,7 +141,10 @@ def load(path: str | Path, model: type[M], *, max_bytes: int = MAX_BYTES) -> M:
 
 
 def toml_value(value: object, *, hexadecimal: bool = False) -> str:
-    """A value as TOML writes it; JSON's strings are TOML's basic strings."""
+    """Return a value as TOML writes it.
+
+    JSON's strings are TOML's basic strings.
+    """
     if isinstance(value, dict):
         inside = ", ".join(f"{json.dumps(key)} = {toml_value(each)}" for key, each in value.items())
         return f"{{ {inside} }}" if inside else "{}"
@@ -172,7 +183,10 @@ def loads(text: str, model: type[M], path: str | Path = "<text>") -> M:
 
 
 def _numbered_twice(lines: Mapping[KeyPath, int]) -> Iterator[Problem]:
-    """Tables such as ``axis.2`` beside ``axis.02``: two keys to TOML, but one number, of which the last would win."""
+    """Report tables such as ``axis.2`` beside ``axis.02``.
+
+    They are two keys in TOML but one number, so the last would win silently.
+    """
     seen: dict[KeyPath, KeyPath] = {}
     for path in lines:
         name = path[-1]
@@ -234,7 +248,10 @@ def _problems(error: pydantic.ValidationError, model: type[pydantic.BaseModel], 
 
 
 def _located(location: KeyPath, lines: dict[KeyPath, int]) -> tuple[KeyPath, int]:
-    """The longest path of the file that the location names, and its line; pydantic mixes in names of union members."""
+    """Return the longest file path within a location, and its line.
+
+    pydantic mixes names of union members into its locations; these are skipped.
+    """
     path: KeyPath = ()
     for part in location:
         for candidate in ((*path, part), (*path, str(part))):
@@ -304,7 +321,10 @@ def _shown(value: object) -> str:
 
 
 def _unit_of(location: KeyPath) -> str:
-    """The unit that the innermost key with one names: in ``forearm_m[1]`` and ``start_m.x`` it is the outer key's."""
+    """Return the unit named by the innermost key that has one.
+
+    In ``forearm_m[1]`` and ``start_m.x`` this is the outer key's.
+    """
     for part in reversed(location):
         if isinstance(part, str) and (suffix := split_unit(part)[1]):
             return UNIT_NAMES[suffix]
@@ -312,7 +332,7 @@ def _unit_of(location: KeyPath) -> str:
 
 
 def _kind(model: type[pydantic.BaseModel], location: KeyPath) -> str:
-    """What belongs at a missing key."""
+    """Return the kind of value that a missing key needs."""
     unit = _unit_of(location[-1:])
     if unit:
         return f"a value in {unit}"
@@ -340,7 +360,7 @@ def _known_keys(model: type[pydantic.BaseModel], location: KeyPath) -> dict[str,
 
 
 def _annotations(model: object, location: KeyPath) -> list[Any]:
-    """The types that the model allows at this place."""
+    """Return the types that the model allows at this place."""
     here = list(_flat(model))
     for part in location:
         deeper = [leaf for annotation in here for step in _step(annotation, part) for leaf in _flat(step)]

@@ -1,4 +1,7 @@
-"""Line numbers of a TOML text: `tomllib` reads values but forgets where they stood."""
+"""Line numbers of a TOML text.
+
+`tomllib` returns the values without their lines.
+"""
 
 import re
 import tomllib
@@ -14,7 +17,9 @@ _SCALAR = re.compile(r"[^,\]}#\n]+")
 
 
 def key_lines(text: str) -> dict[KeyPath, int]:
-    """Line of every key, table and array element of a valid TOML text; the first, where a table is opened again.
+    """Return the line of every key, table and array element.
+
+    If a table is opened several times, its first line counts.
 
     Args:
         text: What `tomllib` has accepted, with line feeds as line ends.
@@ -26,7 +31,10 @@ def key_lines(text: str) -> dict[KeyPath, int]:
 
 
 class _Scanner:
-    """Walks a valid TOML text and notes where things begin; it reads no values."""
+    """Scanner that notes the line of each element of valid TOML.
+
+    It does not interpret values.
+    """
 
     def __init__(self, text: str) -> None:
         self.text = text

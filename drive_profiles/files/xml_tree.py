@@ -1,4 +1,4 @@
-"""XML files as a tree of bounded size, each element with its line.
+"""XML files as a tree of bounded size, with line numbers.
 
 The files are not trusted: declarations of a document type or of entities are refused, so nothing is expanded or fetched, and
 depth, elements and text are bounded.
@@ -37,7 +37,7 @@ class Element:
     text: str = ""
 
     def walk(self) -> Iterator[Element]:
-        """Yield this element and all below it, in the order of the file."""
+        """Yield this element and its descendants in the file's order."""
         stack = [self]
         while stack:
             element = stack.pop()
@@ -54,7 +54,7 @@ class _UnsafeError(Exception):
 
 
 def parse(data: bytes, path: Path, kind: str) -> Element:
-    """The outermost element of a file, with all that is in it.
+    """Return the root element of an XML file, with its descendants.
 
     Args:
         data: The bytes of the file, whose size the caller has bounded.
@@ -97,7 +97,7 @@ def parse(data: bytes, path: Path, kind: str) -> Element:
         plain = f"a plain {kind.partition(' ')[2]}"
         raise FileError(path, (Problem(parser.CurrentLineNumber, "", str(error), plain),)) from error
     except expat.ExpatError as error:
-        raise FileError(path, (Problem(error.lineno, "", f"no XML: {expat.ErrorString(error.code)}", kind),)) from error
+        raise FileError(path, (Problem(error.lineno, "", f"is not XML: {expat.ErrorString(error.code)}", kind),)) from error
     except (LookupError, ValueError) as error:  # an encoding that Python does not have, or that is none of single bytes
-        raise FileError(path, (Problem(1, "", f"no XML that can be read: {error}", f"{kind} in UTF-8"),)) from error
+        raise FileError(path, (Problem(1, "", f"is not readable XML: {error}", f"{kind} in UTF-8"),)) from error
     return top.children[0]

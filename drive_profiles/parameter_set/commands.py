@@ -1,4 +1,7 @@
-"""Objects that command a drive rather than set it up: no file gives them, and none is pulled."""
+"""Objects that command a drive rather than configure it.
+
+No file may contain them, and a pull leaves them out.
+"""
 
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.object_address import ObjectAddress, object_address
@@ -15,7 +18,9 @@ _SDO_PARAMETERS = range(0x1200, 0x1300)
 
 
 def is_command(address: ObjectAddress, profile: Profile | None = None) -> bool:
-    """True if writing the object *does* something rather than sets something, on any axis (CiA 402: + 800h each).
+    """Return True if writing the object commands the drive.
+
+    Objects of further axes count, too (CiA 402: + 800h each).
 
     Args:
         address: The object.
@@ -31,7 +36,7 @@ def is_command(address: ObjectAddress, profile: Profile | None = None) -> bool:
 
 
 def _set_points(profile: Profile | None) -> set[ObjectAddress]:
-    """Set-points that a profile names."""
+    """Return the set-points that a profile names."""
     if profile is None:
         return set()
     named = [] if profile.torque is None else [profile.torque.target, profile.torque.offset]

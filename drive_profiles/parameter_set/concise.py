@@ -1,4 +1,6 @@
-"""The concise DCF: the bytes of many objects in one, as a master holds them for each node in 1F22h.
+"""The concise DCF, which holds the bytes of many objects.
+
+A master holds one for each node in 1F22h.
 
 Source: CiA 302-3, 1F22h.
 """
@@ -15,7 +17,9 @@ from drive_profiles.standard.object_address import ObjectAddress
 
 
 def to_concise(writes: Collection[Write]) -> bytes:
-    """Write a concise DCF, the value of 1F22h: count, then index, sub-index, length and bytes of each (CiA 302-3, 1F22h).
+    """Write a concise DCF, the value of 1F22h.
+
+    It holds a count, then index, sub-index, length and bytes of each object (CiA 302-3, 1F22h).
 
     It is sent entry by entry, so PDOs whose COB-ID is in the set are made invalid first and valid last.
     """
@@ -34,7 +38,9 @@ def to_concise(writes: Collection[Write]) -> bytes:
 
 
 def from_concise(data: bytes) -> dict[ObjectAddress, bytes]:
-    """Read a concise DCF: the bytes of each object. Where it writes an object several times, the last bytes count.
+    """Read a concise DCF into the bytes of each object.
+
+    If it writes an object several times, the last bytes count.
 
     Raises:
         RefusedError: The data are too short, or go on after the end.

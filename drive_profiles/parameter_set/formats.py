@@ -1,4 +1,4 @@
-"""Parameter sets in the formats of other tools: DCF (CiA 306) and concise DCF (CiA 302-3, 1F22h).
+"""Parameter sets as DCF (CiA 306) and concise DCF (CiA 302-3).
 
 A DCF has keys for node-ID, bit rate and serial number. What else the header of a set says stands in comments of its commissioning
 section, which other tools pass over: ``; drive-profiles: counts_per_rev = 65536``. So do values that cannot stand on a line, such
@@ -37,12 +37,14 @@ _NOT_IN_COMMENTS = {"format", "hash", "not_read", "node_id", "serial_number", "b
 
 
 def is_toml(path: Path) -> bool:
-    """True if the suffix is that of a parameter set of our own."""
+    """Return True if the suffix means our own parameter set."""
     return path.suffix.lower() not in DEVICE_FILES | CONCISE
 
 
 def header_of(path: Path) -> Header:
-    """Return the header of a parameter set in a file of any format; that of a concise DCF is empty.
+    """Return the header of a parameter set in any format.
+
+    That of a concise DCF is empty.
 
     Raises:
         FileError: The file cannot be read.
@@ -61,7 +63,9 @@ def read(
     *,
     flagged: bool = False,
 ) -> ParameterSet:
-    """Read a parameter set from a file of any format, by its suffix. Values whose scaling nobody states stay raw.
+    """Read a parameter set of any format, chosen by its suffix.
+
+    Values whose scaling is not known stay raw.
 
     Args:
         path: ``.toml``, ``.dcf``, ``.xdc``, ``.cdcf`` or ``.bin``.
@@ -116,7 +120,7 @@ def write(
         header: Header of the set, for the commissioning section of a DCF; a concise DCF has no place for it.
 
     Returns:
-        Values that stand in comments only, where no other tool finds them.
+        Values that are in comments only, which other tools ignore.
 
     Raises:
         RefusedError: A DCF lacks its EDS, the suffix is none of the three, the file exists, or it would be too long to be read.
@@ -149,7 +153,10 @@ def _value(each: Write) -> Value:
 
 
 def _stands(each: Write) -> bool:
-    """True if the value can stand on a line of a file: an empty text cannot, nor one with blanks around it."""
+    """Return True if the value can be written on a line.
+
+    An empty text cannot, nor one with blanks around it.
+    """
     value = _value(each)
     if not isinstance(value, str | bytes):
         return True  # what is wrong with a number is said where it is written
@@ -161,7 +168,10 @@ def _stands(each: Write) -> bool:
 
 
 def _commissioning(header: Header) -> tuple[dict[str, str], list[str]]:
-    """Keys of the commissioning section, and comments for what has no key."""
+    """Return keys and comments of the commissioning section.
+
+    The comments are for values without a key.
+    """
     rate = header.bitrate_bit_s
     keys = {
         "NodeID": None if header.node_id is None else str(header.node_id),
@@ -174,12 +184,12 @@ def _commissioning(header: Header) -> tuple[dict[str, str], list[str]]:
 
 
 def _ascii(value: Any) -> str:
-    """A value in TOML's form, in characters that every encoding has."""
+    """Return a value in TOML's form, in characters that every encoding has."""
     return json.dumps("".join(c for c in value if c <= "\uffff")) if isinstance(value, str) else toml_value(value)
 
 
 def _header_in(description: eds.Description) -> Header:
-    """Header as a DCF states it.
+    """Return the header as a DCF states it.
 
     Raises:
         FileError: A comment that should be ours is none.

@@ -1,4 +1,6 @@
-"""A parameter set: values that a drive holds or shall hold, as a text file with one object per line.
+"""A parameter set as a text file with one object per line.
+
+It states values that a drive holds or shall hold.
 
     [header]
     profile = "emulated_drive"
@@ -66,7 +68,7 @@ class Header(Table):
     """Header of a parameter set: the device that it belongs to.
 
     Attributes:
-        unverified: The unverified facts from which the values were computed; empty where all are verified.
+        unverified: The unverified facts from which the values were computed; empty if all are verified.
         not_read: Objects that could not be read, each with the reason.
         bitrate_bit_s: Bit rate of the bus that the set was pulled on, where the bus had one.
         counts_per_rev: Increments of the drive's encoder per revolution, where values count in them; None if not known.
@@ -99,14 +101,17 @@ class Header(Table):
     feed_shaft_revs: int = pydantic.Field(default=1, gt=0)
 
     def scaling_of(self, entry: CatalogueEntry) -> Scaling | None:
-        """Return the scaling for one object; None if it needs none, or where the header does not state it."""
+        """Return the scaling for one object.
+
+        The result is None if the object needs none or the header does not state it.
+        """
         scale = entry.parameter.scale if entry.parameter is not None and entry.needs_scaling else None
         if (self.counts_per_rev if scale == "counts" else self.rated_torque_nm if scale else None) is None:
             return None
         return self.scaling()
 
     def scaling(self) -> Scaling:
-        """Return the scaling as far as the header states it, with 1 for what it does not state."""
+        """Return the header's scaling, with 1 for what it lacks."""
         return Scaling(
             self.counts_per_rev or 1,
             self.rated_torque_nm or 1.0,
@@ -132,7 +137,10 @@ class Write(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """One object in which two sets differ; a side without the object is None."""
+    """One object in which two sets differ.
+
+    A side without the object is None.
+    """
 
     key: str
     left: float | str | None
@@ -165,17 +173,23 @@ class ParameterSet(Table):
                 yield name, key, item
 
     def digest(self) -> str:
-        """SHA-256 over classes, keys, values and units; the header does not count."""
+        """Return the SHA-256 over classes, keys, values and units.
+
+        The header does not count.
+        """
         lines = [json.dumps([name, key, item.value, item.unit, item.type]) for name, key, item in self.items()]
         return "sha256:" + hashlib.sha256("\n".join(sorted(lines)).encode()).hexdigest()
 
     @property
     def is_edited(self) -> bool:
-        """True if the values were changed after the hash in the header was made."""
+        """Return True if the values changed after the header's hash was made."""
         return bool(self.header.hash) and self.header.hash != self.digest()
 
     def dumps(self) -> str:
-        """Text of the file; `RefusedError` where it is longer than `load` reads."""
+        """Return the text of the file.
+
+        Raises `RefusedError` if the text is longer than `load` reads.
+        """
         lines = ["# Parameter set: one object per line. See docs/parameters.md.", "", "[header]"]
         header = self.header.model_copy(update={"hash": self.digest()})
         for key, value in header.model_dump(exclude_none=True, exclude_defaults=True, exclude={"format"}).items():
@@ -209,7 +223,7 @@ class ParameterSet(Table):
         limits: bool = True,
         flagged: bool = False,
     ) -> list[Write]:
-        """Turn each line into bytes, in the order in which the objects are best written.
+        """Encode each line, in the best order for writing.
 
         Args:
             catalogue: The objects of the device.
@@ -241,7 +255,7 @@ class ParameterSet(Table):
         return sorted(writes.values(), key=lambda write: 0 if write.entry.parameter is None else write.entry.parameter.order)
 
     def skipped_by_objflags(self, catalogue: Catalogue) -> list[str]:
-        """List the lines whose objects the EDS keeps out of downloads (``ObjFlags``), by their keys."""
+        """List the keys that the EDS keeps out of downloads (``ObjFlags``)."""
         flagged = {entry.address: entry for entry in catalogue if entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD}
         names = {entry.name for entry in flagged.values()}
         return [key for _, key, item in self.items() if (address_from(key) in flagged if item.type else key in names)]
@@ -252,12 +266,14 @@ class ParameterSet(Table):
         catalogue: Catalogue | None = None,
         scaling_of: Callable[[CatalogueEntry], Scaling | None] = lambda entry: None,
     ) -> list[Difference]:
-        """List the objects in which this set (left) and another (right) differ, in this set's order.
+        """List the objects in which two sets differ.
+
+        This set is the left one and gives the order.
 
         Args:
             other: The other set.
             catalogue: The objects of the device. With it objects are compared by address and bytes, so that a line in a unit and
-                a raw line may be the same; a line whose bytes are not known is compared as it stands.
+                a raw line may be the same; a line whose bytes are not known is compared as text.
             scaling_of: Function that returns the scaling for an object, None if it is not known.
         """
         left, right = (_compared(each, catalogue, scaling_of) for each in (self, other))
@@ -279,7 +295,7 @@ class ParameterSet(Table):
 
 
 class _ComparedLine(NamedTuple):
-    """A line of a set with its bytes, as far as they are known."""
+    """A line of a set with its bytes, if they are known."""
 
     key: str
     item: Item
@@ -292,7 +308,10 @@ class _ComparedLine(NamedTuple):
         return (self.item.value, self.item.unit, self.item.type) == (other.item.value, other.item.unit, other.item.type)
 
     def shown(self, scaling_of: Callable[[CatalogueEntry], Scaling | None]) -> tuple[float | str, str]:
-        """Value and unit: the parameter's, where the profile has one and its scaling is known."""
+        """Return value and unit for display.
+
+        They are the parameter's, if the profile has one and its scaling is known.
+        """
         if self.entry is not None and self.data is not None and self.entry.parameter is not None:
             with contextlib.suppress(ValueError, DriveProfileError):
                 return self.entry.decoded(self.data, scaling_of(self.entry)), self.entry.unit
@@ -302,7 +321,10 @@ class _ComparedLine(NamedTuple):
 def _compared(
     parameter_set: ParameterSet, catalogue: Catalogue | None, scaling_of: Callable[[CatalogueEntry], Scaling | None]
 ) -> dict[ObjectAddress | str, _ComparedLine]:
-    """Lines of a set by address, or by key where nobody knows the address."""
+    """Map each line of a set to its address.
+
+    A line whose address is not known has its key instead.
+    """
     lines: dict[ObjectAddress | str, _ComparedLine] = {}
     for _, key, item in parameter_set.items():
         entry, data = None, None
@@ -319,7 +341,9 @@ def _compared(
 
 
 def item_of(entry: CatalogueEntry, data: bytes, scaling: Scaling | None) -> tuple[str, Item]:
-    """Make key and line of an object from its bytes; raw, with the address as key, where the scaling is not known.
+    """Make key and line of an object from its bytes.
+
+    If the scaling is not known, the value stays raw and the address is the key.
 
     Raises:
         ValueError: The bytes are no value of the object's type, or not finite.
@@ -355,7 +379,7 @@ def from_values(
         catalogue: The objects of the device.
         values: Values by address.
         scaling_of: Function that returns the scaling for an object; None if it is not known, and the value stays raw.
-        undescribed: True: objects that nobody describes are taken as well, by the length of their bytes.
+        undescribed: True: objects without a description are included as well, by the length of their bytes.
         flagged: True: objects that refuse a download are taken as well.
     """
     tables: dict[str, dict[str, Item]] = {name: {} for name in CLASSES}
@@ -413,7 +437,10 @@ def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, sca
 def _as_on_the_wire(
     address: ObjectAddress | None, known: CatalogueEntry | None, item: Item, scaling: Scaling | None, *, limits: bool
 ) -> CatalogueEntry:
-    """Entry for a line with a type, and so with a raw value; known limits and access still hold."""
+    """Return the entry for a line that states a type.
+
+    The value of such a line is raw; known limits and access still apply.
+    """
     data_type = DataType[item.type or ""]
     if known is None:
         if address is None:

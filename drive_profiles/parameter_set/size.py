@@ -1,4 +1,7 @@
-"""Size of a file that holds a parameter set, in any format: what is written can be read."""
+"""Size limit of a parameter-set file, in any format.
+
+It ensures that every file written can be read again.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The order of writing: PDOs by the standard's procedure, all other objects in the order of the set."""
+"""The order in which objects are written.
+
+PDOs follow the standard's procedure, all other objects the order of the set.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,10 @@ _NONE = b"\0"
 
 
 def pdo_of(address: ObjectAddress) -> int | None:
-    """Index of the communication record of an object's PDO; None for an object of no PDO."""
+    """Return the index of the communication record of an object's PDO.
+
+    The result is None for an object that belongs to no PDO.
+    """
     index = address[0]
     for records in _COMMUNICATION:
         if index in records:
@@ -27,13 +33,19 @@ def pdo_of(address: ObjectAddress) -> int | None:
 
 
 def support(addresses: Iterable[ObjectAddress]) -> set[ObjectAddress]:
-    """Further objects that must be read before these can be written: COB-ID and number of mapped objects of their PDOs."""
+    """Return further objects to read before these can be written.
+
+    They are the COB-ID and the number of mapped objects of each PDO.
+    """
     records = {record for address in addresses if (record := pdo_of(address)) is not None}
     return {needed for record in records for needed in ((record, 1), (record + _MAPPING_OFFSET, 0))}
 
 
 def mapped(goal: Mapping[ObjectAddress, bytes], held: Mapping[ObjectAddress, bytes]) -> list[ObjectAddress]:
-    """Mapped objects in use before or after, but not in the goal: a device may forget them when their number is written."""
+    """Return objects mapped before or after that the goal lacks.
+
+    A device may forget them when the number of mapped objects is written.
+    """
     numbers = {address for address in {**goal, **held} if address[1] == 0 and pdo_of(address) not in {None, address[0]}}
     counts = {address: max([0, *goal.get(address, b""), *held.get(address, b"")]) for address in numbers}
     return [
@@ -42,7 +54,9 @@ def mapped(goal: Mapping[ObjectAddress, bytes], held: Mapping[ObjectAddress, byt
 
 
 def steps(goal: Mapping[ObjectAddress, bytes], held: Mapping[ObjectAddress, bytes]) -> list[Step]:
-    """Plan the writes that change a device's values to the goal; none where it holds them already.
+    """Plan the writes that bring a device's values to the goal.
+
+    Objects that hold the goal already are left out.
 
     A PDO is changed as CiA 301, 7.5.2.36 and .38, demands: it is made invalid (bit 31 of its COB-ID), the number of mapped
     objects is set to 0, the objects are mapped, the number is set, and the COB-ID comes last.

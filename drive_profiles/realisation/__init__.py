@@ -1,4 +1,6 @@
-"""Realisation of a notch and of gains in a drive: rounded as its objects hold them, and recomputed from the rounded values.
+"""Realisation of a notch and of gains in a drive.
+
+Values are rounded as the drive's objects hold them, and the filter is recomputed from the rounded values.
 
 `realise` finds the parameter values for a `NotchTarget`, and tells how far the drive's filter is from it. `gains_for` converts
 the gains of the paper's loop to the drive's units.

@@ -1,4 +1,6 @@
-"""Conversion of a second-order filter between coefficients and frequencies, for the discretisations that drives use.
+"""Conversion of second-order filters between coefficients and frequencies.
+
+It covers the discretisations that drives use.
 
 The quadratic Q(s) = 1 + 2 ζ s/ω + s²/ω² becomes a polynomial C(x) = c₀ + c₁ x + c₂ x² in x = z⁻¹, with T the sampling time:
 
@@ -26,7 +28,10 @@ Polynomial = tuple[float, float, float]
 
 
 class Biquad(NamedTuple):
-    """Coefficients of y_n = b₀ u_n + b₁ u_{n−1} + b₂ u_{n−2} − a₁ y_{n−1} − a₂ y_{n−2}."""
+    """Coefficients of a second-order difference equation.
+
+    y_n = b₀ u_n + b₁ u_{n−1} + b₂ u_{n−2} − a₁ y_{n−1} − a₂ y_{n−2}.
+    """
 
     b0: float
     b1: float
@@ -36,7 +41,10 @@ class Biquad(NamedTuple):
 
 
 class Quadratic(NamedTuple):
-    """Frequency ω/2π in Hz and damping ζ of 1 + 2 ζ s/ω + s²/ω²."""
+    """Frequency and damping of a quadratic in s.
+
+    The quadratic is 1 + 2 ζ s/ω + s²/ω²; the frequency is ω/2π in Hz.
+    """
 
     frequency_hz: float
     zeta: float
@@ -44,7 +52,9 @@ class Quadratic(NamedTuple):
 
 @dataclass(frozen=True)
 class NotchTarget:
-    """The paper's notch at one speed, eq. (6) and (7), DC gain 1.
+    """The paper's notch at one speed, eq. (6) and (7).
+
+    Its DC gain is 1.
 
     Attributes:
         zero_hz: Frequency of the zeros, ω_rn / 2π = k f_m, Hz.
@@ -70,7 +80,9 @@ class NotchTarget:
 
     @classmethod
     def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> NotchTarget:
-        """Notch for one motor speed: zeros at k f_m, poles ω_d/2π above.
+        """Return the notch for one motor speed.
+
+        Its zeros are at k f_m, its poles ω_d/2π above.
 
         Args:
             order: k, harmonic order of the transmission error.
@@ -125,12 +137,18 @@ class Shape:
 
     @property
     def is_notch(self) -> bool:
-        """True if poles and zeros are still two damped oscillations, ζ < 1, with a gain at DC."""
+        """True if the filter is a stable notch with a DC gain.
+
+        Its poles and zeros are damped oscillations, ζ < 1.
+        """
         pairs = ((self.zero_hz, self.zeta_zero), (self.pole_hz, self.zeta_pole))
         return self.is_stable and math.isfinite(self.dc_gain) and all(0 < f < math.inf and 0 <= zeta < 1 for f, zeta in pairs)
 
     def gain_db(self, frequency_hz: float) -> float:
-        """Gain in dB, 20 log₁₀ |F(j 2π f)|; −∞ at an undamped zero."""
+        """Return the gain in dB, 20 log₁₀ |F(j 2π f)|.
+
+        It is −∞ at an undamped zero.
+        """
 
         def value(f: float, zeta: float) -> float:
             ratio = frequency_hz / f if f > 0.0 else math.inf
@@ -141,11 +159,13 @@ class Shape:
 
 
 def shape_of(biquad: Biquad, period_s: float) -> Shape:
-    """Recompute zeros, poles and DC gain from coefficients: the continuous filter with this bilinear transform.
+    """Recompute zeros, poles and DC gain from coefficients.
 
-    With s = (2/T)(z − 1)/(z + 1) put back in, n₀ = Σb, n₁ = 2 (b₀ − b₂), n₂ = b₀ − b₁ + b₂ belong to 1, sT/2 and (sT/2)². Hence
-    ω_z = (2/T) √(n₀/n₂), ζ_z = n₁/(2 √(n₀ n₂)), and the same for the poles with 1, a₁, a₂. Where drives run n₀ is 10⁻⁴ and
-    less while b₁ is 2: this is where short words lose the filter.
+    The result is the continuous filter whose bilinear transform they are.
+
+    With s = (2/T)(z − 1)/(z + 1) put back in, n₀ = Σb, n₁ = 2 (b₀ − b₂), n₂ = b₀ − b₁ + b₂ belong to 1, sT/2 and (sT/2)².
+    Hence ω_z = (2/T) √(n₀/n₂), ζ_z = n₁/(2 √(n₀ n₂)), and the same for the poles with 1, a₁, a₂. At the sampling rates of
+    drives n₀ is at most 10⁻⁴ while b₁ is 2, so short words lose the filter here.
 
     Args:
         biquad: Coefficients of the filter.
@@ -160,7 +180,9 @@ def shape_of(biquad: Biquad, period_s: float) -> Shape:
 
 
 def polynomial_of(quadratic: Quadratic, period_s: float, rule: Rule = "bilinear") -> Polynomial:
-    """Polynomial C(z⁻¹) of a quadratic in s; the head of the module has the equations.
+    """Return the polynomial C(z⁻¹) of a quadratic in s.
+
+    The module docstring has the equations.
 
     Raises:
         ValueError: The rule has no such frequency at this sampling time.
@@ -169,7 +191,7 @@ def polynomial_of(quadratic: Quadratic, period_s: float, rule: Rule = "bilinear"
     angle = TWO_PI * frequency_hz * period_s
     limit = {"bilinear": math.inf, "bilinear prewarped": math.pi, "backward Euler prewarped": math.pi / 2}[rule]
     if not 0.0 < angle < limit:
-        raise ValueError(f"{frequency_hz:g} Hz cannot be had by the {rule} transform at {1e6 * period_s:g} us")
+        raise ValueError(f"{frequency_hz:g} Hz is not possible with the {rule} transform at {1e6 * period_s:g} us")
     if rule == "backward Euler prewarped":
         k = math.tan(angle)
         p1, p2 = 2.0 * zeta / k, 1.0 / (k * k)
@@ -180,7 +202,9 @@ def polynomial_of(quadratic: Quadratic, period_s: float, rule: Rule = "bilinear"
 
 
 def quadratic_of(polynomial: Polynomial, period_s: float, rule: Rule = "bilinear") -> Quadratic:
-    """Quadratic in s that a rule turns into a polynomial, up to a factor; the inverse of `polynomial_of`.
+    """Return the quadratic in s that a rule maps to a polynomial.
+
+    A constant factor does not matter; this is the inverse of `polynomial_of`.
 
     A root at or beyond s = 0 gives frequency 0 with damping ∞, a root at infinity gives frequency ∞ with damping 0.
     """
@@ -201,7 +225,7 @@ def quadratic_of(polynomial: Polynomial, period_s: float, rule: Rule = "bilinear
 
 
 def biquad_of(zero: Quadratic, pole: Quadratic, period_s: float, rule: Rule = "bilinear") -> Biquad:
-    """Filter with given zeros and poles and DC gain 1.
+    """Return the filter with given zeros and poles and DC gain 1.
 
     Args:
         zero: Frequency and damping of the zeros.
@@ -218,7 +242,10 @@ def biquad_of(zero: Quadratic, pole: Quadratic, period_s: float, rule: Rule = "b
 
 
 def stated(held: Quadratic, period_s: float, rule: Rule) -> Quadratic:
-    """Frequency and damping to give to a drive with a certain rule, so that `shape_of` its filter is ``held``."""
+    """Return the quadratic to state to a drive with a given rule.
+
+    `shape_of` its filter is then ``held``.
+    """
     return quadratic_of(polynomial_of(held, period_s), period_s, rule)
 
 
@@ -239,7 +266,10 @@ def factors(numerator: list[float], denominator: list[float]) -> tuple[Biquad, B
 
 
 def _pairs(coefficients: list[float]) -> tuple[tuple[Polynomial, Polynomial], float]:
-    """Factor a polynomial of order 4 into two of order 2 in z⁻¹, nearest to z = 1 first, and a constant."""
+    """Factor a polynomial of order 4 into two quadratics.
+
+    They are in z⁻¹, the one with roots nearest to z = 1 first; a constant factor is returned, too.
+    """
     leading = next((n for n, c in enumerate(coefficients) if c != 0.0), len(coefficients) - 1)
     roots = 1.0 + _roots_about_one(np.array(coefficients[leading:]))
     above = sorted((r for r in roots if r.imag > 0.0), key=lambda r: abs(r - 1.0))
@@ -256,7 +286,10 @@ def _pairs(coefficients: list[float]) -> tuple[tuple[Polynomial, Polynomial], fl
 
 
 def _roots_about_one(descending: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Roots in w of a polynomial in z = 1 + w, exactly paired."""
+    """Return a polynomial's roots, shifted by 1 to w.
+
+    The polynomial is in z = 1 + w; complex roots are exactly paired.
+    """
     shifted = descending.copy()
     for last in range(len(shifted) - 1, 0, -1):  # repeated synthetic division by z − 1
         for n in range(1, last + 1):

@@ -1,4 +1,7 @@
-"""Search for the values of a drive's filter that come nearest to a target, rounded as the drive's objects hold them."""
+"""Search for the filter values that come nearest to a target.
+
+The values are rounded as the drive's objects hold them.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ _SLACK = 1e-3
 
 @dataclass(frozen=True)
 class Fit:
-    """The search for the values with which one filter of a drive comes nearest to a target.
+    """Search for the values of one filter nearest to a target.
 
     Attributes:
         profile: Drive profile.
@@ -45,7 +48,7 @@ class Fit:
     reasons: list[str] = field(default_factory=list)
 
     def values(self) -> dict[str, float]:
-        """Parameter values by name, settings first.
+        """Return the parameter values by name, settings first.
 
         Raises:
             NotRealisableError: An object cannot hold its frequency or coefficient.
@@ -59,7 +62,10 @@ class Fit:
             raise NotRealisableError(self.profile.label, (str(error),)) from None
 
     def filter(self, values: dict[str, float]) -> tuple[Biquad, ...]:
-        """Filter that the drive runs with the values; a form that follows the speed is taken at the target's speed."""
+        """Return the filter that the drive runs with the values.
+
+        A form that follows the speed is evaluated at the target's speed.
+        """
         if self.notch.form != "variable":
             return filter_of(HeldValues(self.profile, values), self.notch, self.section, self.period_s)
         parts, zero_hz = self.section.parts, self.target.zero_hz
@@ -68,12 +74,12 @@ class Fit:
         return (biquad_of(zero, pole, self.period_s, rule_of(self.notch)),)
 
     def parameter(self, part: str) -> Parameter:
-        """Parameter that holds a part of the filter."""
+        """Return the parameter that holds a part of the filter."""
         return self.profile.parameter(self.section.parts[part])
 
 
 def design(target: NotchTarget, period_s: float) -> Biquad:
-    """Bilinear discretisation of the target, as in the paper."""
+    """Return the bilinear discretisation of the target, as in the paper."""
     return biquad_of(Quadratic(target.zero_hz, target.zeta_zero), Quadratic(target.pole_hz, target.zeta_pole), period_s)
 
 
@@ -84,7 +90,10 @@ def _variable(fit: Fit) -> dict[str, float]:
 
 
 def _frequencies(fit: Fit) -> dict[str, float]:
-    """Frequencies and dampings for which the drive's discretisation gives those of the target."""
+    """Return the frequencies and dampings to state to the drive.
+
+    With these the drive's discretisation gives those of the target.
+    """
     target, rule = fit.target, rule_of(fit.notch)
     zero = stated(Quadratic(target.zero_hz, target.zeta_zero), fit.period_s, rule)
     pole = stated(Quadratic(target.pole_hz, target.zeta_pole), fit.period_s, rule)
@@ -105,7 +114,10 @@ def _frequencies(fit: Fit) -> dict[str, float]:
 
 
 def _question_rule(fit: Fit) -> None:
-    """Object to an unknown discretisation: it leaves the damping unknown by ωT/2, the difference of bilinear and Euler."""
+    """Object to an unknown discretisation.
+
+    It leaves the damping uncertain by ωT/2, the difference between bilinear and Euler.
+    """
     if fit.notch.discretisation != "not known":
         return
     doubt = math.pi * fit.target.zero_hz * fit.period_s
@@ -124,7 +136,10 @@ def _frequency(fit: Fit, part: str, wanted_hz: float) -> dict[str, float]:
 
 
 def _damping(fit: Fit, prefix: str, zeta: float, low: float, high: float, frequency_hz: float = math.nan) -> dict[str, float]:
-    """Damping as the drive's parameter states it: Q = 1/2ζ, ζ, or the bandwidth 2 ζ f; at the limit where it is beyond it."""
+    """Return the damping as the drive's parameter states it.
+
+    The parameter is Q = 1/2ζ, ζ, or the bandwidth 2 ζ f; values beyond its limits are set to the limit.
+    """
     quantity = next(quantity for quantity in ("damping", "q", "bandwidth") if prefix + quantity in fit.section.parts)
     parameter = fit.parameter(prefix + quantity)
     whose = "zeros'" if prefix == "zero_" else "poles'"
@@ -143,7 +158,7 @@ def _damping(fit: Fit, prefix: str, zeta: float, low: float, high: float, freque
 
 
 def _limits(parameter: Parameter) -> tuple[float, float]:
-    """Smallest and largest value that an object takes."""
+    """Return the smallest and largest value that an object takes."""
     low, high = -math.inf, math.inf
     if parameter.data_type in LIMITS:
         step = parameter.value_per_step()
@@ -155,7 +170,9 @@ def _limits(parameter: Parameter) -> tuple[float, float]:
 
 
 def _coefficients(fit: Fit) -> dict[str, float]:
-    """Coefficients of the nearest filter among the three nearest values of each coefficient, 3⁵ in all.
+    """Return the coefficients of the nearest filter.
+
+    It is sought among the three nearest values of each coefficient, 3⁵ in all.
 
     Rounded one by one they would lose the DC gain: at 16 kHz Σb is 10⁻⁵, the last bit of a single 6·10⁻⁸.
     """
@@ -191,7 +208,10 @@ def _coefficients(fit: Fit) -> dict[str, float]:
 
 
 def _gain(fit: Fit, wanted: Biquad) -> float:
-    """Smallest power of two before the numerator with which its coefficients fit their words."""
+    """Return the smallest numerator gain at which all coefficients fit.
+
+    It is a power of two, at most 8.
+    """
     for gain in (1.0, 2.0, 4.0, 8.0):
         try:
             for part, c in zip(COEFFICIENTS[:3], wanted, strict=False):
@@ -204,7 +224,9 @@ def _gain(fit: Fit, wanted: Biquad) -> float:
 
 
 def _neighbours(parameter: Parameter, value: float) -> Iterator[float]:
-    """Nearest value that an object holds, and one step to either side where the object takes them.
+    """Yield the nearest value that an object holds, and its neighbours.
+
+    Neighbours are one step to either side, if the object takes them.
 
     Raises:
         OutOfRangeError: The object cannot hold the nearest value.

@@ -1,4 +1,4 @@
-"""The gains of the paper's loop in a drive's own units, and as those of a PID."""
+"""The paper's gains in a drive's units, and as a PID."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ much; its phase margin and the effect of the notch hardly change. A larger chang
 
 @dataclass(frozen=True)
 class PidGains:
-    """The paper's P-PI as a PID, τ = P (r − θ) + I ∫(r − θ) + D d(r − θ)/dt, with the difference of the reference paths.
+    """The paper's P-PI as a PID with corrected reference path.
+
+    τ = P (r − θ) + I ∫(r − θ) + D d(r − θ)/dt, with the difference of the reference paths.
 
     Attributes:
         proportional_nm_rad: P, N·m/rad.
@@ -37,7 +39,7 @@ class PidGains:
 
 
 def pid_gains(position_gain_per_s: float, velocity_gain_nm_s_rad: float, velocity_integral_gain_nm_rad: float) -> PidGains:
-    """Gains of the PID with the same feedback path as the paper's P-PI.
+    """Return the PID with the feedback path of the paper's P-PI.
 
     With K_p, K_v, K_vi = K_v/T_i the law is τ = (K_v + K_vi/s) (K_p (r − θ) + θ̇_ff − sθ). In θ:
 
@@ -84,7 +86,9 @@ def gains_for(
     torque_constant_nm_a: float | None = None,
     scaling: Scaling | None = None,
 ) -> dict[str, float]:
-    """Convert the paper's gains to the drive's parameters: P-PI directly or with T_i, a PID by `pid_gains`.
+    """Convert the paper's gains to the drive's parameters.
+
+    A P-PI takes them directly or with T_i, a PID by `pid_gains`.
 
     held = gain / factor, and / K_t where the drive's unit is a current; then rounded as the object holds it.
 
@@ -129,7 +133,7 @@ def gains_for(
 
 
 def _in_roles(profile: Profile, wanted: dict[str, float]) -> tuple[dict[str, float], list[str]]:
-    """Gains by the roles that the drive's loop has, and the objections to them."""
+    """Return the gains by the roles of the drive's loop, and objections."""
     loop = profile.loop
     if loop is None or loop.structure == "not accessible":
         return {}, ["its loop's gains are not accessible as objects" + (f" ({loop.note})" if loop and loop.note else "")]
@@ -146,7 +150,7 @@ def _in_roles(profile: Profile, wanted: dict[str, float]) -> tuple[dict[str, flo
 def _held(
     profile: Profile, role: str, entry: Gain, gain: float, torque_constant_nm_a: float | None, scaling: Scaling | None
 ) -> float:
-    """Value that the parameter holds for a gain.
+    """Return the value that the parameter holds for a gain.
 
     Raises:
         NotRealisableError: The parameter cannot hold it, or its scaling is not known.

@@ -1,4 +1,6 @@
-"""Realisation of the paper's notch in a drive: values for its parameters, and the filter that the drive then really runs.
+"""Realisation of the paper's notch in a drive.
+
+It finds values for the drive's parameters and the filter that the drive then runs.
 
 A drive's filter is rarely the designed one: its objects hold 15 bits, whole hertz, or a Q of 5 at most. So the values are rounded
 exactly as the objects hold them, and zeros, poles and DC gain are recomputed from the rounded values. A filter that is no longer
@@ -38,7 +40,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Deviations:
-    """Deviations of the filter that a drive holds from the target: held minus target.
+    """Deviations of the drive's filter from the target, held minus target.
 
     Attributes:
         zero_hz: Deviation of the zeros' frequency, Hz.
@@ -93,11 +95,11 @@ class Tolerance:
     dc_gain: float = 1e-3
 
     def frequency_hz(self, target: NotchTarget) -> float:
-        """Largest deviation of the frequencies of zeros and poles, Hz."""
+        """Return the largest deviation of the frequencies of zeros and poles, Hz."""
         return self.offset_fraction * max(abs(target.offset_hz), target.zeta_zero * target.zero_hz)
 
     def excess(self, target: NotchTarget, held: Shape) -> dict[str, float]:
-        """Each deviation as a multiple of the tolerance."""
+        """Return each deviation as a multiple of the tolerance."""
         off, f = Deviations.between(target, held), self.frequency_hz(target)
         return {
             "zero_hz": abs(off.zero_hz) / f,
@@ -108,7 +110,7 @@ class Tolerance:
         }
 
     def objections(self, target: NotchTarget, held: Shape) -> tuple[str, ...]:
-        """Deviations beyond the tolerance, in words with the numbers."""
+        """Return the deviations beyond the tolerance, in words with the numbers."""
         excess, f = self.excess(target, held), self.frequency_hz(target)
         tolerance = f"tolerance {100 * self.damping_fraction:g} %"
         said = {
@@ -166,7 +168,7 @@ def realise(
     tolerance: Tolerance = PAPER,
     allow_approximate: bool = False,
 ) -> Realisation:
-    """Find the values with which a drive's filter comes nearest to the target, and recompute that filter.
+    """Find the values nearest to the target, and recompute the filter.
 
     Frequencies and dampings are stated such that the drive's own discretisation gives the target. Of fixed or floating
     point coefficients the neighbours of each are tried too: Σb = 1 + Σa, the DC gain, then holds to the last bit. A
@@ -186,7 +188,7 @@ def realise(
     """
     notch = profile.notch
     if notch is None:
-        raise NotRealisableError(profile.label, ("its profile knows no filter",))
+        raise NotRealisableError(profile.label, ("its profile has no filter",))
     if not 0 <= section < len(notch.sections):
         raise NotRealisableError(
             profile.label, (f"it has no filter section {section + 1}, its sections are 1 to {len(notch.sections)}",)

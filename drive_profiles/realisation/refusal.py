@@ -1,4 +1,4 @@
-"""The refusal of a design that a drive cannot hold, with its reasons."""
+"""Refusal of a design that a drive cannot hold."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from drive_profiles.errors import DriveProfileError
 
 
 class NotRealisableError(DriveProfileError):
-    """A design that the drive cannot hold, or for which facts are missing. It is refused, never clamped.
+    """A design that the drive cannot hold, or that lacks facts.
+
+    It is refused, never clamped.
 
     Args:
         profile: Name of the drive's profile.

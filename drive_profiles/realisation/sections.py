@@ -1,4 +1,4 @@
-"""The filter that a drive runs, from the values that its objects hold."""
+"""The filter that a drive runs with its objects' values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ HIGHER = ("b3", "b4", "a3", "a4")
 
 
 def held_filter(profile: Profile, values: Mapping[str, float], period_s: float | None = None) -> tuple[Biquad, ...]:
-    """Filter that a drive runs with the values of its objects: all active sections in series, in its own discretisation.
+    """Return the filter that a drive runs with its objects' values.
+
+    All active sections are in series, in the drive's own discretisation.
 
     A section is active when its settings hold. For a missing value the factory setting is taken, where the profile has it.
 
@@ -45,7 +47,9 @@ def held_filter(profile: Profile, values: Mapping[str, float], period_s: float |
 
 
 class HeldValues:
-    """Values as a drive's objects hold them: rounded to their types, factory settings where none is given.
+    """Values rounded as a drive's objects hold them.
+
+    If a value is missing, the factory setting is used.
 
     Args:
         profile: Drive profile.
@@ -73,7 +77,7 @@ class HeldValues:
 
 
 def filter_of(held: HeldValues, notch: NotchFacts, section: FilterSection, period_s: float) -> tuple[Biquad, ...]:
-    """Biquads of one section, in series.
+    """Return the biquads of one section, in series.
 
     Args:
         held: Values that the drive's objects hold.
@@ -95,7 +99,10 @@ def filter_of(held: HeldValues, notch: NotchFacts, section: FilterSection, perio
 
 
 def obstacles(profile: Profile, notch: NotchFacts, section: FilterSection) -> tuple[str, ...]:
-    """Reasons why the filter of a section cannot be computed from any values; empty if it can."""
+    """Return reasons why a section's filter cannot be computed.
+
+    They apply to any values; the result is empty if there are none.
+    """
     parts = section.parts
     reasons = [_no_number(n, p) for n in parts.values() if (p := profile.parameter(n)).is_bytes]
     if reasons:
@@ -131,7 +138,9 @@ def refuse(profile: Profile, reasons: tuple[str, ...]) -> None:
 
 
 def period_of(profile: Profile, period_s: float | None) -> float:
-    """Period at which the drive's filter runs, s: the caller's, else the filter's, else the velocity loop's.
+    """Return the period of the drive's filter, s.
+
+    It is the caller's, else the filter's, else the velocity loop's.
 
     Raises:
         NotRealisableError: None of the three is known.
@@ -145,12 +154,12 @@ def period_of(profile: Profile, period_s: float | None) -> float:
 
 
 def rule_of(notch: NotchFacts) -> Rule:
-    """Discretisation of the drive's filter; bilinear where it is not known."""
+    """Return the discretisation of the drive's filter, by default bilinear."""
     return "bilinear" if notch.discretisation == "not known" else notch.discretisation
 
 
 def coefficient_per_value(notch: NotchFacts, parameter: Parameter) -> float:
-    """Coefficient per unit of a parameter's value.
+    """Return the coefficient per unit of a parameter's value.
 
     A fixed-point word is stated either by its scale, 2⁻ᶠ, or as a plain integer with f ``fraction_bits``.
     """
@@ -175,7 +184,10 @@ def _no_number(name: str, parameter: Parameter) -> str:
 
 
 def _from_coefficients(held: HeldValues, notch: NotchFacts, section: FilterSection) -> tuple[Biquad, ...]:
-    """Biquads of the difference equation y = g Σ b_i u(n−i) + a_sign Σ a_i y(n−i), in which the feedback is subtracted."""
+    """Return the biquads of the drive's difference equation.
+
+    y = g Σ b_i u(n−i) + a_sign Σ a_i y(n−i); in the biquads the feedback is subtracted.
+    """
 
     def coefficient(part: str) -> float:
         name = section.parts.get(part)
@@ -190,7 +202,7 @@ def _from_coefficients(held: HeldValues, notch: NotchFacts, section: FilterSecti
 
 
 def _quadratics(held: HeldValues, notch: NotchFacts, section: FilterSection) -> tuple[Quadratic, Quadratic]:
-    """Zeros and poles in s from the values."""
+    """Return the zeros and poles in s from the values."""
 
     def damping(prefix: str, frequency_hz: float) -> float:
         parts = section.parts

@@ -1,4 +1,6 @@
-"""The facts of CiA 301 that both sides of the bus share: identifiers, NMT, data types, abort and emergency codes.
+"""Facts of CiA 301 that both sides of the bus share.
+
+They are identifiers, NMT, data types, abort codes and emergency codes.
 
 Source: CiA 301, version 4.2.0; the table or clause is named at each item.
 """
@@ -15,7 +17,9 @@ MAX_NODE_ID = 127
 
 
 class FunctionCode(IntEnum):
-    """Base of the COB-IDs of the predefined connection set; the node-ID is added to it (CiA 301, 7.3.3).
+    """Base of the COB-IDs of the predefined connection set.
+
+    The node-ID is added to it (CiA 301, 7.3.3).
 
     EMERGENCY is another name of SYNC: they share function code 1, and node-ID 0 makes it SYNC.
     """
@@ -44,7 +48,9 @@ _RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (
 
 
 def is_restricted(can_id: int) -> bool:
-    """Return True if no configurable object (SYNC, TIME, EMCY, PDO, further SDO) may use this 11-bit identifier.
+    """Return True if an 11-bit identifier is restricted.
+
+    No configurable object (SYNC, TIME, EMCY, PDO, further SDO) may use a restricted one.
 
     Source: CiA 301, 7.3.5, table of the restricted CAN-IDs.
     """
@@ -52,7 +58,10 @@ def is_restricted(can_id: int) -> bool:
 
 
 class CobIdBit(IntEnum):
-    """Bits above the identifier in the COB-ID objects (CiA 301, 7.5.2.5, 7.5.2.15, 7.5.2.17, 7.5.2.35 and 7.5.2.37)."""
+    """Bits above the identifier in the COB-ID objects.
+
+    Source: CiA 301, 7.5.2.5, 7.5.2.15, 7.5.2.17, 7.5.2.35 and 7.5.2.37.
+    """
 
     INVALID = 1 << 31
     """PDO and EMCY: the object does not exist."""
@@ -79,7 +88,10 @@ class NmtCommand(IntEnum):
 
 
 class NmtState(IntEnum):
-    """States of a node, with the value that its heartbeat carries; 0 is the boot-up message (CiA 301, 7.2.8.3.2)."""
+    """States of a node, with their values in the heartbeat.
+
+    0 is the boot-up message (CiA 301, 7.2.8.3.2).
+    """
 
     INITIALISING = 0x00
     STOPPED = 0x04
@@ -88,7 +100,10 @@ class NmtState(IntEnum):
 
 
 class DataType(IntEnum):
-    """Index of a data type in the object dictionary (CiA 301, 7.4.7, table of the data types)."""
+    """Index of a data type in the object dictionary.
+
+    Source: CiA 301, 7.4.7, table of the data types.
+    """
 
     BOOLEAN = 0x01
     INTEGER8 = 0x02
@@ -107,7 +122,10 @@ class DataType(IntEnum):
 
     @property
     def struct_format(self) -> str | None:
-        """Format character for `struct` (little-endian on the wire), or None for strings and domains."""
+        """Format character for `struct`, or None for strings and domains.
+
+        Data on the wire are little-endian.
+        """
         return _FORMATS.get(self)
 
     @property
@@ -182,18 +200,24 @@ def decode(data_type: DataType, data: bytes) -> Value:
 
 
 def type_of_length(size: int) -> DataType:
-    """Data type for bytes of unknown type: the unsigned number of that length, else DOMAIN."""
+    """Return the data type for bytes of unknown type.
+
+    It is the unsigned number of that length, else DOMAIN.
+    """
     unsigned = (DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32, DataType.UNSIGNED64)
     return next((data_type for data_type in unsigned if data_type.size == size), DataType.DOMAIN)
 
 
 class SdoAbortCode(IntEnum):
-    """Reasons for which an SDO transfer is aborted, with the standard's words (CiA 301, 7.2.4.3.17)."""
+    """Reasons for aborted SDO transfers, with the standard's text.
+
+    Source: CiA 301, 7.2.4.3.17.
+    """
 
     text: str
 
     def __new__(cls, code: int, text: str) -> "SdoAbortCode":
-        """Make a member from its code and its words."""
+        """Make a member from its code and its text."""
         member = int.__new__(cls, code)
         member._value_ = code
         member.text = text
@@ -236,7 +260,10 @@ class SdoAbortCode(IntEnum):
 
 
 def abort_text(code: int) -> str:
-    """Return the standard's words for an abort code, or a general sentence for a code that it does not know."""
+    """Return the standard's text for an abort code.
+
+    An unknown code gives a general sentence.
+    """
     try:
         return SdoAbortCode(code).text  # type: ignore[call-arg]  # looks a member up; mypy sees __new__ of the members
     except ValueError:
@@ -244,7 +271,10 @@ def abort_text(code: int) -> str:
 
 
 class EmergencyCode(IntEnum):
-    """Error codes of the emergency object, generic and those of communication (CiA 301, 7.2.7.1)."""
+    """Error codes of the emergency object, generic and of communication.
+
+    Source: CiA 301, 7.2.7.1.
+    """
 
     NO_ERROR = 0x0000
     GENERIC = 0x1000

@@ -1,7 +1,8 @@
-"""CiA 402 as data: states, control and status word, the transitions as a table, modes, option codes, object indices.
+"""CiA 402 as data.
 
-Both sides of the bus read this: the drive steps through `next_state`, the master asks `state_of` and
-`control_word_towards`.
+It covers states, control word and status word, the transition table, modes, option codes and object indices.
+
+Both sides of the bus use this module: the drive calls `next_state`, the master `state_of` and `control_word_towards`.
 
 Source: CiA 402-2 (IEC 61800-7-201), device control: state machine, 6040h, 6041h and the option codes.
 """
@@ -14,7 +15,7 @@ from typing import NamedTuple
 
 
 class State(Enum):
-    """States of the power drive system; the value is the standard's name for it."""
+    """States of the power drive system, with the standard's names."""
 
     NOT_READY_TO_SWITCH_ON = "not ready to switch on"
     SWITCH_ON_DISABLED = "switch on disabled"
@@ -101,7 +102,10 @@ class Mode(IntEnum):
 
 
 class QuickStopOption(IntEnum):
-    """Quick stop option code, 605Ah: the way of braking; with 5 to 8 the drive stays in QUICK_STOP_ACTIVE afterwards."""
+    """Quick stop option code, 605Ah: the way of braking.
+
+    With 5 to 8 the drive stays in QUICK_STOP_ACTIVE afterwards.
+    """
 
     DISABLE = 0
     SLOW_DOWN_RAMP = 1
@@ -115,7 +119,10 @@ class QuickStopOption(IntEnum):
 
     @property
     def stays(self) -> bool:
-        """True if the drive remains in QUICK_STOP_ACTIVE, so that transition 16 is allowed."""
+        """True if the drive remains in QUICK_STOP_ACTIVE.
+
+        Transition 16 is then allowed.
+        """
         return self >= QuickStopOption.SLOW_DOWN_RAMP_AND_STAY
 
 
@@ -134,7 +141,10 @@ class DisableOperationOption(IntEnum):
 
 
 class HaltOption(IntEnum):
-    """Halt option code, 605Dh: the braking at the halt bit; the state stays OPERATION_ENABLED."""
+    """Halt option code, 605Dh: the braking at the halt bit.
+
+    The state stays OPERATION_ENABLED.
+    """
 
     SLOW_DOWN_RAMP = 1
     QUICK_STOP_RAMP = 2
@@ -153,7 +163,10 @@ class FaultReactionOption(IntEnum):
 
 
 class AbortConnectionOption(IntEnum):
-    """Abort connection option code, 6007h: the reaction to a lost master. Factory settings differ, so a bench states it."""
+    """Abort connection option code, 6007h: reaction to a lost master.
+
+    Factory settings differ, so a bench states its choice.
+    """
 
     NO_ACTION = 0
     FAULT = 1
@@ -228,7 +241,7 @@ _STEPS: dict[tuple[State, Command | Event], tuple[int, State]] = {
 
 
 def state_of(status_word: int) -> State | None:
-    """State that a status word shows, or None if it shows none of the eight.
+    """Return the state that a status word shows, or None.
 
     Source: CiA 402, 6041h: masks 4Fh and 6Fh.
     """
@@ -236,17 +249,23 @@ def state_of(status_word: int) -> State | None:
 
 
 def status_bits(state: State) -> int:
-    """Bits 0 to 3, 5 and 6 of the status word in this state; the others are the drive's to add."""
+    """Return bits 0 to 3, 5 and 6 of the status word.
+
+    The drive adds the other bits.
+    """
     return _STATUS[state][1]
 
 
 def control_word(command: Command) -> int:
-    """Control word of a command, all other bits 0; the edge of FAULT_RESET needs bit 7 clear before."""
+    """Return the control word of a command, all other bits 0.
+
+    The edge of FAULT_RESET needs a word with bit 7 clear before it.
+    """
     return PATTERNS[command][1]
 
 
 def commands(control_word: int, previous_control_word: int, state: State | None = None) -> Command | None:
-    """Command in a control word, or None.
+    """Return the command in a control word, or None.
 
     All commands but the fault reset are levels with bit 7 clear. Fault reset is the rising edge of bit 7: held high it
     commands nothing, and blocks the other commands, as the standard's table has 0 there in each of them.
@@ -278,7 +297,9 @@ def next_state(
     previous_control_word: int,
     quick_stop_option: int = QuickStopOption.QUICK_STOP_RAMP,
 ) -> State:
-    """State after one control word: at most one transition, so that no state on the path is skipped.
+    """Return the state after one control word.
+
+    At most one transition takes place, so no state on the path is skipped.
 
     A drive calls this in each of its cycles with the word in force; "switch on and enable" then takes two of them (3,
     then 4). Transitions 0, 1, 13 and 14 are events, see `state_after`. Fault reset ends in SWITCH_ON_DISABLED, whatever
@@ -300,7 +321,9 @@ def next_state(
 
 
 def state_after(state: State, event: Event, quick_stop_option: int = QuickStopOption.QUICK_STOP_RAMP) -> State:
-    """State after an internal event; the same state where the event changes nothing.
+    """Return the state after an internal event.
+
+    It is the same state if the event changes nothing.
 
     A completed quick stop leads to SWITCH_ON_DISABLED with 605Ah from 0 to 4, and to nothing with 5 to 8.
     """
@@ -312,7 +335,9 @@ def state_after(state: State, event: Event, quick_stop_option: int = QuickStopOp
 
 
 def control_word_towards(state: State) -> int | None:
-    """Next control word of the master on the way to OPERATION_ENABLED, or None if it has to wait or to decide.
+    """Return the next control word on the way to OPERATION_ENABLED.
+
+    The result is None if the master has to wait or to decide.
 
     None in NOT_READY_TO_SWITCH_ON and FAULT_REACTION_ACTIVE (the drive moves by itself), in FAULT (a reset is a
     decision) and in QUICK_STOP_ACTIVE (transition 16 would run on, disable voltage would end the braking).
@@ -322,12 +347,15 @@ def control_word_towards(state: State) -> int | None:
 
 
 def supported_modes_bits(modes: Iterable[Mode]) -> int:
-    """Value of 6502h for a set of modes: bit n-1 is mode n."""
+    """Return 6502h for a set of modes: bit n-1 is mode n."""
     return sum(1 << (mode - 1) for mode in set(modes))
 
 
 def supported_modes(bits: int) -> frozenset[Mode]:
-    """Modes in a value of 6502h; bits of modes that are not in `Mode` are passed over."""
+    """Return the modes in a value of 6502h.
+
+    Bits of modes that are not in `Mode` are ignored.
+    """
     return frozenset(mode for mode in Mode if bits >> (mode - 1) & 1)
 
 
@@ -337,7 +365,7 @@ def _stays(quick_stop_option: int) -> bool:
 
 
 class Object(IntEnum):
-    """Indices of the object dictionary, CiA 402 and the parts of CiA 301 that belong to it."""
+    """Indices of objects of CiA 402 and related ones of CiA 301."""
 
     ABORT_CONNECTION_OPTION = 0x6007
     ERROR_CODE = 0x603F

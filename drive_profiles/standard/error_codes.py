@@ -1,4 +1,6 @@
-"""Error codes of drives in words: what stands in an emergency message, in 603Fh and in 1003h.
+"""Error codes of drives in words.
+
+They occur in emergency messages, in 603Fh and in 1003h.
 
 Source: CiA 301, 7.2.7.1; CiA 402-2, object 603Fh.
 """
@@ -108,7 +110,9 @@ _REGISTER = ("generic", "current", "voltage", "temperature", "communication", "o
 
 
 def error_text(code: int, own: Mapping[int, str] | None = None) -> str:
-    """Words for an error code: the maker's, the standard's, or those of the group that it belongs to.
+    """Return the text of an error code.
+
+    It is the maker's, the standard's, or that of the group of the code.
 
     Args:
         code: The code.
@@ -124,7 +128,10 @@ def error_text(code: int, own: Mapping[int, str] | None = None) -> str:
 
 
 def _found(code: int, own: Mapping[int, str]) -> tuple[str, bool]:
-    """Words of a code, empty where there are none; and True if they are those of its group."""
+    """Return the text of a code, and whether it is its group's.
+
+    The text is empty if there is none.
+    """
     if code in own or code in _CODES:
         return own.get(code) or _CODES[code], False
     group = next((_CODES[code & mask] for mask in (0xFFF0, 0xFF00, 0xF000) if code & mask in _CODES), "")
@@ -132,7 +139,7 @@ def _found(code: int, own: Mapping[int, str]) -> tuple[str, bool]:
 
 
 def code_text(code: int, own: Mapping[int, str] | None = None) -> str:
-    """An error code with its words, as a sentence names it.
+    """Return an error code with its words, as a sentence names it.
 
     >>> code_text(0x8611), code_text(0x8613), code_text(0xE123)
     ('8611h (following error)', "8613h (positioning controller, of the maker's own)", 'E123h (unknown code)')
@@ -142,7 +149,7 @@ def code_text(code: int, own: Mapping[int, str] | None = None) -> str:
 
 
 def emergency_text(code: int, register: int, own: Mapping[int, str] | None = None) -> str:
-    """An emergency message in words.
+    """Return an emergency message in words.
 
     Args:
         code: Its error code.
@@ -156,7 +163,7 @@ def emergency_text(code: int, register: int, own: Mapping[int, str] | None = Non
 
 
 def register_words(register: int) -> list[str]:
-    """The bits of an error register (1001h) in words.
+    """Return the bits of an error register (1001h) in words.
 
     >>> register_words(0x21), register_words(0)
     (['generic', 'of the device profile'], ['no error'])

@@ -1,4 +1,4 @@
-"""The address of an object in a node's dictionary, index and sub-index, and its text."""
+"""Address of an object (index and sub-index), and its text."""
 
 from typing import Annotated
 
@@ -12,11 +12,14 @@ WrittenAddress = Annotated[str, pydantic.Field(pattern=r"^[0-9A-F]{4}:[0-9A-F]{1
 
 
 def object_address(text: str) -> ObjectAddress:
-    """Index and sub-index of a `WrittenAddress`; without a colon the sub-index is 0."""
+    """Return index and sub-index of a `WrittenAddress`.
+
+    Without a colon the sub-index is 0.
+    """
     index, _, subindex = text.partition(":")
     return int(index, 16), int(subindex or "0", 16)
 
 
 def address_text(address: ObjectAddress) -> str:
-    """Address of an object as text: ``2101:1``, hexadecimal."""
+    """Return the address of an object as text: ``2101:1``, hexadecimal."""
     return f"{address[0]:04X}:{address[1]:X}"

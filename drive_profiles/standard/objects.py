@@ -1,4 +1,7 @@
-"""The objects of CiA 301 and CiA 402 by name and type, for devices without a profile or an EDS."""
+"""Objects of CiA 301 and CiA 402 by name and type.
+
+They serve devices without a profile or an EDS.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Values as people read them: four digits, units, hexadecimal for words of bits. Files and JSON hold all digits."""
+"""Values as they are shown to people.
+
+Numbers have four digits and units, words of bits are hexadecimal. Files and JSON hold all digits.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,10 @@ _MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 
 
 def is_hexadecimal(address: ObjectAddress) -> bool:
-    """Return True for an object whose value is read in hexadecimal: words of bits, codes, identity, COB-IDs, PDO mappings."""
+    """Return True for an object that is shown in hexadecimal.
+
+    Such objects are words of bits, codes, identities, COB-IDs and PDO mappings.
+    """
     index, subindex = address
     if address in _BITS:
         return True
@@ -35,7 +41,9 @@ def is_hexadecimal(address: ObjectAddress) -> bool:
 
 
 def unit(text: str) -> str:
-    """Unit in its one spelling for people; that of files and JSON stays.
+    """Return the unit's spelling for people.
+
+    Files and JSON keep their own spelling.
 
     >>> unit("us"), unit("rev/s")
     ('µs', 'rev/s')
@@ -44,7 +52,9 @@ def unit(text: str) -> str:
 
 
 def number(value: float, digits: int = DIGITS) -> str:
-    """Number in four significant digits, whole ones whole, and no power of ten where five zeros do.
+    """Format a number with four significant digits.
+
+    Whole numbers keep all digits, and large numbers below 10⁹ have no power of ten.
 
     >>> number(3.7997330000000002), number(25132.741), number(100000), number(1.5e-7)
     ('3.8', '25133', '100000', '1.5e-07')
@@ -56,7 +66,9 @@ def number(value: float, digits: int = DIGITS) -> str:
 
 
 def measured(value: float, error: float) -> str:
-    """Value with its standard error, both to the second digit of the error.
+    """Format a value with its standard error.
+
+    Both end at the second digit of the error.
 
     >>> measured(48950.23, 38.4), measured(12.4331, 0.0042)
     ('48950 ± 38', '12.4331 ± 0.0042')
@@ -68,12 +80,14 @@ def measured(value: float, error: float) -> str:
 
 
 def value(held: float | str, address: ObjectAddress, data_type: DataType | None = None, digits: int = DIGITS) -> str:
-    """Value of an object; the whole numbers of `is_hexadecimal` with the digits of their type.
+    """Format the value of an object.
+
+    Whole numbers of `is_hexadecimal` objects have the digits of their type.
 
     Args:
         held: Value in the object's unit, or text.
         address: Object that holds it.
-        data_type: Its type, where it is known.
+        data_type: Its type, if it is known.
         digits: Significant digits of a number that is not whole.
     """
     if isinstance(held, str):
@@ -84,13 +98,13 @@ def value(held: float | str, address: ObjectAddress, data_type: DataType | None 
 
 
 def pair(left: float | str, right: float | str, address: ObjectAddress, data_type: DataType | None = None) -> tuple[str, str]:
-    """Two values of an object, with as many digits as it takes to tell them apart.
+    """Format two values of an object so that they differ visibly.
 
     Args:
         left: One value.
         right: The other.
         address: Object that holds it.
-        data_type: Its type, where it is known.
+        data_type: Its type, if it is known.
     """
     for digits in range(DIGITS, _EXACT + 1):
         shown = value(left, address, data_type, digits), value(right, address, data_type, digits)

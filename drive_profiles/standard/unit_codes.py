@@ -1,4 +1,6 @@
-"""Units as one number, as 60A8h, 60A9h and 60AAh hold them: prefix, numerator, denominator, a byte each, the lowest byte 0.
+"""Unit codes of 60A8h, 60A9h and 60AAh.
+
+One number holds prefix, numerator and denominator, a byte each; the lowest byte is 0.
 
 A position unit that is an angle is counted as the code says. Increments and metres are counted by the feed constant (6092h), in
 the unit that the code names.
@@ -23,12 +25,15 @@ _PREFIXES = range(-9, 1)
 
 
 def code(numerator: int, denominator: int = 0, prefix: int = 0) -> int:
-    """Number of a unit; the prefix is a power of ten: thousandths of a degree are ``code(DEGREE, prefix=-3)``."""
+    """Return the code of a unit.
+
+    The prefix is a power of ten: thousandths of a degree are ``code(DEGREE, prefix=-3)``.
+    """
     return (prefix & 0xFF) << 24 | numerator << 16 | denominator << 8
 
 
 def position_units(unit: int, feed: float) -> float:
-    """Position units per revolution of the shaft.
+    """Return the position units per revolution of the shaft.
 
     Args:
         unit: 60A8h; 0 is the feed constant's own unit.
@@ -46,7 +51,7 @@ def position_units(unit: int, feed: float) -> float:
 
 
 def velocity_units(unit: int, position_unit: int, feed: float) -> float:
-    """Velocity units per revolution of the shaft in a second.
+    """Return the velocity units per revolution of the shaft in a second.
 
     Args:
         unit: 60A9h; 0 is position units per second.
@@ -65,7 +70,7 @@ def velocity_units(unit: int, position_unit: int, feed: float) -> float:
 
 
 def acceleration_units(unit: int, position_unit: int, feed: float) -> float:
-    """Acceleration units per revolution of the shaft in a second².
+    """Return the acceleration units per revolution of the shaft in a second².
 
     Args:
         unit: 60AAh; 0 is position units per second².
@@ -86,7 +91,10 @@ def acceleration_units(unit: int, position_unit: int, feed: float) -> float:
 
 
 def _way(what: str, unit: int, numerator: int, position_unit: int, feed: float) -> float:
-    """Number of the numerator's unit, without prefix, in one revolution of the shaft."""
+    """Return the number of numerator units per revolution of the shaft.
+
+    The prefix is left out.
+    """
     if numerator in _PER_TURN:
         return _PER_TURN[numerator]
     prefix, counted, _ = _parts("60A8h", position_unit) if position_unit else (0, INCREMENT, 0)
@@ -104,4 +112,4 @@ def _parts(what: str, unit: int) -> tuple[int, int, int]:
 
 
 def _unknown(what: str, unit: int) -> OutOfRangeError:
-    return OutOfRangeError(what, f"{unit:08X}h", "", "is not a unit that is known here")
+    return OutOfRangeError(what, f"{unit:08X}h", "", "is not a known unit")

@@ -1,4 +1,4 @@
-"""Conversion between SI units and the integers that CiA 402 puts on the wire, as inverse pairs.
+"""Conversion between SI units and CiA 402's integers, as inverse pairs.
 
 Angles, speeds and torques are on the motor side; `Scaling.shaft_rad` and `Scaling.motor_rad` cross the gear. These
 conversions take a number or a numpy array of any shape and return the same. A value that the object cannot hold is
@@ -74,7 +74,9 @@ POSITION_REVERSED, VELOCITY_REVERSED = 1 << 7, 1 << 6
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
-    """Scaling of one drive: the units in which it counts positions, speeds, accelerations and torques.
+    """Scaling of one drive.
+
+    It gives the units of the drive's positions, speeds, accelerations and torques.
 
     Positions on the wire are in the user's unit, which is an increment of the encoder unless the feed constant or the units say
     otherwise. Without a feed constant the gear ratio is for `shaft_rad` and `motor_rad` only: such drives count at the motor.
@@ -110,7 +112,10 @@ class Scaling:
     _acceleration: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse a scale that has no inverse; compute the units per revolution once, since every set-point needs them."""
+        """Refuse a scale without an inverse; compute units per revolution.
+
+        They are computed once, since every set-point needs them.
+        """
         for name, unit in (
             ("encoder_counts_per_rev", "counts"),
             ("rated_torque_nm", "N·m"),
@@ -123,7 +128,7 @@ class Scaling:
             if value is not None and not (value > 0 and math.isfinite(value)):
                 raise OutOfRangeError(name, value, unit, "must be positive and finite")
         if self.polarity & ~(POSITION_REVERSED | VELOCITY_REVERSED):
-            raise OutOfRangeError("607Eh", f"{self.polarity:02X}h", "", "bits 6 and 7 are known")
+            raise OutOfRangeError("607Eh", f"{self.polarity:02X}h", "", "must have no other bits than 6 and 7")
         counts = float(self.encoder_counts_per_rev)
         # the units of one revolution of the shaft, and those revolutions per revolution of the motor
         feed = counts if self.feed is None else self.feed / self.feed_shaft_revs
@@ -145,7 +150,9 @@ class Scaling:
         feed: int | None = None,
         feed_shaft_revs: int = 1,
     ) -> Scaling:
-        """Scaling from the values of a drive's objects: 608Fh, 6076h (mN·m), 6091h, and 6092h where positions use it.
+        """Return the scaling from the values of a drive's objects.
+
+        They are 608Fh, 6076h (mN·m), 6091h, and 6092h if positions use it.
 
         Args:
             encoder_increments: 608Fh:1.
@@ -165,7 +172,10 @@ class Scaling:
 
     @property
     def counts_per_rad(self) -> float:
-        """Position units on the wire per radian of the motor, without the sign of the polarity."""
+        """Position units on the wire per radian of the motor.
+
+        The value is without the sign of the polarity.
+        """
         return self._position / TWO_PI
 
     @property
@@ -185,12 +195,18 @@ class Scaling:
 
     @property
     def speed_units_per_rad_s(self) -> float:
-        """Velocity units on the wire per rad/s of the motor, with the sign of the polarity."""
+        """Velocity units on the wire per rad/s of the motor.
+
+        The value has the sign of the polarity.
+        """
         return self.velocity_sign * self._velocity / TWO_PI
 
     @property
     def counts_are_increments(self) -> bool:
-        """True if positions on the wire are increments of the encoder, with the same sign."""
+        """True if positions on the wire are increments of the encoder.
+
+        They must have the same sign, too.
+        """
         return self._position == self.encoder_counts_per_rev and not self.polarity & POSITION_REVERSED
 
     @property
@@ -203,7 +219,7 @@ class Scaling:
     @overload
     def position_counts(self, position_rad: FloatArray) -> IntArray: ...
     def position_counts(self, position_rad: Any) -> Any:
-        """Counts of a motor angle in rad, INTEGER32 (6064h, 607Ah).
+        """Return the counts of a motor angle in rad, INTEGER32 (6064h, 607Ah).
 
         Raises:
             OutOfRangeError: The result is outside INTEGER32.
@@ -215,7 +231,7 @@ class Scaling:
     @overload
     def position_rad(self, counts: IntArray) -> FloatArray: ...
     def position_rad(self, counts: Any) -> Any:
-        """Motor angle in rad of a position in counts."""
+        """Return the motor angle in rad of a position in counts."""
         return counts * (self.position_sign * TWO_PI / self._position)
 
     @overload
@@ -223,7 +239,9 @@ class Scaling:
     @overload
     def speed_counts_s(self, speed_rad_s: FloatArray) -> IntArray: ...
     def speed_counts_s(self, speed_rad_s: Any) -> Any:
-        """Counts per second of a motor speed in rad/s, INTEGER32 (606Ch, 60FFh).
+        """Convert a motor speed in rad/s to counts per second.
+
+        It is an INTEGER32 (606Ch, 60FFh).
 
         Raises:
             OutOfRangeError: The result is outside INTEGER32.
@@ -235,7 +253,7 @@ class Scaling:
     @overload
     def speed_rad_s(self, counts_s: IntArray) -> FloatArray: ...
     def speed_rad_s(self, counts_s: Any) -> Any:
-        """Motor speed in rad/s of a speed in counts per second."""
+        """Convert counts per second to a motor speed in rad/s."""
         return counts_s * (self.velocity_sign * TWO_PI / self._velocity)
 
     @overload
@@ -243,7 +261,9 @@ class Scaling:
     @overload
     def acceleration_counts_s2(self, acceleration_rad_s2: FloatArray) -> IntArray: ...
     def acceleration_counts_s2(self, acceleration_rad_s2: Any) -> Any:
-        """Counts per second² of a motor acceleration in rad/s², UNSIGNED32 (6083h, 6085h, 60C5h: magnitudes).
+        """Convert a motor acceleration in rad/s² to counts per second².
+
+        It is an UNSIGNED32 magnitude (6083h, 6085h, 60C5h).
 
         Raises:
             OutOfRangeError: The result is negative, or outside UNSIGNED32.
@@ -255,7 +275,7 @@ class Scaling:
     @overload
     def acceleration_rad_s2(self, counts_s2: IntArray) -> FloatArray: ...
     def acceleration_rad_s2(self, counts_s2: Any) -> Any:
-        """Motor acceleration in rad/s² of an acceleration in counts per second²."""
+        """Convert counts per second² to a motor acceleration in rad/s²."""
         return counts_s2 * (TWO_PI / self._acceleration)
 
     @overload
@@ -263,7 +283,9 @@ class Scaling:
     @overload
     def torque_per_mille(self, torque_nm: FloatArray) -> IntArray: ...
     def torque_per_mille(self, torque_nm: Any) -> Any:
-        """Per mille of the rated torque of a motor torque in N·m, INTEGER16 (6071h, 6077h, 60B2h).
+        """Convert a motor torque in N·m to per mille of rated.
+
+        It is an INTEGER16 (6071h, 6077h, 60B2h).
 
         Raises:
             OutOfRangeError: The result is outside INTEGER16.
@@ -275,7 +297,7 @@ class Scaling:
     @overload
     def torque_nm(self, per_mille: IntArray) -> FloatArray: ...
     def torque_nm(self, per_mille: Any) -> Any:
-        """Motor torque in N·m of a torque in per mille of the rated torque."""
+        """Convert per mille of the rated torque to N·m."""
         return per_mille * (self.rated_torque_nm / 1000.0)
 
     @overload
@@ -283,7 +305,7 @@ class Scaling:
     @overload
     def shaft_rad(self, motor_rad: FloatArray) -> FloatArray: ...
     def shaft_rad(self, motor_rad: Any) -> Any:
-        """Angle (or speed) behind the gear from that in front of it."""
+        """Convert a motor-side angle (or speed) to the load side."""
         return motor_rad * (self.gear_shaft_revs / self.gear_motor_revs)
 
     @overload
@@ -291,12 +313,14 @@ class Scaling:
     @overload
     def motor_rad(self, shaft_rad: FloatArray) -> FloatArray: ...
     def motor_rad(self, shaft_rad: Any) -> Any:
-        """Angle (or speed) in front of the gear from that behind it."""
+        """Convert a load-side angle (or speed) to the motor side."""
         return shaft_rad * (self.gear_motor_revs / self.gear_shaft_revs)
 
 
 def rated_torque_mnm(torque_nm: float) -> int:
-    """Round a rated torque in N·m to 6076h in mN·m; the drive then scales torques by the rounded value.
+    """Round a rated torque in N·m to 6076h in mN·m.
+
+    The drive then scales torques by the rounded value.
 
     Raises:
         OutOfRangeError: The torque rounds to zero, or is outside UNSIGNED32.
@@ -305,12 +329,14 @@ def rated_torque_mnm(torque_nm: float) -> int:
 
 
 def rated_torque_nm(torque_mnm: int) -> float:
-    """Rated torque in N·m of 6076h in mN·m."""
+    """Return the rated torque in N·m of 6076h in mN·m."""
     return torque_mnm / 1000.0
 
 
 def interpolation_period(period_s: float, index: int | None = None) -> tuple[int, int]:
-    """Split an interpolation period into (value, index) of 60C2h, period = value · 10^index s: 250 us is (25, -5).
+    """Split an interpolation period into (value, index) of 60C2h.
+
+    period = value · 10^index s: 250 us is (25, -5).
 
     Args:
         period_s: Interpolation period, s.
@@ -341,7 +367,7 @@ def interpolation_period(period_s: float, index: int | None = None) -> tuple[int
 
 
 def counts_per_rev(what: str, increments: int, revolutions: int) -> int:
-    """Increments of an encoder per revolution of the motor, as 608Fh states them.
+    """Return the encoder's increments per motor revolution, as in 608Fh.
 
     Args:
         what: The object, for the message.
@@ -357,7 +383,7 @@ def counts_per_rev(what: str, increments: int, revolutions: int) -> int:
 
 
 def interpolation_period_s(value: int, index: int) -> float:
-    """Interpolation period in s from 60C2h sub 1 and 2.
+    """Return the interpolation period in s from 60C2h sub 1 and 2.
 
     Raises:
         OutOfRangeError: The value is outside 1 to 255, or the index outside -128 to 63.
@@ -368,7 +394,9 @@ def interpolation_period_s(value: int, index: int) -> float:
 
 
 def real32(value: float) -> float:
-    """Round a value to IEEE 754 single precision, as a REAL32 object holds it.
+    """Round a value to IEEE 754 single precision.
+
+    A REAL32 object holds this number.
 
     Raises:
         OutOfRangeError: The value is not finite, or beyond the largest single.
@@ -382,5 +410,8 @@ def real32(value: float) -> float:
 
 
 def shortest(value: float) -> float:
-    """Number with the fewest decimals that a REAL32 object holds as the same bits: 0.1 for 0.10000000149011612."""
+    """Return the shortest decimal number with the same REAL32 bits.
+
+    It is 0.1 for 0.10000000149011612.
+    """
     return float(str(np.float32(value)))

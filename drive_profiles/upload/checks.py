@@ -1,4 +1,7 @@
-"""Objections to an upload before anything is written: another device, unverified facts, another device's values."""
+"""Objections to an upload, raised before anything is written.
+
+They concern another device, unverified facts and another device's values.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,9 @@ from drive_profiles.upload.result import UploadOptions
 
 
 def against_identity(device: Device, header: Header, identity: DeviceIdentity, options: UploadOptions) -> list[str]:
-    """Reasons why profile, EDS or parameter set are not of the device that answers; empty where all fit.
+    """Return reasons why profile, EDS or set do not fit the device.
+
+    The result is empty if all fit.
 
     Args:
         device: The device, with its profile and its EDS.
@@ -34,7 +39,9 @@ def against_identity(device: Device, header: Header, identity: DeviceIdentity, o
         types = () if expected.device_type is None else (expected.device_type,)
         reasons += _differs("device type (1000h)", identity.device_type, types, who)
         if not (expected.is_verified and expected.product_code is not None) and not options.allow_unverified:
-            reasons.append(f"the identity in {who} is not verified ({expected.source}); --allow-unverified")
+            reasons.append(
+                f"the identity in {who} is not verified ({expected.source}); give --allow-unverified to write all the same"
+            )
     if description is not None:  # 0 and nothing are what an EDS says that does not know
         who = str(description.path)
         reasons += _differs("vendor (1018h:1)", identity.vendor_id, description.vendor_ids, who)
@@ -46,7 +53,7 @@ def against_identity(device: Device, header: Header, identity: DeviceIdentity, o
 
 
 def warnings_for(parameter_set: ParameterSet, identity: DeviceIdentity, writes: Sequence[Write] = ()) -> list[str]:
-    """Warnings to the user that do not forbid the upload."""
+    """Return the warnings to the user that do not forbid the upload."""
     header, said = parameter_set.header, []
     if header.revision is not None and identity.revision != header.revision:
         theirs, own = (_hexadecimal(number) for number in (header.revision, identity.revision))
@@ -62,7 +69,9 @@ def warnings_for(parameter_set: ParameterSet, identity: DeviceIdentity, writes: 
 def against_values(
     device: Device, header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions
 ) -> list[str]:
-    """Reasons why the values must not be written to this very device, although each of them could be.
+    """Return reasons why these values must not go to this device.
+
+    Each of them could be written all the same.
 
     Args:
         device: The device.
@@ -72,10 +81,12 @@ def against_values(
         options: Options of the upload.
     """
     guesses = [] if options.allow_unverified else [write for write in writes if not write.entry.is_verified]
-    why = "nobody has verified what is known of it; --allow-unverified writes it all the same"
+    why = "its facts are not verified; give --allow-unverified to write it all the same"
     reasons = [f"{write.entry}: {why}" for write in guesses]
     if header.unverified and writes and not options.allow_unverified:
-        reasons.append(f"the values were made of facts that nobody has verified ({header.unverified}); --allow-unverified")
+        reasons.append(
+            f"the values come from unverified facts ({header.unverified}); give --allow-unverified to write them all the same"
+        )
     reasons += _foreign_set(header, identity, writes, options)
     reasons += _commissioning(header, identity, writes, options)
     reasons += _foreign_identifiers(header, device.node, writes)
@@ -84,18 +95,24 @@ def against_values(
 
 
 def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
-    """Refuse a set that was pulled from another device: with a mistyped node-ID a drive gets its neighbour's limits."""
+    """Refuse a set that was pulled from another device.
+
+    With a mistyped node-ID a drive would get its neighbour's limits.
+    """
     theirs = [write for write in writes if write.parameter_class != "commissioning"]  # of these see `_commissioning`
     other = _other_device(header, identity)
     if not other or not theirs or options.other_device or options.force_commissioning:
         return []
     limits = [str(write.entry) for write in theirs if write.parameter_class == "limits"]
     among = f"; limits are among its values: {', '.join(limits[:3])}{', …' if len(limits) > 3 else ''}" if limits else ""
-    return [f"the set is of another device ({other}){among}; --other-device writes it all the same"]
+    return [f"the set is of another device ({other}){among}; give --other-device to write it all the same"]
 
 
 def _other_device(header: Header, identity: DeviceIdentity) -> str:
-    """Reason why the set is another device's: its serial number, else its node-ID; empty where nothing speaks for that."""
+    """Return the reason why the set is another device's, or "".
+
+    The serial number decides, else the node-ID.
+    """
     if header.serial_number:  # 0 is what a device says that has none
         if header.serial_number == identity.serial_number:
             return ""
@@ -110,7 +127,7 @@ def _hexadecimal(number: int | None) -> str:
 
 
 def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
-    """Refuse offsets and the like on a device with another serial number than the set's."""
+    """Refuse commissioning values on a device with another serial number."""
     theirs = [write for write in writes if write.parameter_class == "commissioning"]
     # 0 is what a device says that has no serial number
     same = bool(header.serial_number) and header.serial_number == identity.serial_number
@@ -123,7 +140,10 @@ def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Wr
 
 
 def _foreign_identifiers(header: Header, own: int, writes: Sequence[Write]) -> list[str]:
-    """Refuse PDO identifiers of the node from which the set was pulled: its set-points would move this node."""
+    """Refuse PDO identifiers of the node that the set was pulled from.
+
+    That node's set-points would move this one.
+    """
     theirs = header.node_id
     if theirs in {None, own}:
         return []
@@ -134,14 +154,14 @@ def _foreign_identifiers(header: Header, own: int, writes: Sequence[Write]) -> l
 
 
 def _moving_scale(device: Device, writes: Sequence[Write]) -> list[str]:
-    """Refuse a set that changes the scaling in which its own values count."""
+    """Refuse a set that changes the scaling of its own values."""
     sources = device.scaling_addresses()
     scaled = [write for write in writes if write.entry.needs_scaling]
     moved = [write for write in writes if write.address in sources and scaled and device.read(write.address) != write.data]
     if not moved:
         return []
     named = ", ".join(str(write.entry) for write in moved)
-    return [f"{named} decides what a step of {scaled[0].entry} is worth: upload it first, in a set of its own"]
+    return [f"{named} changes the scaling of {scaled[0].entry}; upload it first, in a set of its own"]
 
 
 def _differs(what: str, actual: int | None, wanted: Iterable[int], who: str) -> list[str]:

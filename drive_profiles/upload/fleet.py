@@ -41,9 +41,11 @@ def prepare(uploads: Sequence[Upload]) -> None:
 
 
 def run(uploads: Sequence[Upload], control: UploadControl | None = None) -> list[UploadResult]:
-    """Carry out prepared uploads, all or none: write, read back and store on every drive, or put back on every drive.
+    """Carry out prepared uploads on all drives, or on none.
 
-    When this ends, its window is closed: an interrupt that comes later changes nothing.
+    Each drive is written, read back and stored; if one fails, all get their former values back.
+
+    At its end the window is closed, so a later interrupt changes nothing.
 
     Raises:
         DriveProfileError: A journal cannot be written, or a drive cannot store; nothing has been written to any drive.
@@ -97,7 +99,10 @@ def _roll_back(uploads: Sequence[Upload], failures: Mapping[Upload, DriveProfile
 
 
 def _after_reset(uploads: Sequence[Upload]) -> list[UploadResult]:
-    """Reset the drives and read everything once more, to prove what they have stored."""
+    """Reset the drives and read everything again.
+
+    This proves what they have stored.
+    """
     failures = _each(uploads, _reset_and_verify)
     outcomes = []
     for upload in uploads:
@@ -136,7 +141,7 @@ class ElsewhereError(DriveProfileError):
 
 
 def _each(uploads: Sequence[Upload], step: Callable[[Upload], None]) -> dict[Upload, DriveProfileError]:
-    """Do a step on every drive, in parallel; return the errors of those that failed."""
+    """Run a step on every drive, in parallel; return the errors."""
     failures: dict[Upload, DriveProfileError] = {}
 
     def guarded(upload: Upload) -> None:

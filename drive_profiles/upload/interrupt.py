@@ -1,4 +1,7 @@
-"""The window in which an interrupt still has an upload put back; it is closed once, and nothing follows that could be undone."""
+"""The window in which an interrupt still rolls an upload back.
+
+It is closed once; after that nothing can be undone.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,9 @@ _INTERRUPTED, _CLOSED = "interrupted", "closed"
 
 
 class InterruptWindow:
-    """Time in which an interrupt still counts: whichever comes first, the interrupt or the closing, decides for good.
+    """Window in which an interrupt still counts.
+
+    Whichever comes first, the interrupt or the closing, decides for good.
 
     Signal handlers and threads may use it without a lock: the one step that decides is a single operation of the interpreter.
     """
@@ -16,13 +21,13 @@ class InterruptWindow:
 
     @property
     def is_interrupted(self) -> bool:
-        """True if an interrupt has come in time."""
+        """True if an interrupt came before the closing."""
         return self._first.get(None) == _INTERRUPTED
 
     def interrupt(self) -> bool:
-        """Interrupt; False if it comes too late and changes nothing."""
+        """Interrupt the upload; return False if the window is closed already."""
         return self._first.setdefault(None, _INTERRUPTED) == _INTERRUPTED
 
     def close(self) -> bool:
-        """Close the window; False if an interrupt has come before."""
+        """Close the window; return False if an interrupt came first."""
         return self._first.setdefault(None, _CLOSED) == _CLOSED

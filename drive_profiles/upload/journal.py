@@ -1,4 +1,6 @@
-"""The journal of an upload on disk: a snapshot to go back to, and a record from which a killed upload can be judged.
+"""The journal of an upload on disk.
+
+It holds a snapshot to go back to, and a record that shows what a killed upload has done.
 
 One JSON object per line. The first, written by way of a temporary file and fsync before anything is sent, holds for every object
 its bytes before and its bytes wanted. Each write is announced before it is sent and confirmed after it is answered; those
@@ -31,7 +33,7 @@ Answer = Literal["yes", "no", "unknown"]
 
 @dataclass(frozen=True)
 class UploadSnapshot:
-    """Bytes that a drive held before an upload, and the bytes that it was to hold.
+    """Bytes of a drive before an upload, and the wanted bytes.
 
     Attributes:
         node: Node-ID.
@@ -60,7 +62,7 @@ class JournalStatement:
         snapshot: The snapshot in its first line.
         possible: Bytes that each object may hold now, by address; a single value where that is certain.
         stored: ``yes``, ``no`` or ``unknown``: the drive has stored the values.
-        outcome: End of the upload as it noted it; empty where it was killed before.
+        outcome: End of the upload as it noted it; empty if it was killed before.
         stored_before: Value of `stored` before the last attempt.
     """
 
@@ -91,7 +93,9 @@ _SECOND_NS = 1_000_000_000
 
 
 def journal_path(folder: Path, node: int, now_ns: int) -> Path:
-    """Path of a new journal, whose stamp lies behind those of all others in the folder.
+    """Return the path of a new journal, stamped after all others.
+
+    The stamp orders the journals even if the clock was set back; `restore` takes the newest.
 
     The stamp orders journals, also where the clock was set back in between: `restore` takes the newest.
 
@@ -109,7 +113,7 @@ _STAMP = "%Y%m%dT%H%M%S"
 
 
 def _stamp_ns(path: Path) -> int | None:
-    """Stamp in the name of a journal, ns; None if the name has none."""
+    """Return the stamp in a journal's name in ns, or None."""
     stamp = re.fullmatch(r"node\d+-(\d{8}T\d{6})-(\d{9})", path.stem, re.ASCII)
     if stamp is None:
         return None
@@ -159,7 +163,10 @@ class Journal:
             line = line[self._file.write(line) :]
 
     def close(self) -> None:
-        """Close the journal; it is on disk when this returns. Closing it again does nothing."""
+        """Close the journal, which is then on disk.
+
+        Closing it again does nothing.
+        """
         if not self._file.closed:
             os.fsync(self._file.fileno())
             self._file.close()
@@ -174,7 +181,9 @@ class Journal:
 
 
 def read(path: str | Path) -> JournalStatement:
-    """Read a journal, also that of a killed upload; an unfinished last line does not count.
+    """Read a journal, even that of a killed upload.
+
+    An unfinished last line is ignored.
 
     Raises:
         FileError: The file is no journal.

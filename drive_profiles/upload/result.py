@@ -24,7 +24,10 @@ class UploadReadBackError(DriveProfileError):
     exit_code = 6
 
     def __init__(self, node: int, mismatches: Sequence[tuple[str, str]]) -> None:
-        """Compose the message; each mismatch is an object by address and name, and its fault."""
+        """Compose the message.
+
+        Each mismatch is an object, by address and name, and its fault.
+        """
         self.node, self.mismatches = node, tuple(mismatches)
         super().__init__(f"node {node}: " + "; ".join(f"{name} {what}" for name, what in mismatches))
 
@@ -63,7 +66,9 @@ class UploadOptions:
 
 @dataclass(frozen=True)
 class UploadResult:
-    """Result of an upload on one drive. Its fields are the JSON of ``--json``.
+    """Result of an upload on one drive.
+
+    Its fields are the JSON of ``--json``.
 
     Attributes:
         node: Node-ID.
@@ -113,7 +118,7 @@ class UploadResult:
                 return f"node {self.node}: unknown: {named}{self._of_others()}{stored}: {self.reason}"
 
     def _of_others(self) -> str:
-        """Return what is certain of the objects that are not named; nothing where there are none."""
+        """Return what is certain of the unnamed objects, or ""."""
         said = f"; {self.unread} more were not written, and could not be read" if self.unread else ""
         if self.other_count != 0:
             said += "; all others hold the new values" if self.others == "new" else "; all others are as they were"

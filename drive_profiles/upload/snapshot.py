@@ -1,4 +1,7 @@
-"""The snapshot of an upload as a parameter set, so that it can be uploaded like any other set."""
+"""The snapshot of an upload as a parameter set.
+
+It can be uploaded like any other set.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,9 @@ from drive_profiles.upload.journal import UploadSnapshot
 
 
 def as_set(snapshot: UploadSnapshot, catalogue: Catalogue) -> ParameterSet:
-    """Make a parameter set of the values that the drive held, raw, by address.
+    """Make a parameter set of the values that the drive held.
+
+    The values are raw, the objects named by address.
 
     Raises:
         RefusedError: The snapshot has nothing that could be written back, or bytes that are no value of their object's type.

@@ -1,4 +1,7 @@
-"""The upload transaction: identify, check, snapshot, write the differences, read everything back, store; or put everything back.
+"""The upload transaction of one drive.
+
+Its steps are: identify, check, take a snapshot, write the differences, read everything back, and store. If a step fails, the
+former values are written back.
 
 The result on each drive is one of
 
@@ -39,7 +42,9 @@ MAX_PASSES = 3
 
 
 class Upload:
-    """The transaction of one drive, step by step; `upload.fleet` takes the steps for one or several drives in order.
+    """Upload to one drive, step by step.
+
+    `upload.fleet` calls the steps for one or several drives in order.
 
     Attributes:
         device: The drive.
@@ -76,7 +81,7 @@ class Upload:
 
     @property
     def changes(self) -> list[tuple[Write, bytes]]:
-        """Objects that would be written, each with the bytes that the drive holds now."""
+        """Differing objects with the bytes that the drive holds now."""
         return [(write, self._old[write.address]) for write in self.writes if self._old[write.address] != write.data]
 
     @property
@@ -91,7 +96,9 @@ class Upload:
     # -- before anything is written ------------------------------------------------------------------------------------
 
     def prepare(self) -> None:
-        """Identify the drive, check that it is disabled, turn every line into bytes, and read the values before.
+        """Identify and check the drive, encode the set, read the values.
+
+        The drive must be disabled.
 
         Raises:
             DriveProfileError: It is another device, it is enabled, or a line cannot be written. The drive has only been read.
@@ -101,12 +108,14 @@ class Upload:
         self.identity = identity = self.device.identify()
         reasons = against_identity(self.device, self.parameter_set.header, identity, self.options)
         if reasons:
-            raise NodeError(self.device.node, "; ".join(reasons), "is this the right node, profile and file?")
+            raise NodeError(self.device.node, "; ".join(reasons), "check node, profile and file")
         self.device.check_quiet()
         self._resolve(identity)
         self.warnings = warnings_for(self.parameter_set, identity, self.writes)
         if skipped_by_objflags := self.parameter_set.skipped_by_objflags(self.device.catalogue) if self.options.limits else []:
-            self.warnings.append(f"left out, as the EDS keeps them out of downloads (ObjFlags): {', '.join(skipped_by_objflags)}")
+            self.warnings.append(
+                f"left out, since the EDS excludes them from downloads (ObjFlags): {', '.join(skipped_by_objflags)}"
+            )
         self.device.check_quiet(self._axes())
         self._goal = {write.address: write.data for write in self.writes}
         self._old = {address: self._before(address) for address in (*self._goal, *sorted(support(self._goal) - set(self._goal)))}
@@ -121,7 +130,9 @@ class Upload:
             raise NodeError(self.device.node, what, "check the bus")
 
     def still_as_prepared(self) -> None:
-        """Check that device, state and values are as before: the user may have thought for long before saying yes.
+        """Check that device, state and values are as they were.
+
+        The user may have waited long before the confirmation.
 
         Raises:
             NodeError: Something has changed; nothing has been written.
@@ -135,17 +146,23 @@ class Upload:
             raise NodeError(self.device.node, what, "start again; nothing has been written")
 
     def _axes(self) -> list[int]:
-        """Numbers of the axes of a multi-axis device that the set concerns; always with the first."""
+        """Return the device's axes that the set concerns, the first always."""
         return sorted({0, *((address[0] - 0x6000) // 0x800 for address in self._goal if 0x6000 <= address[0] < 0xA000)})
 
     def _check_restart(self) -> None:
-        """Refuse a node that has restarted meanwhile: it holds its stored values, and not those that were read before."""
+        """Refuse a node that has restarted since the values were read.
+
+        It holds its stored values, not those that were read before.
+        """
         if self.device.port.boots != self._boots:
             self._boots = self.device.port.boots
-            raise NodeError(self.device.node, "it has restarted meanwhile", "is its supply sound?")
+            raise NodeError(self.device.node, "it has restarted meanwhile", "check its supply")
 
     def _before(self, address: ObjectAddress) -> bytes:
-        """Read an object before anything is written, and once more where its length is not that of its type."""
+        """Read an object before anything is written.
+
+        It is read once more if its length is not that of its type.
+        """
         entry = self.device.catalogue.get(address)
         data_type = None if entry is None else entry.data_type
         held = self.device.read(address)
@@ -154,7 +171,7 @@ class Upload:
         held = self.device.read(address)
         if len(held) != data_type.size:
             what = f"{self.named(address)} has {len(held)} bytes, a {data_type.name} has {data_type.size}"
-            raise NodeError(self.device.node, what, "is this the right profile or EDS?")
+            raise NodeError(self.device.node, what, "check the profile and the EDS")
         return held
 
     def _resolve(self, identity: DeviceIdentity) -> None:
@@ -166,7 +183,9 @@ class Upload:
             raise RefusedError(*reasons)
 
     def open_journal(self) -> None:
-        """Write the snapshot to disk; nothing is written to the drive before that.
+        """Write the snapshot to disk.
+
+        Nothing is written to the drive before that.
 
         Raises:
             FileError: The journal cannot be written.
@@ -234,11 +253,11 @@ class Upload:
     # -- the end -------------------------------------------------------------------------------------------------------
 
     def store(self) -> None:
-        """Let the drive store its values; it must still be disabled.
+        """Store the drive's values; the drive must still be disabled.
 
         Raises:
             SdoAbortedError: The drive refuses, and has stored nothing.
-            NoAnswerError: The drive does not answer; `done` then says *unknown*.
+            NoAnswerError: The drive does not answer; `done` then returns *unknown*.
             DriveProfileError: The drive has no store command.
         """
         command = store_command(self.device)
@@ -266,9 +285,9 @@ class Upload:
         return self.end("done")
 
     def roll_back(self, error: BaseException, *, store_again: bool = False) -> UploadResult:
-        """Put the former values back, read everything back, and conclude what is certain.
+        """Write the former values back and read everything back.
 
-        Only objects that this upload has tried to write are put back. Others are none of its business.
+        The result states what is certain. Only objects that this upload has tried to write are written back.
 
         Args:
             error: The failure that ended the upload.
@@ -299,7 +318,9 @@ class Upload:
         return self.end("rolled back", reason=reason, code=code)
 
     def _put_back(self) -> dict[ObjectAddress, bytes | None]:
-        """Write the former values of all attempted objects, the last first; return the bytes that every object then holds.
+        """Write the former values of all attempted objects, the last first.
+
+        Returns the bytes that every object then holds.
 
         In this order the drive passes through the same states as before. Where a write changes another object it takes another
         pass; an enabled drive is read, and not written to.
@@ -332,7 +353,10 @@ class Upload:
         return held
 
     def _store_again(self) -> list[ObjectAddress]:
-        """Store the former values over the new ones, after a failure behind the store command."""
+        """Store the former values over the new ones.
+
+        This is needed if the upload fails after the store command.
+        """
         try:
             self.store()
         except DriveProfileError:
@@ -390,7 +414,10 @@ class Upload:
         )
 
     def _note(self, event: str, address: ObjectAddress | None = None, **more: object) -> None:
-        """Add a line to the journal. No write is sent without one, but putting back does not stop for a full disk."""
+        """Add a line to the journal.
+
+        No write is sent without one, but a full disk does not stop a rollback.
+        """
         if self._journal is None:
             return
         try:

@@ -1,4 +1,6 @@
-"""The emulated bus between a world and its clients: in order only, or with bit times, arbitration and errors.
+"""The emulated bus between a world and its clients.
+
+It keeps frames in order, either without bit times or with bit times, arbitration and errors.
 
 `bus.server` serves a world on a Unix socket, `bus.interface` joins it with python-can, `bus.attach` puts a world on a real bus.
 In one process `bus.in_process.InProcessChannel` is the whole bus. `bus.wire` is the wire with bit times, `bus.faults` its faults.

@@ -1,4 +1,7 @@
-"""The emulated robot on a bus that others keep: SocketCAN, or any python-can interface. Its time is the wall clock's."""
+"""The emulated robot on an existing bus.
+
+The bus is SocketCAN or any python-can interface; the robot's time follows the wall clock.
+"""
 
 import os
 import select
@@ -17,14 +20,14 @@ TURN_FRAMES = 64
 
 
 class Attachment:
-    """A world joined to a bus by a channel.
+    """World joined to a bus by a channel.
 
-    Each loop lets the world follow the clock, in steps of at most 1 ms, then hears what has come at the instant at which it is
-    read: set-points, SYNC, requests. What the nodes send leaves at once. A world that has fallen behind hears what waits before
-    its time passes, see `bus.stalls`.
+    Each loop lets the world follow the clock, in steps of at most 1 ms, then processes received frames (set-points, SYNC,
+    requests) at the instant at which they are read. The nodes' frames are sent at once. A world that has fallen behind first
+    processes the waiting frames, before its time passes; see `bus.stalls`.
 
     Attributes:
-        frames: Heard so far.
+        frames: Number of frames received so far.
         time: The wall clock, as the world follows it.
     """
 
@@ -36,12 +39,12 @@ class Attachment:
         say: Callable[[str], None] = to_stderr,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Join them; `run` starts the nodes.
+        """Join world and channel; `run` starts the nodes.
 
         Args:
             world: The robot.
             channel: The bus, closed by `close`.
-            say: Called with each complaint.
+            say: Called with each warning.
             clock: Monotonic, in ns.
         """
         self.world, self.channel = world, channel
@@ -72,7 +75,10 @@ class Attachment:
                 return
 
     def turn(self, timeout_s: float) -> None:
-        """Follow the clock, and answer what comes within the time; of many frames the first `TURN_FRAMES`."""
+        """Follow the clock, and answer frames that arrive in time.
+
+        At most the first `TURN_FRAMES` frames are answered.
+        """
         if not self._follow():
             self._catch_up(None)
         for _ in range(TURN_FRAMES):
@@ -86,7 +92,10 @@ class Attachment:
             self._hear(frame)
 
     def _follow(self) -> bool:
-        """Let the world's time pass up to the clock's; False, and nothing has passed, where the world is late."""
+        """Advance the world's time to the clock's.
+
+        Returns False, with no time passed, if the world is late.
+        """
         behind = self.time() - self.world.now
         if behind > LATE_NS:
             return False
@@ -95,7 +104,7 @@ class Attachment:
         return True
 
     def _catch_up(self, first: Frame | None) -> None:
-        """Hear what has come while the process stood still, and let the rest of the time pass.
+        """Process frames that arrived during a stall, then pass the rest.
 
         Args:
             first: The frame that has been read already.
@@ -111,7 +120,7 @@ class Attachment:
         self._send(self.world.free_step(reached))
 
     def _hear(self, frame: Frame) -> None:
-        """Let the nodes hear a frame now, and send their answers."""
+        """Pass a frame to the nodes now, and send their answers."""
         if not frame.can_id & CAN_ERR_FLAG:
             self.frames += 1
             answers = [answer for _, answer in self.world.hear(frame)]

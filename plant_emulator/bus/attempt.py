@@ -1,4 +1,6 @@
-"""One attempt to send: its senders, its winners, its duration, and the errors that are counted.
+"""One attempt to send on the bus.
+
+It has senders, winners, a duration, and errors that are counted.
 
 Clauses of ISO 11898-1:2015: 10.4 (frames), 10.7 (arbitration), 10.9 (error frames), 12.1.4 (fault confinement).
 """
@@ -18,14 +20,17 @@ AFTER_ACK_BITS = TAIL_BITS - 2
 
 
 class QueuedFrame:
-    """A frame that waits at a port; the lower one goes first where a port has mailboxes."""
+    """A frame that waits at a port.
+
+    At a port with mailboxes the lower frame goes first.
+    """
 
     __slots__ = (
         "at", "bits", "destroyed", "fast_bits", "frame", "is_babble", "is_late", "key", "order", "port", "was_overtaken",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, port: "Port", at: int, rates: Rates, destroyed: int = 0, *, is_late: bool = False) -> None:
-        """Take a frame.
+        """Keep a frame.
 
         Args:
             frame: The frame that the others will receive.
@@ -46,7 +51,10 @@ class QueuedFrame:
         self.is_babble = self.was_overtaken = False
 
     def ns(self, rates: Rates, without: int = 0) -> int:
-        """Time on the bus in ns, intermission included, without so many bits of its end."""
+        """Return the time on the bus in ns, intermission included.
+
+        `without` bits of its end are left out.
+        """
         return rates.ns(self.bits - self.fast_bits - without, self.fast_bits)
 
     def __lt__(self, other: "QueuedFrame") -> bool:
@@ -78,12 +86,15 @@ class Port:
 
     @property
     def is_silent(self) -> bool:
-        """True while it neither sends nor acknowledges."""
+        """True while the port neither sends nor acknowledges."""
         return self.is_muted or self.is_gone or self.controller.state is ErrorState.OFF
 
     @property
     def is_error_free(self) -> bool:
-        """True while it sends frame after frame from a queue, and has no error to count."""
+        """True while the port sends from a queue without errors.
+
+        Its error counters are then 0.
+        """
         if self.is_muted or self.is_gone or self.babble is not None or self.held or isinstance(self.queue, list):
             return False
         controller = self.controller
@@ -97,11 +108,11 @@ class Port:
             self.queue.append(entry)
 
     def pop(self) -> QueuedFrame:
-        """Take the frame that goes first."""
+        """Remove and return the frame that is sent first."""
         return heapq.heappop(self.queue) if isinstance(self.queue, list) else self.queue.popleft()
 
     def put_back(self, entry: QueuedFrame) -> None:
-        """Queue a frame before all others: it has to be sent again."""
+        """Queue a failed frame before all others, to be sent again."""
         if isinstance(self.queue, list):
             heapq.heappush(self.queue, entry)
         else:
@@ -109,7 +120,7 @@ class Port:
 
 
 class Attempt:
-    """An attempt: as planned, then on the bus.
+    """Attempt to send, as planned, then on the bus.
 
     Attributes:
         start: SOF.
@@ -133,7 +144,7 @@ class Attempt:
         self.collided = False
 
     def drop_out_bits(self, entry: QueuedFrame) -> int:
-        """Extra bits before this sender's intermission ends.
+        """Return the extra bits before this sender's intermission ends.
 
         One that dropped out waits for six equal bits, which are those from the ACK delimiter on; its delimiter follows them.
         Without an acknowledgement they are those from the CRC delimiter on, two bits before the other sender's flag ends.
@@ -153,7 +164,9 @@ def check(frame: Frame) -> None:
 
 
 def contend(waiting: Iterable[Port], idle: int) -> Attempt | None:
-    """Next attempt, if no further frame is offered: the lowest arbitration field of the ports that are ready first.
+    """Return the next attempt if no further frame is offered.
+
+    The lowest arbitration field wins among the ports that are ready first.
 
     Args:
         waiting: Ports that have something to send.
@@ -208,9 +221,11 @@ def _is_heard(sender: Port, ports: Iterable[Port]) -> bool:
 
 
 def _acknowledge(attempt: Attempt, others: list[Port], rates: Rates) -> None:
-    """Decide whether the frame is acknowledged: another port listens, and not all have seen a wrong CRC.
+    """Decide whether the frame is acknowledged.
 
-    Otherwise the sender's error flag begins with the ACK delimiter, and those who listen answer it one bit later.
+    It is if another port listens, and not all have seen a wrong CRC.
+
+    Otherwise the sender's error flag begins with the ACK delimiter, and the listening ports answer it one bit later.
     """
     winners = attempt.winners
     if others and not any(entry.destroyed for entry in winners):
@@ -223,7 +238,10 @@ def _acknowledge(attempt: Attempt, others: list[Port], rates: Rates) -> None:
 
 
 def _fail(attempt: Attempt, sent: tuple[int, int], rates: Rates) -> None:
-    """End the attempt with an error frame after so many bits at either rate, those of the echo included."""
+    """End the attempt with an error frame.
+
+    `sent` is the number of bits at either rate, those of the echo included.
+    """
     slow, fast = sent
     slow += FLAG_BITS + DELIMITER_BITS
     attempt.winners = ()
@@ -231,11 +249,14 @@ def _fail(attempt: Attempt, sent: tuple[int, int], rates: Rates) -> None:
 
 
 def _collide(attempt: Attempt, others: list[Port], rates: Rates) -> None:
-    """Settle several frames with one arbitration field: senders of equal bits win, or an error frame ends the attempt.
+    """Settle several frames that have one arbitration field.
 
-    Who sends a recessive bit and sees a dominant one has a bit error. Its flag, if it is error-active, ends the frame for all: a
-    receiver sees the sixth equal bit, a sender one of its own that is overwritten. An error-passive one drops out unheard.
-    In a CAN FD frame the flag itself goes at the slow rate, and who has not seen the error yet still samples at the fast one.
+    Senders of equal bits win, or an error frame ends the attempt.
+
+    A sender of a recessive bit that sees a dominant one has a bit error. The flag of an error-active sender ends the frame
+    for all: a receiver sees the sixth equal bit, a sender one of its own bits overwritten. An error-passive sender drops out
+    unnoticed. In a CAN FD frame the flag is sent at the slow rate, and ports that have not seen the error yet still sample
+    at the fast one.
     """
     alive = {entry: rates.sent_bits(entry.frame) for entry in attempt.senders}
     while True:
@@ -263,7 +284,10 @@ def _first_difference(texts: list[str]) -> int | None:
 
 
 def _echo(at: int, winners: dict[QueuedFrame, str], others: list[Port]) -> int:
-    """Bits by which the last one later sees the error whose flag begins after bit `at`, and sends its own."""
+    """Return the bits until the last port echoes the error.
+
+    They are counted after bit `at`, where the flag begins; each port then sends a flag of its own.
+    """
     own = {entry: text + "1" for entry, text in winners.items()}  # with the CRC delimiter
     echo = max((text.index("1", at + 1) - at for entry, text in own.items() if not entry.port.controller.is_passive), default=0)
     if any(not port.controller.is_passive for port in others):

@@ -1,4 +1,4 @@
-"""Participants of the local bus: those of its Unix socket, and the listening sockets through which participants come."""
+"""Participants of the local bus, and their listening sockets."""
 
 import contextlib
 import socket
@@ -25,10 +25,12 @@ _ANCILLARY_BYTES = 64
 
 
 class Client:
-    """One participant of the bus. What it does not read in time is dropped and counted, never waited for.
+    """One participant of the bus.
+
+    Records that it does not read in time are dropped and counted; the server never waits for it.
 
     Attributes:
-        is_over: Whether the server is to drop it, though it is still connected.
+        is_over: True if the server is to drop it, though it is still connected.
     """
 
     def __init__(self, sock: socket.socket, port: int) -> None:
@@ -53,7 +55,7 @@ class Client:
         self._received, self._backlog = b"", bytearray()
 
     def send(self, record: bytes) -> None:
-        """Deliver a message, or drop it where the client's queue is full."""
+        """Deliver a message, or drop it if the client's queue is full."""
         try:
             if self._is_stream:
                 self._send_stream(record)
@@ -65,7 +67,7 @@ class Client:
             pass  # it has gone; the next read says so
 
     def send_all(self, records: list[bytes]) -> None:
-        """Deliver records, several in one message where the client understands that."""
+        """Deliver records, several in one message if the client understands that."""
         if not self.takes_several or len(records) == 1:
             for record in records:
                 self.send(record)
@@ -74,7 +76,10 @@ class Client:
             self.send(b"".join(records[begin : begin + clock.MAX_RECORDS]))
 
     def _send_stream(self, record: bytes) -> None:
-        """A stream must not lose half a record: what does not fit waits, up to a bound."""
+        """Send a record to a stream without losing a part.
+
+        Bytes that do not fit wait, up to a bound.
+        """
         self.flush()
         if len(self._backlog) >= STREAM_BACKLOG_BYTES:
             self.dropped += 1
@@ -83,13 +88,15 @@ class Client:
         self.flush()
 
     def flush(self) -> None:
-        """Write the waiting bytes to a stream, as far as there is room."""
+        """Write the waiting bytes to a stream, as far as possible."""
         with contextlib.suppress(OSError):  # no room; or it has gone, and the next read says so
             while self._backlog:
                 del self._backlog[: self.socket.send(self._backlog[:65536], socket.MSG_DONTWAIT)]
 
     def receive(self, *, wait: bool = False) -> list[Frame] | None:
-        """The frames that are there, [] where there is none, None if the client has gone; what is not a frame is dropped.
+        """Return the received frames; None if the client is gone.
+
+        Bytes that are not a frame are dropped.
 
         Args:
             wait: Wait for the first one, up to `CLOCK_WAIT_S`.
@@ -113,15 +120,20 @@ class Client:
         return _frames(records)
 
     def stamp_arrivals(self) -> None:
-        """Let the kernel note when each message comes, where it does that: Linux, on seqpacket sockets."""
+        """Let the kernel stamp the arrival of each message.
+
+        This works on Linux, for seqpacket sockets.
+        """
         with contextlib.suppress(OSError):
             self.socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
             self._has_stamps = not self._is_stream
 
     def queued(self) -> Iterator[tuple[Frame, int | None]]:
-        """Everything that has come, each frame with its arrival in ns since 1970; None if only the order is known.
+        """Yield all received frames with their arrival times.
 
-        One that has gone is marked with `is_over`.
+        A time is in ns since 1970; None if only the order is known.
+
+        A client that is gone is marked with `is_over`.
         """
         for _ in range(MAX_QUEUED):
             stamp: int | None = None
@@ -138,7 +150,10 @@ class Client:
                 yield frame, stamp
 
     def _receive_stamped(self) -> tuple[list[Frame] | None, int | None]:
-        """The frames of the next message that has any, and the time of its arrival."""
+        """Return the frames of the next message, and its arrival time.
+
+        Messages without frames are skipped.
+        """
         while True:
             try:
                 data, ancillary, _, _ = self.socket.recvmsg(_MESSAGE_BYTES, _ANCILLARY_BYTES, socket.MSG_DONTWAIT)
@@ -154,7 +169,7 @@ class Client:
 
 
 class Listener:
-    """A listening socket, and the participants that it makes of connections."""
+    """Listening socket that makes participants of connections."""
 
     def __init__(self, listener: socket.socket) -> None:
         """Take over a listening socket."""
@@ -171,7 +186,10 @@ class Listener:
 
 
 def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int | None:
-    """The kernel's time of a message, in ns since 1970; None if it gave none."""
+    """Return the kernel's time of a message, or None.
+
+    It is in ns since 1970.
+    """
     for level, kind, data in ancillary:
         if (level, kind, len(data)) == (socket.SOL_SOCKET, SO_TIMESTAMPNS, _TIMESPEC.size):
             seconds, nanoseconds = _TIMESPEC.unpack(data)
@@ -180,5 +198,5 @@ def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int | None:
 
 
 def _frames(records: bytes) -> list[Frame]:
-    """Frames of whole records; other bytes are skipped."""
+    """Return the frames of whole records; other bytes are skipped."""
     return [Frame(can_id, data[:length]) for can_id, length, data in RECORD.iter_unpack(records) if length <= MAX_DATA_LENGTH]

@@ -1,4 +1,6 @@
-"""Fault confinement of all controllers of a bus: who counts an error, who goes bus-off, and who is back.
+"""Fault confinement of all controllers of a bus.
+
+It counts errors, and puts controllers bus-off and back on the bus.
 
 Source: ISO 11898-1:2015, 12.1.4 (CAN 2.0 specification, part B, clause 8); the counters themselves are `controller`'s.
 """
@@ -21,7 +23,7 @@ RECOVERY_BITS = 128 * 11
 
 
 class Confinement:
-    """Counts the errors of a bus.
+    """Fault confinement: counts the errors of a bus.
 
     Attributes:
         reports: Error messages not yet taken, in order; the oldest are forgotten.
@@ -45,7 +47,7 @@ class Confinement:
         self.has_switched = self.is_troubled = False
 
     def judge(self, attempt: Attempt) -> None:
-        """Count the errors of an attempt, and put back the frames that failed."""
+        """Count the errors of an attempt, and requeue failed frames."""
         counts = self._counts
         counts.collisions += attempt.collided
         counts.merged += max(len(attempt.winners) - 1, 0)
@@ -66,7 +68,9 @@ class Confinement:
         self.is_troubled = any(port.controller.tec or port.controller.rec for port in self._ports.values())
 
     def stick(self, attempt: Attempt | None, at: int, until: int, idle: int) -> None:
-        """Count a bus that is dominant for a while: the attempt fails, and counters rise with every eight bits (rule f).
+        """Count the errors while the bus is stuck dominant.
+
+        The attempt fails, and counters rise with every eight bits (rule f).
 
         All of it is counted and reported at the beginning.
 
@@ -95,7 +99,7 @@ class Confinement:
         self._report(port, port.controller.switch_off(), at)
 
     def restart(self, port: Port, at: int) -> None:
-        """Bring a port back that is bus-off; others are left alone."""
+        """Restart a port that is bus-off; ignore others."""
         if port.controller.state is ErrorState.OFF:
             self._report(port, port.controller.restart(), at)
             self._switch(port, is_off=False)
@@ -120,7 +124,9 @@ class Confinement:
 
 
 def stuck_steps(bits: int) -> int:
-    """Number of times that a counter rises while the bus stays dominant for so many bits from the beginning of an error flag.
+    """Return how often a counter rises on a stuck bus.
+
+    The bus stays dominant for `bits` bits from the beginning of an error flag.
 
     After the 14th dominant bit, and after every eight more (rule f).
     """

@@ -1,4 +1,6 @@
-"""Fault confinement of one CAN controller: its error counters, its state, and the error messages that SocketCAN makes of it.
+"""Fault confinement of one CAN controller.
+
+It has error counters, a state, and the error messages that SocketCAN makes of state changes.
 
 Source: ISO 11898-1:2015, 12.1.4 (CAN 2.0 specification, part B, clause 8). The words and numbers of an error message are those of
 <linux/can/error.h>; which of them a change of state gives is ``can_change_state`` of drivers/net/can/dev/dev.c.
@@ -26,7 +28,10 @@ _REC_MAX = 255
 
 
 class ErrorState(IntEnum):
-    """State of a controller, with the numbers of ``enum can_state`` of <linux/can/netlink.h>."""
+    """State of a controller, numbered as in ``enum can_state``.
+
+    Source: <linux/can/netlink.h>.
+    """
 
     ACTIVE = 0
     WARNING = 1
@@ -40,7 +45,9 @@ _ACTIVE_AGAIN = 0x40
 
 
 class Controller:
-    """Error counters of one controller. Every change gives the error message of a change of state, or None.
+    """Error counters of one controller.
+
+    Every change returns the error message of a change of state, or None.
 
     Attributes:
         tec: Transmit error counter.
@@ -56,26 +63,35 @@ class Controller:
 
     @property
     def is_passive(self) -> bool:
-        """True while its error flags are recessive and its transmissions are suspended for 8 bits (12.1.4.3)."""
+        """True while the controller is error-passive or bus-off.
+
+        Its error flags are recessive, and its transmissions are suspended for 8 bits (12.1.4.3).
+        """
         return self.state >= ErrorState.PASSIVE
 
     def transmit_failed(self, times: int = 1) -> Frame | None:
-        """Rules c, d, f: eight more for every error flag that a transmitter sends."""
+        """Rules c, d, f: add eight for each transmitter's error flag."""
         self.tec = min(self.tec + TRANSMIT_ERROR * times, OFF_AT)
         return self._changed()
 
     def receive_failed(self, by: int = RECEIVE_ERROR) -> Frame | None:
-        """Rules a, f: one more for an error seen as a receiver, eight for every eight bits that the bus is stuck."""
+        """Rules a, f: add one for an error seen as receiver.
+
+        `by` is eight for every eight bits of a stuck bus.
+        """
         self.rec = min(self.rec + by, _REC_MAX)
         return self._changed()
 
     def transmitted(self) -> Frame | None:
-        """Rule g: one less, down to 0."""
+        """Rule g: subtract one, down to 0."""
         self.tec = max(self.tec - 1, 0)
         return self._changed()
 
     def received(self) -> Frame | None:
-        """Rule h: one less, down to 0; from above 127 back to where the controller is error-active."""
+        """Rule h: subtract one, down to 0.
+
+        A counter above 127 returns to a value at which the controller is error-active.
+        """
         self.rec = max(self.rec - 1, 0) if self.rec < PASSIVE_AT else _REC_AFTER_PASSIVE
         return self._changed()
 
@@ -85,7 +101,7 @@ class Controller:
         return self._changed()
 
     def restart(self) -> Frame:
-        """Come back from bus-off (rule 12): both counters at 0."""
+        """Return from bus-off (rule 12): both counters at 0."""
         self.tec, self.rec, self.state = 0, 0, ErrorState.ACTIVE
         return Frame(CAN_ERR_FLAG | CAN_ERR_RESTARTED, bytes(8))
 

@@ -1,7 +1,9 @@
-"""The bus while nothing goes wrong on it: the instants and the counts that the attempts of `attempt` would give, at less cost.
+"""Fast model of the bus while it is free of errors.
 
-No port has an error to count, none is silent, all frames that wait are ready when the next one starts, and no two of them have
-one identifier. As soon as one of this does not hold, `wire` goes on with attempts.
+It gives the instants and counts of the attempts in `attempt` at less cost.
+
+No port has an error to count, none is silent, all waiting frames are ready when the next one starts, and no two of them have
+one identifier. As soon as one of these conditions fails, `wire` continues with attempts.
 """
 
 from collections import deque
@@ -22,7 +24,7 @@ MAX_KINDS = 4096
 
 
 class _Kind(NamedTuple):
-    """The properties that all frames of one identifier and length share.
+    """Properties shared by all frames of one identifier and length.
 
     Attributes:
         priority: See `hil.can.bits.arbitration_key`.
@@ -46,7 +48,7 @@ _Waiting = tuple[int, int, int, Frame, _Kind]
 
 
 class ErrorFreeBus:
-    """Queues and the frame on the bus.
+    """Queues of the error-free bus, and the frame on it.
 
     Attributes:
         idle: Time from which the bus is idle, after the frame that is on it.
@@ -77,7 +79,7 @@ class ErrorFreeBus:
         self.flight: Passed | None = None
 
     def begin(self, idle: int) -> None:
-        """Take over a bus on which nothing waits."""
+        """Take over a bus without waiting frames."""
         self._lines = {number: deque() for number in self._ports}
         self._heads, self.flight = [], None
         self._start = self.idle = idle
@@ -87,7 +89,7 @@ class ErrorFreeBus:
         self._lines[number] = deque()
 
     def offer(self, number: int, frame: Frame, now: int) -> bool:
-        """Queue a frame at this instant; whether there was room.
+        """Queue a frame at this instant; return False if full.
 
         Raises:
             ValueError: There is no such port, or this is not a frame that can be on the wire.
@@ -115,7 +117,7 @@ class ErrorFreeBus:
 
     @property
     def due(self) -> int | None:
-        """End of the frame that is on the bus, or that is the next one to be."""
+        """End of the current or the next frame."""
         if self.flight is not None:
             return self.flight[3]
         if not self._heads:
@@ -124,7 +126,9 @@ class ErrorFreeBus:
         return self._start + kind.ns + kind.counter(kind.head, frame[1]) * kind.step_ns - self._intermission_ns
 
     def advance(self, until: int, stop_port: int, passed: list[Passed]) -> int | None:
-        """Let time pass: where it stands then, or None if a collision comes next, with which somebody else has to deal.
+        """Let time pass; return the time reached.
+
+        The result is None if a collision comes next, which this model does not handle.
 
         Args:
             until: End of the time that passes, in ns.
@@ -178,14 +182,17 @@ class ErrorFreeBus:
         return reached
 
     def take(self) -> list[tuple[int, int, Frame]]:
-        """Hand over the waiting frames: port, time of the offer, frame; by port, in order."""
+        """Hand over the waiting frames.
+
+        Each has its port, the time of its offer, and the frame; they are in order of the ports.
+        """
         entries = [(number, at, frame) for line in self._lines.values() for _, number, at, frame, _ in line]
         self.begin(self.idle)
         return entries
 
     @property
     def oldest(self) -> int | None:
-        """Time of the offer of the frame that has waited longest."""
+        """Time of the offer of the longest-waiting frame."""
         return min((entry[2] for entry in self._heads), default=None)
 
     def _learn(self, can_id: int, length: int) -> _Kind:

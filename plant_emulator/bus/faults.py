@@ -1,4 +1,6 @@
-"""Faults of a bus, as data: the frames or ports concerned, the time, and the frequency. Equal seeds give equal faults.
+"""Faults of a bus, as data.
+
+A fault states its frames or ports, its time and its frequency. Equal seeds give equal faults.
 
     seed = 1
 
@@ -10,7 +12,7 @@
     to_s = 3.0
 
 Some faults affect frames: drop, delay, duplicate, reorder, corrupt. Whether a frame is hit is decided when it is offered, fault
-by fault in the order of the file, so that nothing depends on when somebody looks at the bus. The others affect a port or the
+by fault in the order of the file, so the result does not depend on when the bus is advanced. The others affect a port or the
 bus for a time: mute, babble, stuck, bus_off. Times count in the time of the wire.
 """
 
@@ -55,7 +57,7 @@ _NEEDS = {
 
 
 class Passage(NamedTuple):
-    """A frame on its way from its sender's software to the sender's queue.
+    """A frame between its sender's software and its queue.
 
     Attributes:
         frame: The frame that the receivers will see.
@@ -71,12 +73,12 @@ class Passage(NamedTuple):
 
     @property
     def is_plain(self) -> bool:
-        """True if the frame is queued at once and sent as any other."""
+        """True if the frame is queued at once and sent normally."""
         return not (self.delay_ns or self.destroyed or self.overtaken)
 
 
 class BusEvent(NamedTuple):
-    """Something that happens to a port or to the bus at an instant.
+    """An event at a port or on the bus.
 
     Attributes:
         at_ns: Time of the event.
@@ -94,14 +96,14 @@ class BusEvent(NamedTuple):
 
 
 class FaultSource(Protocol):
-    """Protocol of the faults that a wire asks for."""
+    """Protocol of a wire's source of faults."""
 
     @property
     def events(self) -> tuple[BusEvent, ...]:
         """Events that no frame causes."""
 
     def apply(self, frame: Frame, port: int, at_ns: int) -> tuple[Passage, ...]:
-        """Give the passages of a frame that a port offers: nothing, one frame or several."""
+        """Return the passages of an offered frame: none, one or several."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,10 @@ class Fault:
         return can_id | CAN_EFF_FLAG if can_id > CAN_SFF_MASK else can_id
 
     def means(self, frame: Frame, port: int, at_ns: int) -> bool:
-        """True if the fault concerns a frame, by identifier, sender and time."""
+        """Return True if the fault applies to a frame.
+
+        Identifier, sender and time decide.
+        """
         if self.port is not None and port != self.port:
             return False
         if at_ns < self.from_ns or (self.to_ns is not None and at_ns >= self.to_ns):
@@ -169,7 +174,7 @@ class Fault:
         return self.can_id is None or not (frame.can_id ^ self.flagged_id) & (self.mask | CAN_EFF_FLAG)
 
     def events(self) -> tuple[BusEvent, ...]:
-        """Events of a fault of a port or of the bus, with their instants."""
+        """Return the events of a port or bus fault, with instants."""
         if self.kind in OF_A_FRAME:
             return ()
         frame = Frame(self.flagged_id, self.data) if self.kind == "babble" else None
@@ -181,7 +186,10 @@ class Fault:
 
 
 class FaultTable(Table):
-    """A ``[[fault]]`` of a file; the keys are those of `Fault`, ``data`` in hexadecimal."""
+    """A ``[[fault]]`` of a file.
+
+    The keys are those of `Fault`, ``data`` in hexadecimal.
+    """
 
     kind: FaultKind
     can_id: Annotated[int, Field(ge=0, le=CAN_EFF_MASK)] | None = None
@@ -203,14 +211,14 @@ class FaultTable(Table):
     def _belong_together(self) -> Self:
         for key in sorted(self.model_fields_set):
             if self.kind not in _ONLY_FOR.get(key, {self.kind}):
-                raise ValueError(f"{key} means nothing to a fault of kind {self.kind}")
+                raise ValueError(f"{key} has no effect on a fault of kind {self.kind}; leave it out")
         for key in _NEEDS.get(self.kind, ()):
             if getattr(self, key) is None:
                 raise ValueError(f"a fault of kind {self.kind} needs {key}")
         if self.to_s is not None and self.to_s <= self.from_s:
             raise ValueError(f"to_s = {self.to_s} is not after from_s = {self.from_s}")
         if "bits" in self.model_fields_set and self.crc:
-            raise ValueError("bits are seen by nobody while the CRC gives them away; crc = false lets them pass")
+            raise ValueError("flipped bits fail the CRC and reach no node; set crc = false to let them pass")
         return self
 
     def fault(self) -> Fault:
@@ -226,12 +234,14 @@ class FaultsFile(Table):
     fault: tuple[FaultTable, ...] = ()
 
     def faults(self) -> BusFaults:
-        """Fault source for a wire, at its beginning."""
+        """Return the fault source for a new wire."""
         return BusFaults((table.fault() for table in self.fault), self.seed)
 
 
 class BusFaults:
-    """Faults at work: they count what they have met, so they belong to one wire.
+    """State of the faults on one wire.
+
+    They count the frames that they have met, so they belong to one wire.
 
     Attributes:
         faults: All of them.
@@ -254,7 +264,7 @@ class BusFaults:
         self._of_a_frame = [(index, fault) for index, fault in enumerate(self.faults) if fault.kind in OF_A_FRAME]
 
     def apply(self, frame: Frame, port: int, at_ns: int) -> tuple[Passage, ...]:
-        """Give the passages of a frame that a port offers: nothing, one frame or several."""
+        """Return the passages of an offered frame: none, one or several."""
         passages: tuple[Passage, ...] = (Passage(frame),)
         for index, fault in self._of_a_frame:
             if fault.means(frame, port, at_ns) and self._hits(index, fault):
@@ -262,7 +272,10 @@ class BusFaults:
         return passages
 
     def _hits(self, index: int, fault: Fault) -> bool:
-        """Decide whether a matching frame is hit: every n-th, by chance, up to the largest number."""
+        """Decide whether a matching frame is hit.
+
+        Every n-th is, by chance, up to the largest number.
+        """
         self._met[index] += 1
         if self._met[index] % fault.every or (fault.count is not None and self.hits[index] >= fault.count):
             return False
@@ -287,7 +300,10 @@ class BusFaults:
                 return tuple(p._replace(frame=self._flipped(index, fault, p.frame)) for p in passages)
 
     def _flipped(self, index: int, fault: Fault, frame: Frame) -> Frame:
-        """The frame with some of its payload's bits inverted; bits beyond its end do not exist."""
+        """Return the frame with some bits of its payload inverted.
+
+        Bits beyond its end are ignored.
+        """
         size = 8 * len(frame.data)
         if not size or frame.can_id & CAN_RTR_FLAG:
             return frame

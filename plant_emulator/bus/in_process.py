@@ -1,4 +1,7 @@
-"""The bus in one process: a channel straight into a medium, without socket or thread, so that its user owns every cycle."""
+"""The bus in one process, without socket or thread.
+
+The channel leads straight into a medium, so its user controls every cycle.
+"""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -16,7 +19,9 @@ STRANGER = FIRST_CLIENT + 1
 
 
 class InProcessChannel:
-    """A lock-step bus with one client, as `hil.can.channel.Channel` has it; bit-identical for equal seeds.
+    """A lock-step bus with one client.
+
+    It is a `hil.can.channel.Channel`, and bit-identical for equal seeds.
 
     Attributes:
         world: The world behind the bus.
@@ -24,7 +29,7 @@ class InProcessChannel:
         syncs: Number of SYNCs so far.
         sent: Frames that the client has sent, the latest `MAX_SENT`.
         heard: Called with each frame of the bus and the time of its end, the client's own included.
-        on_sync: Called with the number of each SYNC before the world hears it; a test interferes here.
+        on_sync: Called with the number of each SYNC before the world receives it; a test interferes here.
         passes: Frames to the client for which it is false are lost.
         lost: Set it to make the bus fail.
     """
@@ -34,7 +39,10 @@ class InProcessChannel:
     overflows = 0
 
     def __init__(self, world: World, medium: Medium | None = None) -> None:
-        """Join; the nodes are switched on, and their boot-up messages wait to be read."""
+        """Join the bus and power the nodes on.
+
+        Their boot-up messages wait to be read.
+        """
         self.world = world
         self.medium: Medium = Instant(world) if medium is None else medium
         self.medium.join(FIRST_CLIENT)
@@ -50,9 +58,12 @@ class InProcessChannel:
         self._has_stranger = False
 
     def inject(self, frame: Frame) -> None:
-        """Put a frame on the bus as a stranger would: the nodes and the client both hear it.
+        """Put a frame on the bus as another participant.
 
-        The stranger stays on the bus: on one with bit times a frame that nobody answers waits in its queue for the next SYNC.
+        The nodes and the client both receive it.
+
+        The other participant stays on the bus: on a bus with bit times a frame without an answer waits in its queue for the
+        next SYNC.
         """
         if not self._has_stranger:
             self._has_stranger = True
@@ -60,11 +71,16 @@ class InProcessChannel:
         self._deliver(self.medium.frame(STRANGER, frame))
 
     def hand_over(self, *frames: Frame) -> None:
-        """Let the client alone receive frames, such as a late or a doubled answer; the nodes do not hear them."""
+        """Pass frames to the client alone.
+
+        They may be late or doubled answers; the nodes do not receive them.
+        """
         self._queue.extend(frames)
 
     def send(self, frame: Frame) -> None:
-        """Put a frame on the bus; a SYNC lets the world move on by its period.
+        """Put a frame on the bus.
+
+        A SYNC advances the world by its period.
 
         Raises:
             BusLostError: `lost` is set.
@@ -84,7 +100,9 @@ class InProcessChannel:
             self._deliver(heard)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """The next frame, or None: nothing more comes before the client sends again.
+        """Return the next frame, or None.
+
+        None means that nothing more arrives before the client sends again.
 
         Raises:
             BusLostError: `lost` is set.
@@ -100,7 +118,7 @@ class InProcessChannel:
             self.send(frame)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """All frames that wait to be read."""
+        """Return all frames that wait to be read."""
         frame = self.receive(timeout_s)
         if frame is None:
             return []
@@ -109,7 +127,10 @@ class InProcessChannel:
         return frames
 
     def close(self) -> None:
-        """Leave; the next SYNC takes the clock anew. Again is allowed."""
+        """Leave; the next SYNC takes the clock again.
+
+        Calling it again is allowed.
+        """
         self._has_clock = False
 
     def _check(self) -> None:

@@ -1,4 +1,7 @@
-"""The local bus for python-can: `interface="hil_local"`, so that every python-can tool can join it."""
+"""The local bus for python-can: `interface="hil_local"`.
+
+Every python-can tool can join the bus with it.
+"""
 
 import select
 import time
@@ -44,11 +47,14 @@ class LocalBus(can.BusABC):
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
 
     def fileno(self) -> int:
-        """For `can.Notifier` with an event loop."""
+        """Return the socket's descriptor, for `can.Notifier` with an event loop."""
         return self._socket.fileno()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Put a message on the bus; waits up to the time-out for room, without one `SEND_PATIENCE_S`."""
+        """Put a message on the bus.
+
+        It waits for room up to the time-out, by default `SEND_PATIENCE_S`.
+        """
         can_id = msg.arbitration_id
         can_id |= CAN_EFF_FLAG if msg.is_extended_id else 0
         can_id |= CAN_RTR_FLAG if msg.is_remote_frame else 0
@@ -66,7 +72,7 @@ class LocalBus(can.BusABC):
             raise can.CanOperationError(f"cannot send on the local bus: {error}") from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        """The next message of the socket; filters are python-can's."""
+        """Return the next message of the socket; python-can filters it."""
         deadline = None if timeout is None else time.monotonic() + timeout
         while len(self._buffer) < RECORD.size:
             left = None if deadline is None else max(0.0, deadline - time.monotonic())

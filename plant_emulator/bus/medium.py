@@ -1,4 +1,7 @@
-"""The medium between the clients of the local bus and its world: nothing but order, or a wire with bit times."""
+"""Medium between the clients of the local bus and its world.
+
+It is either instantaneous and in order, or a wire with bit times.
+"""
 
 from collections.abc import Iterator
 from typing import Protocol
@@ -17,7 +20,7 @@ NODES = 0
 
 
 class Medium(Protocol):
-    """Protocol of a medium: how frames reach the others, and how time passes.
+    """Protocol of a medium: delivery of frames, and passing of time.
 
     Attributes:
         clock: `hil.can.clock.LOCK_STEP` or `WALL`.
@@ -37,15 +40,18 @@ class Medium(Protocol):
 
     @property
     def due(self) -> int | None:
-        """The next instant at which a frame ends, or a node wakes."""
+        """Next instant at which a frame ends, or a node wakes."""
         ...
 
     def free(self, until: int) -> list[HeardFrame]:
-        """Let time pass; gives the frames that were heard."""
+        """Let time pass; return the delivered frames."""
         ...
 
     def begin_cycles(self) -> list[HeardFrame]:
-        """A client takes the clock: on to the next whole second, so that every run finds the clock's phase the same."""
+        """Advance to the next whole second when a client takes the clock.
+
+        Every run then begins with the same phase of the clock.
+        """
         ...
 
     def frame(self, port: int, frame: Frame) -> list[HeardFrame]:
@@ -53,16 +59,25 @@ class Medium(Protocol):
         ...
 
     def idle(self) -> list[HeardFrame]:
-        """Deliver the frames that were put off until the next SYNC: the client that holds the clock waits."""
+        """Deliver the frames that were held until the next SYNC.
+
+        The client that holds the clock is waiting.
+        """
         ...
 
     def cycle(self, port: int, sync: Frame) -> Iterator[list[HeardFrame]]:
-        """Send the SYNC of the client that holds the clock; gives the frames until the next cycle, in parts that can go early."""
+        """Send the SYNC of the client that holds the clock.
+
+        Yields the frames until the next cycle, in parts that can be sent early.
+        """
         ...
 
 
 class Instant:
-    """No bit times, lock-step: a frame is heard at once, and a SYNC is worth a period."""
+    """Medium without bit times, in lock-step.
+
+    A frame is delivered at once, and a SYNC is worth a period.
+    """
 
     clock = clock.LOCK_STEP
     bitrate: int | None = None
@@ -79,19 +94,22 @@ class Instant:
 
     @property
     def due(self) -> int | None:
-        """The next instant at which a node wakes."""
+        """Next instant at which a node wakes."""
         return self._world.due
 
     def free(self, until: int) -> list[HeardFrame]:
-        """Let time pass; gives the frames that were heard."""
+        """Let time pass; return the delivered frames."""
         return self._heard(self._world.free_step(until))
 
     def begin_cycles(self) -> list[HeardFrame]:
-        """Go on to the next whole second."""
+        """Advance to the next whole second."""
         return self._heard(self._world.begin_lock_step())
 
     def frame(self, port: int, frame: Frame) -> list[HeardFrame]:
-        """Deliver the frame, and its answers, at once; a SYNC that does not move the clock is worth no time."""
+        """Deliver the frame and its answers at once.
+
+        A SYNC that does not move the clock is worth no time.
+        """
         answered = self._world.hear(frame)
         heard = HeardFrame(frame, port, self._world.now)
         if not answered:
@@ -100,11 +118,14 @@ class Instant:
         return [heard, *self._heard(answers)]
 
     def idle(self) -> list[HeardFrame]:
-        """Give nothing: no frame was put off."""
+        """Return nothing: no frame is held."""
         return []
 
     def cycle(self, port: int, sync: Frame) -> Iterator[list[HeardFrame]]:
-        """Give the answers before the world moves on, so that the master computes while the emulator does."""
+        """Yield the answers before the world advances.
+
+        The master and the emulator then compute at the same time.
+        """
         yield [HeardFrame(sync, port, self._world.now), *self._heard(self._world.receive(sync))]
         yield self._heard(self._world.settle())
 
@@ -114,14 +135,17 @@ class Instant:
 
 
 class Timed:
-    """A wire, with bit times or without, in lock-step or by the wall clock."""
+    """Medium that is a wire, with or without bit times.
+
+    It runs in lock-step or by the wall clock.
+    """
 
     def __init__(self, bus: TimedBus, *, wall: bool) -> None:
-        """Put it before a world.
+        """Put the wire between clients and world.
 
         Args:
             bus: World and wire.
-            wall: Time follows the wall clock, whoever sends SYNC.
+            wall: Time follows the wall clock; SYNC does not advance it.
         """
         self._bus = bus
         self.clock = clock.WALL if wall else clock.LOCK_STEP
@@ -138,24 +162,26 @@ class Timed:
 
     @property
     def due(self) -> int | None:
-        """The next instant at which a frame ends, or a node wakes."""
+        """Next instant at which a frame ends, or a node wakes."""
         return self._bus.due
 
     def free(self, until: int) -> list[HeardFrame]:
-        """Let time pass; gives the frames that were heard."""
+        """Let time pass; return the delivered frames."""
         return self._bus.free(until)
 
     def begin_cycles(self) -> list[HeardFrame]:
-        """Go on to the next whole second."""
+        """Advance to the next whole second."""
         heard = self._bus.free(-(-self._bus.world.now // SECOND) * SECOND)
         self._bus.begin_cycles()
         return heard
 
     def frame(self, port: int, frame: Frame) -> list[HeardFrame]:
-        """Queue the frame; in lock-step time passes until it and its answers have ended.
+        """Queue the frame.
 
-        What is not answered, process data and heartbeats, waits for the SYNC behind it: all leave in the same cycle, one after
-        the other, and the cycles stay where they are.
+        In lock-step time passes until it and its answers have ended.
+
+        Frames without an answer, process data and heartbeats, wait for the next SYNC: all leave in the same cycle, one after
+        the other, and the cycles keep their times.
         """
         mark = self._bus.wire.mark
         self._bus.offer(port, frame)

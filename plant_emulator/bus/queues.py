@@ -1,4 +1,7 @@
-"""Frames that wait at the ports of a bus: in their queues, on their way into them, and the attempt that comes next."""
+"""Frames that wait at the ports of a bus.
+
+They are in the ports' queues or on their way into them; the next attempt is planned here, too.
+"""
 
 import heapq
 from collections.abc import Callable
@@ -41,7 +44,9 @@ class Queues:
     # --- in ---
 
     def accept(self, port: Port, passage: Passage, at_ns: int, now: int) -> QueuedFrame | None:
-        """Make a new entry in the queue or on its way into it; gives None if there is no room.
+        """Make a new entry in the queue or on its way.
+
+        Returns None if there is no room.
 
         Args:
             port: Port of the sender.
@@ -59,7 +64,7 @@ class Queues:
         return entry
 
     def overtake(self, port: Port, entry: QueuedFrame, now: int) -> None:
-        """Queue behind an entry those that it was to overtake."""
+        """Queue held frames after the frame that overtakes them."""
         held, port.held = port.held, []
         for other in held:
             other.was_overtaken = True
@@ -77,7 +82,10 @@ class Queues:
         heapq.heappush(self.later, (at, self.order, what))
 
     def queue(self, entry: QueuedFrame) -> None:
-        """Queue a frame at its port; a port that cannot send loses it."""
+        """Queue a frame at its port.
+
+        A port that cannot send loses it.
+        """
         self._taken_back()
         port = entry.port
         if port.is_silent:
@@ -88,13 +96,13 @@ class Queues:
         self.push(entry)
 
     def push(self, entry: QueuedFrame) -> None:
-        """Queue a frame that has had its turn already, as it is."""
+        """Queue a frame again without changing its order."""
         entry.port.push(entry)
         self.waiting[entry.port.number] = entry.port
         self.plan = None
 
     def put_back(self, entry: QueuedFrame) -> None:
-        """Queue a frame that has not been sent before all others of its port."""
+        """Queue an unsent frame before all others of its port."""
         port = entry.port
         entry.destroyed = max(entry.destroyed - 1, 0)
         if entry.is_babble:
@@ -106,7 +114,7 @@ class Queues:
         self.waiting[port.number] = port
 
     def babble(self, port: Port, entry: QueuedFrame | None) -> None:
-        """Let a port send a frame without end, or no longer."""
+        """Start or stop a port's endless transmission of a frame."""
         port.babble = entry
         if entry is not None:
             entry.is_babble = True
@@ -117,7 +125,7 @@ class Queues:
     # --- out ---
 
     def planned(self, idle: int) -> Attempt | None:
-        """Plan the next attempt, as it is if nothing else is offered before it starts.
+        """Plan the next attempt if nothing else is offered before.
 
         Args:
             idle: Time from which the bus is idle, in ns.
@@ -129,7 +137,7 @@ class Queues:
         return plan
 
     def take(self, attempt: Attempt) -> None:
-        """Take the frames of an attempt that starts out of their queues."""
+        """Remove the frames of a starting attempt from their queues."""
         self.plan = None
         for entry in attempt.senders:
             port = entry.port
@@ -144,7 +152,10 @@ class Queues:
         self._counts.lost += count
 
     def clear(self, port: Port) -> None:
-        """Drop the queue of a port; frames that are still on their way into it are dropped when they get there."""
+        """Drop the queue of a port.
+
+        Frames that are still on their way into it are dropped when they arrive.
+        """
         self.lose(port, len(port.queue))
         port.queue.clear()
         self.waiting.pop(port.number, None)
@@ -153,7 +164,10 @@ class Queues:
     # --- what it looks like ---
 
     def is_waiting(self, mark: int) -> bool:
-        """True while a frame is queued or on its way there; one that a fault had delayed before the mark does not count."""
+        """Return True while a frame is queued or on its way.
+
+        A frame that a fault delayed before the mark does not count.
+        """
         return bool(self.waiting) or any(
             isinstance(what, QueuedFrame) and not what.was_overtaken and (order > mark or not what.is_late)
             for _, order, what in self.later
@@ -161,5 +175,5 @@ class Queues:
 
     @property
     def oldest(self) -> int | None:
-        """Time of the offer of the frame that has waited longest; None if none waits."""
+        """Return the offer time of the longest-waiting frame, or None."""
         return min((entry.at for port in self.waiting.values() for entry in port.queue), default=None)

@@ -1,4 +1,7 @@
-"""The bit rates of a bus: how long bits and frames take. Integer nanoseconds, rounded up."""
+"""Bit rates of a bus, and durations of bits and frames.
+
+Durations are integer nanoseconds, rounded up.
+"""
 
 from hil.can.bits import TAIL_BITS, fd_bits, fd_sent_bits, frame_bits, sent_bits
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, Frame
@@ -11,7 +14,7 @@ class Rates:
     """One bit rate, or two.
 
     With a data bit rate every data frame goes as a CAN FD frame with bit rate switching, of the same identifier and the same 0 to
-    8 bytes; CAN FD has no remote frames, so those stay classic. What an error-passive sender says of itself (ESI) is left out:
+    8 bytes; CAN FD has no remote frames, so those stay classic. The flag of an error-passive sender (ESI) is left out:
     it is sent as error-active, which changes no length by more than a stuff bit. Source: ISO 11898-1:2015, 10.4.
 
     Attributes:
@@ -24,7 +27,7 @@ class Rates:
     __slots__ = ("bit_ns", "bitrate", "data_bitrate", "fast_bit_ns")
 
     def __init__(self, bitrate: int | None, data_bitrate: int | None = None) -> None:
-        """Take the rates.
+        """Keep the rates, and compute the bits' durations.
 
         Raises:
             ValueError: No bit rate, or a data bit rate that is lower than the other one or alone.
@@ -43,22 +46,24 @@ class Rates:
         return bool(self.bit_ns) and (self.data_bitrate is None or bool(self.fast_bit_ns))
 
     def is_fd(self, can_id: int) -> bool:
-        """True if a frame with this identifier is sent as a CAN FD frame."""
+        """Return True if a frame with this identifier uses CAN FD."""
         return self.data_bitrate is not None and not can_id & CAN_RTR_FLAG
 
     def ns(self, bits: int, fast_bits: int = 0) -> int:
-        """Time of so many bits in ns, some at the one rate and some at the other."""
+        """Return the duration of bits at both rates, in ns."""
         if self.is_exact:
             return bits * self.bit_ns + fast_bits * self.fast_bit_ns
         bitrate, data_bitrate = self.bitrate or SECOND, self.data_bitrate or 1
         return -(-(bits * data_bitrate + fast_bits * bitrate) * SECOND // (bitrate * data_bitrate))
 
     def bits_in(self, duration_ns: int) -> int:
-        """Whole bits that go into a time, at the bit rate of the arbitration."""
+        """Return the whole arbitration bits that fit into a duration."""
         return duration_ns * (self.bitrate or 0) // SECOND
 
     def bits(self, frame: Frame) -> tuple[int, int]:
-        """Bits of a frame at either rate, intermission included; without bit times no stuff bits are counted.
+        """Return the bits of a frame at either rate, with intermission.
+
+        Without bit times no stuff bits are counted.
 
         Raises:
             ValueError: `hil.can.bits.frame_bits` refuses the frame.
@@ -69,13 +74,19 @@ class Rates:
         return fd_bits(frame.can_id & CAN_EFF_MASK, frame.data, bool(frame.can_id & CAN_EFF_FLAG))
 
     def sent_bits(self, frame: Frame) -> str:
-        """The bits of a frame from SOF to the last of the CRC as they are sent, dominant as "0"."""
+        """Return the bits of a frame as sent.
+
+        They go from SOF to the last bit of the CRC; "0" is dominant.
+        """
         if not self.is_fd(frame.can_id):
             return sent_bits(frame)
         return fd_sent_bits(frame.can_id & CAN_EFF_MASK, frame.data, bool(frame.can_id & CAN_EFF_FLAG))
 
     def split(self, frame: Frame, count: int) -> tuple[int, int]:
-        """The first so many bits of a frame, up to the end of its CRC, at either rate."""
+        """Split a frame's first bits between the two rates.
+
+        `count` bits are split, at most to the end of the CRC.
+        """
         if not self.is_fd(frame.can_id):
             return count, 0
         slow = self.bits(frame)[0] - (TAIL_BITS - 1)  # the delimiter of the CRC is a fast one

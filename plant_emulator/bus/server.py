@@ -1,4 +1,7 @@
-"""The local bus: a Unix socket that several clients join, and the world behind it with its two clocks."""
+"""The local bus: a Unix socket for several clients.
+
+The server owns the world on the bus and its two clocks.
+"""
 
 import contextlib
 import errno
@@ -30,16 +33,16 @@ class AddressInUseError(Exception):
     """Another server answers at this path."""
 
     def __init__(self, path: str) -> None:
-        """Take the path of the socket."""
+        """Compose the message with the path of the socket."""
         self.path = path
         super().__init__(f"another server answers at {path}")
 
 
 class Server:
-    """Serves a world at a path.
+    """Server of a world at a path.
 
-    The client whose SYNC was the last holds the clock: as long as it is connected the world moves by SYNC alone. Otherwise the
-    world follows the monotonic clock; one that has fallen behind hears what waits before its time passes, see `bus.stalls`.
+    The client that sent the last SYNC holds the clock: while it is connected, only SYNC advances the world. Otherwise the world
+    follows the monotonic clock; if it has fallen behind, it first processes the waiting frames, see `bus.stalls`.
 
     Attributes:
         world: The world behind the bus.
@@ -66,7 +69,7 @@ class Server:
             path: Path of the socket; a stale one is removed.
             stream: Use a stream socket although the system has seqpacket ones.
             now_ns: The monotonic clock.
-            say: Called with each complaint: that the world has fallen behind the clock.
+            say: Called with a warning each time the world has fallen behind the clock.
 
         Raises:
             AddressInUseError: Another server answers there.
@@ -91,12 +94,18 @@ class Server:
         world.power_on()
 
     def open(self, listener: Listener) -> None:
-        """Take participants through one more listening socket; `close` closes it."""
+        """Accept participants through another listening socket.
+
+        `close` closes it.
+        """
         self._listeners[listener.listener.fileno()] = listener
         self._selector.register(listener.listener, selectors.EVENT_READ)
 
     def watch(self, descriptor: int) -> None:
-        """Stop when this descriptor is closed at its other end: the server then lives as long as the one who started it."""
+        """Stop when this descriptor is closed at its other end.
+
+        The server then lives as long as the process that started it.
+        """
         try:
             self._selector.register(descriptor, selectors.EVENT_READ)
         except (OSError, ValueError):
@@ -126,17 +135,23 @@ class Server:
             self.close()
 
     def _wall_ns(self) -> int:
-        """The world's time as it would be now if it followed the monotonic clock."""
+        """Return the world's time according to the monotonic clock."""
         return max(self.world.now, self.time())
 
     def _pass_time(self) -> None:
-        """Let time pass up to the clock's; a world that is late waits for `_catch_up`, which reads first what waits."""
+        """Let time pass up to the clock's.
+
+        A world that is late waits for `_catch_up`, which first reads the waiting frames.
+        """
         now = self._wall_ns()
         if now - self.world.now <= LATE_NS:
             self._deliver(self.medium.free(now))
 
     def _catch_up(self) -> None:
-        """Hear what has come while the process stood still, each frame at its time, and let the rest of the time pass."""
+        """Process the frames that arrived during a stall.
+
+        Each frame is processed at its time; then the rest of the time passes.
+        """
         begin, end = self.world.now, self._wall_ns()
         queued = sorted(self._queued(begin, end), key=itemgetter(0))
         instants, reached = self.time.catch_up(begin, end, [arrival for arrival, _, _ in queued])
@@ -148,7 +163,10 @@ class Server:
             self._deliver(self.medium.free(reached))
 
     def _queued(self, begin: int, end: int) -> list[tuple[int, Frame, Client]]:
-        """All frames that wait, with their arrivals: the kernel's, else evenly over the time in which they must have come."""
+        """Return all waiting frames with their arrival times.
+
+        The times are the kernel's, else spread evenly over the stall.
+        """
         real_time = time.time_ns() - end
         queued: list[tuple[int, Frame, Client]] = []
         for client in self._clients.values():
@@ -159,7 +177,10 @@ class Server:
         return queued
 
     def _wait(self) -> list[int]:
-        """Descriptors that can be read; while the world moves by itself, sleeps a little for them."""
+        """Return the descriptors that can be read.
+
+        While the world moves by itself, this sleeps a little for them.
+        """
         if self._clock is not None:
             return [key.fd for key, _ in self._selector.select(0.0)]
         patience = FREE_POLL_S
@@ -168,7 +189,9 @@ class Server:
         return [key.fd for key, _ in self._selector.select(patience)]
 
     def _serve_clock(self, holder: Client) -> None:
-        """A turn of lock-step: what the client that holds the clock sends, waited for in its own socket.
+        """Serve a turn of lock-step to the client with the clock.
+
+        It waits in the client's socket for frames.
 
         The turn ends when the client is silent for `CLOCK_WAIT_S` or has sent its part of the frames; then the others are served.
         """
@@ -234,7 +257,7 @@ class Server:
         self._take(frame, sender)
 
     def _take(self, frame: Frame, sender: Client) -> None:
-        """Hear a frame now."""
+        """Process a client's frame now."""
         if frame.can_id == clock.CLOCK_ID:
             self._on_question(frame, sender)
             return
@@ -262,7 +285,10 @@ class Server:
             sender.send(pack(clock.answer(self.medium.clock, self.medium.bitrate, several=True)))
 
     def _deliver(self, heard: Iterable[HeardFrame], waiting: Client | None = None, last: bytes = b"") -> None:
-        """Give everyone what others have sent, and behind it a last record to the one who waits for it."""
+        """Send every client the frames of the others.
+
+        The client that waits for it gets a last record.
+        """
         if len(self._clients) == 1:  # the rule, and quick: nobody else hears what it has sent itself
             [alone] = self._clients.values()
             heard = [each for each in heard if each[1] != alone.port]
@@ -292,7 +318,7 @@ class Server:
                 os.sched_setaffinity(0, self._cores)  # the lock-step client may have taken us to its core
 
     def close(self) -> None:
-        """Leave: close all sockets and remove the path, if it is still ours."""
+        """Close all sockets and remove the path if still ours."""
         for descriptor in list(self._clients):
             self._drop(descriptor)
         self._selector.close()
@@ -304,9 +330,11 @@ class Server:
 
 
 def _listen(path: str, *, stream: bool) -> socket.socket:
-    """Make a listening socket at the path; a socket there that does not answer is a leftover and is replaced.
+    """Make a listening socket at the path.
 
-    The socket gets its name once it listens, so that whoever sees the file can connect.
+    A socket there that does not answer is left over, and is replaced.
+
+    The socket gets its name once it listens, so that a process that sees the file can connect.
     """
     kinds = [socket.SOCK_STREAM]
     if not stream and hasattr(socket, "SOCK_SEQPACKET"):
@@ -350,7 +378,7 @@ def _answers(path: str) -> bool:
 
 @contextlib.contextmanager
 def _private() -> Iterator[None]:
-    """Only the user who serves may join."""
+    """Restrict the socket to the user who serves it."""
     before = os.umask(0o177)
     try:
         yield

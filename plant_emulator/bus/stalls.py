@@ -1,30 +1,30 @@
-"""The wall clock as a world follows it, and what becomes of the time in which the world's process stood still.
+"""The wall clock of a world, and the handling of stalls.
 
-A process that gets no processor, or has too much to do, comes back late: deadlines of its nodes have passed meanwhile, and the
-frames that keep them are still unread. So a late world first hears what waits, each frame at the time of its arrival, and then
-lets the rest of the time pass. Its own stall is not the master's silence: of a stretch in which nothing came only the first
-`SILENCE_NS` pass, the rest is lost, as if the robot had stood still. That is said.
+A process that gets no processor, or has too much to do, falls behind: deadlines of its nodes have passed, and the frames
+that meet them are still unread. So a late world first processes the waiting frames, each at its arrival time, and then lets
+the rest of the time pass. A stall is not the master's silence: of a stretch without frames only the first `SILENCE_NS` pass;
+the rest is lost, as if the robot had been stopped. The loss is reported.
 """
 
 import sys
 from collections.abc import Callable, Sequence
 
 LATE_NS = 5_000_000
-"""A world that is further behind hears what waits before its time passes. A turn of the servers takes 1 ms."""
+"""A world that is further behind first processes the waiting frames. A turn of the servers takes 1 ms."""
 SILENCE_NS = 50_000_000
-"""Longest stretch without a frame that a late world makes up for; a world that is further behind says so."""
+"""Longest stretch without a frame that a late world makes up for; a longer one is reported."""
 MADE_UP_NS = 500_000_000
 """Longest time that is made up for at once: a world too slow for its clock must not run after it for ever."""
 SAY_AGAIN_NS = 1_000_000_000
 
 
 def to_stderr(words: str) -> None:
-    """Say it on standard error."""
+    """Print a report on standard error."""
     print(words, file=sys.stderr, flush=True)  # noqa: T201 - what a served robot complains of
 
 
 def made_up(begin_ns: int, end_ns: int, arrivals_ns: Sequence[int]) -> tuple[list[int], int]:
-    """The instants at which a late world hears what has come, and the one up to which its time then passes.
+    """Return when a late world processes frames, and its end time.
 
     Args:
         begin_ns: The world's time.
@@ -45,7 +45,9 @@ def made_up(begin_ns: int, end_ns: int, arrivals_ns: Sequence[int]) -> tuple[lis
 
 
 def spread(begin_ns: int, end_ns: int, count: int) -> list[int]:
-    """Arrivals of frames of which only the order is known: evenly between begin and end, the last one now.
+    """Spread frames of known order evenly between begin and end.
+
+    The last one arrives at the end.
 
     >>> spread(0, 90, 3)
     [30, 60, 90]
@@ -67,7 +69,7 @@ class WallTime:
         Args:
             now_ns: The monotonic clock.
             world_ns: The world's time.
-            say: Called with each complaint.
+            say: Called with each warning.
         """
         self.stalls = self.lost_ns = 0
         self._now_ns, self._say = now_ns, say
@@ -80,11 +82,14 @@ class WallTime:
         self._epoch_ns = self._now_ns() - world_ns
 
     def __call__(self) -> int:
-        """The world's time as it would be now if it were on time."""
+        """Return the time that the world would have without delay."""
         return self._now_ns() - self._epoch_ns
 
     def catch_up(self, begin_ns: int, end_ns: int, arrivals_ns: Sequence[int]) -> tuple[list[int], int]:
-        """As `made_up`, which see; what is lost is lost for good, and a stall is said, once a second at most."""
+        """Return the instants of `made_up`, and drop the lost time.
+
+        A stall is reported, once a second at most.
+        """
         instants, reached = made_up(begin_ns, end_ns, arrivals_ns)
         lost = end_ns - reached
         self._epoch_ns += lost
@@ -102,6 +107,6 @@ class WallTime:
             self._said_ns = now
             behind, lost = (1e-6 * each for each in unsaid)
             self._say(
-                f"the emulator was {behind:.0f} ms late, and skipped {lost:.0f} ms; it has processed what came meanwhile first"
+                f"the emulator was {behind:.0f} ms late and skipped {lost:.0f} ms; it first processed the frames that had arrived"
             )
             self._unsaid = [0, 0]

@@ -1,4 +1,7 @@
-"""A world and its clients on one wire: every frame takes its time there, and is heard when it has ended."""
+"""A world and its clients on one wire.
+
+Every frame takes its time there, and is received when it has ended.
+"""
 
 import contextlib
 from collections.abc import Callable
@@ -29,10 +32,12 @@ class HeardFrame(NamedTuple):
 
 
 class TimedBus:
-    """The bus with bit times, sans IO: integer nanoseconds of the world's clock.
+    """The bus with bit times, sans IO.
+
+    Times are integer nanoseconds of the world's clock.
 
     Args:
-        world: Its nodes hear each frame at its end, and send from there.
+        world: Its nodes receive each frame at its end, and send from there.
         wire: The model of the bus.
         host_latency_ns: Time that a client's frame takes from its program to its controller.
     """
@@ -49,19 +54,23 @@ class TimedBus:
 
     @property
     def due(self) -> int | None:
-        """The next instant at which something happens by itself."""
+        """Next instant at which something happens by itself."""
         dues = [due for due in (self.world.due, self.wire.due) if due is not None]
         return min(dues) if dues else None
 
     def offer(self, port: int, frame: Frame) -> None:
-        """Offer a client's frame; one that no bus can carry, or its queue has no room for, is counted there and lost."""
+        """Offer a client's frame.
+
+        A frame that no bus can carry, or that finds its queue full, is counted and lost.
+        """
         with contextlib.suppress(ValueError):
             self.wire.offer(port, frame, self.world.now + self._latency_ns)
 
     def run(self, until: int, stop: Callable[[], bool] | None = None) -> list[HeardFrame]:
-        """Let time pass; gives the frames that were heard, in the order of their ends.
+        """Let time pass; return the received frames by their ends.
 
-        The nodes are asked where a client's frame has ended, where one of them wakes, and at the end: none hears the others.
+        The nodes are called when a client's frame has ended, when one of them wakes, and at the end, since no node receives
+        the frames of the others.
 
         Args:
             until: End of the time that passes, in ns of the world's time.
@@ -92,7 +101,7 @@ class TimedBus:
                 return heard
 
     def _switch(self, now: int) -> list[tuple[int, Frame]]:
-        """Tell the nodes whose controllers have gone bus-off, or are back; what they say."""
+        """Inform nodes of bus-off and recovery; return their frames."""
         sent = []
         while self.wire.switched:
             port, is_off = self.wire.switched.popleft()
@@ -108,14 +117,17 @@ class TimedBus:
         return sent
 
     def free(self, until: int) -> list[HeardFrame]:
-        """Let time pass in short steps, so that drives see their limits and finished ramps in time."""
+        """Let time pass in short steps.
+
+        Drives then notice limits and finished ramps in time.
+        """
         heard: list[HeardFrame] = []
         while self.world.now < until:
             heard += self.run(min(until, self.world.now + FREE_STEP_NS))
         return heard
 
     def settle(self, mark: int | None = None) -> list[HeardFrame]:
-        """Let time pass until everything that waits has been sent, answers included.
+        """Let time pass until all frames and answers are sent.
 
         Args:
             mark: Mark of the wire before the present frames were offered: these are waited for although a fault delays them.
@@ -125,14 +137,16 @@ class TimedBus:
         return self.run(self.world.now + SETTLE_NS, lambda: not self.wire.is_waiting(mark))
 
     def begin_cycles(self) -> None:
-        """The next SYNC of the client that holds the clock begins a cycle of its own."""
+        """Let the next SYNC of the clock's holder begin a cycle."""
         self._cycle_end_ns = None
 
     def cycle(self, port: int, sync: Frame, period_ns: int) -> list[HeardFrame]:
-        """A SYNC of the client that holds the clock: it is queued behind what the client has queued, and a period passes.
+        """Queue the clock holder's SYNC, and let a period pass.
 
-        The cycles never wait for the bus. What does not fit stays in the queues, is heard in a later period, and is refused once
-        a queue is full.
+        The SYNC is queued after the client's other frames.
+
+        The cycles never wait for the bus. Frames that do not fit stay in the queues and arrive in a later period; a full
+        queue refuses them.
         """
         begin = self.world.now if self._cycle_end_ns is None else max(self._cycle_end_ns, self.world.now)
         self.offer(port, sync)

@@ -1,4 +1,7 @@
-"""The traffic of a bus: frames delivered, messages of controllers, counts, and when it was busy."""
+"""The traffic of a bus.
+
+It holds delivered frames, messages of controllers, counts, and the busy times.
+"""
 
 from collections import deque
 from dataclasses import dataclass
@@ -80,14 +83,14 @@ class Traffic:
         self._intervals: deque[list[int]] = deque(maxlen=MAX_INTERVALS)  # from, to
 
     def passed(self, frames: int, bits: int, longest_ns: int) -> None:
-        """Count frames that were delivered, with their bits, and the longest time that one of them waited."""
+        """Count delivered frames with bits and longest wait."""
         counts = self.counts
         counts.frames += frames
         counts.bits += bits
         counts.longest_wait_ns = max(counts.longest_wait_ns, longest_ns)
 
     def occupy(self, begin: int, end: int) -> None:
-        """The bus is busy for a while; stretches that touch are one."""
+        """Mark the bus as busy; join stretches that touch."""
         if end <= begin:
             return
         intervals = self._intervals
@@ -102,7 +105,7 @@ class Traffic:
         self.counts.busy_ns += end - begin
 
     def busy_ns(self, since: int, until: int) -> int:
-        """Time for which the bus was busy between two instants, in ns."""
+        """Return the busy time between two instants, in ns."""
         busy = 0
         for begin, end in reversed(self._intervals):
             if end <= since:

@@ -1,9 +1,11 @@
-"""The local bus over TCP, in the wire format of the virtualcan project: for CANopen stacks in languages without our socket.
+"""The local bus over TCP, in the virtualcan project's format.
+
+It serves CANopen stacks in languages without a client for our socket.
 
 Each message is a length of four bytes, big-endian and always 14, and behind it identifier (4 bytes, big-endian), flags, number of
 data bytes, and eight bytes of data, filled up with zeros. Bit 0 of the flags is set where the identifier has 29 bits. The format
 has no bit for a remote request: as gocanopen does it, the identifier then carries SocketCAN's ``CAN_RTR_FLAG``. Error frames have
-no counterpart and are left out. Nobody hears what it has sent itself.
+no counterpart and are left out. A client does not receive its own frames.
 
 Source: github.com/windelbouwman/virtualcan (its servers and clients in Python, Rust and C++); gocanopen's virtual bus.
 """
@@ -23,7 +25,7 @@ EXTENDED = 0x01
 """Bit of the flags: an identifier of 29 bits."""
 LOOPBACK = {"localhost": "127.0.0.1", "127.0.0.1": "127.0.0.1", "::1": "::1", "[::1]": "::1"}
 MAX_BACKLOG_BYTES = 1 << 18
-"""Bytes that a client has not read: 14 563 frames, two seconds of a full bus at 1 Mbit/s. One that lets more wait is dropped."""
+"""Bytes that a client has not read: 14 563 frames, two seconds of a full bus at 1 Mbit/s. A client with more is dropped."""
 _READ_BYTES = TURN_FRAMES * MESSAGE.size
 _LENGTH_BYTES = 4
 
@@ -33,7 +35,9 @@ class EndpointError(ValueError):
 
 
 def parse_endpoint(text: str) -> tuple[str, int]:
-    """Host and port of ``[HOST:]PORT``; port 0 is any that is free.
+    """Parse ``[HOST:]PORT`` into host and port.
+
+    Port 0 is any free one.
 
     Raises:
         EndpointError: No port, or a host that others than this machine's own programs reach.
@@ -43,13 +47,13 @@ def parse_endpoint(text: str) -> tuple[str, int]:
         raise EndpointError(f"{text}: expected [HOST:]PORT, such as 18000 or 127.0.0.1:18000")
     if (host or "localhost") not in LOOPBACK:
         raise EndpointError(
-            f"{text}: only on 127.0.0.1, ::1 or localhost, since whoever reaches the port commands the robot, without a password"
+            f"{text}: expected the host 127.0.0.1, ::1 or localhost; the port commands the robot without a password"
         )
     return LOOPBACK[host or "localhost"], int(port)
 
 
 def encode(frame: Frame) -> bytes:
-    """A frame of the bus as a message, b"" where the format has none for it."""
+    """Return a frame as a message; b"" if the format has none."""
     can_id, data = frame
     if can_id & CAN_ERR_FLAG:
         return b""
@@ -58,19 +62,21 @@ def encode(frame: Frame) -> bytes:
 
 
 class Messages:
-    """Messages of a client, taken apart, sans IO. The first message that is none ends it: behind it nothing can be trusted.
+    """Parser of a client's messages, sans IO.
+
+    The first invalid message ends the connection, since the following bytes cannot be trusted.
 
     Attributes:
         refused: Reason for its end; None while it lasts.
     """
 
     def __init__(self) -> None:
-        """Nothing has come."""
+        """Start without received bytes."""
         self.refused: str | None = None
         self._rest = b""
 
     def receive(self, data: bytes) -> list[Frame]:
-        """Take bytes as they come; the frames that are complete."""
+        """Process received bytes; return the complete frames."""
         frames: list[Frame] = []
         self._rest += data
         while self.refused is None and len(self._rest) >= _LENGTH_BYTES:
@@ -103,7 +109,10 @@ class Messages:
 
 
 class VirtualcanClient(Client):
-    """A participant over TCP. It is dropped if it sends anything but messages, or does not read its own."""
+    """A participant over TCP.
+
+    It is dropped if it sends anything but messages, or does not read its own.
+    """
 
     def __init__(self, sock: socket.socket, port: int, over: Callable[[str], None]) -> None:
         """Take over a connected socket.
@@ -124,7 +133,10 @@ class VirtualcanClient(Client):
         self.send_all([record])
 
     def send_all(self, records: list[bytes]) -> None:
-        """Deliver records as messages; what does not fit waits, up to a bound that ends it."""
+        """Deliver records as messages.
+
+        Bytes that do not fit wait; beyond a bound the client is dropped.
+        """
         if self.is_over:
             return
         for record in records:
@@ -135,7 +147,7 @@ class VirtualcanClient(Client):
             self._end(f"it has not read {len(self._backlog) // MESSAGE.size} frames")
 
     def receive(self, *, wait: bool = False) -> list[Frame] | None:
-        """The frames received, [] where there is none, None if the client has gone or was dropped."""
+        """Return the received frames; None if the client is gone."""
         if self.is_over:
             return None
         try:
@@ -155,7 +167,9 @@ class VirtualcanClient(Client):
 
 
 class VirtualcanListener(Listener):
-    """A TCP port of this machine through which participants join the local bus: `Server.open`.
+    """A TCP port through which participants join the local bus.
+
+    It is used with `Server.open`.
 
     Attributes:
         endpoint: Host and port, also where any free port was asked for.
@@ -167,7 +181,7 @@ class VirtualcanListener(Listener):
         Args:
             host: One of this machine's loopback addresses, as `parse_endpoint` gives it.
             port: 0 for any that is free.
-            tell: Takes a line about every client that is dropped or turned away.
+            tell: Called with a line about every client that is dropped or rejected.
 
         Raises:
             EndpointError: The host is none of this machine's own.
@@ -181,19 +195,19 @@ class VirtualcanListener(Listener):
         self._tell = tell
 
     def __str__(self) -> str:
-        """The endpoint as other programs want it."""
+        """Return the endpoint in the form that other programs need."""
         host, port = self.endpoint
         return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
     def accept(self, sock: socket.socket, port: int) -> Client:
-        """Make a participant of one who has come."""
+        """Make a participant of a new connection."""
         name = _name(sock)
         return VirtualcanClient(sock, port, lambda reason: self._say(f"virtualcan client {name} is dropped: {reason}"))
 
     def reject(self, sock: socket.socket) -> None:
         """Refuse a client beyond the largest number."""
         with contextlib.closing(sock), contextlib.suppress(OSError):  # where it has gone already it has no name
-            self._say(f"virtualcan client {_name(sock)} is turned away: {MAX_CLIENTS} are on the bus")
+            self._say(f"virtualcan client {_name(sock)} is rejected: {MAX_CLIENTS} clients are on the bus already")
 
     def _say(self, line: str) -> None:
         with contextlib.suppress(OSError, ValueError):  # nobody reads standard error any more

@@ -1,8 +1,10 @@
-"""One CAN bus as a model, sans IO: who may send when, how long it takes, and what errors do to it. Integer nanoseconds.
+"""One CAN bus as a model, sans IO.
 
-A transmission starts with the first bit after the intermission at the earliest, and the lowest arbitration field of those that
-wait at that instant wins. What is offered at that very instant takes part; so an instant is decided only when time has gone past
-it, and what is received at the end of a frame may be answered in time for the next start, three bits later.
+It decides which port sends when, how long a frame takes, and what errors do to it. Times are integer nanoseconds.
+
+A transmission starts after the intermission at the earliest. Among the frames that wait at that instant the lowest
+arbitration field wins. Frames offered at that very instant take part, so an instant is decided only when time has gone past
+it. A frame received at its end may be answered in time for the next start, three bits later.
 
     frame: SOF … CRC, CRC delimiter, ACK slot, ACK delimiter, EOF 7 | intermission 3
     error: what was sent until then, error flag 6, echo of the others 0 to 6, error delimiter 8 | intermission 3
@@ -75,7 +77,7 @@ class EmulatedWire:
         """
         self.rates = Rates(bitrate, data_bitrate)
         if queue_frames < 1:
-            raise ValueError(f"a queue of {queue_frames} frames holds none")
+            raise ValueError(f"a queue of {queue_frames} frames; expected at least 1")
         self._patience_ns = patience_ns
         self.now = self._idle = now_ns
         self._ports: dict[int, Port] = {}
@@ -91,7 +93,7 @@ class EmulatedWire:
         self._faults = faults
         for event in faults.events if faults is not None else ():
             if bitrate is None and event.kind in {"babble", "stuck"}:
-                raise ValueError(f"a bus without bit times knows no {event.kind}")
+                raise ValueError(f"a bus without bit times cannot have a fault of kind {event.kind}")
             self.schedule(event)
 
     @property
@@ -102,7 +104,7 @@ class EmulatedWire:
     # --- ports ---
 
     def attach(self, port: int | None = None, *, priority_queue: bool = False) -> int:
-        """Give a participant its port; its number.
+        """Give a participant its port, and return the port's number.
 
         Args:
             port: Any number from 0 that is free; else the lowest one that is.
@@ -124,7 +126,9 @@ class EmulatedWire:
         return port
 
     def detach(self, port: int) -> None:
-        """Let a participant go; what it has queued is lost, what is on the bus goes on.
+        """Detach a participant.
+
+        Its queued frames are lost; its frame on the bus continues.
 
         Raises:
             ValueError: There is no such port.
@@ -136,7 +140,7 @@ class EmulatedWire:
         del self._ports[port]
 
     def controller(self, port: int) -> Controller:
-        """The error counters and the state of a port, to look at.
+        """Return the controller of a port, for inspection.
 
         Raises:
             ValueError: There is no such port.
@@ -153,7 +157,9 @@ class EmulatedWire:
         self._confinement.switch_off(self._port(port), self.now)
 
     def restart(self, port: int, at_ns: int | None = None) -> None:
-        """Bring a port back that is bus-off; it takes part again after the bits that the standard asks for. Others: no effect.
+        """Restart a port that is bus-off; ignore others.
+
+        It takes part again after the bits that the standard demands.
 
         Args:
             port: Number of the port.
@@ -166,7 +172,7 @@ class EmulatedWire:
         if at_ns is None:
             self._confinement.restart(participant, self.now)
         elif at_ns < self.now:
-            raise ValueError(f"the bus is at {self.now} ns and restarts nobody at {at_ns} ns")
+            raise ValueError(f"the bus is at {self.now} ns and cannot restart a port at {at_ns} ns")
         else:
             self.schedule(BusEvent(at_ns, "restart", port))
 
@@ -175,7 +181,10 @@ class EmulatedWire:
         self._queues.put_off(event.at_ns, event)
 
     def take_reports(self) -> list[ControllerMessage]:
-        """The error messages since the last call, in order; the oldest are forgotten if they are not taken."""
+        """Return the error messages since the last call, in order.
+
+        If they are not fetched, the oldest are dropped.
+        """
         reports = list(self._confinement.reports)
         self._confinement.reports.clear()
         return reports
@@ -183,7 +192,9 @@ class EmulatedWire:
     # --- frames ---
 
     def offer(self, port: int, frame: Frame, at_ns: int) -> bool:
-        """Put a frame into a port's queue; whether there was room. A port that is bus-off has none.
+        """Put a frame into a port's queue; return False if full.
+
+        A port that is bus-off has no room.
 
         Raises:
             ValueError: There is no such port, `at_ns` lies in the past, or this is not a frame that can be on the wire.
@@ -194,10 +205,10 @@ class EmulatedWire:
         return self._offer(port, frame, at_ns)
 
     def _offer(self, port: int, frame: Frame, at_ns: int) -> bool:
-        """Offer a frame as the faults let it pass."""
+        """Offer a frame, subject to the faults."""
         participant = self._port(port)
         if at_ns < self.now:
-            raise ValueError(f"the bus is at {self.now} ns and takes nothing of {at_ns} ns")
+            raise ValueError(f"the bus is at {self.now} ns and accepts no frame of {at_ns} ns")
         if self._faults is None:
             return self._pass(participant, Passage(frame), at_ns)
         check(frame)
@@ -210,11 +221,13 @@ class EmulatedWire:
 
     @property
     def mark(self) -> int:
-        """Mark to give to `is_waiting`: whatever is offered from now on."""
+        """Mark for `is_waiting`: frames offered from now on."""
         return self._queues.order
 
     def is_waiting(self, mark: int) -> bool:
-        """True while a frame is on the bus, in a queue, or on its way there.
+        """Return True while a frame is on the bus or queued.
+
+        Frames on their way to a queue count, too.
 
         Args:
             mark: Instant before which a fault's delays do not count; a fault to come does not count either.
@@ -225,7 +238,10 @@ class EmulatedWire:
 
     @property
     def due(self) -> int | None:
-        """Instant of the next event, if nothing else is offered: mostly the end of a frame, sometimes less; None for never."""
+        """Instant of the next event, or None.
+
+        It is usually the end of a frame, if nothing else is offered; it may be earlier.
+        """
         queues = self._queues
         later = queues.later[0][0] if queues.later else None
         if self._fast is not None:
@@ -236,7 +252,9 @@ class EmulatedWire:
         return later if end is None or (later is not None and later < end) else end
 
     def advance(self, until_ns: int) -> list[Delivered]:
-        """Let time pass; the frames whose end is not after `until_ns`, in order.
+        """Let time pass; return the frames that have ended.
+
+        Their ends are not after `until_ns`; they are in order.
 
         Raises:
             ValueError: `until_ns` lies in the past.
@@ -244,9 +262,12 @@ class EmulatedWire:
         return [Delivered(frame, port, start, end) for frame, port, start, end, *_ in self.listen(until_ns)]
 
     def listen(self, until_ns: int, stop_port: int = NOBODY) -> list[Passed]:
-        """Let time pass, as `advance` does, but stop at the end of a frame of this port or one above; `now` tells where.
+        """Let time pass, but stop at certain frames.
 
-        With a `stop_port` it also stops where a port is `switched`.
+        Time stops at the end of a frame of `stop_port` or a port above; `now` tells where. The frames that have ended are
+        returned, as by `advance`.
+
+        With a `stop_port` it also stops if a port is `switched`.
 
         Raises:
             ValueError: `until_ns` lies in the past.
@@ -298,7 +319,10 @@ class EmulatedWire:
         self.now = until_ns
 
     def _handed_over(self) -> ErrorFreeBus | None:
-        """Hand the queues to the error-free bus as soon as nothing can go wrong."""
+        """Pass the queues to the error-free bus as soon as possible.
+
+        No error may be pending anywhere.
+        """
         fast = self._error_free
         if fast is None or self._queues.waiting or self._flight is not None or self._confinement.is_troubled:
             return None
@@ -309,7 +333,7 @@ class EmulatedWire:
         return fast
 
     def _take_back(self) -> None:
-        """Take the queues, and the frame on the bus, back from the error-free bus."""
+        """Take queues and current frame back from the error-free bus."""
         fast = self._fast
         if fast is None:
             return
@@ -332,24 +356,32 @@ class EmulatedWire:
 
     @property
     def oldest_wait_ns(self) -> int:
-        """Time that the frame that has waited longest has waited for its first or next attempt; 0 where none waits."""
+        """Longest time that a waiting frame has waited.
+
+        It is 0 if none waits.
+        """
         oldest = self._queues.oldest if self._fast is None else self._fast.oldest
         return 0 if oldest is None else self.now - oldest
 
     @property
     def is_overloaded(self) -> bool:
-        """True while a frame waits longer than it should, or if one was refused within the last second."""
+        """True while a frame waits too long or was just refused.
+
+        A refusal counts for one second.
+        """
         refused = self._refused_ns is not None and self.now - self._refused_ns <= SECOND
         return refused or self.oldest_wait_ns > self._patience_ns
 
     def load(self, window_ns: int) -> float:
-        """Part of the last `window_ns` in which the bus was busy, from 0 to 1; errors and intermissions count.
+        """Return the bus load, from 0 to 1.
+
+        It is the part of the last `window_ns` in which the bus was busy; errors and intermissions count.
 
         Raises:
             ValueError: No window.
         """
         if window_ns <= 0:
-            raise ValueError(f"no window: {window_ns} ns")
+            raise ValueError(f"a window of {window_ns} ns; expected more than 0")
         busy_ns = self._traffic.busy_ns(self.now - window_ns, self.now)
         start = None if self._flight is None else self._flight.start
         if self._fast is not None and self._fast.flight is not None:
@@ -367,7 +399,10 @@ class EmulatedWire:
         return port
 
     def _pass(self, port: Port, passage: Passage, at_ns: int) -> bool:
-        """A frame as the faults let it pass; it gets those behind it that it was to overtake."""
+        """Queue a frame, subject to the faults.
+
+        Held frames that it overtakes are queued after it.
+        """
         entry = self._queues.accept(port, passage, at_ns, self.now)
         if entry is None:
             return self._refuse()
@@ -383,7 +418,7 @@ class EmulatedWire:
         return False
 
     def _land(self, attempt: Attempt, delivered: list[Passed]) -> None:
-        """An attempt has ended: as a frame, or with an error frame."""
+        """End an attempt, as a frame or with an error frame."""
         self._flight, self._idle = None, attempt.idle
         self._traffic.occupy(attempt.start, attempt.idle)
         winners = attempt.winners
@@ -400,7 +435,7 @@ class EmulatedWire:
             self._confinement.judge(attempt)
 
     def _release(self, delivered: list[Passed]) -> None:
-        """Take what was put off and is due: an event, or a frame that gets into its queue."""
+        """Process a held event or frame that is due."""
         at, _, what = heapq.heappop(self._queues.later)
         if isinstance(what, BusEvent):
             self._happen(what)
@@ -420,7 +455,7 @@ class EmulatedWire:
             delivered.append((what.frame, port.number, at, at, what.bits, at))
 
     def _happen(self, event: BusEvent) -> None:
-        """A fault begins or ends."""
+        """Begin or end a fault."""
         queues = self._queues
         queues.plan = None
         if event.kind == "stuck":
@@ -442,7 +477,10 @@ class EmulatedWire:
                 self._confinement.restart(port, event.at_ns)
 
     def _stick(self, at: int, until: int) -> None:
-        """Hold the bus dominant for a while; the frame that is being sent fails."""
+        """Hold the bus dominant for a while.
+
+        The frame that is being sent fails.
+        """
         attempt, self._flight = self._flight, None
         idle = until + self.rates.ns(DELIMITER_BITS + INTERMISSION_BITS)
         self._traffic.occupy(attempt.start if attempt is not None else max(at, min(self._idle, until)), idle)

@@ -1,1 +1,1 @@
-"""The commands of ``plant-emulator``: `serve`, `simulate`, `robustness` and `eds`; `cli.main` puts them together."""
+"""The commands of ``plant-emulator``; `cli.main` joins them."""

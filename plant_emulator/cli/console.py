@@ -1,4 +1,4 @@
-"""Exit statuses, options and the handler of errors, as all commands of ``plant-emulator`` use them."""
+"""Exit statuses, options and error handling of ``plant-emulator``."""
 
 import re
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ class EmulatorExitStatus(ToolExitStatus):
     USAGE = 2, "usage"
     FILE = 3, "bad robot file"
     BUS = 4, "the bus cannot be served, or is lost"
-    NOT_MET = 9, "a number that must be reached is not"
+    NOT_MET = 9, "a goal is not reached"
     INTERRUPTED = 130, "interrupted"
 
 
@@ -41,7 +41,10 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON documen
 
 @contextmanager
 def exit_on_error() -> Iterator[None]:
-    """Turn errors of files and an interrupt into a message and an exit status; any other error keeps its traceback."""
+    """Turn file errors and interrupts into message and exit status.
+
+    Any other error keeps its traceback.
+    """
     from drive_profiles.errors import DriveProfileError  # noqa: PLC0415 - --help must not wait for it
 
     try:

@@ -16,17 +16,17 @@ EDS_EPILOG = epilog(
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it a command of `plant-emulator`."""
+    """Add `plant-emulator eds`."""
     app.command(epilog=EDS_EPILOG)(eds)
 
 
 def eds(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the files; made if it is not there.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the files; created if missing.")],
     robot: Annotated[
         str | None,
         typer.Option(
             "--robot",
-            help="One file for each node of this robot, a robot file or `reference`, instead of each kind.",
+            help="One file per node of this robot (a file or `reference`), instead of one per kind.",
             autocompletion=complete_reference,
         ),
     ] = None,
@@ -40,10 +40,12 @@ def eds(
         ),
     ] = None,
 ) -> None:
-    """Write the EDS files of the emulated drive and accelerometer, for tools that configure CANopen nodes.
+    """Write the EDS files of the emulated drive and accelerometer.
 
-    With --robot the file of every node: axis2.eds and so on, accelerometer.eds, each with its node's serial number, motor, gains
-    and, of a vendor's drive, the vendor's objects.
+    Tools that configure CANopen nodes read them.
+
+    With --robot there is a file for every node: axis2.eds and so on, accelerometer.eds. Each states its node's serial
+    number, motor, gains and, of a vendor's drive, the vendor's objects.
 
     Examples:
         plant-emulator eds --out eds
@@ -55,7 +57,7 @@ def eds(
 
     drives = by_axis("--drive", drive)
     if drives and robot is None:
-        raise fail("--drive says which drive an axis of --robot has: --robot is missing", EmulatorExitStatus.USAGE)
+        raise fail("--drive needs --robot, whose axes it changes", EmulatorExitStatus.USAGE)
     with exit_on_error():
         with exit_on_value_error():
             model = None if robot is None else with_drives(load_robot(robot), drives)

@@ -1,4 +1,7 @@
-"""plant-emulator fleet: robots drawn by seed, with bench files that know nothing of them."""
+"""plant-emulator fleet: robots drawn by seed, with bench files.
+
+The bench files contain no knowledge of the drawn values.
+"""
 
 # ruff: noqa: PLC0415 - the robots are imported inside the command, so that --help stays quick
 
@@ -16,7 +19,7 @@ if TYPE_CHECKING:
 
 EPILOG = epilog(
     (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
-    {EmulatorExitStatus.FILE: "a file is there already, or cannot be written"},
+    {EmulatorExitStatus.FILE: "a file already exists, or cannot be written"},
 )
 
 KindName = Literal["linear", "real", "any", "both"]
@@ -30,7 +33,7 @@ KindOption = Annotated[
         "both: linear for odd seeds, real for even ones.",
     ),
 ]
-ArmsOption = Annotated[bool, typer.Option("--arms", help="Whole arms of six axes that feel each other, instead of single axes.")]
+ArmsOption = Annotated[bool, typer.Option("--arms", help="Whole arms of six coupled axes, instead of single axes.")]
 UrdfOption = Annotated[
     Path | None,
     typer.Option("--urdf", help="The arm of this URDF file, for which motors, gears and transmission errors are drawn."),
@@ -40,9 +43,9 @@ HomeOption = Annotated[
     typer.Option("--home-deg", metavar="ANGLES", help="With --urdf: joint angles at home, from the base on: 0,-90,90,0,90,0."),
 ]
 TipOption = Annotated[
-    str | None, typer.Option("--tip-link", help="With --urdf: the link that is the tip; left out, the only one at the end.")
+    str | None, typer.Option("--tip-link", help="With --urdf: the link of the tip. Default: the only one at the end.")
 ]
-OutOption = Annotated[Path, typer.Option("--out", help="Folder for the files; made where it is not there.")]
+OutOption = Annotated[Path, typer.Option("--out", help="Folder for the files; created if missing.")]
 
 COLUMNS = (
     ("N", "reduction_ratio", 1.0),
@@ -70,7 +73,7 @@ ARM_COLUMNS = (
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it `plant-emulator fleet`; its old name, `stable`, works too."""
+    """Add `plant-emulator fleet`; its old name, `stable`, works too."""
     app.command("fleet", epilog=EPILOG)(fleet)
     app.command("stable", epilog=EPILOG, hidden=True)(fleet)
 
@@ -84,9 +87,11 @@ def fleet(
     home_deg: HomeOption = None,
     tip_link: TipOption = None,
 ) -> None:
-    """Draw robots by seed from the ranges that industry's robots fill; write each with a bench file that knows nothing of it.
+    """Draw robots by seed, and write them with bench files.
 
-    Equal seeds give equal robots. `robots.csv` has what was drawn, a line per robot.
+    The ranges are those of industrial robots; the bench files contain no knowledge of the drawn values.
+
+    Equal seeds give equal robots. `robots.csv` lists the drawn values, a line per robot.
 
     Examples:
         plant-emulator fleet --seeds 7 --out fleet
@@ -109,7 +114,7 @@ def fleet(
         there = sorted(str(path) for path in files if path.exists())
         if there:
             more = f" and {len(there) - 1} more" if len(there) > 1 else ""
-            raise fail(f"{there[0]}{more}: there already; nothing was written, choose another folder", EmulatorExitStatus.FILE)
+            raise fail(f"{there[0]}{more} already exists; nothing was written; choose another folder", EmulatorExitStatus.FILE)
         rows: list[Row] = []
         texts: dict[str, str] = {}
         for seed in named:
@@ -129,21 +134,26 @@ def fleet(
     else:
         table("", ("seed", "kind", *(head for head, *_ in COLUMNS)), [_cells(row) for row in rows])
     what = "one robot and its bench file" if len(rows) == 1 else f"{len(rows)} robots and their bench files"
-    typer.echo(f"{what} in {out}; robots.csv has all that was drawn", err=True)
+    typer.echo(f"{what} in {out}; robots.csv lists the drawn values", err=True)
 
 
 def _home(home_deg: str | None, tip_link: str | None, urdf: Path | None) -> tuple[float, ...]:
-    """The angles of `--home-deg`."""
+    """Return the angles of `--home-deg`."""
     if urdf is None and (home_deg, tip_link) != (None, None):
-        raise typer.BadParameter("those of an arm are drawn; with --urdf it is given", param_hint="--home-deg, --tip-link")
+        raise typer.BadParameter("needs --urdf; other arms are drawn", param_hint="--home-deg, --tip-link")
     try:
         return tuple(float(each) for each in home_deg.split(",")) if home_deg else ()
     except ValueError:
-        raise typer.BadParameter(f"{home_deg!r} are no angles: 0,-90,90,0,90,0 are", param_hint="--home-deg") from None
+        raise typer.BadParameter(
+            f"{home_deg!r} is not a list of angles; expected e.g. 0,-90,90,0,90,0", param_hint="--home-deg"
+        ) from None
 
 
 def _driven(seed: int, urdf: Path, out: Path, home_deg: tuple[float, ...], tip_link: str | None) -> "tuple[str, str, Row]":
-    """The robot file of a URDF file's arm with a seed's drives, its bench file, and what was drawn."""
+    """Return the files and facts of a URDF arm with drives.
+
+    They are the robot file, its bench file, and the drawn values of the seed.
+    """
     from plant_emulator.robots.blank_bench import blank_bench
     from plant_emulator.robots.drawn_arms import arm_facts, draw_drives
     from plant_emulator.robots.writing import file_text
@@ -156,7 +166,7 @@ def _driven(seed: int, urdf: Path, out: Path, home_deg: tuple[float, ...], tip_l
 
 
 def _drawn(seed: int, kind: str, arms: bool) -> "tuple[str, str, Row]":
-    """A seed's robot file, its bench file, and what was drawn."""
+    """Return a seed's robot file, bench file, and drawn values."""
     from plant_emulator.rehearsal.many.one import drawn, facts
     from plant_emulator.robots.blank_bench import blank_bench
     from plant_emulator.robots.drawn_arms import arm_facts, draw_arm

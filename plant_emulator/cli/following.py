@@ -1,4 +1,7 @@
-"""plant-emulator following: what cancellations that follow make of robots that are drawn, beside the feed-forward alone."""
+"""plant-emulator following: tracking cancellations on drawn robots.
+
+They are compared with the feed-forward alone.
+"""
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
@@ -17,26 +20,28 @@ if TYPE_CHECKING:
 
 FOLLOWING_EPILOG = epilog(
     (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
-    {EmulatorExitStatus.DONE: "done, whatever they make of the robots", EmulatorExitStatus.FILE: "a path that cannot be written"},
+    {EmulatorExitStatus.DONE: "done, whatever the results", EmulatorExitStatus.FILE: "a path that cannot be written"},
 )
 MOST_ROBOTS = 10_000
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it `plant-emulator following`."""
+    """Add `plant-emulator following`."""
     app.command("following", epilog=FOLLOWING_EPILOG)(following)
 
 
 def following(
     first: Annotated[int, typer.Option("--seed", min=0, help="Seed of the first robot.")] = 1,
     robots: Annotated[
-        int, typer.Option("--robots", min=1, max=MOST_ROBOTS, help="Robots, one for each seed from there on.")
+        int, typer.Option("--robots", min=1, max=MOST_ROBOTS, help="Number of robots, one for each seed from the first on.")
     ] = 10,
     law: Annotated[list[str] | None, typer.Option("--law", help="observer, filtered-x LMS or repetition; default: all.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="CSV file for every law on every motion of every robot.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run cancellations that follow on drawn robots, and compare them with the feed-forward alone.
+    """Compare tracking cancellations with the feed-forward, on drawn robots.
+
+    A tracking cancellation (observer, filtered-x LMS or repetition) updates itself during the motion.
 
     Example: plant-emulator following --seed 1 --robots 100 --law observer --out following.csv
     """
@@ -46,7 +51,7 @@ def following(
         laws = tuple(law or LAWS)
         unknown = [name for name in laws if name not in LAWS]
         if unknown:
-            raise fail(f"no law {unknown[0]!r}; there are {', '.join(LAWS)}", EmulatorExitStatus.USAGE)
+            raise fail(f"no law {unknown[0]!r}; expected one of {', '.join(LAWS)}", EmulatorExitStatus.USAGE)
         found: list[Outcome] = []
         with progress("robots", robots) as step:
             for seed in range(first, first + robots):

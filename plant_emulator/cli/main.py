@@ -1,4 +1,7 @@
-"""plant-emulator: the emulated robot as a process, and its experiments without a bus."""
+"""plant-emulator: the emulated robot, and experiments without a bus.
+
+The robot runs as a process.
+"""
 
 from drive_profiles.cli.application import Tool
 from plant_emulator.cli import eds, fleet, following, rehearse, robustness, schema, serve, simulate

@@ -1,4 +1,7 @@
-"""plant-emulator rehearse: the documented path walked on many drawn robots, into one table and one report."""
+"""plant-emulator rehearse: the documented path on many drawn robots.
+
+The results go into one table and one report.
+"""
 
 # ruff: noqa: PLC0415 - numpy, scipy and the master are imported inside the command, so that --help stays quick
 
@@ -34,7 +37,7 @@ EPILOG = epilog(
         EmulatorExitStatus.DONE: "done, whatever the numbers",
         EmulatorExitStatus.FILE: "bad file, or a folder that holds another rehearsal",
         EmulatorExitStatus.BUS: "no scheduler, or it is lost",
-        EmulatorExitStatus.NOT_MET: "with --check: a number is not reached",
+        EmulatorExitStatus.NOT_MET: "with --check: a goal is not reached",
         EmulatorExitStatus.INTERRUPTED: "interrupted, finished robots are kept",
     },
 )
@@ -49,24 +52,24 @@ RATE_OVER_S = 600.0
 
 SeedsOption = Annotated[str | None, typer.Option("--seeds", metavar="SEEDS", help="Seeds of the robots: 7, 1-1000, 1-40,50.")]
 ArmsOption = Annotated[
-    bool, typer.Option("--arms", help="Whole arms: learnt on their line, looked at on others; seed 0 is the reference arm.")
+    bool, typer.Option("--arms", help="Whole arms: learn on their line, test on others; seed 0 is the reference arm.")
 ]
-OverBusOption = Annotated[bool, typer.Option("--over-bus", help="Over a bus: each robot is served, and the tools are processes.")]
+OverBusOption = Annotated[bool, typer.Option("--over-bus", help="Use a bus: each robot is served, and each tool is a process.")]
 JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; default: one per processor.")]
 OnOption = Annotated[
-    str | None, typer.Option("--on", metavar="dask:tcp://HOST:PORT", help="On the workers of a Dask scheduler (extra cluster).")
+    str | None, typer.Option("--on", metavar="dask:tcp://HOST:PORT", help="Use the workers of a Dask scheduler (extra cluster).")
 ]
-ResumeOption = Annotated[bool, typer.Option("--resume", help="Go on with the folder's rehearsal: walk the robots that it lacks.")]
+ResumeOption = Annotated[bool, typer.Option("--resume", help="Continue the folder's rehearsal with the missing robots.")]
 KeepOption = Annotated[bool, typer.Option("--keep", help="Keep all files of each walk, in files/SEED of the folder.")]
-CheckOption = Annotated[bool, typer.Option("--check", help="Exit status 9 where a number that must be reached is not.")]
+CheckOption = Annotated[bool, typer.Option("--check", help="End with exit status 9 if a goal is not reached.")]
 SummaryOption = Annotated[
     Path | None,
-    typer.Option("--summary", metavar="DIR", help="Walk nothing: make table and report of DIR again, and print Markdown."),
+    typer.Option("--summary", metavar="DIR", help="Walk no robot: rewrite table and report of DIR, and print Markdown."),
 ]
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it `plant-emulator rehearse`."""
+    """Add `plant-emulator rehearse`."""
     app.command("rehearse", epilog=EPILOG)(rehearse)
 
 
@@ -84,10 +87,13 @@ def rehearse(
     summary: SummaryOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Walk the documented path on many drawn robots, and say of how many the tip becomes quiet, and of which not, and why.
+    """Rehearse the documented path on many drawn robots.
 
-    Each robot is drawn by its seed, and treated from a bench file that knows nothing of it: identified, designed for, cancelled,
-    learnt; then its true tip is measured. A robot's row is kept as soon as it is there, so that nothing that ends this loses it.
+    The report states on how many the tip becomes quiet, on which it does not, and why.
+
+    Each robot is drawn by its seed and treated with a bench file that has no knowledge of it: identification, design,
+    cancellation, learning; then its true tip is measured. Each robot's row is saved at once, so an interruption loses
+    nothing.
 
     Examples:
         plant-emulator rehearse --seeds 1-1000 --out rehearsal
@@ -114,7 +120,7 @@ def rehearse(
             return
         named = _seeds(seeds)
         if arms and over_bus:
-            raise fail("--arms: arms are walked in this process, leave --over-bus out", EmulatorExitStatus.USAGE)
+            raise fail("--arms walks arms in this process; leave --over-bus out", EmulatorExitStatus.USAGE)
         executors = _executors(on, jobs, keep=keep)
         kept = Kept(out)
         kept.begin(RehearsalSettings(ARMS if arms else kind, over_bus), resume=resume)
@@ -132,7 +138,7 @@ def _seeds(text: str | None) -> tuple[int, ...]:
 
 
 def _executors(on: str | None, jobs: int | None, *, keep: bool) -> "Executors":
-    """Those who walk, as the options say."""
+    """Return the executors that the options choose."""
     from plant_emulator.rehearsal.many.cluster import DaskWorkers, scheduler_address
     from plant_emulator.rehearsal.many.executors import LocalProcesses
 
@@ -141,7 +147,7 @@ def _executors(on: str | None, jobs: int | None, *, keep: bool) -> "Executors":
     if jobs is not None:
         raise fail("--jobs cannot be combined with --on; the scheduler decides", EmulatorExitStatus.USAGE)
     if keep:
-        raise fail("--keep: the workers of --on may have another file system", EmulatorExitStatus.USAGE)
+        raise fail("--keep cannot be combined with --on, whose workers may have another file system", EmulatorExitStatus.USAGE)
     with exit_on_value_error():
         return DaskWorkers(scheduler_address(on))
 
@@ -153,7 +159,10 @@ def _processors() -> int:
 def _walk(
     kept: "Kept", seeds: Sequence[int], executors: "Executors", kind: KindName | None, *, over_bus: bool, keep: bool
 ) -> None:
-    """Walk the robots that are not there yet, arms where there is no kind; each row is kept at once."""
+    """Walk the missing robots.
+
+    They are arms if there is no kind. Each row is saved at once.
+    """
     from plant_emulator.rehearsal.arms.path import walk_arm_seed
     from plant_emulator.rehearsal.many.executors import ExecutorsLostError, ExecutorsRefusedError
     from plant_emulator.rehearsal.many.one import kind_of, walk_seed
@@ -162,7 +171,7 @@ def _walk(
     there = kept.seeds()
     missing = [seed for seed in seeds if seed not in there]
     if len(missing) < len(seeds):
-        typer.echo(f"{len(seeds) - len(missing)} of {len(seeds)} robots are there already", err=True)
+        typer.echo(f"{len(seeds) - len(missing)} of {len(seeds)} robots are done already", err=True)
     if not missing:
         return
     done = 0
@@ -186,14 +195,17 @@ def _walk(
     except (ExecutorsLostError, KeyboardInterrupt) as error:
         is_lost = isinstance(error, ExecutorsLostError)
         words = (
-            f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots were walked and are kept: --resume goes on"
+            f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots are walked and kept; continue with --resume"
         )
         raise fail(words, EmulatorExitStatus.BUS if is_lost else EmulatorExitStatus.INTERRUPTED) from None
 
 
 @contextmanager
 def _progress(total: int) -> Iterator[Callable[["Row"], None]]:
-    """Progress on standard error: a bar with rate and time left on a terminal, else a line a minute."""
+    """Show progress on standard error.
+
+    A terminal gets a bar with rate and time left, other outputs a line a minute.
+    """
     from plant_emulator.rehearsal.many.reading import is_quiet
 
     begin, quiet, done = time.monotonic(), 0, 0
@@ -234,7 +246,10 @@ def _progress(total: int) -> Iterator[Callable[["Row"], None]]:
 
 
 def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False) -> None:
-    """Write table and report of all robots of the folder, and say which numbers are reached."""
+    """Write table and report of all robots in the folder.
+
+    It also prints which goals are reached.
+    """
     from plant_emulator.rehearsal.arms.summary import arm_claims, arm_tips
     from plant_emulator.rehearsal.many import tables
     from plant_emulator.rehearsal.many.claims import claims_of, document
@@ -279,6 +294,6 @@ def _claims_file(folder: Path, whole: "Mapping[str, object]") -> Path:
 def _judge(found: "Sequence[RehearsalClaim]", *, check: bool) -> None:
     failed = [each for each in found if each.holds is False]
     for each in failed:
-        typer.echo(f"not reached: {each.words}; asked {each.asked}, measured {each.measured}", err=True)
+        typer.echo(f"not reached: {each.words}; goal {each.asked}, measured {each.measured}", err=True)
     if failed and check:
         raise typer.Exit(EmulatorExitStatus.NOT_MET)

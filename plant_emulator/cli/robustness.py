@@ -1,4 +1,7 @@
-"""plant-emulator robustness: which fraction of the possible plants keeps the specification, and which unknown matters."""
+"""plant-emulator robustness: many plants against the specification.
+
+It states the fraction that meets the specification, and the unknowns that matter.
+"""
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
@@ -52,20 +55,25 @@ AxesOption = Annotated[
         autocompletion=AXES.several,
     ),
 ]
-ExperimentOption = Annotated[ExperimentName, typer.Option("--experiment", help="What the robot is asked to do.")]
+ExperimentOption = Annotated[ExperimentName, typer.Option("--experiment", help="Motion of the robot.")]
 TreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="none: the same plants without filters.")]
 TuningOption = Annotated[
     Path | None,
     typer.Option("--tuning", help="Gains and filters: a bench, robot or tuning file; default: the robot file's own."),
 ]
 NotchOption = Annotated[Path | None, typer.Option("--notch", help="Filters instead: the design file of hil design notch.")]
-SpreadOption = Annotated[Path | None, typer.Option("--spread", help="What is not known, and how far (TOML); docs/robustness.md.")]
-RunsOption = Annotated[int, typer.Option("--runs", min=1, max=100_000, help="Plants of each study.")]
+SpreadOption = Annotated[
+    Path | None, typer.Option("--spread", help="Spread of the unknowns (TOML file); see docs/robustness.md.")
+]
+RunsOption = Annotated[int, typer.Option("--runs", min=1, max=100_000, help="Number of plants in each study.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Equal seeds give equal plants.")]
 JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; default: one per processor.")]
-TipOption = Annotated[float, typer.Option("--tip-mm", help="The specification: largest tip peak.")]
+TipOption = Annotated[float, typer.Option("--tip-mm", help="Specification: largest permitted tip peak.")]
 AreaOption = Annotated[
-    float, typer.Option("--area-percent", help="Of a line motion with filters: smallest reduction of the spectrum's area.")
+    float,
+    typer.Option(
+        "--area-percent", help="Specification of a line motion with filters: smallest reduction of the spectrum's area."
+    ),
 ]
 OnlyOption = Annotated[int | None, typer.Option("--only", min=0, metavar="INDEX", help="Only this plant, in detail.")]
 OutOption = Annotated[
@@ -74,7 +82,7 @@ OutOption = Annotated[
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it `plant-emulator robustness`."""
+    """Add `plant-emulator robustness`."""
     settings = {"token_normalize_func": present_token}  # former names are understood, and no help shows them
     app.command("robustness", epilog=ROBUSTNESS_EPILOG, context_settings=settings)(robustness)
 
@@ -96,9 +104,12 @@ def robustness(
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Simulate many plants that differ in their unknowns; say which fraction keeps the specification, and which unknown matters.
+    """Simulate many plants that differ in their unknowns.
 
-    In one process per core and without a bus: the drives' law, the set-points and the plant of `plant-emulator simulate`.
+    The result is the fraction that meets the specification, and the unknowns that matter.
+
+    It runs one process per core and no bus. The drives' law, the set-points and the plant are those of `plant-emulator
+    simulate`.
 
     Examples:
         plant-emulator robustness --axis 2,3 --out robustness
@@ -138,7 +149,10 @@ def robustness(
 def _robot(
     name: str, tuning: Path | None, notch: Path | None
 ) -> "tuple[Robot, dict[int, TunedAxis], dict[int, tuple[Notch, ...]]]":
-    """Return the robot, and by axis its gains and filters, from the files that were given."""
+    """Return the robot, and gains and filters by axis.
+
+    They come from the given files.
+    """
     from plant_emulator.robots.robot import load_robot
 
     model = load_robot(name)
@@ -147,7 +161,7 @@ def _robot(
 
 
 def _spread(file: Path | None) -> "PlantSpread":
-    """Return how far the unknowns lie apart."""
+    """Return the spread of the unknowns."""
     from drive_profiles.files.toml import load
     from plant_emulator.studies.spread import PlantSpread
 
@@ -166,7 +180,10 @@ def _processors() -> int:
 
 
 def _tuned(name: str, model: "Robot", given: Path | None) -> dict[int, "TunedAxis"]:
-    """Gains and filters by axis: of the file that is given, else the robot's own; the reference robot's lie beside its file."""
+    """Return gains and filters by axis.
+
+    They are those of the given file, else the robot's own; those of the reference robot are in a file beside it.
+    """
     from plant_emulator.robots.tuning import load_tuning, robot_tuning
 
     if given is None and name == "reference":
@@ -175,7 +192,10 @@ def _tuned(name: str, model: "Robot", given: Path | None) -> dict[int, "TunedAxi
 
 
 def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[int, tuple["Notch", ...]]:
-    """Filters by axis; those of a design file take the place of an axis' others."""
+    """Return filters by axis.
+
+    Those of a design file replace an axis' others.
+    """
     from plant_emulator.robots.tuning import load_tuning
 
     tables = {number: each.notch for number, each in tuned.items()}
@@ -185,7 +205,7 @@ def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[in
 
 
 def _axes(given: str | None, model: "Robot", filters: Mapping[int, object]) -> list[int | None]:
-    """The axes that are asked for."""
+    """Return the axes of the option."""
     if given is None:
         return [*([number for number in sorted(model.axis) if number in filters] or sorted(model.axis))]
     return [*axis_numbers(given, model)]
@@ -198,7 +218,7 @@ def _check_filters(numbers: Sequence[int | None], filters: Mapping[int, object],
     for number in numbers:
         if number is not None and number not in filters:
             where = "" if designed is None else f" in {designed}"
-            raise fail(f"axis {number} has no filter{where}; --treatment none runs it without", EmulatorExitStatus.USAGE)
+            raise fail(f"axis {number} has no filter{where}; give --treatment none to run it without", EmulatorExitStatus.USAGE)
 
 
 def _studies(model: "Robot", numbers: Sequence[int | None], settings: Mapping[str, object]) -> list["Study"]:
@@ -220,7 +240,7 @@ def _many(studies: Sequence["Study"], runs: int, jobs: int, out: Path | None, *,
         with progress("plants", runs * len(studies)) as step:
             judged = run_all(studies, runs, jobs, step)
     except BrokenProcessPool:
-        raise fail("a process that was simulating has died; --jobs 1 does without others", EmulatorExitStatus.INTERNAL) from None
+        raise fail("a simulating process has died; try --jobs 1", EmulatorExitStatus.INTERNAL) from None
     took = time.monotonic() - begin
     summaries = [summarise(study, each, study.judge(-1)) for study, each in zip(studies, judged, strict=True)]
     whole = {"studies": [document(summary) for summary in summaries]}
@@ -235,7 +255,10 @@ def _many(studies: Sequence["Study"], runs: int, jobs: int, out: Path | None, *,
 
 
 def _keep(out: Path, summaries: Sequence["Summary"], whole: Mapping[str, object]) -> None:
-    """The files: one JSON document and one figure of all studies, and a table of draws for each."""
+    """Write the result files.
+
+    They are one JSON document and one figure of all studies, and a table of draws for each.
+    """
     import json
 
     from drive_profiles.files.safefile import write_atomically
@@ -316,7 +339,7 @@ def _number(value: float) -> str:
 
 
 def _one(studies: Sequence["Study"], index: int, out: Path | None, *, as_json: bool) -> None:
-    """One plant again, with its run where a folder is given."""
+    """Simulate one plant again, and save its run to a folder."""
     from drive_profiles.files.safefile import write_atomically
     from plant_emulator.studies.summary import run_document
 
@@ -349,7 +372,7 @@ def _one(studies: Sequence["Study"], index: int, out: Path | None, *, as_json: b
 
 
 def _run_csv(study: "Study", index: int) -> str:
-    """Signals of one run, a line per SYNC."""
+    """Return the signals of one run as CSV, one line per SYNC."""
     trace = study.run(*study.draw(index))
     heads = ["time_s"]
     for number in study.axes:

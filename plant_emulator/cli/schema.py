@@ -1,4 +1,4 @@
-"""plant-emulator schema: the JSON Schema of the TOML files that the emulator reads."""
+"""plant-emulator schema: JSON Schema of the emulator's TOML files."""
 
 # ruff: noqa: PLC0415 - --help must not wait for numpy
 

@@ -88,7 +88,7 @@ EdsOption = Annotated[
     typer.Option("--eds", metavar="AXIS=PATH", help="EDS file of an axis' drive; its further objects do nothing; repeatable."),
 ]
 StoreTimeOption = Annotated[
-    float | None, typer.Option("--store-time-s", min=0.0, help="How long a drive is silent while it stores.")
+    float | None, typer.Option("--store-time-s", min=0.0, help="Time for which a drive is silent while it stores.")
 ]
 LoadEncoderOption = Annotated[
     int | None,
@@ -96,15 +96,12 @@ LoadEncoderOption = Annotated[
         "--load-encoder-bits", min=8, max=26, help="Bits of a second encoder on every joint (60E4h); docs/load-encoder.md."
     ),
 ]
-WallOption = Annotated[
-    bool, typer.Option("--wall", help="The local bus follows the wall clock, whoever sends SYNC; else SYNC moves it.")
-]
+WallOption = Annotated[bool, typer.Option("--wall", help="Let the local bus follow the wall clock; by default SYNC advances it.")]
 HostLatencyOption = Annotated[
-    float, typer.Option("--host-latency-us", min=0.0, max=1e6, help="From a client's program to its controller, in bus time.")
+    float,
+    typer.Option("--host-latency-us", min=0.0, max=1e6, help="Delay from a client's program to its controller, in bus time."),
 ]
-FaultsOption = Annotated[
-    Path | None, typer.Option("--faults", help="What goes wrong on the wire: a TOML file of [[fault]] tables.")
-]
+FaultsOption = Annotated[Path | None, typer.Option("--faults", help="Faults on the wire: a TOML file of [[fault]] tables.")]
 SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all noise instead of the file's.")]
 StreamOption = Annotated[bool, typer.Option("--stream", help="Use a stream socket although the system has seqpacket.")]
 UntilStdinClosesOption = Annotated[
@@ -121,14 +118,16 @@ SerialAccelerometerOption = Annotated[
     str | None,
     typer.Option("--serial-accelerometer", metavar="PATH", help="Also send the tip's acceleration on a serial port here."),
 ]
-FramingOption = Annotated[SerialFraming, typer.Option("--framing", help="How the serial accelerometer writes; docs/serial.md.")]
+FramingOption = Annotated[
+    SerialFraming, typer.Option("--framing", help="Frame format of the serial accelerometer; see docs/serial.md.")
+]
 SerialRateOption = Annotated[
     float, typer.Option("--serial-rate-hz", min=1.0, max=4000.0, help="Samples per second of the serial accelerometer.")
 ]
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it a command of `plant-emulator`."""
+    """Add `plant-emulator serve`."""
     app.command(epilog=SERVE_EPILOG)(serve)
 
 
@@ -153,7 +152,9 @@ def serve(
     framing: FramingOption = SerialFraming.LINE,
     serial_rate_hz: SerialRateOption = 1000.0,
 ) -> None:
-    """Serve the robot on a local bus, or by the wall clock on any other, until Ctrl-C.
+    """Serve the robot on a bus until Ctrl-C.
+
+    On a local bus it runs in lock-step or by the wall clock, on any other by the wall clock.
 
     Examples:
         plant-emulator serve --robot reference --bus local:/tmp/robot.sock
@@ -193,7 +194,7 @@ def serve(
 
 
 class _Changes(NamedTuple):
-    """Choose what the served robot has other than its file."""
+    """Changes of the served robot from its file."""
 
     axes: str | None
     drives: dict[int, str]
@@ -205,7 +206,10 @@ class _Changes(NamedTuple):
 
 
 def _robot(robot: str, changes: _Changes) -> "Robot":
-    """Return the robot of a file with the axes, drives, gains and the seed that were asked for."""
+    """Return the robot of a file with the requested changes.
+
+    These are its axes, drives, gains and seed.
+    """
     from plant_emulator.robots.part import part_of  # noqa: PLC0415
     from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
     from plant_emulator.robots.tuning import load_tuning, tuned  # noqa: PLC0415
@@ -224,7 +228,10 @@ def _robot(robot: str, changes: _Changes) -> "Robot":
 
 
 def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) -> None:
-    """Let the server end in good order with Ctrl-C, SIGTERM and, where that is asked for, the end of standard input."""
+    """Stop the server orderly on a signal.
+
+    Signals are Ctrl-C, SIGTERM and, with `until_stdin_closes`, the end of standard input.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.stop())
     if until_stdin_closes:
@@ -248,7 +255,7 @@ def _run(server: "Server | Attachment") -> None:
 
 
 def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "tuple[Address, tuple[str, int] | None]":
-    """Parse the addresses to serve: the bus, and the TCP port beside it."""
+    """Parse the served addresses: the bus, and the TCP port."""
     from drive_profiles.address import LOCAL, AddressError, BusChoice, choose_bus, parse_address  # noqa: PLC0415
     from plant_emulator.bus.virtualcan import EndpointError, parse_endpoint  # noqa: PLC0415
 
@@ -260,9 +267,9 @@ def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "t
     if bus is None or choice.passed_over:
         typer.echo(str(choice), err=True)  # of a plain --bus the announcement says enough
     if address.interface != LOCAL and slcan is not None:
-        raise fail(f"--slcan: an adapter joins a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
+        raise fail(f"--slcan needs a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
     if address.interface != LOCAL and virtualcan is not None:
-        raise fail(f"--virtualcan: over TCP a bus local:PATH is served, not {address}", EmulatorExitStatus.USAGE)
+        raise fail(f"--virtualcan needs a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
     try:
         return address, None if virtualcan is None else parse_endpoint(virtualcan)
     except EndpointError as error:
@@ -270,7 +277,7 @@ def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "t
 
 
 class _Wire(NamedTuple):
-    """Choose the medium of the local bus."""
+    """Medium of the local bus."""
 
     wall: bool
     host_latency_s: float
@@ -278,7 +285,10 @@ class _Wire(NamedTuple):
 
 
 def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) -> "Server | Attachment":
-    """The local bus around a world, or the world on a bus that others keep."""
+    """Return the local bus around a world, or its attachment.
+
+    The world is attached to an existing bus.
+    """
     from drive_profiles.address import LOCAL  # noqa: PLC0415
     from drive_profiles.errors import FileError  # noqa: PLC0415
     from drive_profiles.files.toml import load  # noqa: PLC0415
@@ -295,9 +305,7 @@ def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) ->
             medium = medium_for(world, address.bitrate, wall=wire.wall, host_latency_s=wire.host_latency_s, faults=faults)
             return Server(world, address.channel, stream=stream, medium=medium)
         if wire != (False, 0.0, None):
-            raise fail(
-                f"--wall, --host-latency-us and --faults are for a bus local:PATH, not {address}", EmulatorExitStatus.USAGE
-            )
+            raise fail(f"--wall, --host-latency-us and --faults need a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
         return Attachment(world, open_channel(address))
     except FileError as error:
         raise fail(str(error), EmulatorExitStatus.FILE) from None
@@ -310,7 +318,7 @@ def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) ->
 
 
 def _world(robot: str, model: "Robot", sensor: "EmulatedSerialAccelerometer | None") -> "World":
-    """The world of a model, with a sensor on a serial line where there is one."""
+    """Return the world of a model, with a serial sensor if given."""
     from plant_emulator.serial.accelerometer import MeasuredWorld  # noqa: PLC0415
     from plant_emulator.world import World  # noqa: PLC0415
 
@@ -325,7 +333,7 @@ def _open_ports(
     accelerometer: str | None,
     sensor: "EmulatedSerialAccelerometer | None",
 ) -> None:
-    """The serial ports beside the bus; `ports` closes them."""
+    """Open the serial ports beside the bus; `ports` closes them."""
     if slcan is None and accelerometer is None:
         return
     from hil.can.raw import connect_local  # noqa: PLC0415
@@ -347,7 +355,7 @@ def _open_ports(
 
 
 def _open_virtualcan(server: "Server | Attachment", endpoint: tuple[str, int] | None) -> None:
-    """The bus over TCP, where that is asked for; the server closes it."""
+    """Open the bus over TCP if requested; the server closes it."""
     from plant_emulator.bus.server import Server  # noqa: PLC0415
     from plant_emulator.bus.virtualcan import VirtualcanListener  # noqa: PLC0415
 

@@ -17,7 +17,7 @@ SIMULATE_EPILOG = epilog(
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it a command of `plant-emulator`."""
+    """Add `plant-emulator simulate`."""
     app.command(epilog=SIMULATE_EPILOG)(simulate)
 
 
@@ -31,7 +31,9 @@ def simulate(
     notch: Annotated[bool, typer.Option("--notch/--no-notch", help="With the axes' notch filters of the robot file.")] = False,
     sync_period_s: Annotated[float, typer.Option("--sync-period-s", help="Period of the set-points.")] = 0.002,
 ) -> None:
-    """Run an experiment without CAN and write the true motion; the robot file must give `control` (and `notch`) tables.
+    """Run an experiment without CAN and write the true motion.
+
+    The robot file must have `control` (and `notch`) tables.
 
     Example: plant-emulator simulate --robot robot.toml --axis 2 --notch --out axis2.csv
     """

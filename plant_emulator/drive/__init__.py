@@ -1,4 +1,6 @@
-"""The emulated CiA 402 drive: dictionary, state machine, modes of operation, power stage, and their ties to one axis.
+"""The emulated CiA 402 drive.
+
+It has an object dictionary, a state machine, modes of operation and a power stage, and is bound to one axis.
 
 `drive.drive.Drive` puts the parts together. `drive.state_machine` is the pure state machine of CiA 402-2, without an axis:
 

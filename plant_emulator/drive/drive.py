@@ -1,4 +1,7 @@
-"""The emulated servo drive: CANopen slave, CiA 402 state machine, modes and servo law, joined to one axis of the robot."""
+"""The emulated servo drive, joined to one axis of the robot.
+
+It is made of a CANopen slave, the CiA 402 state machine, the modes and the servo law.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -48,7 +51,7 @@ from plant_emulator.slave.node import Slave
 
 
 class DelayedTransition(NamedTuple):
-    """A transition that a drive takes its time for.
+    """A transition that a drive executes only after a delay.
 
     Args:
         step: Step that it will take.
@@ -62,7 +65,9 @@ class DelayedTransition(NamedTuple):
 
 
 class Drive:
-    """A servo drive on the bus, sans IO: `receive`, `advance`, `due` as every node; `update` after each advance of the axes.
+    """A servo drive on the bus, sans IO.
+
+    `receive`, `advance` and `due` are those of every node; `update` is called after each advance of the axes.
 
     Attributes:
         axes: The mechanics.
@@ -79,7 +84,9 @@ class Drive:
     """
 
     def __init__(self, axes: Axes, number: int, family: DriveFamily | None = None) -> None:
-        """Join an axis to a node with the id that the robot file gives it.
+        """Join an axis to a node.
+
+        The node-ID is that of the robot file.
 
         Args:
             axes: The mechanics.
@@ -132,7 +139,7 @@ class Drive:
         self.data.restart()
 
     def _bind(self) -> None:
-        """Listen to the parts: from here on they may call back."""
+        """Connect the callbacks of the parts."""
         slave, dictionary = self.slave, self.slave.dictionary
         self.inputs.on_sto = self._set_torque_off
         self._faults.on_lack = self._set_status
@@ -155,13 +162,13 @@ class Drive:
         return self._standing.power.state
 
     def repeats(self, control_word: int) -> bool:
-        """True if the drive is enabled and the control word is unchanged."""
+        """Return True if the drive is enabled and the word unchanged."""
         standing = self._standing
         return standing.is_following and standing.power.control_word == control_word
 
     @property
     def mode(self) -> Mode | None:
-        """The mode that acts; None if there is no torque, or no mode has been chosen."""
+        """Mode that acts; None without torque or without a mode."""
         acting = self._modes.acting
         return Mode(acting.number) if acting is not None and acting.number else None
 
@@ -172,21 +179,24 @@ class Drive:
 
     @property
     def node_id(self) -> int:
-        """The node's id."""
+        """Node-ID of the drive."""
         return self.slave.node_id
 
     @property
     def due(self) -> int | None:
-        """The next instant, in ns, at which `advance` must be called."""
+        """Next instant, in ns, at which `advance` must be called."""
         return self.slave.due
 
     def power_on(self, now: int) -> list[Frame]:
-        """Start, or start again after a loss of power: the boot-up frame. What was not stored is lost."""
+        """Start, or restart after a loss of power.
+
+        Values that were not stored are lost. Returns the boot-up frame.
+        """
         self._restart()
         return self.slave.power_on(now)
 
     def receive(self, frame: Frame, now: int) -> list[Frame]:
-        """Take any frame from the bus; what the drive answers."""
+        """Process a frame from the bus; return the drive's answers."""
         return self.slave.receive(frame, now)
 
     def advance(self, now: int) -> list[Frame]:
@@ -194,9 +204,11 @@ class Drive:
         return self.slave.advance(now)
 
     def update(self, now: int) -> list[Frame]:
-        """Look at what the axis has done since the last call: broken limits, finished stops, waiting set-points.
+        """Process what the axis has done since the last call.
 
-        After each advance of the axes.
+        It may have exceeded a limit, finished a stop, or come to the next set-point.
+
+        Call this after each advance of the axes.
 
         Args:
             now: The time, in ns.
@@ -225,7 +237,10 @@ class Drive:
 
     @property
     def needs_update(self) -> bool:
-        """True while `update` has work that nothing else announces: a stop, a delayed transition, a queued set-point, homing."""
+        """True while `update` has work that the axis does not signal.
+
+        Such work is a stop, a delayed transition, a queued set-point or homing.
+        """
         acting = self._modes.acting
         if self._standing.is_stopping or self._delayed is not None:
             return True
@@ -234,18 +249,18 @@ class Drive:
     # -- status and mode -----------------------------------------------------------------------------------------------
 
     def _stand(self, power: Power) -> None:
-        """Replace the standing, and tell who listens of another state."""
+        """Replace the standing, and report a change of state."""
         before = self.state
         self._standing = Standing.of(power, torque_off=self.inputs.is_sto_active, lack=self._faults.is_lacking)
         if power.state is not before:
             self.on_state(before, power.state)
 
     def _set_status(self) -> None:
-        """Replace the standing where something beside the state has changed."""
+        """Replace the standing if something other than the state has changed."""
         self._stand(self._standing.power)
 
     def status_word(self) -> int:
-        """The status word now."""
+        """Return the present status word."""
         standing, signals, row = self._standing, self._signals, self.row
         word, acting = standing.plain_word, self._modes.acting
         if standing.is_enabled and acting is not None:
@@ -262,7 +277,10 @@ class Drive:
     # -- state machine -------------------------------------------------------------------------------------------------
 
     def _write_control_word(self, word: int) -> None:
-        """Run the state machine on a control word until it stands; the fault reset acts on the edge only."""
+        """Run the state machine on a control word until it settles.
+
+        The fault reset acts on the edge only.
+        """
         standing = self._standing
         if standing.is_following and word == standing.power.control_word:
             return
@@ -287,7 +305,10 @@ class Drive:
             self._modes.command(word)
 
     def _remember(self, power: Power) -> None:
-        """Stay in the state, with another control word; a master repeats the same one with every SYNC."""
+        """Remember a control word that leaves the state unchanged.
+
+        A master repeats the same word with every SYNC.
+        """
         if power != self._standing.power:
             self._stand(power)
 
@@ -301,7 +322,10 @@ class Drive:
         return not (self.inputs.is_sto_active and step.power.state is State.READY_TO_SWITCH_ON)
 
     def _wait_for_transition(self, delayed: DelayedTransition, now: int) -> None:
-        """A drive that takes its time for a transition: of the words that come meanwhile the last counts."""
+        """Execute a transition when its delay is over.
+
+        Of the control words that come meanwhile only the last counts.
+        """
         step, latest, due = delayed
         if due is None:
             due = now + round(1e6 * self.behaviour.transition_delay_ms)
@@ -319,13 +343,16 @@ class Drive:
             self._write_control_word(latest)
 
     def _forget_words(self) -> None:
-        """Forget what the master wrote before a fault, a lost connection or another NMT state: it must write anew."""
+        """Discard the control words written before an interruption.
+
+        After a fault, a lost connection or another NMT state the master must write a word anew.
+        """
         self._is_word_fresh = False
         if self._delayed is not None:
             self._delayed = None if self._delayed.step.action is Action.ENERGISE else self._delayed._replace(word=None)
 
     def _take(self, step: Step) -> None:
-        """Go one step of the state machine, with what it asks of the power stage."""
+        """Take one step of the state machine, with the power stage."""
         if step.action is Action.NONE and step.power == self._standing.power:
             return
         self._delayed = None
@@ -348,13 +375,19 @@ class Drive:
                 pass
 
     def _end_stop(self) -> None:
-        """The motor stands. A word that has come since the stop began acts now; the one that began it does not act again."""
+        """End a stop: the motor is at rest.
+
+        A control word that came since the stop began takes effect now; the one that began it does not act again.
+        """
         self._take(stopped(self._standing.power, self._options.now()))
         if self._is_word_fresh and not self._standing.is_powered:
             self._write_control_word(self._standing.power.control_word)
 
     def _stop_at_rest(self) -> None:
-        """Disable operation and shutdown need no ramp where the motor stands; nor does a quick stop that ends by itself."""
+        """End a stop at once if the motor is at rest.
+
+        This concerns disable operation, shutdown, and a quick stop that ends by itself.
+        """
         ends = self._standing.power.leaving is not None or (
             self.state is State.QUICK_STOP_ACTIVE and self.behaviour.quick_stop_ends_disabled_at_once
         )
@@ -369,10 +402,10 @@ class Drive:
     # -- safe torque off -----------------------------------------------------------------------------------------------
 
     def _set_torque_off(self, active: bool) -> None:
-        """Take the torque away by the safe torque off input, or give the voltage back; see `torque_lost`.
+        """Activate or release safe torque off; see `torque_lost`.
 
-        Under torque it is a fault without a ramp. While it is active the voltage is not enabled (bit 4), and the drive does not
-        become ready to switch on. Nothing comes back by itself: the master resets the fault and enables anew.
+        Under torque it is a fault without a ramp. While it is active the voltage is not enabled (bit 4), and the drive does
+        not become ready to switch on. Nothing returns by itself: the master resets the fault and enables the drive again.
         """
         self._set_status()
         if active:
@@ -398,7 +431,10 @@ class Drive:
         self._connection_lost(RPDO_TIMEOUT)
 
     def _connection_lost(self, code: int = EmergencyCode.HEARTBEAT, react: Callable[..., Step] = disconnected) -> None:
-        """React as 6007h says; a drive that does not move has nothing to abort, but forgets what it was about to do."""
+        """React to a lost connection as 6007h demands.
+
+        A drive that does not move has nothing to abort, but discards waiting commands.
+        """
         self._forget_words()
         option = self.data.value(Object.ABORT_CONNECTION_OPTION)
         step = react(self._standing.power, option, self._options.now())
@@ -409,10 +445,10 @@ class Drive:
         self._take(step)
 
     def _on_reset(self, kind: ResetKind) -> None:
-        """NMT reset: the node's own values are back at their defaults.
+        """Restart after an NMT reset, with the node's values at defaults.
 
         A reset of the node closes the brake at once. A reset of communication is a lost connection: 6007h decides, and where it
-        asks for nothing, a quick stop. So a ramp may go on after it, until the motor stands.
+        demands nothing, a quick stop. So a ramp may continue after it, until the motor is at rest.
         """
         if kind is ResetKind.NODE:
             self._restart()

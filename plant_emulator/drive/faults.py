@@ -1,4 +1,7 @@
-"""A drive's faults: what they are called, their error codes, and how 603Fh, 1001h, 1003h and the emergencies tell of them."""
+"""A drive's faults, with their names and error codes.
+
+They are reported in 603Fh, 1001h, 1003h and the emergencies.
+"""
 
 from collections.abc import Callable
 
@@ -35,42 +38,54 @@ _CAUSES = (*(cause for _, cause, _ in FAULTS), CONNECTION, TORQUE_OFF)
 
 
 class DriveFaults:
-    """Reports faults and withdraws them; what they do to the motion is the state machine's.
+    """Report of faults, and their withdrawal.
 
-    603Fh is the lower half of 1003h:01h (CiA 402-2): the last error of the whole node, lacks and those of communication among
-    them. A fault reset leaves it, as it leaves the history; it is 0 when 1003h:00h is cleared, or the node reset.
+    The state machine decides on their effect on the motion.
+
+    603Fh is the lower half of 1003h:01h (CiA 402-2): the last error of the whole node, including missing parameters and
+    communication errors. A fault reset leaves 603Fh and the history; 603Fh is 0 when 1003h:00h is cleared, or the node
+    reset.
 
     Attributes:
         on_lack: Called when something may be lacking, or no longer.
     """
 
     def __init__(self, slave: Slave) -> None:
-        """Take hold of the node."""
+        """Keep a reference to the node."""
         self.on_lack: Callable[[], None] = lambda: None
         self._slave = slave
         slave.dictionary.on_read(Object.ERROR_CODE, 0, lambda: slave.last_error_code)
         self._connection: int | None = None
 
     def report(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.PROFILE) -> None:
-        """A fault."""
+        """Report a fault."""
         self._slave.raise_emergency(cause, code, register)
 
     def report_connection(self, code: int) -> None:
-        """The master has gone. Where the node has just said so with the same code, one emergency is enough."""
+        """Report that the connection to the master is lost.
+
+        If the node has just reported the same code, no second emergency is sent.
+        """
         self._connection = code
         self._slave.join_emergency(CONNECTION, code, ErrorRegister.COMMUNICATION)
 
     def repeat_connection(self) -> None:
-        """Tell of it again: a communication reset makes the node forget its errors, but not the drive its fault."""
+        """Report the lost connection again.
+
+        After a communication reset the node has no errors, but the drive still has its fault.
+        """
         if self._connection is not None:
             self._slave.join_emergency(CONNECTION, self._connection, ErrorRegister.COMMUNICATION)
 
     def forget(self) -> None:
-        """The node has been reset, and with it what it had to say."""
+        """Drop the lost connection, after a reset of the node."""
         self._connection = None
 
     def report_lack(self, lack: str | None) -> None:
-        """Report what a drive lacks that was to be enabled, or to take a mode; a lack that is over is withdrawn."""
+        """Report what prevents enabling or a change of mode.
+
+        A lack that has ended is withdrawn.
+        """
         for cause in LACKS:
             if cause == lack:
                 self._slave.raise_emergency(cause, PARAMETER_FAULT, ErrorRegister.PROFILE)
@@ -79,17 +94,20 @@ class DriveFaults:
         self.on_lack()
 
     def end_lack(self, lack: str) -> None:
-        """Withdraw a lack that is over."""
+        """Withdraw a lack that has ended."""
         self._slave.clear_emergency(lack)
         self.on_lack()
 
     @property
     def is_lacking(self) -> bool:
-        """True if something has been lacking, and nothing has changed since."""
+        """True if something is lacking, and nothing has changed since."""
         return any(cause in LACKS for cause in self._slave.emergency_causes)
 
     def clear(self) -> None:
-        """Fault reset: the causes are gone; the history goes on telling of them."""
+        """Withdraw all causes at a fault reset.
+
+        The history keeps them.
+        """
         self.forget()
         for cause in _CAUSES:
             self._slave.clear_emergency(cause)

@@ -1,8 +1,10 @@
-"""A drive's digital inputs and outputs: switches and probes where the robot file puts them, and the safe torque off of its owner.
+"""A drive's digital inputs and outputs.
 
-The control period sees the switches and latches their edges (`supervision.h`). Here the edges are
-given to those who wait for them, and 60FDh shows the levels: bits 0 to 2 as CiA 402 has them, bit 3 (interlock) while safe
-torque off is active, and in the manufacturer's half bits 16 and 17 for what the touch probes see, bit 18 for safe torque off.
+Switches and probes are at the positions of the robot file; safe torque off is set by the drive's owner.
+
+The control period evaluates the switches and latches their edges (`supervision.h`). This module
+passes the edges to their listeners. 60FDh shows the levels: bits 0 to 2 as in CiA 402, bit 3 (interlock) while safe torque
+off is active, and in the manufacturer's half bits 16 and 17 for the touch probes and bit 18 for safe torque off.
 
 Source: CiA 402-2, 60FDh and 60FEh.
 """
@@ -37,7 +39,7 @@ class DigitalInputs:
     """
 
     def __init__(self, axes: Axes, number: int, dictionary: Dictionary) -> None:
-        """Set the switches of the robot file, and tie 60FDh to them.
+        """Set the switches of the robot file, and bind 60FDh.
 
         Args:
             axes: The mechanics.
@@ -57,7 +59,10 @@ class DigitalInputs:
         dictionary.on_read(Object.DIGITAL_INPUTS, 0, self._digital_inputs)
 
     def _set_switches(self, switches: Switches, ratio: float) -> None:
-        """Write the first and last active count of each switch, from angles of the joint; the index pulse, of the motor."""
+        """Write the first and last active count of each switch.
+
+        Switches have angles of the joint, the index pulse has one of the motor.
+        """
         motion = self._motion
         per_degree = motion["counts_per_rev"] / 360.0
         joint = ratio * per_degree
@@ -100,12 +105,12 @@ class DigitalInputs:
 
     @property
     def present(self) -> int:
-        """Bits of the inputs that there are."""
+        """Bits of the existing inputs."""
         return int(self._motion["input_mask"])
 
     @property
     def levels(self) -> int:
-        """Bits of the inputs that are active."""
+        """Bits of the active inputs."""
         return int(self._levels[self._row])
 
     def _digital_inputs(self) -> int:
@@ -114,17 +119,19 @@ class DigitalInputs:
         return word | INTERLOCK | SAFE_TORQUE_OFF if self.is_sto_active else word
 
     def force(self, inputs: int, *, active: bool = True) -> None:
-        """Hold inputs active from outside, wherever the axis stands, or no longer; the edge is where the motor stands.
+        """Force inputs to be active, or release them.
+
+        They are active at any position of the axis; the edge is at the motor's position.
 
         Args:
             inputs: Bits of `plant_emulator.motion.record`: NEGATIVE_SWITCH and so on.
-            active: Whether to hold them.
+            active: True to force them, False to release them.
 
         Raises:
             ValueError: There are no such inputs.
         """
         if not 0 < inputs <= INPUTS:
-            raise ValueError(f"inputs {inputs:#x}: bits of {INPUTS:#x} are known")
+            raise ValueError(f"inputs {inputs:#x}; expected bits of {INPUTS:#x}")
         motion = self._motion
         motion["input_mask"] = int(motion["input_mask"]) | inputs
         forced = int(motion["forced_inputs"])
@@ -139,7 +146,9 @@ class DigitalInputs:
     # -- edges ---------------------------------------------------------------------------------------------------------
 
     def listen(self, name: str, edges: int, listener: EdgeListener) -> None:
-        """Tell a listener of these edges from now on, until it listens for others; 0: of none.
+        """Register a listener for edges.
+
+        It replaces the listener of this name; with `edges` 0 it is removed.
 
         Args:
             name: Name of the listener.
@@ -157,7 +166,7 @@ class DigitalInputs:
         self._motion["edge_mask"] = mask
 
     def dispatch(self) -> None:
-        """Give the edges that have been seen to those who wait for them."""
+        """Pass the latched edges to their listeners."""
         motion = self._motion
         seen = int(motion["edges"])
         motion["edges"] = motion["event"] = 0

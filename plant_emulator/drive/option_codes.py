@@ -1,4 +1,4 @@
-"""The option codes of CiA 402 that are in force, from a drive's dictionary."""
+"""Option codes of CiA 402 in force, from a drive's dictionary."""
 
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Object
@@ -13,14 +13,16 @@ def _check_homing_method(method: int) -> SdoAbortCode | None:
 
 
 class OptionCodes:
-    """The option codes of one drive; which values they take, the limits of their entries say.
+    """Option codes of one drive.
 
-    Homing methods are not in one row, so that no limits can say which there are: those that are not are refused (0609 0030h),
-    but of an entry that is the vendor's to state.
+    The limits of their entries state the permitted values.
+
+    Homing methods are not contiguous, so limits cannot state them: methods that do not exist are refused (0609 0030h),
+    unless the vendor states the entry.
     """
 
     def __init__(self, family: DriveFamily, behaviour: Behaviour) -> None:
-        """Take hold of the entries."""
+        """Keep references to the entries."""
         dictionary = family.dictionary
         if not family.states((Object.HOMING_METHOD, 0)):
             dictionary.on_write(Object.HOMING_METHOD, 0, _check_homing_method)
@@ -30,7 +32,7 @@ class OptionCodes:
         self._ends = behaviour.quick_stop_ends_disabled_at_once
 
     def now(self) -> Options:
-        """Give the options in force."""
+        """Return the options in force."""
         return Options(
             self._quick_stop.value,  # type: ignore[arg-type] # whole numbers, all of them
             self._shutdown.value,  # type: ignore[arg-type]

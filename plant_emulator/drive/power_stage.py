@@ -1,4 +1,7 @@
-"""The power stage of one axis: off behind a closed brake, under torque in a mode of the drive, or braking to rest."""
+"""The power stage of one axis.
+
+It is off behind a closed brake, under torque in a mode of the drive, or braking to rest.
+"""
 
 import math
 from typing import Any
@@ -15,7 +18,7 @@ STOP_PATIENCE_S = 0.5
 
 
 class PowerStage:
-    """The hand of the state machine and of the modes on the motor.
+    """Control of the motor by the state machine and the modes.
 
     Attributes:
         axes: The mechanics.
@@ -26,7 +29,7 @@ class PowerStage:
     """
 
     def __init__(self, axes: Axes, row: int, data: DriveData) -> None:
-        """Take hold of the axis; the brake stays as it is."""
+        """Keep references to the axis; the brake is unchanged."""
         self.axes, self.row, self.data = axes, row, data
         self.targets = SetPoints(axes, row, data)
         self.motion: Any = axes.motion[row]
@@ -35,12 +38,15 @@ class PowerStage:
 
     @property
     def law_mode(self) -> int:
-        """The mode of the drive that acts."""
+        """Mode of the drive that acts."""
         mode: int = self._mode[self.row]
         return mode
 
     def begin(self, mode: int) -> None:
-        """Go over to a mode of the law, without a jump: from rest behind the brake, or from what the motor does now."""
+        """Switch to a mode of the law without a jump.
+
+        The motor starts from rest behind the brake, or from its present motion.
+        """
         span = max(1, round(self.data.limits.control_periods_per_set_point()))
         if self.law_mode == record.BRAKED:
             self.axes.open_brake(self.row, mode, span)
@@ -48,13 +54,17 @@ class PowerStage:
             self.axes.change_mode(self.row, mode, span)
 
     def close_brake(self) -> None:
-        """No torque, and the brake closed: the motor stands."""
+        """Switch the torque off and close the brake."""
         motion = self.motion
         motion["mode"] = record.BRAKED
         motion["torque_nm"], motion["following_count"] = 0.0, 0
 
     def stop(self, stop: Stop) -> None:
-        """Brake; a brake that is closed already stays closed, and without a velocity loop there is none that could ramp."""
+        """Brake the motor to rest.
+
+        A brake that is closed already stays closed. Without a velocity loop no ramp is possible, so the brake closes at
+        once.
+        """
         motion, axes = self.motion, self.axes
         has_loop = axes.cascade_config[self.row]["velocity_gain_nm_s_rad"] > 0.0
         if stop is Stop.AT_ONCE or self.law_mode == record.BRAKED or not has_loop:
@@ -72,16 +82,19 @@ class PowerStage:
 
     @property
     def is_stopped(self) -> bool:
-        """True if the stop that was begun has come to its end, or had its time."""
+        """True if the stop has ended, or its time is over."""
         motion = self.motion
         return bool(motion["stopped"] or motion["stop_periods"] * self._control_period_s > STOP_PATIENCE_S)
 
     @property
     def stands(self) -> bool:
-        """True if the motor is at rest, as far as the law can see."""
+        """True if the measured motor speed counts as rest."""
         return abs(self.data.speed_rad_s) < record.STOPPED_RAD_S
 
     @property
     def is_braked_at_rest(self) -> bool:
-        """True if a halt or a quick stop has been completed: the motor is at rest and held."""
+        """True if a halt or quick stop is complete.
+
+        The motor is then at rest and held.
+        """
         return bool(self._stopped[self.row]) or self.law_mode == record.BRAKED

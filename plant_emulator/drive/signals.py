@@ -1,4 +1,4 @@
-"""The fields by which the control period speaks to a drive."""
+"""Fields through which the control period signals to a drive."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +8,10 @@ from plant_emulator.motion.axes import Axes, live
 
 @dataclass(frozen=True, slots=True)
 class AxisSignals:
-    """Live columns of `MOTION` (see there), each an array over the rows of the axes."""
+    """Live columns of `MOTION` (see there).
+
+    Each is an array over the rows of the axes.
+    """
 
     trip: Any
     event: Any
@@ -18,5 +21,5 @@ class AxisSignals:
 
     @classmethod
     def of(cls, axes: Axes) -> "AxisSignals":
-        """The columns of these axes."""
+        """Return the columns of these axes."""
         return cls(*(live(axes.motion, name) for name in ("trip", "event", "limited", "stopped", "following_count")))

@@ -1,4 +1,7 @@
-"""The consequences of a drive's state as one frozen value: every SYNC reads it, and each change replaces it whole."""
+"""Consequences of a drive's state as one frozen value.
+
+Every SYNC reads it, and each change replaces it whole.
+"""
 
 from dataclasses import dataclass
 
@@ -8,14 +11,16 @@ from plant_emulator.drive.state_machine import POWERED, Power
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """A state of the power drive system with its consequences; an enum lookup costs more than the rest of the status word.
+    """A state of the power drive system with its consequences.
+
+    They are precomputed, since an enum lookup costs more than the rest of the status word.
 
     Attributes:
         power: The memory of the state machine.
-        is_powered: Whether the motor is, or may be, under torque.
-        is_enabled: Whether the state is Operation enabled.
-        is_stopping: Whether the motor is being brought to rest, after which the state changes or the motor is held.
-        is_following: Whether the drive is enabled and not being brought to rest.
+        is_powered: True if the motor is, or may be, under torque.
+        is_enabled: True if the state is Operation enabled.
+        is_stopping: True if the motor is being brought to rest, after which the state changes or the motor is held.
+        is_following: True if the drive is enabled and not being brought to rest.
         plain_word: The status word without the bits that the mode and the motion add.
     """
 
@@ -32,8 +37,8 @@ class Standing:
 
         Args:
             power: The memory of the state machine.
-            torque_off: Whether safe torque off is active: then the voltage is not enabled.
-            lack: Whether a mode has been kept from acting: the status word shows it as a warning.
+            torque_off: True if safe torque off is active: then the voltage is not enabled.
+            lack: True if a mode has been kept from acting: the status word shows it as a warning.
         """
         is_powered = power.state in POWERED
         is_enabled = power.state is State.OPERATION_ENABLED

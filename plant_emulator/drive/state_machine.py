@@ -1,12 +1,14 @@
-"""The power drive system's state machine, pure: state, control word, options and events in; state and what to do out.
+"""The power drive system's state machine, pure.
 
-Nothing here knows a motor. `commanded` takes a control word and goes one transition at most, so that no state on the path is
-passed over; the others take what happens by itself. The arrows are `drive_profiles.standard.cia402`'s.
+State, control word, options and events go in; state and required action come out.
 
-Transitions 5 and 8 (disable operation, shutdown) with option 1 end when the motor stands: until then the state remains
-OPERATION_ENABLED and `Power.leaving` says where it goes. What has begun so is not taken back by enable operation; a quick stop
-and disable voltage come through, and of disable operation and shutdown the last one counts. A word that comes after a stop has
-begun is for its owner to give again when the motor stands.
+This module does not know a motor. `commanded` processes a control word and takes at most one transition, so that no state on
+the path is skipped; the other functions process events. The transitions are those of `drive_profiles.standard.cia402`.
+
+Transitions 5 and 8 (disable operation, shutdown) with option 1 end when the motor is at rest: until then the state remains
+OPERATION_ENABLED, and `Power.leaving` states the target. Enable operation does not cancel such a stop; quick stop and
+disable voltage do. Of disable operation and shutdown the last one counts. The owner repeats a word that arrives during a
+stop when the motor is at rest.
 
 Source: CiA 402-2 (IEC 61800-7-201), device control: state machine and option codes 6007h, 605Ah to 605Eh.
 """
@@ -29,7 +31,7 @@ from drive_profiles.standard.cia402 import (
 
 
 class Action(Enum):
-    """The demand of a step on the power stage."""
+    """Action that a step demands of the power stage."""
 
     NONE = "nothing"
     ENERGISE = "open the brake, and begin to follow"
@@ -55,7 +57,7 @@ class Options(NamedTuple):
         shutdown: 605Bh.
         disable_operation: 605Ch.
         fault_reaction: 605Eh.
-        quick_stop_ends: A drive that leaves QUICK_STOP_ACTIVE by itself whatever 605Ah says, as those of some families do.
+        quick_stop_ends: True for a drive that leaves QUICK_STOP_ACTIVE by itself with any 605Ah, as some families do.
     """
 
     quick_stop: int = QuickStopOption.QUICK_STOP_RAMP
@@ -74,7 +76,7 @@ class Power(NamedTuple):
     Args:
         state: State of the power drive system.
         control_word: The last one: the fault reset is an edge.
-        leaving: State after transition 5 or 8, or after the quick stop of a reset, as soon as the motor stands.
+        leaving: State after transition 5 or 8, or after the quick stop of a reset, as soon as the motor is at rest.
     """
 
     state: State = State.NOT_READY_TO_SWITCH_ON
@@ -116,22 +118,31 @@ _STOP_OF_HALT: dict[int, Stop] = {
 
 
 def stop_of_quick_stop(option: int) -> Stop:
-    """Stop that 605Ah asks for; a family's own code is taken for the quick-stop ramp."""
+    """Return the stop that 605Ah demands.
+
+    A family's own code means the quick-stop ramp.
+    """
     return _STOP_OF_QUICK_STOP.get(option, Stop.QUICK_STOP_RAMP)
 
 
 def stop_of_fault_reaction(option: int) -> Stop:
-    """Stop that 605Eh asks for; a family's own code is taken for the quick-stop ramp."""
+    """Return the stop that 605Eh demands.
+
+    A family's own code means the quick-stop ramp.
+    """
     return _STOP_OF_FAULT_REACTION.get(option, Stop.QUICK_STOP_RAMP)
 
 
 def stop_of_halt(option: int) -> Stop:
-    """Stop that 605Dh asks for; a family's own code is taken for the slow-down ramp."""
+    """Return the stop that 605Dh demands.
+
+    A family's own code means the slow-down ramp.
+    """
     return _STOP_OF_HALT.get(option, Stop.SLOW_DOWN_RAMP)
 
 
 def commanded(power: Power, control_word: int, options: Options = DEFAULT_OPTIONS) -> Step:
-    """Take a control word: at most one transition.
+    """Process a control word: at most one transition.
 
     A drive calls it until nothing changes any more: switch on and enable in one word is transition 3, then 4. A caller that
     must not energise now keeps the state of before.
@@ -161,12 +172,18 @@ def commanded(power: Power, control_word: int, options: Options = DEFAULT_OPTION
 
 
 def initialised(power: Power) -> Step:
-    """Transitions 0 and 1: power has come, or the node was reset. The control word is forgotten with it."""
+    """Return transitions 0 and 1, after power-on or a reset.
+
+    The control word is discarded.
+    """
     return Step(Power(state_after(state_after(power.state, Event.POWERED), Event.INITIALISED)), Action.RELEASE)
 
 
 def stopped(power: Power, options: Options = DEFAULT_OPTIONS) -> Step:
-    """The motor stands after a stop: transition 12 (or none, 605Ah from 5 to 8), 14, or the end of 5, 8 or a reset's stop."""
+    """Return the step at the end of a stop.
+
+    It is transition 12 (or none, 605Ah from 5 to 8), 14, or the end of 5, 8 or a reset's stop.
+    """
     word = power.control_word
     if power.state is State.FAULT_REACTION_ACTIVE:
         return Step(Power(state_after(power.state, Event.FAULT_REACTION_COMPLETED), word), Action.RELEASE)
@@ -178,7 +195,10 @@ def stopped(power: Power, options: Options = DEFAULT_OPTIONS) -> Step:
 
 
 def failed(power: Power, options: Options = DEFAULT_OPTIONS) -> Step:
-    """A fault is detected: transition 13, and 14 at once where there is no motor to stop. In fault it changes nothing."""
+    """Return the step after a fault: transition 13.
+
+    Without a motor to stop, 14 follows at once. In a fault state nothing changes.
+    """
     word, after = power.control_word, state_after(power.state, Event.FAULT_DETECTED)
     if after is power.state:
         return Step(power)
@@ -188,7 +208,10 @@ def failed(power: Power, options: Options = DEFAULT_OPTIONS) -> Step:
 
 
 def torque_lost(power: Power) -> Step:
-    """Safe torque off: no ramp is possible. Under torque it is a fault (13 and 14 at once); else transition 7 or 10."""
+    """Return the step for safe torque off, without a ramp.
+
+    Under torque it is a fault (13 and 14 at once); else transition 7 or 10.
+    """
     if power.state in POWERED:
         return Step(Power(State.FAULT, power.control_word), Action.RELEASE)
     if power.state in {State.READY_TO_SWITCH_ON, State.SWITCHED_ON}:
@@ -197,7 +220,9 @@ def torque_lost(power: Power) -> Step:
 
 
 def disconnected(power: Power, option: int, options: Options = DEFAULT_OPTIONS) -> Step:
-    """The master has gone: what 6007h says, of a drive that moves, or brakes but not for a fault; the others stay as they are.
+    """Return the step that 6007h demands for a lost master.
+
+    It concerns a drive that moves, or brakes but not for a fault; other states are unchanged.
 
     With option 1 the caller reports the fault, too.
     """
@@ -214,9 +239,12 @@ def disconnected(power: Power, option: int, options: Options = DEFAULT_OPTIONS) 
 
 
 def restarted(power: Power, option: int, options: Options = DEFAULT_OPTIONS) -> Step:
-    """A reset of communication: what 6007h says; where it says nothing, a quick stop that ends in SWITCH_ON_DISABLED.
+    """Return the step after a reset of communication.
 
-    A master that has reset a node knows nothing of it any more, so that torque must not outlast it, also with 605Ah from 5 to 8.
+    6007h decides; without an action there it is a quick stop that ends in SWITCH_ON_DISABLED.
+
+    A master that has reset a node no longer knows its state, so torque must not outlast the reset, even with 605Ah from 5 to
+    8.
     """
     if option != AbortConnectionOption.NO_ACTION or power.state not in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}:
         return disconnected(power, option, options)

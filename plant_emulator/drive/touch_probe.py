@@ -1,4 +1,4 @@
-"""Touch probes: the position at an edge of an input, as the control period has latched it.
+"""Touch probes: latched positions at edges of inputs.
 
 Function and status share their layout, probe 2 in the upper byte. A probe starts anew with the rising edge of its enable bit,
 or of the bit that enables an edge. First event keeps what the first edge gave; continuous, what the last one did. Bits 6 and 7
@@ -51,7 +51,7 @@ class TouchProbe:
     """
 
     def __init__(self, number: int, dictionary: Dictionary, inputs: DigitalInputs, to_user: Callable[[float], int]) -> None:
-        """Tie the positions.
+        """Bind the objects of the positions.
 
         Args:
             number: 1 or 2.
@@ -67,7 +67,7 @@ class TouchProbe:
         self._cells = [dictionary.cell(index) for index in _POSITIONS[number]]
 
     def set_function(self, function: int, sources: tuple[int, int]) -> None:
-        """Take a byte of 60B8h.
+        """Process a byte of 60B8h.
 
         Args:
             function: The byte.
@@ -87,7 +87,7 @@ class TouchProbe:
         self._arm()
 
     def _arm(self) -> None:
-        """Listen for what is still to be stored."""
+        """Register for the edges that are still to be stored."""
         wanted = 0
         for (edge, stored), source in zip(_STORED.items(), self._sources, strict=True):
             is_open = self._function & CONTINUOUS or not self.status & stored
@@ -109,7 +109,7 @@ class TouchProbes:
     """Both probes of a drive, and their objects."""
 
     def __init__(self, dictionary: Dictionary, inputs: DigitalInputs, to_user: Callable[[float], int]) -> None:
-        """Tie 60B8h, 60B9h and 60D0h.
+        """Bind 60B8h, 60B9h and 60D0h.
 
         Args:
             dictionary: Object dictionary of the drive.
@@ -124,7 +124,7 @@ class TouchProbes:
             dictionary.on_write(Object.TOUCH_PROBE_SOURCE, number, _refuse_unknown)
 
     def reset(self) -> None:
-        """Put 60B8h into force, after a reset."""
+        """Apply 60B8h, after a reset."""
         self._set(self._dictionary.get_int(Object.TOUCH_PROBE_FUNCTION))
 
     def _status(self) -> int:
@@ -154,5 +154,8 @@ class TouchProbes:
 
 
 def _refuse_unknown(source: int) -> SdoAbortCode | None:
-    """60D0h acts with the next 60B8h, so it is written before."""
+    """Refuse an unknown source in 60D0h.
+
+    60D0h takes effect with the next 60B8h, so it is written first.
+    """
     return None if source in SOURCES else SdoAbortCode.INVALID_VALUE

@@ -1,8 +1,10 @@
-"""pytest plug-in: a test file that runs on the emulated robot with no set-up, and unchanged on a real bench; docs/testing.md.
+"""pytest plug-in for tests on the emulated robot or a bench.
 
-This package is the only one that may see both the world and the master. It is imported by every pytest of an environment in
-which we are installed, so this file imports nothing of ours before a fixture is used. Its modules must not have the names of
-fixtures: importing one would replace the fixture.
+A test file runs on the emulated robot without set-up, and unchanged on a real bench; see docs/testing.md.
+
+Only this package may import both the world and the master. Every pytest of an environment with this distribution imports
+this file, so it imports nothing of ours before a fixture is used. Its modules must not have the names of fixtures: importing
+one would replace the fixture.
 """
 
 from collections.abc import Callable, Generator, Iterator
@@ -40,21 +42,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--hil-robot",
         dest="hil_robot",
         metavar="FILE|NAME",
-        help="Emulate this robot, whatever bus --hil-bench names; without it `reference` where one is emulated.",
+        help="Emulate this robot and ignore the bus of --hil-bench. An emulated robot is `reference` by default.",
     )
     add(
         "--hil-axis",
         dest="hil_axis",
         type=int,
         metavar="N",
-        help="Axis of the `hil_drive` fixture; else the lowest of the bench.",
+        help="Axis of the `hil_drive` fixture; default: the lowest of the bench.",
     )
-    add("--hil-bitrate", dest="hil_bitrate", metavar="RATE", help="Bit times on the emulated bus, such as 1M; none unless given.")
+    add("--hil-bitrate", dest="hil_bitrate", metavar="RATE", help="Bit times on the emulated bus, such as 1M; default: none.")
     add(
         "--hil-allow-motion",
         dest="hil_allow_motion",
         action="store_true",
-        help="Let fixtures move a real robot; without it they skip.",
+        help="Let fixtures move a real robot; by default they skip.",
     )
     add(
         "--hil-require-hardware",
@@ -63,7 +65,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="Missing hardware fails instead of skipping.",
     )
     add("--hil-keep-traces", dest="hil_keep_traces", metavar="DIR",
-        help="Where failed tests leave trace and recordings; .hil-traces unless given.")  # fmt: skip
+        help="Folder for trace and recordings of failed tests; default: .hil-traces.")  # fmt: skip
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -80,7 +82,10 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Keep what a failed test saw of its bench, and say where; forget what the others saw."""
+    """Keep the frames and runs of a failed test.
+
+    The report names their files; those of other tests are dropped.
+    """
     report = yield
     artefacts = item.stash.get(_ARTEFACTS, None)
     if artefacts is None:
@@ -99,7 +104,10 @@ def pytest_runtest_makereport(
 
 @pytest.fixture(scope="session")
 def hil_robot_model(pytestconfig: pytest.Config) -> "Robot":
-    """The robot file of the emulated robot: `--hil-robot`, else the reference. Override it for a robot of your own."""
+    """Robot file of the emulated robot.
+
+    It is `--hil-robot`, else the reference. Override it for a robot of your own.
+    """
     from plant_emulator.pytest_plugin.target import load_model  # noqa: PLC0415
 
     return load_model(pytestconfig)
@@ -107,7 +115,7 @@ def hil_robot_model(pytestconfig: pytest.Config) -> "Robot":
 
 @pytest.fixture
 def _hil_target(request: pytest.FixtureRequest) -> Iterator["Target"]:
-    """The emulated robot in this process, or the bus of the bench file."""
+    """Emulated robot in this process, or bus of the bench file."""
     from plant_emulator.pytest_plugin.artefacts import Artefacts, directory_of  # noqa: PLC0415
     from plant_emulator.pytest_plugin.target import open_target  # noqa: PLC0415
 
@@ -120,34 +128,49 @@ def _hil_target(request: pytest.FixtureRequest) -> Iterator["Target"]:
 
 @pytest.fixture
 def hil_bench(_hil_target: "Target") -> "Bench":
-    """The bench file of `--hil-bench`; on the emulated robot unless that is a file. Override it to change it."""
+    """Bench file of `--hil-bench`.
+
+    Unless that is a file, it describes the emulated robot. Override it to change it.
+    """
     return _hil_target.bench
 
 
 @pytest.fixture
 def hil_axis(pytestconfig: pytest.Config, hil_bench: "Bench") -> int:
-    """Number of the axis under test: `--hil-axis`, else the lowest of the bench; parametrise it to test several."""
+    """Number of the axis under test.
+
+    It is `--hil-axis`, else the lowest of the bench; parametrise it to test several.
+    """
     number: int | None = pytestconfig.getoption("hil_axis")
     return min(hil_bench.axis) if number is None else number
 
 
 @pytest.fixture
 def hil_robot(_hil_target: "Target") -> "EmulatedRobot":
-    """The emulated robot: world, channel, drives by axis, `advance()`; virtual time, equal seeds give equal frames."""
+    """The emulated robot: world, channel, drives by axis, and `advance()`.
+
+    Time is virtual; equal seeds give equal frames.
+    """
     if _hil_target.robot is None:
-        pytest.skip(f"looks inside the emulated robot; {_hil_target.where} is none")
+        pytest.skip(f"needs the emulated robot; {_hil_target.where} is none")
     return _hil_target.robot
 
 
 @pytest.fixture
 def hil_local_bus(hil_serve_local_bus: Callable[..., "ServedBus"]) -> "ServedBus":
-    """An emulated robot as a process that serves a local bus of its own: `.address`, for other programs to join."""
+    """Process that serves an emulated robot on a local bus.
+
+    Other programs join the bus at its `.address`.
+    """
     return hil_serve_local_bus()
 
 
 @pytest.fixture
 def hil_serve_local_bus(pytestconfig: pytest.Config) -> Iterator[Callable[..., "ServedBus"]]:
-    """Starts such processes: `hil_serve_local_bus("--seed", "2", robot="robot.toml")`, options as of `plant-emulator serve`."""
+    """Starter of processes that serve an emulated robot.
+
+    `hil_serve_local_bus("--seed", "2", robot="robot.toml")` takes the options of `plant-emulator serve`.
+    """
     from plant_emulator.pytest_plugin.served import LocalBusServers  # noqa: PLC0415
 
     with LocalBusServers(pytestconfig) as served:
@@ -159,7 +182,10 @@ def hil_serve_local_bus(pytestconfig: pytest.Config) -> Iterator[Callable[..., "
 
 @pytest.fixture
 def hil_session(_hil_target: "Target", hil_bench: "Bench") -> Iterator["BenchSession"]:
-    """A master on the bench; every node has been found and checked, nothing is enabled."""
+    """A master on the bench.
+
+    Every node has been found and checked; nothing is enabled.
+    """
     from plant_emulator.pytest_plugin.master import open_session  # noqa: PLC0415
 
     with open_session(_hil_target, hil_bench) as opened:
@@ -168,7 +194,10 @@ def hil_session(_hil_target: "Target", hil_bench: "Bench") -> Iterator["BenchSes
 
 @pytest.fixture
 def hil_drive(hil_session: "BenchSession", request: pytest.FixtureRequest) -> Iterator["EnabledDrive"]:
-    """One enabled drive that holds its position; disabled, and left as it was found, afterwards."""
+    """One enabled drive that holds its position.
+
+    Afterwards it is disabled and restored to its former state.
+    """
     from plant_emulator.pytest_plugin.enabled_drive import enabled  # noqa: PLC0415
 
     number = getattr(request, "param", None)
@@ -178,7 +207,7 @@ def hil_drive(hil_session: "BenchSession", request: pytest.FixtureRequest) -> It
 
 @pytest.fixture
 def hil_accelerometer(hil_session: "BenchSession") -> "AccelerometerReadings":
-    """The sensor at the tip: `read()` gives X, Y, Z in m/s²."""
+    """Sensor at the tip: `read()` returns X, Y, Z in m/s²."""
     from plant_emulator.pytest_plugin.readings import AccelerometerReadings  # noqa: PLC0415
 
     return AccelerometerReadings(hil_session)
@@ -186,7 +215,10 @@ def hil_accelerometer(hil_session: "BenchSession") -> "AccelerometerReadings":
 
 @pytest.fixture
 def hil_faults(_hil_target: "Target") -> "FaultInjection":
-    """Faults on demand: frames lost, delayed, doubled, corrupted; bus, heartbeats or nodes lost; strangers who interfere."""
+    """Faults on demand.
+
+    Frames can be lost, delayed, doubled or corrupted; bus, heartbeats or nodes can fail; other participants can interfere.
+    """
     from plant_emulator.pytest_plugin.injection import FaultInjection  # noqa: PLC0415
 
     return FaultInjection(_hil_target)

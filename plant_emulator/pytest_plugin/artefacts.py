@@ -1,4 +1,7 @@
-"""The artefacts of a test that fails: every frame with its time, and the recordings of its runs."""
+"""Artefacts of a test that fails.
+
+They are every frame with its time, and the recordings of its runs.
+"""
 
 import hashlib
 import json
@@ -95,12 +98,18 @@ class Artefacts:
         self.add_live(name, lambda: (summary, result.recording))
 
     def add_live(self, name: str, tell: RunReader) -> None:
-        """Add a run that goes on; its reader is called when the test has failed."""
+        """Add a run that is still going.
+
+        Its reader is called when the test has failed.
+        """
         self._count += 1
         self._runs.append((f"{self._count:02d}-{name}", tell))
 
     def keep(self) -> str:
-        """Write all, over the files of an earlier failure of this test; gives the files in words."""
+        """Write all artefacts; return the files in words.
+
+        They replace those of an earlier failure of this test.
+        """
         if self._directory not in _written and len(_written) >= MAX_TESTS:
             return f"trace and runs are not kept: {MAX_TESTS} failed tests have left theirs below {self._directory.parent}"
         try:
@@ -134,7 +143,7 @@ class Artefacts:
 
 
 def directory_of(config: pytest.Config, node_id: str) -> Path:
-    """The directory that is named after a test."""
+    """Return the directory that is named after a test."""
     given: str | None = config.getoption("hil_keep_traces")
     root = config.invocation_params.dir / (".hil-traces" if given is None else given)
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", node_id).strip("-.")

@@ -1,4 +1,7 @@
-"""The emulated robot in the test's own process: virtual time, and a channel in which frames can be interfered with."""
+"""The emulated robot in the test's own process.
+
+Time is virtual, and tests can interfere with the frames of the channel.
+"""
 
 from functools import partial
 from types import MappingProxyType
@@ -18,10 +21,13 @@ from plant_emulator.world import SECOND, World
 
 
 class EmulatedChannel(InProcessChannel):
-    """The bus in one process, with faults of frames between the bus and the master."""
+    """The bus in one process, with faults of frames.
+
+    The faults occur between the bus and the master.
+    """
 
     def __init__(self, world: World, medium: Medium, bitrate: int | None, interference: Interference) -> None:
-        """Join; the nodes are switched on."""
+        """Join the bus; the nodes are powered on."""
         super().__init__(world, medium)
         self.address = Address(LOCAL, "in-process", bitrate)
         self.interference = interference
@@ -33,7 +39,10 @@ class EmulatedChannel(InProcessChannel):
             self.heard(frame, world.now)
 
     def send(self, frame: Frame) -> None:
-        """Put a frame on the bus, as the faults let it; a SYNC lets the world move on by its period, whatever becomes of it."""
+        """Put a frame on the bus, subject to the faults.
+
+        A SYNC advances the world by its period even if the frame is lost.
+        """
         if frame.can_id == FunctionCode.SYNC:
             self.interference.run_due()
         passages = self.interference.frames.apply(frame, FIRST_CLIENT, self.world.now)
@@ -49,7 +58,10 @@ class EmulatedChannel(InProcessChannel):
                 self.interference.at(self.world.now + passage.delay_ns, partial(super().send, passage.frame))
 
     def advance(self, duration_ns: int) -> None:
-        """Let time pass without a SYNC; what is due meanwhile happens at its instant."""
+        """Let time pass without a SYNC.
+
+        Actions that are due meanwhile happen at their instants.
+        """
         until = self.world.now + duration_ns
         while True:
             due = self.interference.due_ns
@@ -78,7 +90,9 @@ class EmulatedChannel(InProcessChannel):
 
 
 class EmulatedRobot:
-    """The world behind the bench, for a test to look at and to move on.
+    """The world behind the bench.
+
+    A test can inspect it and let its time pass.
 
     Attributes:
         model: Its robot file.
@@ -118,11 +132,11 @@ class EmulatedRobot:
         self.channel.advance(round(SECOND * duration_s))
 
     def is_braked(self, axis: int) -> bool:
-        """True if the brake of an axis is closed."""
+        """Return True if the brake of an axis is closed."""
         return bool(self.world.axes.motion["mode"][self.world.axes.row(axis)] == BRAKED)
 
     def position_rev(self, axis: int) -> float:
-        """Position of an axis' motor, as its encoder counts."""
+        """Return the position of an axis' motor, as its encoder counts."""
         axes = self.world.axes
         return float(axes.counts(axes.row(axis))) / self.model.axis[axis].encoder_counts_per_rev
 
@@ -131,7 +145,10 @@ class EmulatedRobot:
             self.channel._deliver([HeardFrame(frame, node_id, self.world.now)])
 
     def _switch_bus_off(self, node_id: int, is_off: bool) -> None:
-        """On a wire the controller goes, and its node hears of it; where there is none the node goes at once."""
+        """Put a node's controller bus-off, or restart it.
+
+        On a wire the controller informs its node; without a wire the node changes at once.
+        """
         if self._wire is not None:
             (self._wire.switch_off if is_off else self._wire.restart)(node_id)
         elif is_off:

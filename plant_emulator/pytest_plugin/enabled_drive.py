@@ -1,4 +1,4 @@
-"""One enabled drive in the hands of a test."""
+"""One enabled drive, controlled by a test."""
 
 import math
 from collections.abc import Iterator
@@ -28,18 +28,20 @@ MAX_RECORDED = 1 << 15
 
 
 class HeldRun(Run):
-    """A run that follows the test's commands, cycle by cycle, instead of a motion."""
+    """A run that follows the test's commands instead of a motion."""
 
     def follow(self, reference: float) -> None:
-        """One cycle with a set-point."""
+        """Run one cycle with a set-point."""
         rows = self.table.rows
         self.step([reference], rows if rows < MAX_RECORDED else None)
 
 
 class EnabledDrive:
-    """A drive that holds its position under the limits of the bench file, until a test moves it or something stops it.
+    """A drive that holds its position until a test moves it.
 
-    Positions are the motor's, in revolutions. What the master watches in a run it watches here.
+    The limits of the bench file apply; the master monitors the drive as in a run, and may stop it.
+
+    Positions are the motor's, in revolutions.
 
     Attributes:
         number: Number of its axis.
@@ -61,7 +63,10 @@ class EnabledDrive:
 
     @property
     def state(self) -> State | None:
-        """State of the drive in the last cycle; after a stop, by SDO, and None if it does not answer."""
+        """State of the drive in the last cycle.
+
+        After a stop it is read by SDO, and None if the drive does not answer.
+        """
         return state_of(self._slot.status_word) if self._stopped is None else self._keeper.call(self._ask_state)
 
     @property
@@ -81,14 +86,17 @@ class EnabledDrive:
 
     @property
     def stopped(self) -> SafetyStopError | None:
-        """Reason of its stop, or None. A stop that the test does not look at fails it in the end."""
+        """Reason of the drive's stop, or None.
+
+        A stop that the test does not read makes the test fail at its end.
+        """
         self._is_seen = True
         return self._stopped
 
     # -- what it is to do ----------------------------------------------------------------------------------------------
 
     def hold(self, duration_s: float) -> None:
-        """Stay for a time of the bench, cycle by cycle.
+        """Hold the position for a time of the bench.
 
         Raises:
             SafetyStopError: Something stops it; it is disabled.
@@ -96,7 +104,7 @@ class EnabledDrive:
         self._follow([self._reference] * max(1, round(duration_s / self._run.period_s)))
 
     def move_to(self, position_rev: float) -> None:
-        """Go to a position at the bench file's `approach_rps`, and come to rest.
+        """Move to a position at the bench file's `approach_rps`, and stop.
 
         Raises:
             UnsafeRequestError: It would leave a limit; it stays where it is.
@@ -114,11 +122,14 @@ class EnabledDrive:
         self.hold(REST_S)
 
     def move_by(self, distance_rev: float) -> None:
-        """Go so far from the present set-point; see `move_to`."""
+        """Move by a distance from the present set-point; see `move_to`."""
         self.move_to(self._reference / math.tau + distance_rev)
 
     def wait_for_stop(self, within_s: float) -> SafetyStopError:
-        """Hold until something stops it, and give the reason; the test fails if nothing does in time."""
+        """Hold until the drive is stopped, and return the reason.
+
+        The test fails if nothing stops it in time.
+        """
         try:
             self.hold(within_s)
         except SafetyStopError as stop:
@@ -126,7 +137,7 @@ class EnabledDrive:
         pytest.fail(f"axis {self.number} is still enabled after {within_s:g} s")
 
     def read(self, name: str) -> float:
-        """A parameter of its profile, in the profile's unit.
+        """Read a parameter of its profile, in the profile's unit.
 
         Raises:
             DriveProfileError: The profile does not have it.
@@ -140,7 +151,9 @@ class EnabledDrive:
         return float(parameter.value(raw, self.axis.scaling))
 
     def write(self, name: str, value: float) -> None:
-        """Write a parameter of its profile; it gets its old value back after the test.
+        """Write a parameter of its profile.
+
+        The old value is restored after the test.
 
         Raises:
             DriveProfileError: The profile does not have it, or the object cannot hold the value.
@@ -151,7 +164,10 @@ class EnabledDrive:
     # -- how -----------------------------------------------------------------------------------------------------------
 
     def _ask_state(self) -> State | None:
-        """Read the state by SDO: a drive that has lost its master sends no more PDOs."""
+        """Read the state by SDO.
+
+        A drive that has lost its master sends no more PDOs.
+        """
         try:
             word = self._session.network.read(self.axis.node, Object.STATUS_WORD, 0, DataType.UNSIGNED16, "status word")
         except (HilError, ChannelError):
@@ -168,7 +184,10 @@ class EnabledDrive:
             raise self._stopped
 
     def _cycles(self, references: list[float]) -> None:
-        """Cycle by cycle, in the thread that owns the bus; a stop is kept, for the test to meet."""
+        """Run cycles in the thread that owns the bus.
+
+        A stop is kept, for the test to find.
+        """
         if self._stopped is not None:
             return
         try:
@@ -184,7 +203,10 @@ class EnabledDrive:
             raise
 
     def idle(self) -> bool:
-        """One cycle where it is, while the test thinks; whether another one makes sense."""
+        """Run one holding cycle between the test's commands.
+
+        Returns False if another one makes no sense.
+        """
         self._cycles([self._reference])
         return self._stopped is None
 
@@ -200,13 +222,13 @@ class EnabledDrive:
         self._reference = self._run.starts[0] = self.axis.scaling.position_rad(self._slot.position_counts)
 
     def end(self) -> str | None:
-        """Disable the drive; gives a failure in words, or None."""
+        """Disable the drive; return a failure in words, or None."""
         if self._stopped is None:
             return None if self._run.disable(SHUTDOWN) else f"axis {self.number} has not confirmed that it is disabled"
-        return None if self._is_seen else f"nobody asked why, but axis {self.number} was {self._stopped}"
+        return None if self._is_seen else f"axis {self.number} was {self._stopped}; the test did not read `stopped`"
 
     def recorded(self) -> tuple[dict[str, Any], Recording]:
-        """The recording of all that it has done, for the case of a failure."""
+        """Return the recording of all cycles, for a failed test."""
         summary = {"cycles": self._run.table.rows, "stopped": None if self._stopped is None else str(self._stopped)}
         return summary, self._run.recording()
 
@@ -242,7 +264,7 @@ def enabled(session: BenchSession, number: int) -> Iterator[EnabledDrive]:
 
 
 def _enable(session: BenchSession, number: int, keeper: Keeper, bus: ExitStack) -> EnabledDrive:
-    """Set it up and enable it; `bus` puts all back."""
+    """Set the drive up and enable it; `bus` restores it."""
     period = session.network.period_s = session.bench.bus.sync_period_s
     axis = session.axes[number]
     axis.identify()

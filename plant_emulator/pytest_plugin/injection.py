@@ -1,4 +1,7 @@
-"""Faults of a bench that a test injects, at once or after a time of the bench."""
+"""Faults that a test injects into its bench.
+
+They begin at once or after a time of the bench.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,10 +27,12 @@ INPUTS = {
 
 
 class FaultInjection:
-    """Faults between the master and its bus. Times count from the call, in the time of the bench: virtual on the emulated robot.
+    """Faults between the master and its bus.
 
-    On a real bench frames can be lost, strangers can speak, and the bus can be lost to the master. A fault that could send a real
-    robot a wrong set-point, or that is impossible there, skips the test with the reason.
+    Times count from the call, in the time of the bench, which is virtual on the emulated robot.
+
+    On a real bench frames can be lost, other participants can send, and the master can lose the bus. A fault that could send
+    a real robot a wrong set-point, or that is impossible there, skips the test with the reason.
     """
 
     def __init__(self, target: Target) -> None:
@@ -121,17 +126,23 @@ class FaultInjection:
         """
         self._needs_emulation("wrong set-points would reach a real robot")
         if noticed and self._interference.wire is None:
-            pytest.skip("a CRC that is noticed needs bit times: --hil-bitrate 1M")
+            pytest.skip("noticed=True needs bit times; give --hil-bitrate 1M")
         return self._apply(Fault("corrupt", can_id, bits=bits, crc=noticed, every=every, count=count), after_s, for_s)
 
     # -- nodes and bus -------------------------------------------------------------------------------------------------
 
     def stop_heartbeat(self, node_id: int, *, after_s: float = 0.0, for_s: float | None = None) -> BusFaults:
-        """Lose the heartbeats of a node, or of the master (`bench.bus.master_node_id`)."""
+        """Lose the heartbeats of a node or of the master.
+
+        The master's node-ID is `bench.bus.master_node_id`.
+        """
         return self.lose(FunctionCode.HEARTBEAT + node_id, after_s=after_s, for_s=for_s)
 
     def lose_bus(self, *, after_s: float = 0.0) -> None:
-        """Pull the master's plug; it is back when the drive is disabled at the end of the test."""
+        """Disconnect the master from the bus.
+
+        The bus is back when the drive is disabled at the end of the test.
+        """
         interference = self._interference
         if after_s:
             interference.at(interference.now_ns() + round(SECOND * after_s), interference.pull)
@@ -139,19 +150,24 @@ class FaultInjection:
             interference.pull()
 
     def reset_node(self, node_id: int, *, after_s: float = 0.0) -> None:
-        """Take the supply of a node away and give it back: values that it has not stored are lost."""
-        self._needs_emulation("nobody here can switch a real node off; nmt() resets one by a message")
+        """Switch the supply of a node off and on.
+
+        Values that it has not stored are lost.
+        """
+        self._needs_emulation("a test cannot switch a real node off; nmt() resets one by a message")
         interference = self._interference
         interference.at(interference.now_ns() + round(SECOND * after_s), lambda: interference.power_cycle(node_id))
         self._at_once(after_s)
 
     def bus_off(self, node_id: int, *, after_s: float = 0.0, for_s: float | None = None) -> None:
-        """Put a node's controller bus-off: the node neither hears nor is heard, and reacts as its 1029h and 6007h say.
+        """Put a node's controller bus-off.
+
+        The node neither receives nor sends, and reacts as its 1029h and 6007h demand.
 
         Raises:
             ValueError: The robot has no such node.
         """
-        self._needs_emulation("nobody here can put a real controller bus-off")
+        self._needs_emulation("a test cannot put a real controller bus-off")
         robot = self._target.robot
         if robot is not None and node_id not in robot.world.node_ids:
             raise ValueError(f"the robot has no node {node_id}; it has {', '.join(map(str, robot.world.node_ids))}")
@@ -159,11 +175,13 @@ class FaultInjection:
         self._between(after_s, for_s, lambda: switch(node_id, True), lambda: switch(node_id, False))
 
     def nmt(self, command: NmtCommand, node_id: int = 0, *, after_s: float = 0.0) -> None:
-        """Send an NMT command as a stranger; node 0 means all nodes."""
+        """Send an NMT command as another participant; node 0 means all."""
         self.send(Frame(FunctionCode.NMT, bytes((command, node_id))), after_s=after_s)
 
     def emergency(self, node_id: int, code: int, *, register: int = 1, after_s: float = 0.0) -> None:
-        """Send an emergency in the name of a node; code 0 withdraws it. The master hears it as well.
+        """Send an emergency in the name of a node.
+
+        Code 0 withdraws it. The master receives it as well.
 
         Args:
             node_id: Node-ID of the node.
@@ -174,11 +192,11 @@ class FaultInjection:
         data = code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0))
         frame = Frame(FunctionCode.EMERGENCY + node_id, data)
         if self._target.robot is None:
-            self._needs_emulation("a master does not hear the emergencies that it sends itself")
+            self._needs_emulation("a master does not receive the emergencies that it sends")
         self.send(frame, after_s=after_s)
 
     def send(self, frame: Frame, *, after_s: float = 0.0) -> None:
-        """Send a frame as a stranger."""
+        """Send a frame as another participant."""
         interference = self._interference
         interference.at(interference.now_ns() + round(SECOND * after_s), lambda: interference.put(frame))
         self._at_once(after_s)
@@ -186,7 +204,9 @@ class FaultInjection:
     # -- contacts of a drive --------------------------------------------------------------------------------------------
 
     def safe_torque_off(self, axis: int, *, after_s: float = 0.0, for_s: float | None = None) -> None:
-        """Open the safe torque off input of an axis' drive: under torque that is a fault, and the brake closes at once.
+        """Activate safe torque off of an axis' drive.
+
+        Under torque that is a fault, and the brake closes at once.
 
         Raises:
             ValueError: The robot has no such axis.
@@ -195,7 +215,7 @@ class FaultInjection:
         self._between(after_s, for_s, lambda: inputs.set_sto(True), lambda: inputs.set_sto(False))
 
     def hold_input(self, axis: int, name: str, *, after_s: float = 0.0, for_s: float | None = None) -> None:
-        """Hold an input of an axis' drive active, wherever the axis stands.
+        """Force an input of an axis' drive to be active.
 
         Args:
             axis: Number of the axis.
@@ -208,12 +228,12 @@ class FaultInjection:
         """
         inputs = self._inputs(axis)
         if name not in INPUTS:
-            raise ValueError(f"there is no input {name}; there are {', '.join(INPUTS)}")
+            raise ValueError(f"unknown input {name}; expected one of {', '.join(INPUTS)}")
         bit = INPUTS[name]
         self._between(after_s, for_s, lambda: inputs.force(bit), lambda: inputs.force(bit, active=False))
 
     def _inputs(self, axis: int) -> DigitalInputs:
-        self._needs_emulation("nobody here can reach a real drive's contacts")
+        self._needs_emulation("a test cannot reach a real drive's contacts")
         drives = {} if self._target.robot is None else self._target.robot.drives
         if axis not in drives:
             raise ValueError(f"the robot has no axis {axis}; it has {', '.join(map(str, sorted(drives)))}")

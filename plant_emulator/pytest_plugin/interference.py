@@ -1,4 +1,7 @@
-"""Interference of a test with its bus: frames between it and the master, and things that happen at an instant."""
+"""Interference of a test with its bus.
+
+It affects frames between bus and master, and plans actions at instants.
+"""
 
 import heapq
 from collections.abc import Callable
@@ -10,7 +13,10 @@ from plant_emulator.pytest_plugin.artefacts import FrameLog
 
 
 class LiveFaults:
-    """Faults of frames that may be added at any time; a wire takes them as well."""
+    """Faults of frames that may be added at any time.
+
+    A wire accepts them as well.
+    """
 
     events: tuple[BusEvent, ...] = ()
 
@@ -19,13 +25,13 @@ class LiveFaults:
         self.faults: list[BusFaults] = []
 
     def add(self, fault: Fault) -> BusFaults:
-        """Add a fault behind the others; the result counts its `hits`."""
+        """Add a fault after the others; the result counts its `hits`."""
         added = BusFaults((fault,), seed=len(self.faults))
         self.faults.append(added)
         return added
 
     def apply(self, frame: Frame, port: int, at_ns: int) -> tuple[Passage, ...]:
-        """Frames that arrive instead of one: none, one or several."""
+        """Return the frames that replace one: none, one or several."""
         passages: tuple[Passage, ...] = (Passage(frame),)
         for fault in self.faults:
             passages = tuple(
@@ -41,7 +47,9 @@ def _nowhere(*_: object) -> NoReturn:
 
 
 class Interference:
-    """Faults of frames, and a list of planned actions, of one bus, which sets the functions below.
+    """Faults of frames, and planned actions, of one bus.
+
+    The bus sets the functions below.
 
     Attributes:
         trace: Log of the frames on the bus.
@@ -78,12 +86,15 @@ class Interference:
         return self._planned[0][0] if self._planned else None
 
     def at(self, instant_ns: int, action: Callable[[], None]) -> None:
-        """Plan an action; one that is due at once happens at the next SYNC."""
+        """Plan an action.
+
+        An action that is due at once happens at the next SYNC.
+        """
         self._order += 1
         heapq.heappush(self._planned, (instant_ns, self._order, action))
 
     def between(self, begin_ns: int, end_ns: int | None, begin: Callable[[], None], end: Callable[[], None]) -> None:
-        """Plan something that lasts; without an end it ends with the test.
+        """Plan a temporary condition; without an end it lasts all the test.
 
         Args:
             begin_ns: Begin, in the time of the bench.
@@ -102,7 +113,10 @@ class Interference:
             heapq.heappop(self._planned)[2]()
 
     def end(self) -> None:
-        """End all faults and give the bus back, so that a drive can be disabled and left as it was found."""
+        """End all faults and restore the bus.
+
+        The drive can then be disabled and restored.
+        """
         self.frames.faults.clear()
         if self.wire is not None:
             self.wire.faults.clear()

@@ -1,4 +1,7 @@
-"""The sender of an enabled drive's cycles: the test itself in virtual time, a separate thread by the wall clock."""
+"""The sender of an enabled drive's cycles.
+
+It is the test itself in virtual time, and a separate thread by the wall clock.
+"""
 
 import queue
 import sys
@@ -16,7 +19,10 @@ KEEPER_TIMEOUT_S = 30.0
 
 
 class Keeper(Protocol):
-    """Runs what uses the bus, one at a time; between that `idle`, for as long as it gives true."""
+    """Executor of actions on the bus, one at a time.
+
+    Between them it calls `idle` as long as that returns True.
+    """
 
     idle: Callable[[], bool] | None
 
@@ -30,7 +36,10 @@ class Keeper(Protocol):
 
 
 class VirtualKeeper:
-    """Virtual time passes by cycles only, so nothing is to be done between them."""
+    """Keeper for virtual time.
+
+    Virtual time passes by cycles only, so nothing is done between them.
+    """
 
     def __init__(self) -> None:
         """Start without an idle function."""
@@ -45,7 +54,10 @@ class VirtualKeeper:
 
 
 class WallKeeper:
-    """A thread that owns the bus: a drive whose master is silent stops, whatever the test is thinking about."""
+    """Keeper with a thread that owns the bus.
+
+    A drive whose master is silent stops, so the thread sends cycles while the test does other work.
+    """
 
     def __init__(self) -> None:
         """Start the thread."""

@@ -1,4 +1,7 @@
-"""The master in a test: its runs are kept for the case of a failure, and Ctrl-C ends a motion by a ramp and then the tests."""
+"""The master in a test.
+
+Its runs are kept in case the test fails. Ctrl-C ends a motion by a ramp, and then the tests.
+"""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,7 +20,7 @@ from plant_emulator.pytest_plugin.target import Target
 
 
 class BenchSession(Session):
-    """A session that knows where it runs.
+    """A session with its target.
 
     Attributes:
         target: Bus on which the session runs.
@@ -31,15 +34,18 @@ class BenchSession(Session):
         self.held: CyclicExchange | None = None
 
     def __enter__(self) -> Self:
-        """Nothing: the fixture opens and closes it."""
+        """Do nothing: the fixture opens and closes the session."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing: the fixture opens and closes it."""
+        """Do nothing: the fixture opens and closes the session."""
 
     @contextmanager
     def moving(self) -> Iterator[None]:
-        """Ctrl-C ends what moves by a ramp, and then the tests; at other times it is pytest's own."""
+        """Let Ctrl-C end a motion by a ramp, then the tests.
+
+        At other times Ctrl-C is pytest's own.
+        """
         with self.interruptible():
             yield
 
@@ -61,7 +67,7 @@ class BenchSession(Session):
             loop: `host` or `drive`, which closes the loop.
             adder: Adder to the set-points of a drive-closed run.
             fixed: Filters by axis instead of the variable ones; host-closed only.
-            shows_filter: Let the drives tell what their first filter does.
+            shows_filter: Record the state of the drives' first filter.
 
         Raises:
             KeyboardInterrupt: Ctrl-C; the axes have come to rest.
@@ -80,7 +86,10 @@ class BenchSession(Session):
 
 @contextmanager
 def open_session(target: Target, bench: Bench) -> Iterator[BenchSession]:
-    """A session whose nodes have been found; a node that is silent on a real bus counts as missing hardware."""
+    """Open a session whose nodes have been found.
+
+    A silent node on a real bus counts as missing hardware.
+    """
     opened = BenchSession(target, bench)
     try:
         try:

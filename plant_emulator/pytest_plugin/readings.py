@@ -11,11 +11,13 @@ class AccelerometerReadings:
     """X, Y and Z at the tip."""
 
     def __init__(self, session: BenchSession) -> None:
-        """Take the session; nothing is read."""
+        """Keep the session; nothing is read."""
         self._session = session
 
     def read(self) -> tuple[float, float, float]:
-        """The acceleration in m/s²: of the last cycle while a drive is enabled, else of a SYNC for this reading.
+        """Read the acceleration in m/s².
+
+        It is that of the last cycle while a drive is enabled, else that of an extra SYNC.
 
         Raises:
             HilError: It does not answer.

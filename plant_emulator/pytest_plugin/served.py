@@ -26,12 +26,12 @@ class ServedBus:
     """
 
     def __init__(self, process: subprocess.Popen[str], socket: Path, bitrate: int | None) -> None:
-        """Take the process and its address."""
+        """Keep the process and its address."""
         self.process, self.socket = process, socket
         self.address = f"local:{socket}" + ("" if bitrate is None else f"@{bitrate}")
 
     def __str__(self) -> str:
-        """The address as text."""
+        """Return the address as text."""
         return self.address
 
 
@@ -39,14 +39,14 @@ class LocalBusServers:
     """Servers of local buses, which a `with` statement starts and ends."""
 
     def __init__(self, config: pytest.Config) -> None:
-        """Take the options of pytest; nothing is started."""
+        """Keep the options of pytest; nothing is started."""
         self._robot: str = config.getoption("hil_robot") or "reference"
         self._bitrate = bit_rate(config)
         self._directory = tempfile.TemporaryDirectory(prefix="hil-")  # a socket's path has room for 107 bytes; pytest's are long
         self._buses: list[ServedBus] = []
 
     def __enter__(self) -> Self:
-        """Give the servers; nothing is started yet."""
+        """Return the servers; nothing is started yet."""
         return self
 
     def start(self, *options: str, robot: str | None = None) -> ServedBus:

@@ -1,4 +1,7 @@
-"""The target of a test: the emulated robot in its own process, or the bus that a bench file names."""
+"""The target of a test.
+
+It is the emulated robot in the test's own process, or the bus that a bench file names.
+"""
 
 import time
 from collections.abc import Callable, Sequence
@@ -25,10 +28,13 @@ PORT_OF_THE_BUS, PORT_OF_THE_MASTER = 0, 1000
 
 
 class RealChannel:
-    """A bus that others keep, with frames lost between it and the master where a test wants that."""
+    """An existing bus, with optional loss of frames.
+
+    Frames are lost between the bus and the master if the test demands it.
+    """
 
     def __init__(self, inner: Channel, interference: Interference) -> None:
-        """Look at an open bus."""
+        """Wrap an open bus."""
         self._inner = inner
         self.interference = interference
         self.address = inner.address
@@ -40,11 +46,14 @@ class RealChannel:
 
     @property
     def overflows(self) -> int | None:
-        """Received frames that were lost for want of room; None if they are not counted."""
+        """Received frames that were lost because buffers were full.
+
+        It is None if they are not counted.
+        """
         return self._inner.overflows
 
     def send(self, frame: Frame) -> None:
-        """Put a frame on the bus, unless it is to be lost."""
+        """Put a frame on the bus, unless a fault drops it."""
         self._check()
         self.interference.run_due()
         self._check()
@@ -52,7 +61,10 @@ class RealChannel:
             self._inner.send(frame)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """The next frame that is not to be lost, or None when none came in time."""
+        """Return the next frame that no fault drops, or None.
+
+        None means that none came in time.
+        """
         self._check()
         deadline = time.monotonic() + timeout_s
         while True:
@@ -66,7 +78,7 @@ class RealChannel:
             self.send(frame)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """The next frame by itself."""
+        """Return the next frame."""
         frame = self.receive(timeout_s)
         return [] if frame is None else [frame]
 
@@ -97,7 +109,7 @@ class Target:
     """
 
     def __init__(self, config: pytest.Config, bench: Bench, artefacts: Artefacts, robot: EmulatedRobot | None = None) -> None:
-        """Nothing is opened but the emulated robot."""
+        """Open nothing but the emulated robot."""
         self.config, self.bench, self.artefacts, self.robot = config, bench, artefacts, robot
         self.interference = Interference(artefacts.trace) if robot is None else robot.channel.interference
         self.where = "the emulated robot" if robot is not None else f"the bus {bench.bus.address} of --hil-bench"
@@ -105,11 +117,14 @@ class Target:
 
     @property
     def log(self) -> BusLog:
-        """The log to which the master writes its frames: the emulated bus hears more than its master does, and traces itself."""
+        """Log to which the master writes its frames.
+
+        The emulated bus carries more frames than its master receives, and traces them itself.
+        """
         return self.artefacts.trace if self.robot is None else BusLog(None)
 
     def channel(self) -> Channel:
-        """The bus; opened when it is asked for the first time."""
+        """Bus, opened at first use."""
         if self.robot is not None:
             return self.robot.channel
         if self._opened is None:
@@ -127,10 +142,10 @@ class Target:
         pytest.skip(what)
 
     def check_motion_is_allowed(self) -> None:
-        """Skip where a real robot would move without `--hil-allow-motion`."""
+        """Skip a motion of a real robot without `--hil-allow-motion`."""
         is_real = self.robot is None and parse_address(self.bench.bus.address).interface != LOCAL
         if is_real and not self.config.getoption("hil_allow_motion"):
-            pytest.skip(f"moves the robot on {self.bench.bus.address}; --hil-allow-motion lets it")
+            pytest.skip(f"would move the robot on {self.bench.bus.address}; give --hil-allow-motion to permit it")
 
     def close(self) -> None:
         """Leave the bus."""
@@ -139,7 +154,7 @@ class Target:
 
 
 def load_model(config: pytest.Config) -> Robot:
-    """The robot file of `--hil-robot`, else the reference."""
+    """Load the robot file of `--hil-robot`, else the reference."""
     try:
         return load_robot(config.getoption("hil_robot") or "reference")
     except DriveProfileError as error:
@@ -163,7 +178,7 @@ def open_target(config: pytest.Config, model: Callable[[], Robot], artefacts: Ar
 
 
 def bit_rate(config: pytest.Config) -> int | None:
-    """`--hil-bitrate` in bit/s, spelled as in an address."""
+    """Return `--hil-bitrate` in bit/s, spelled as in an address."""
     text: str | None = config.getoption("hil_bitrate")
     if text is None:
         return None

@@ -1,9 +1,11 @@
-"""A session whose cycles need no frames: the master's own run, on the drives and axes behind the bus themselves.
+"""A session whose cycles need no frames.
 
-Set-up, enabling, stops and all that is not a plain cycle still go over the in-process bus, frame by frame. A cycle in which every
-drive is enabled in cyclic position mode, and hears nothing but the next set-point, is done at the seam that frames would reach:
-counts, torque in per mille and the sensor's sample out, set-points in, one period of the world. A recording is the same, to the
-bit.
+The master's own run drives the drives and axes behind the bus directly.
+
+Set-up, enabling, stops and everything but a plain cycle still use the in-process bus, frame by frame. In a plain cycle every
+drive is enabled in cyclic position mode and receives only the next set-point. Such a cycle is done at the interface that
+frames would reach: counts, torque in per mille and the sensor's sample are read, set-points written, and the world advances
+by one period. A recording is the same, to the bit.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +31,9 @@ _LARGEST = 2**15 - 1
 
 
 class DirectChannel(InProcessChannel):
-    """The in-process bus to a robot, whose sessions need frames for nothing but set-up and stops.
+    """The in-process bus to a robot, for sessions without frames.
+
+    Only set-up and stops use frames.
 
     Args:
         world: The world behind it.
@@ -41,12 +45,15 @@ class DirectChannel(InProcessChannel):
         self.address = Address(LOCAL, "in-process", bitrate)
 
     def session(self, bench: Bench, progress: Callable[[float], None] = lambda fraction: None) -> "DirectSession":
-        """A session on this robot."""
+        """Open a session on this robot."""
         return DirectSession(bench, self, progress)
 
 
 class DirectSession(Session):
-    """A session of the master on a robot in this process; frames are not logged."""
+    """A session of the master on a robot in this process.
+
+    Frames are not logged.
+    """
 
     def __init__(self, bench: Bench, channel: DirectChannel, progress: Callable[[float], None]) -> None:
         super().__init__(bench, channel, BusLog(None), progress)
@@ -79,7 +86,7 @@ class DirectSession(Session):
 
 
 class DirectExchange(CyclicExchange):
-    """An exchange that does plain cycles without frames."""
+    """An exchange that executes plain cycles without frames."""
 
     def __init__(
         self,
@@ -119,7 +126,10 @@ class DirectExchange(CyclicExchange):
         self._can_be_direct = is_csp and isinstance(self.sensor, (CanopenSensor, JointsOnly))
 
     def configure(self) -> None:
-        """Map the PDOs of the nodes, and take hold of the filters' states."""
+        """Map the PDOs of the nodes.
+
+        References to the filters' states are kept.
+        """
         super().configure()
         self._notches = [
             (slot, [drive.slave.dictionary.cell(each.index, each.subindex) for each in mapping.notch_state(slot.axis.profile)])
@@ -139,7 +149,7 @@ class DirectExchange(CyclicExchange):
             super()._exchange_in_lock_step()
 
     def _exchange_directly(self) -> None:
-        """Do what a SYNC does: sample, put the set-points into force, and let the period pass."""
+        """Execute a SYNC: sample, apply set-points, let the period pass."""
         world = self._world
         self._channel.syncs += 1
         if isinstance(self.sensor, CanopenSensor):
@@ -161,6 +171,6 @@ class DirectExchange(CyclicExchange):
 
 
 def _shown(acceleration: float) -> float:
-    """A channel of the accelerometer as its process value shows it, m/s²."""
+    """Return an acceleration as its process value shows it, m/s²."""
     steps = round(acceleration * _PER_UNIT)
     return (steps if -_LARGEST <= steps <= _LARGEST else max(-_LARGEST, min(_LARGEST, steps))) * _SCALE

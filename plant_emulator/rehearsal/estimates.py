@@ -1,4 +1,7 @@
-"""Truth beside estimate: facts of a robot, and what the path found of them."""
+"""True and estimated facts of a robot.
+
+The estimates are those of the documented path.
+"""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +18,7 @@ from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
 
 
 def facts_of(robot: Robot, bench: Bench, number: int) -> dict[str, Cell]:
-    """Facts of an axis and its robot, by the names of `record.FACTS`."""
+    """Return facts of an axis and its robot, named as in `record.FACTS`."""
     axis, sensor = robot.axis[number], robot.accelerometer
     return {
         "reduction_ratio": axis.reduction_ratio,
@@ -42,7 +45,9 @@ def facts_of(robot: Robot, bench: Bench, number: int) -> dict[str, Cell]:
 def quantities_of(
     robot: Robot, number: int, identified: Identified | None, learnt: Identified | None
 ) -> dict[str, QuantityRecord]:
-    """Truth, estimate and standard error by the names of `record.QUANTITIES`.
+    """Return truth, estimate and standard error of the quantities.
+
+    The names are those of `record.QUANTITIES`.
 
     Args:
         robot: The robot.
@@ -65,13 +70,19 @@ def quantities_of(
 
 
 def sensor_delay_s(sensor: RobotAccelerometer) -> float:
-    """Time by which slow vibrations come late: the delay, and that of the low-pass, √2/ω."""
+    """Return the delay of slow vibrations in the sensor.
+
+    It is the sensor's delay, and √2/ω of its low-pass.
+    """
     lowpass_s = 0.0 if sensor.lowpass_hz is None else math.sqrt(2.0) / (2.0 * math.pi * sensor.lowpass_hz)
     return sensor.delay_s + lowpass_s
 
 
 def _plant(axis: RobotAxis, plant: IdentifiedPlant | None) -> dict[str, QuantityRecord]:
-    """The plant beside that of the true gear at the torsion that the identification states."""
+    """Return true and identified plant.
+
+    The true gear is evaluated at the torsion that the identification states.
+    """
     gear = gear_plant(axis, None if plant is None else plant.torsion_arcsec)
     true = {
         "motor_inertia_kg_m2": axis.motor_inertia_kg_m2,
@@ -95,7 +106,10 @@ def _plant(axis: RobotAxis, plant: IdentifiedPlant | None) -> dict[str, Quantity
 
 
 def _error(axis: RobotAxis, error: IdentifiedError | None, prefix: str) -> dict[str, QuantityRecord]:
-    """Amplitudes and phases; an order that was left out has no estimate, though its standard error is there."""
+    """Return true and identified amplitudes and phases.
+
+    An order that was left out has no estimate, but has a standard error.
+    """
     found = {}
     estimated = {} if error is None else error.values.amplitudes_arcsec()
     for order in ORDERS:

@@ -1,7 +1,9 @@
-"""The true gear at an amplitude: stiffness and loss that a vibration of its torsion meets, by harmonic balance.
+"""The true gear's stiffness and loss at an amplitude.
 
-With hysteresis or a soft wind-up there is no plant but one for each amplitude. What is identified at a torsion is to be compared
-with the gear at that torsion, not with the robot file's constants, which hold for no motion of such a gear.
+A vibration of the torsion meets them; they are computed by harmonic balance.
+
+With hysteresis or a soft wind-up the plant depends on the amplitude. So an identification at some torsion is compared with
+the gear at that torsion, not with the robot file's constants, which hold for no motion of such a gear.
 
 Source: A. Gelb, W. E. Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design (1968), section 2.2;
 P. R. Dahl, A solid friction model, Aerospace Corporation TOR-158(3107-18) (1968).
@@ -42,7 +44,7 @@ class GearPlant:
 
 
 def gear_plant(axis: RobotAxis, torsion_arcsec: float | None) -> GearPlant:
-    """The plant that a vibration of the gear meets.
+    """Return the plant that a vibration of the gear meets.
 
     Args:
         axis: The axis.
@@ -61,7 +63,9 @@ def gear_plant(axis: RobotAxis, torsion_arcsec: float | None) -> GearPlant:
 
 
 def gear_at(axis: RobotAxis, torsion_rad: float) -> tuple[float, float]:
-    """Stiffness and loss in N·m/rad of a gear under a sine of torsion, about the torsions by which gravity winds it up.
+    """Return stiffness and loss in N·m/rad for a sine of torsion.
+
+    The sine is about the torsions by which gravity winds the gear up.
 
     The torque of ψ = ψ_g + a sin φ is K a sin φ + L a cos φ and harmonics; D_g is not in L.
 
@@ -84,7 +88,10 @@ def gear_at(axis: RobotAxis, torsion_rad: float) -> tuple[float, float]:
 
 
 def _hysteresis_nm(axis: RobotAxis, torsion: Real, amplitude: float, rising: NDArray[np.bool_]) -> Real:
-    """Dahl torque of a torsion that has gone to and fro for long: ±F (1 − 2 e^{−(a ± ψ)/ψ_h}/(1 + e^{−2a/ψ_h}))."""
+    """Return the Dahl torque of a periodic torsion.
+
+    After many periods it is ±F (1 − 2 e^{−(a ± ψ)/ψ_h}/(1 + e^{−2a/ψ_h})).
+    """
     if not axis.hysteresis_torque_nm:
         return np.zeros_like(torsion)
     own = axis.hysteresis_torsion_arcsec * ARCSEC
@@ -94,13 +101,16 @@ def _hysteresis_nm(axis: RobotAxis, torsion: Real, amplitude: float, rising: NDA
 
 
 def _spring_nm(axis: RobotAxis, torsion: Real) -> Real:
-    """Torque of the soft wind-up: K_g ψ (1 − r exp(−(ψ/ψ_s)²))."""
+    """Return the torque of the soft wind-up.
+
+    It is K_g ψ (1 − r exp(−(ψ/ψ_s)²)).
+    """
     soft = axis.wind_up_softness * np.exp(-((torsion / (axis.wind_up_torsion_arcsec * ARCSEC)) ** 2))
     return np.asarray(axis.gear_stiffness_nm_rad * torsion * (1.0 - soft))
 
 
 def _wound_up(axis: RobotAxis) -> Real:
-    """Torsion under gravity at arm angles all around; shape (angles,)."""
+    """Return torsions under gravity at all arm angles; shape (angles,)."""
     moment = axis.gravity_moment_nm * np.cos(np.linspace(0.0, 2.0 * math.pi, ARM_ANGLES, endpoint=False))
     low, high = np.zeros_like(moment), np.abs(moment) / (axis.gear_stiffness_nm_rad * (1.0 - axis.wind_up_softness))
     for _ in range(50):  # the torque rises with the torsion, r being below 1

@@ -1,4 +1,7 @@
-"""The steps of the documented path over a bus: the robot served by a process of its own, each step a command of `hil`."""
+"""The steps of the documented path over a bus.
+
+A separate process serves the robot; each step is a command of `hil`.
+"""
 
 import subprocess
 import sys
@@ -23,16 +26,19 @@ NOT_MET = 9
 
 
 class CommandError(HilError):
-    """A command has ended with another status than 0."""
+    """A command that has ended with another status than 0."""
 
     def __init__(self, arguments: Sequence[str], status: int, words: str, causes: tuple[RefusalCause, ...] = ()) -> None:
-        """Keep the command, its exit status, the last of what it said, and the causes in its result."""
+        """Keep command, exit status, last words, and causes.
+
+        The words are the last that the command printed; the causes are those in its result.
+        """
         self.arguments, self.status, self.words, self.causes = tuple(arguments), status, words, causes
         super().__init__(f"{words} (exit status {status})")
 
 
 class StepsOverBus:
-    """Steps by the commands of `hil`, word for word as docs/tuning.md has them.
+    """Steps by the commands of `hil`, exactly as in docs/tuning.md.
 
     Args:
         bench: The bench file; written into the folder of the walk.
@@ -52,12 +58,15 @@ class StepsOverBus:
         return None
 
     def ate(self) -> Note:
-        """Identify the transmission error, and put it into the model file."""
+        """Identify the ATE, and add it to the model file."""
         self._hil("identify", "ate", "--model", str(self._files.model), out="ate", may_miss=True)
         return note_of_error(load_result(self._out("ate"), AteResult, "an identification of the transmission error"))
 
     def design(self) -> Note:
-        """Design a notch, and put it into the design file; one that misses the tip's limit alone is there, and is noted."""
+        """Design a notch, and write it into the design file.
+
+        A notch that only misses the tip's limit is written, too; the note says so.
+        """
         options = ("--model", str(self._files.model), "--design", str(self._files.designs), "--quick", "--jobs", "1")
         try:
             self._hil("design", "notch", *options, out="design")
@@ -77,7 +86,10 @@ class StepsOverBus:
         return note_of_run(load_result(self._out(treatment), ExperimentsResult, "a run"))
 
     def learn(self) -> Note:
-        """Learn the transmission error, into a model file of its own, from what is known."""
+        """Learn the ATE, into a model file of its own.
+
+        It starts from what is known.
+        """
         known = ("--plant", str(self._files.model)) if self._files.model.exists() else ()
         self._hil("learn", *known, "--model", str(self._files.learnt), out="learn")
         return None
@@ -106,6 +118,6 @@ class StepsOverBus:
 
 
 def _last_words(text: str) -> str:
-    """The last sentence that a command has said on standard error."""
+    """Return the last sentence that a command printed on standard error."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("report:")]
     return lines[-1] if lines else "no words"

@@ -1,4 +1,7 @@
-"""The documented path, walked on one robot by the product's own functions, without an edit: docs/tuning.md as a function."""
+"""The documented path on one robot, docs/tuning.md as a function.
+
+It uses the product's own functions, without an edit.
+"""
 
 import shutil
 import time
@@ -64,14 +67,16 @@ class PathOptions:
 
 
 def walk(robot: Robot, bench: Bench, folder: Path, options: PathOptions | None = None, reporter: Reporter = SILENT) -> PathRecord:
-    """Walk the documented path: plant, transmission error, design, runs with every treatment, learning.
+    """Walk the documented path.
 
-    Nothing that the product refuses is raised: how each step ended is in the record. Ctrl-C and SIGTERM end it.
+    Its steps are plant, ATE, design, runs with every treatment, and learning.
+
+    A refusal by the product raises nothing: the record states how each step ended. Ctrl-C and SIGTERM end the walk.
 
     Args:
         robot: The robot that is treated, all its truth in it.
         bench: The bench file, which knows nothing of it.
-        folder: Directory for what the steps write; made where it is missing.
+        folder: Directory for what the steps write; created if missing.
         options: Options; the defaults unless given.
         reporter: Listener of each step.
 
@@ -83,7 +88,7 @@ def walk(robot: Robot, bench: Bench, folder: Path, options: PathOptions | None =
 
 @dataclass
 class _Walk:
-    """A walk while it lasts."""
+    """A walk in progress."""
 
     robot: Robot
     bench: Bench
@@ -99,7 +104,7 @@ class _Walk:
         self.files = PathFiles(self.folder)
 
     def record(self) -> PathRecord:
-        """Walk, measure the truth, and give the record."""
+        """Walk, measure the truth, and return the record."""
         result, began = self.result, time.process_time()
         self.folder.mkdir(parents=True, exist_ok=True)
         result.facts = facts_of(self.robot, self.bench, self.axis)
@@ -118,7 +123,7 @@ class _Walk:
 
     @contextmanager
     def _steps(self) -> Iterator[Steps]:
-        """The robot behind its bus, and the steps on it."""
+        """Return the steps on the robot behind its bus."""
         if not self.options.over_bus:
             channel = DirectChannel(World(self.robot), self.robot.bus.bitrate)
             yield StepsInProcess(self.bench, self.axis, self.files, channel, self.options.effort)
@@ -130,7 +135,7 @@ class _Walk:
             yield StepsOverBus(self.bench, self.axis, self.files, served.address)
 
     def _walk(self, steps: Steps) -> None:
-        """Take the steps in their order."""
+        """Take the steps in order."""
         self._take("plant", steps.plant)
         self._take("ate", steps.ate)
         if self.options.with_design:
@@ -154,7 +159,10 @@ class _Walk:
         self._take(name, act, needs)
 
     def _take(self, name: str, act: Callable[[], Note], needs: tuple[str, ...] = ()) -> None:
-        """Take a step; its note, or its error in words, goes into the record."""
+        """Take a step.
+
+        The record gets its note, or its error in words.
+        """
         missing = [need for need in needs if not self._is_done(need)]
         if missing:
             self.result.steps[name] = StepRecord("skipped", "", f"needs {missing[0]}")
@@ -173,7 +181,7 @@ class _Walk:
         return self.files.knowledge(is_learnt=self._is_done("learn"))
 
     def _survey(self) -> None:
-        """Measure the true tip under each treatment that the path has."""
+        """Measure the true tip under each treatment of the path."""
         survey, knowledge = Survey(self.robot, self.bench, self.axis), self._knowledge()
         for name in TREATMENTS:
             if all(self._is_done(need) for need in RUNS[name][1]):
@@ -186,7 +194,10 @@ class _Walk:
             self.result.probes = probe(self.robot, self.bench, self.axis, survey, self.result.tips["none"])
 
     def _without_cause(self, knowledge: Knowledge) -> float | None:
-        """True tip at the path's end without the causes that were named; None without any."""
+        """Return the path's true tip without the stated causes.
+
+        The result is None without any cause.
+        """
         name, causes = self.result.end_treatment, self.result.end_causes[0]
         model = knowledge.learnt if name == "cancellation_learnt" else knowledge.identified
         if not causes or model is None:
@@ -201,10 +212,10 @@ class _Walk:
 
 
 def _ended(act: Callable[[], Note]) -> StepRecord:
-    """Take a step, and tell how it ended.
+    """Take a step; return how it ended.
 
     Raises:
-        KeyboardInterrupt: A signal ended the motion: what the user ends says nothing of the robot.
+        KeyboardInterrupt: A signal ended the motion; the user's interrupt is no result of the robot.
     """
     try:
         note = act()

@@ -1,4 +1,4 @@
-"""Wrong corrections, and what the trial makes of them: it must let none through."""
+"""Wrong corrections, which the trial must refuse."""
 
 import cmath
 import math
@@ -25,7 +25,9 @@ WRONG_FROM = 0.99
 
 
 def probe(robot: Robot, bench: Bench, axis: int, survey: Survey, before: Mapping[float, float]) -> dict[str, ProbeRecord]:
-    """What the trial makes of wrong corrections, by the names of `record.PROBES`; the plant in each is the true one.
+    """Test the trial with wrong corrections.
+
+    The results are named as in `record.PROBES`. The plant in each correction is the true one.
 
     Args:
         robot: The robot, with all of its noise.
@@ -57,7 +59,10 @@ def probe(robot: Robot, bench: Bench, axis: int, survey: Survey, before: Mapping
 
 
 def wrong_corrections(robot: Robot, axis: int) -> dict[str, TransmissionErrorTable]:
-    """Wrong transmission errors by the names of `record.PROBES`; an order that the gear lacks is not made wrong."""
+    """Return wrong ATEs, named as in `record.PROBES`.
+
+    An order that the gear lacks has no wrong correction.
+    """
     true = robot.axis[axis].ate
     amplitudes, phases = true.amplitudes_arcsec(), true.phases_deg()
     made = {}
@@ -71,7 +76,10 @@ def wrong_corrections(robot: Robot, axis: int) -> dict[str, TransmissionErrorTab
 
 
 def wrong_orders(true: TransmissionErrorTable, assumed: TransmissionErrorTable) -> set[float]:
-    """Orders of a correction that leave about all of their error, or more."""
+    """Return the orders that a correction does not reduce.
+
+    They leave about all of their error, or more.
+    """
     wrong: set[float] = set()
     known, turned = true.amplitudes_arcsec(), true.phases_deg()
     for order, amplitude in assumed.amplitudes_arcsec().items():
@@ -83,7 +91,7 @@ def wrong_orders(true: TransmissionErrorTable, assumed: TransmissionErrorTable) 
 
 
 def model_of(robot: Robot, bench: Bench, number: int, error: TransmissionErrorTable) -> Identified:
-    """A model file with the true plant and an assumed error.
+    """Return a model file with the true plant and an assumed ATE.
 
     Args:
         robot: The robot.

@@ -1,4 +1,7 @@
-"""The record of one walk: how each step ended, truth beside estimate, and the true tip under each treatment."""
+"""The record of one walk.
+
+It states how each step ended, truth beside estimate, and the true tip under each treatment.
+"""
 
 import math
 from collections.abc import Mapping
@@ -68,20 +71,23 @@ class StepRecord:
 
     @property
     def is_done(self) -> bool:
-        """True if its result is there."""
+        """True if the step has its result."""
         return self.ended in ("done", "noted")
 
 
 @dataclass(frozen=True)
 class QuantityRecord:
-    """One quantity: truth, estimate and standard error; None what is not there. Phases in degrees are compared on the circle."""
+    """One quantity: truth, estimate and standard error.
+
+    A missing one is None. Phases in degrees are compared on the circle.
+    """
 
     true: float | None = None
     estimate: float | None = None
     error: float | None = None
 
     def z(self, *, is_angle: bool = False) -> float | None:
-        """Deviation in standard errors."""
+        """Return the deviation in standard errors."""
         if self.true is None or self.estimate is None or not self.error:
             return None
         off = self.estimate - self.true
@@ -151,7 +157,10 @@ class PathRecord:
 
     @property
     def end_treatment(self) -> str:
-        """What the path ends with: the cancellation whose trial saw less left at the tip, or the designed notch."""
+        """Treatment at the path's end.
+
+        It is the cancellation whose trial measured the smaller remainder at the tip, else the designed notch, else none.
+        """
         done = [name for name in TREATMENTS if self.steps.get(name, StepRecord()).is_done and name in self.tips]
         cancelled = [name for name in ("cancellation", "cancellation_learnt") if name in done]
         if cancelled:
@@ -159,7 +168,10 @@ class PathRecord:
         return "notch_designed" if "notch_designed" in done else "none"
 
     def _left_mm(self, name: str) -> float:
-        """Tip's peak that a cancellation's own trial saw, in mm; beyond all others where it saw none."""
+        """Return the tip's peak in a cancellation's own trial, mm.
+
+        It is infinite without a measurement.
+        """
         left_mm = self.left.get(name)
         return math.inf if left_mm is None else left_mm
 
@@ -170,36 +182,41 @@ class PathRecord:
 
     @property
     def goal_mm(self) -> float:
-        """Tip that is asked for."""
+        """Goal for the tip."""
         return max(QUIET_MM, FLOOR_FACTOR * max(self.floor.values(), default=0.0))
 
     @property
     def is_quiet(self) -> bool | None:
-        """True if the path's end keeps the goal; None if nothing was measured."""
+        """True if the path's end meets the goal; None without measurement."""
         tip = self.end_tip_mm
         return None if tip is None else tip <= self.goal_mm
 
     @property
     def end_causes(self) -> tuple[tuple[str, ...], str]:
-        """Causes that the product names for what the path's end leaves, and its words."""
+        """Causes of the remaining tip, and the product's words."""
         return self.causes.get(self.end_treatment, ((), ""))
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """Accepted treatments that raise the true tip of any order, with it: `cancellation k4`; the copied notch apart.
+        """Accepted treatments that raise the true tip of any order.
 
-        A tip that rises to the floor, and not beyond, is not the treatment's: it is the jolt of the motion's own start, which
-        the error lessens by chance.
+        Each is named with its order: `cancellation k4`. The copied notch is left out.
+
+        A tip that rises at most to the floor is not due to the treatment: it is the jolt of the motion's own start, which
+        the ATE reduces by chance.
         """
         return tuple(f"{name} k{order}" for name, order in self._raised() if self._is_above(name, order, self.floor))
 
     @property
     def raised_to_floor(self) -> tuple[str, ...]:
-        """The same of those that raise it to the floor, and not beyond."""
+        """Accepted treatments that raise the tip at most to the floor."""
         return tuple(f"{name} k{order}" for name, order in self._raised() if not self._is_above(name, order, self.floor))
 
     def _raised(self) -> list[tuple[str, float]]:
-        """Accepted treatments and orders whose true tip is above that without one."""
+        """Return accepted treatments and orders with a raised true tip.
+
+        The comparison is with the tip without a treatment.
+        """
         return [
             (name, order)
             for name in ("notch_designed", "cancellation", "cancellation_learnt")
@@ -209,12 +226,15 @@ class PathRecord:
         ]
 
     def _is_above(self, name: str, order: float, other: Mapping[float, float]) -> bool:
-        """Whether a treatment's tip is above another by more than a trifle."""
+        """Return True if a treatment's tip is significantly above another."""
         rise = self.tips[name][order] - other.get(order, 0.0)
         return rise > max(WORSE_MM, WORSE_FRACTION * other.get(order, 0.0))
 
     def row(self) -> dict[str, Cell]:
-        """The record as one row of a table, its columns always `COLUMNS`."""
+        """Return the record as one row of a table.
+
+        Its columns are always `COLUMNS`.
+        """
         cells: dict[str, Cell] = {"name": self.name, "seed": self.seed, "axis": self.axis, "over_bus": self.over_bus}
         cells |= {f"robot_{name}": self.facts.get(name) for name in FACTS}
         for name in STEPS:

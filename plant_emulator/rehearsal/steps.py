@@ -1,4 +1,7 @@
-"""The steps of the documented path on one robot: its files, and the product's functions that take each step."""
+"""The steps of the documented path on one robot.
+
+They have its files, and call the product's function for each step.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +39,7 @@ class RunNote(NamedTuple):
         note: Its note.
         left_out: Orders that a trial has left out.
         fall: Fraction by which the vibration fell in the trial's last run, that of all that is used; None without a trial.
-        causes: Causes of what it leaves above what was asked; none where nothing is, or nothing was said.
+        causes: Causes of the excess over the goal; empty if there is none, or none was stated.
         left: Its remainder of the vibration, in words.
         left_mm: The tip's peak in the worst window, as the trial saw it; None without a trial.
     """
@@ -50,12 +53,18 @@ class RunNote(NamedTuple):
 
 
 class TrialRefusedError(HilError):
-    """The trial refused a cancellation or filters, in the run's own words."""
+    """Refusal of a cancellation or of filters by the trial.
+
+    The text is the run's own.
+    """
 
     exit_code: ClassVar[int] = 9
 
     def __init__(self, words: str, trial: CancellationTrial | None = None) -> None:
-        """Keep the words; an order that cannot be judged is hidden by the sensor's noise."""
+        """Keep the words.
+
+        If the trial could not judge an order, the cause is the sensor's noise.
+        """
         self.causes = ("noise",) if trial is not None and any(part.verdict == "not judged" for part in trial.parts) else ()
         super().__init__(words)
 
@@ -72,38 +81,44 @@ class PathFiles:
 
     @property
     def model(self) -> Path:
-        """The model file of the identifications."""
+        """Model file of the identifications."""
         return self.folder / "model.toml"
 
     @property
     def learnt(self) -> Path:
-        """The model file of learning."""
+        """Model file of learning."""
         return self.folder / "learnt.toml"
 
     @property
     def designs(self) -> Path:
-        """The design file."""
+        """Design file."""
         return self.folder / "design.toml"
 
     def identified(self) -> Identified | None:
-        """What has been identified so far; None if nothing has."""
+        """Return what has been identified so far, or None."""
         return load_identified(self.model) if self.model.exists() else None
 
     def knowledge(self, *, is_learnt: bool) -> Knowledge:
-        """All that is known of the robot; what was learnt only where learning is done."""
+        """Return all knowledge of the robot.
+
+        The learnt model is included if learning is done.
+        """
         designs = load_designs(self.designs) if self.designs.exists() else None
         return Knowledge(self.identified(), designs, load_identified(self.learnt) if is_learnt else None)
 
 
 class Steps(Protocol):
-    """Steps of the path, each by the product; a refusal is raised as the product raises it."""
+    """Steps of the path, each by the product.
+
+    Refusals are raised as the product raises them.
+    """
 
     def plant(self) -> Note:
         """Identify the plant."""
         ...
 
     def ate(self) -> Note:
-        """Identify the transmission error."""
+        """Identify the ATE."""
         ...
 
     def design(self) -> Note:
@@ -115,7 +130,7 @@ class Steps(Protocol):
         ...
 
     def learn(self) -> Note:
-        """Learn the transmission error."""
+        """Learn the ATE."""
         ...
 
 
@@ -142,7 +157,7 @@ class StepsInProcess:
         return None
 
     def ate(self) -> Note:
-        """Identify the transmission error, and put it into the model file."""
+        """Identify the ATE, and add it to the model file."""
         outcome = identify_ate(
             self._bench, AteRequest(self._axis), self._out("ate"), self._files.identified(), channel=self._channel
         )
@@ -152,7 +167,7 @@ class StepsInProcess:
         return note_of_error(outcome.result)
 
     def design(self) -> Note:
-        """Design a notch, and put it into the design file."""
+        """Design a notch, and write it into the design file."""
         outcome = design(self._bench, NotchDesignRequest(self._axis, effort=self._effort), self._files.identified())
         if not outcome.is_usable:
             _raise(outcome.failure)
@@ -168,7 +183,10 @@ class StepsInProcess:
         return note_of_run(outcome.result)
 
     def learn(self) -> Note:
-        """Learn the transmission error, into a model file of its own, from what is known."""
+        """Learn the ATE, into a model file of its own.
+
+        It starts from what is known.
+        """
         files, request = self._files, LearnRequest((self._axis,))
         known = files.model if files.model.exists() else None
         outcome = learn_on_bus(self._bench, request, self._out("learn"), files.learnt, plant=known, channel=self._channel)
@@ -180,12 +198,15 @@ class StepsInProcess:
 
 
 def note_of_error(result: AteResult) -> Note:
-    """Note of an identification of the transmission error: standard errors that are larger than asked."""
+    """Return the note of an ATE's identification.
+
+    It states the standard errors that are larger than demanded; None if there are none.
+    """
     return None if result.is_within_goal else "; ".join(result.notes or ()) or "not within the goal"
 
 
 def note_of_run(result: ExperimentsResult) -> RunNote:
-    """Outcome of a run.
+    """Return the outcome of a run.
 
     Raises:
         TrialRefusedError: The trial refused the cancellation, or the filters.

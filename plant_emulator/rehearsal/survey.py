@@ -1,4 +1,7 @@
-"""The survey of a robot: its true tip under each treatment, and its floor."""
+"""The survey of a robot.
+
+It has its true tip under each treatment, and its floor.
+"""
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -35,7 +38,7 @@ class TrueTip(NamedTuple):
 
 
 class Survey:
-    """Runs of the user's motion on a quiet sensor.
+    """Runs of the user's motion, measured by an ideal sensor.
 
     Args:
         robot: The robot.
@@ -49,7 +52,7 @@ class Survey:
         self._perfect: Recording | None = None
 
     def tip(self, treatment: str, knowledge: Knowledge, left_out: Collection[Part] = ()) -> TrueTip:
-        """True tip by order under a treatment, in mm.
+        """Return the true tip by order under a treatment, mm.
 
         Args:
             treatment: Name as in `record.TREATMENTS`.
@@ -69,11 +72,11 @@ class Survey:
         return self._tip(self._robot, bench, filters, model, left_out)
 
     def cancelled(self, model: Identified, left_out: Collection[Part]) -> TrueTip:
-        """True tip by order under the cancellation of a model, in mm."""
+        """Return the true tip by order under a model's cancellation, mm."""
         return self._tip(self._robot, self._bench, "none", model, left_out)
 
     def floor(self) -> TrueTip:
-        """The same without a transmission error."""
+        """Return the true tip by order without an ATE, mm."""
         recording = self._with_perfect_gears()
         if recording is None:
             return TrueTip({}, {})
@@ -91,7 +94,7 @@ class Survey:
         return TrueTip(tip_by_order_mm(*where, speed_rps), tracked_by_order_mm(*where))
 
     def _with_perfect_gears(self) -> Recording | None:
-        """The motion without a transmission error, once."""
+        """Run the motion once without an ATE."""
         if self._perfect is None:
             self._perfect = self._record(without_error(self._robot), self._bench, "none", None, ())
         return self._perfect
@@ -112,7 +115,7 @@ class Survey:
 
 @contextmanager
 def session_on(robot: Robot, bench: Bench) -> Iterator[Session]:
-    """A session on a robot of its own, brought up."""
+    """Open a session on a robot of its own."""
     with DirectChannel(World(robot), robot.bus.bitrate).session(bench) as session:
         session.bring_up()
         yield session

@@ -1,4 +1,7 @@
-"""The true tip of a robot: its motions on a quiet sensor, judged where the robot itself resonates."""
+"""The true tip of a robot.
+
+Its motions are measured by an ideal sensor, and judged where the robot itself resonates.
+"""
 
 import math
 from collections.abc import Mapping
@@ -19,7 +22,10 @@ END_S = 0.15
 
 
 def quiet(robot: Robot) -> Robot:
-    """The robot with a sensor that has no noise, steps, delay or mounting, and answers in time."""
+    """Return the robot with an ideal sensor.
+
+    It has no noise, steps, delay, low-pass or mounting resonance.
+    """
     still = robot.accelerometer.model_copy(
         update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0, "delay_s": 0.0, "lowpass_hz": None, "mounting_resonance_hz": None}
     )
@@ -27,14 +33,14 @@ def quiet(robot: Robot) -> Robot:
 
 
 def without_error(robot: Robot) -> Robot:
-    """The robot with perfect gears."""
+    """Return the robot with perfect gears."""
     none = TransmissionErrorTable.of({}, {})
     axes = {number: axis.model_copy(update={"ate": none}) for number, axis in robot.axis.items()}
     return robot.model_copy(update={"axis": axes})
 
 
 def with_true_models(bench: Bench, robot: Robot) -> Bench:
-    """The bench with the true plant of every axis."""
+    """Return the bench with the true plant of every axis."""
     axes = {}
     for number, table in bench.axis.items():
         plant = {name: getattr(robot.axis[number], name) for name in PlantTable.model_fields}
@@ -44,7 +50,10 @@ def with_true_models(bench: Bench, robot: Robot) -> Bench:
 
 
 def true_f_al_hz(bench: Bench, robot: Robot, axis: int) -> float:
-    """f_al of an axis: the peak of |G_al| of its linear plant under the bench's gains."""
+    """Return f_al of an axis.
+
+    It is the peak of |G_al| of its linear plant under the bench's gains.
+    """
     found = peak_hz(with_true_models(bench, robot), axis, robot.control_period_s)
     assert found is not None  # noqa: S101 - the model has just been put in
     return found
@@ -53,7 +62,9 @@ def true_f_al_hz(bench: Bench, robot: Robot, axis: int) -> float:
 def tip_by_order_mm(
     recording: Recording, axis: int, f_al_hz: float, speed_rps: NDArray[np.float64] | None = None
 ) -> dict[float, float]:
-    """Largest tip displacement in each order's window of a rising ramp, mm; an order whose resonance it does not pass has none.
+    """Return the largest tip displacement by order, mm.
+
+    Each order has a window in a rising ramp; an order whose resonance the ramp does not pass is left out.
 
     Args:
         recording: Recording on a quiet sensor.
@@ -80,7 +91,9 @@ def tip_by_order_mm(
 
 
 def tracked_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[float, float]:
-    """Largest order-tracked amplitude of the tip in each order's window of a rising ramp, mm: its part at k θ_m alone.
+    """Return the largest order-tracked tip amplitude by order, mm.
+
+    It is the part at k θ_m alone, in each order's window of a rising ramp.
 
     Args:
         recording: Recording on a quiet sensor.
@@ -104,6 +117,9 @@ def tracked_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict
 
 
 def ratio_of_tips(after: Mapping[float, float], before: Mapping[float, float]) -> float | None:
-    """Largest rise of any order as a ratio, tips below 0.002 mm apart."""
+    """Return the largest ratio of tips after and before.
+
+    Tips below 0.002 mm count as 0.002 mm before.
+    """
     ratios = [after[order] / max(before[order], 0.002) for order in after if order in before]
     return max(ratios, default=None)

@@ -1,6 +1,8 @@
-"""The robot without the causes that the product names for what it leaves: are they the true ones?
+"""The robot without the causes that the product states.
 
-Causes are true where the robot without them ends within the goal, or loses at least half of what is above it.
+It shows whether these causes of the remaining tip are the true ones.
+
+Causes are true if the robot without them ends within the goal, or loses at least half of the excess over it.
 """
 
 import math
@@ -26,13 +28,19 @@ HALF = 0.5
 
 
 def without_reaction(robot: Robot, bench: Bench, axis: int) -> Pair:
-    """The robot whose gear's torque does not act back through the transmission error."""
+    """Return the robot without the gear's reaction.
+
+    The gear's torque then does not act back through the ATE.
+    """
     table = robot.axis[axis].model_copy(update={"gear_reaction": False})
     return robot.model_copy(update={"axis": {**robot.axis, axis: table}}), bench
 
 
 def without_speed_limit(robot: Robot, bench: Bench, axis: int) -> Pair:
-    """The bench with a higher speed limit, and all that hangs on it."""
+    """Return the bench with a higher speed limit.
+
+    The limit of the following error rises with it.
+    """
     table = bench.axis[axis]
     limits = table.limits.model_copy(
         update={
@@ -45,7 +53,10 @@ def without_speed_limit(robot: Robot, bench: Bench, axis: int) -> Pair:
 
 
 def with_quick_bus(robot: Robot, bench: Bench, axis: int) -> Pair:
-    """Robot and bench with a short SYNC period, on a bus that carries it, and answers in time."""
+    """Return robot and bench with a short SYNC period.
+
+    The bus carries it, and its TPDOs have no delay.
+    """
     table = robot.axis[axis]
     behaviour = table.behaviour.model_copy(update={"tpdo_delay_us": 0})
     quick = robot.model_copy(
@@ -61,7 +72,7 @@ def with_quick_bus(robot: Robot, bench: Bench, axis: int) -> Pair:
 
 
 def without_noise(robot: Robot) -> Robot:
-    """The robot with an accelerometer that has neither noise nor steps."""
+    """Return the robot with an accelerometer without noise and steps."""
     still = robot.accelerometer.model_copy(update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0})
     return robot.model_copy(update={"accelerometer": still})
 
@@ -71,14 +82,14 @@ REMOVED: dict[str, Callable[[Robot, Bench, int], Pair]] = {
     "speed limit": without_speed_limit,
     "frequency limit": with_quick_bus,  # and a cancellation that ends further up: `_up_to`
 }
-"""What takes a cause away from robot or bench; the cancellation stays what it is."""
+"""Functions that remove a cause from robot or bench; the cancellation is unchanged."""
 KNOWN_BETTER = frozenset({"estimate", "order left out"})
-"""Causes that the robot's own transmission error takes away, where all of it is cancelled."""
+"""Causes that vanish if the robot's whole true ATE is cancelled."""
 
 
 @contextmanager
 def _up_to(over_resonance: float) -> Iterator[None]:
-    """Cancellations that end so many times f_al further up, while it lasts."""
+    """Let cancellations extend to a multiple of f_al in this context."""
     before = tables.HIGHEST_OVER_RESONANCE
     tables.HIGHEST_OVER_RESONANCE = over_resonance
     try:
@@ -107,7 +118,9 @@ class PathEnd:
 
 
 def tip_without(causes: Collection[str], end: PathEnd, anew: Callable[[Robot, Bench], float | None]) -> float | None:
-    """Largest true tip of any order without some causes, in mm; None if nobody can tell.
+    """Return the largest true tip without some causes, mm.
+
+    The result is None if it cannot be determined.
 
     Args:
         causes: Names of the causes, of `hil.results.runs.RemainderCause`.
@@ -131,7 +144,7 @@ def tip_without(causes: Collection[str], end: PathEnd, anew: Callable[[Robot, Be
 
 
 def is_true(end_mm: float, goal_mm: float, without_mm: float | None) -> bool:
-    """Whether what is above the goal goes with the cause.
+    """Return True if the excess over the goal vanishes with the cause.
 
     >>> is_true(0.020, 0.010, 0.014), is_true(0.020, 0.010, 0.016), is_true(0.011, 0.010, 0.0099)
     (True, False, True)

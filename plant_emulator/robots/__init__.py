@@ -1,4 +1,6 @@
-"""Robot and tuning files: the true plant and its drives, and gains and filters for a study.
+"""Robot and tuning files.
+
+A robot file describes the true plant and its drives, a tuning file the gains and filters for a study.
 
 >>> from plant_emulator.robots.robot import load_robot
 >>> robot = load_robot("reference")

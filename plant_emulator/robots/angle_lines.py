@@ -1,4 +1,7 @@
-"""Tables of the robot file for what recurs with an angle beside the transmission error: eccentricity of the joint, cogging."""
+"""Tables of the robot file for eccentricity and cogging.
+
+These errors are periodic in an angle, beside the ATE.
+"""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +18,9 @@ HIGHEST_COGGING_ORDER = 200
 
 
 class EccentricityLine(Table):
-    """One order of the transmission error that turns with the joint: parts on the arm side that are off centre.
+    """One order of the ATE that is periodic in the joint.
+
+    Parts on the arm side that are off centre cause it.
 
     Attributes:
         order: Periods in one revolution of the joint.
@@ -29,7 +34,9 @@ class EccentricityLine(Table):
 
 
 class CoggingLine(Table):
-    """One order of the torque with which the motor's magnets pull it from tooth to tooth.
+    """One order of the motor's cogging torque.
+
+    It comes from the motor's magnets.
 
     Attributes:
         order: Periods in one revolution of the motor.
@@ -43,7 +50,7 @@ class CoggingLine(Table):
 
 
 def check_lines(eccentricity: Sequence[EccentricityLine], cogging: Sequence[CoggingLine], torque_limit_nm: float) -> None:
-    """Refuse orders that stand twice, and a cogging that its motor cannot turn over.
+    """Refuse duplicate orders, and cogging that exceeds the motor torque.
 
     Args:
         eccentricity: Orders of the joint.
@@ -56,16 +63,18 @@ def check_lines(eccentricity: Sequence[EccentricityLine], cogging: Sequence[Cogg
     for name, lines in (("eccentricity", [line.order for line in eccentricity]), ("cogging", [line.order for line in cogging])):
         twice = sorted({order for order in lines if lines.count(order) > 1})
         if twice:
-            raise ValueError(f"{name}: order {twice[0]} stands twice")
+            raise ValueError(f"{name}: order {twice[0]} is given twice")
     most = math.fsum(line.torque_nm for line in cogging)
     if most >= torque_limit_nm:
-        raise ValueError(f"cogging: {most:g} N·m hold a motor that has {torque_limit_nm:g} N·m")
+        raise ValueError(f"cogging: {most:g} N·m in total exceed the motor's torque limit of {torque_limit_nm:g} N·m")
 
 
 def write_lines(
     eccentricity: Sequence[EccentricityLine], cogging: Sequence[CoggingLine], reduction_ratio: float, row: Any
 ) -> None:
-    """Put them into one record of a `PLANT` array; orders of the joint as orders m/N of the motor.
+    """Write the lines into one record of a `PLANT` array.
+
+    Orders of the joint become orders m/N of the motor.
 
     Args:
         eccentricity: Orders of the joint.

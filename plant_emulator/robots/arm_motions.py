@@ -1,4 +1,7 @@
-"""Motions of an arm for its bench file: a straight line that it can follow from home, and a ramp that turns it little."""
+"""Motions of an arm for its bench file.
+
+They are a straight line that the arm can follow from home, and a ramp that turns it little.
+"""
 
 import math
 from collections.abc import Sequence
@@ -31,7 +34,9 @@ PACE_M_S = 0.25 / 2.2
 
 
 def first_line(arm: ArmTable, limits: Sequence[JointLimits]) -> LineMotion | None:
-    """A straight line from home that the arm can follow with its tool kept as it is; None if there is none of 10 cm.
+    """Return a straight line from home that the arm can follow.
+
+    The tool keeps its orientation. The result is None if there is no line of at least 10 cm.
 
     Args:
         arm: The arm.
@@ -51,7 +56,9 @@ def first_line(arm: ArmTable, limits: Sequence[JointLimits]) -> LineMotion | Non
 
 
 def arm_ramp(axes: list[RobotAxis], fastest_rps: float, braking_rps_s: float) -> tuple[float, float]:
-    """Acceleration in rev/s² and end speed in rev/s of a ramp that turns the arm little.
+    """Return acceleration and end speed of a short ramp.
+
+    They are in rev/s² and rev/s; the ramp turns the arm little.
 
     Args:
         axes: The axes of the arm, from the base on.

@@ -1,4 +1,7 @@
-"""Tables of a drive in the robot file: its switches, and in what it differs from a drive that does all at once."""
+"""Tables of a drive in the robot file.
+
+They state its switches, and its differences from an ideal drive without delays.
+"""
 
 from typing import Annotated
 
@@ -8,9 +11,11 @@ from drive_profiles.files.toml import Table
 
 
 class Switches(Table):
-    """Positions of an axis' switches: angles of the joint, which is the motor angle by the reduction ratio.
+    """Positions of an axis' switches.
 
-    What is not given is not there, and its input stays off. The index pulse comes once per motor revolution.
+    They are angles of the joint, that is of the motor divided by the reduction ratio.
+
+    A switch without a position does not exist, and its input stays off. The index pulse comes once per motor revolution.
 
     Attributes:
         negative_limit_deg: Limit switch, active from here downwards.
@@ -40,7 +45,9 @@ class Switches(Table):
 
 
 class Behaviour(Table):
-    """Differences of this drive from one that does all at once: what masters meet in real drives. All is off unless given.
+    """Differences of this drive from an ideal one without delays.
+
+    Real drives show them. All are off unless given.
 
     Attributes:
         tpdo_delay_us: Delay of the TPDOs after their cause (a SYNC, an event).

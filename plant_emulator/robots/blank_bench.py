@@ -1,4 +1,7 @@
-"""Text of a robot's bench file with what an engineer knows before anything has been measured."""
+"""Text of a robot's bench file before any measurement.
+
+It holds the engineer's knowledge at that time.
+"""
 
 import math
 from dataclasses import replace
@@ -33,14 +36,16 @@ SECOND_ORDER_END = 0.68
 
 
 def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: ArmTable | None = None) -> str:
-    """Text of a bench file: ratios, levers, limits, gains, a copied notch and a motion; no model.
+    """Return the text of a bench file without a model.
 
-    Gains are as an integrator sets them: the velocity loop by the rotor's inertia, K_pp by the frequency at which the arm rings.
+    It states ratios, levers, limits, gains, a copied notch and a motion.
+
+    Gains are those of an integrator: the velocity loop from the rotor's inertia, K_pp from the resonance of the arm.
 
     Args:
         robot: The robot.
-        address: The bus; the robot's bit rate is added where it says one.
-        drawing: The arm as the robot's own file has it, where that is a URDF file, which stands in the bench file as well.
+        address: The bus; the robot's bit rate is added if its file states one.
+        drawing: The arm as in the robot's own file if that names a URDF file, which the bench file names as well.
     """
     bus = parse_address(address)
     lines = [
@@ -74,7 +79,10 @@ def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: A
 
 
 def _arm_lines(arm: ArmTable, mounting: Mounting | None) -> list[str]:
-    """What an engineer knows of an arm: its drawing, and where the sensor was meant to sit; no masses, no misalignment."""
+    """Return the lines about an arm that an engineer knows.
+
+    They are its drawing and the intended place of the sensor; no masses, no misalignment.
+    """
     lines = []
     if mounting is not None:
         lines += ["", "[accelerometer.mounting]", *_given(mounting, "misalignment_deg")]
@@ -85,7 +93,10 @@ def _arm_lines(arm: ArmTable, mounting: Mounting | None) -> list[str]:
 
 
 def _line_lines(robot: Robot, arm: ArmTable) -> list[str]:
-    """A straight line from home, where there is one within the limits of the axes."""
+    """Return a straight line from home, if one exists.
+
+    It is within the limits of the axes.
+    """
     limits = []
     for link, home in zip(arm.link, arm.home_rad().tolist(), strict=True):
         axis = robot.axis[link.axis]
@@ -97,7 +108,7 @@ def _line_lines(robot: Robot, arm: ArmTable) -> list[str]:
 
 
 def _given(table: Table, *unknown: str) -> list[str]:
-    """The keys of a table that are not as by default, less those that nobody knows."""
+    """Return the known keys of a table that differ from defaults."""
     values = table.model_dump(exclude_none=True, exclude_defaults=True, exclude=set(unknown))
     return [f"{key} = {toml_value(value)}" for key, value in values.items()]
 
@@ -138,28 +149,37 @@ def _axis_lines(number: int, axis: RobotAxis, node_id: int, arm: ArmTable | None
 
 
 def position_gain_per_s(axis: RobotAxis) -> float:
-    """K_pp by the frequency at which the arm rings."""
+    """Return K_pp from the resonance of the arm."""
     return _digits(POSITION_GAIN_PER_S * math.sqrt(antiresonance_hz(axis) / GAIN_HZ))
 
 
 def speed_limit_rps(axis: RobotAxis) -> float:
-    """Largest motor speed: order 1 meets the arm's resonance below it."""
+    """Return the largest motor speed.
+
+    Order 1 meets the arm's resonance below it.
+    """
     return max(LEAST_SPEED_RPS, math.ceil(SPEED_PER_HZ * antiresonance_hz(axis)))
 
 
 def acceleration_limit_rps_s(axis: RobotAxis) -> float:
-    """Largest motor acceleration: as an engineer sizes a drive, what its torque gives rotor and arm, in two digits."""
+    """Return the largest motor acceleration.
+
+    The torque gives it to rotor and arm, in two digits, as an engineer sizes a drive.
+    """
     inertia = axis.motor_inertia_kg_m2 + axis.arm_inertia_kg_m2 / axis.reduction_ratio**2
     return float(f"{axis.torque_limit_nm / (math.tau * inertia):.2g}")
 
 
 def travel_rev(axis: RobotAxis) -> float:
-    """Reach of the motor to either side, whole revolutions."""
+    """Return the motor's reach to either side, in whole revolutions."""
     return float(math.floor(TRAVEL * axis.reduction_ratio))
 
 
 def _range_rev(number: int, axis: RobotAxis, arm: ArmTable | None) -> tuple[float, float]:
-    """Limits of the motor's position: its reach, and what the range of its link leaves of it."""
+    """Return the limits of the motor's position.
+
+    They are its reach, within the range of its link.
+    """
     reach = travel_rev(axis)
     if arm is None:
         return -reach, reach
@@ -176,7 +196,10 @@ def _reach(axis: RobotAxis) -> float:
 
 
 def _motion(axis: RobotAxis) -> tuple[float, float]:
-    """Acceleration and end speed of a motion from the middle of the travel, in rev/s² and rev/s."""
+    """Return acceleration and end speed of a motion.
+
+    They are in rev/s² and rev/s; the motion starts in the middle of the travel.
+    """
     acceleration, end = ACCELERATIONS_RPS_S[0], 0.0
     for acceleration in ACCELERATIONS_RPS_S:
         room = 0.9 * travel_rev(axis) / (0.5 / acceleration + 0.5 / DECELERATION_RPS_S)

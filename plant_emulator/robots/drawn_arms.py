@@ -1,6 +1,8 @@
-"""Arms drawn by seed: the reference arm with other lengths, masses, loads, postures, gears, motors and errors.
+"""Arms drawn by seed.
 
-Or the links of a URDF file, to which motors, gears and errors are drawn: what such a file has not.
+They are the reference arm with other lengths, masses, loads, postures, gears, motors and errors.
+
+Or they have the links of a URDF file, with drawn motors, gears and errors, which such a file lacks.
 
 >>> from plant_emulator.robots.drawn_arms import draw_arm
 >>> robot = draw_arm(7)
@@ -29,7 +31,9 @@ Real = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ArmRanges:
-    """Ranges of the drawn quantities; those of a factor are drawn evenly in its logarithm.
+    """Ranges of the drawn quantities.
+
+    Factors are drawn uniformly in their logarithm.
 
     Attributes:
         length: Factor of each length of the reference arm.
@@ -63,7 +67,9 @@ WRIST = (4, 5, 6)
 
 
 def draw_arm(seed: int, ranges: ArmRanges = ARM_RANGES) -> ArmRobot:
-    """An arm of six axes with linear gears; equal arguments give equal arms.
+    """Draw an arm of six axes with linear gears.
+
+    Equal arguments give equal arms.
 
     Args:
         seed: Seed of all draws, and of the robot's own noise.
@@ -83,14 +89,16 @@ def draw_arm(seed: int, ranges: ArmRanges = ARM_RANGES) -> ArmRobot:
 def draw_drives(
     urdf: str, folder: Path, home_deg: tuple[float, ...], seed: int, tip_link: str | None = None, ranges: ArmRanges = ARM_RANGES
 ) -> ArmRobot:
-    """The arm of a URDF file with motors, linear gears and transmission errors drawn for it.
+    """Draw the drives of a URDF file's arm.
 
-    Its joints are axes 1, 2, … from the base on. The robot is as its file would say it: `with_links_read` of it has the links.
+    They are motors, linear gears and ATEs.
+
+    The arm's joints are axes 1, 2, … from the base on. The robot equals its file; `with_links_read` of it has the links.
 
     Args:
         urdf: Path of the file.
         folder: Folder from which the path counts.
-        home_deg: Joint angles where the motors stand at zero, one each, or none: all 0.
+        home_deg: Joint angles at which the motors are at zero, one each, or none: all 0.
         seed: Seed of all draws, and of the robot's own noise.
         tip_link: Link whose frame is that of the tip; None: the only one at the arm's end.
         ranges: Ranges of the quantities.
@@ -110,7 +118,7 @@ def draw_drives(
 
 
 def _axes(seed: int, ranges: ArmRanges, arm: ArmTable, ratios: Mapping[int, float] = MappingProxyType({})) -> dict[int, ArmAxis]:
-    """Motor and gear of each joint; `ratios` are those that are known."""
+    """Draw motor and gear of each joint; `ratios` are known."""
     inertias = np.diag(mass_matrix(arm, arm.home_rad())).tolist()
     return {
         link.axis: _axis(Draws(seed, f"arm axis {link.axis} "), ranges, link.axis, inertia, weight, ratios.get(link.axis))
@@ -132,7 +140,10 @@ def _robot(name: str, seed: int, draws: Draws, axes: dict[int, ArmAxis], arm: Ar
 
 
 def arm_facts(robot: ArmRobot) -> dict[str, float]:
-    """What an arm weighs, how far it reaches from its shoulder, and the frequencies at which it rings at home, brakes closed."""
+    """Return mass, reach and resonances of an arm.
+
+    The reach is from its shoulder; the resonances are at home with closed brakes.
+    """
     arm, home = robot.arm, robot.arm.home_rad()
     gears = np.diag([robot.axis[number].gear_stiffness_nm_rad for number in arm.axes])
     modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass_matrix(arm, home), gears)).real) / (2.0 * math.pi)
@@ -143,7 +154,7 @@ def arm_facts(robot: ArmRobot) -> dict[str, float]:
 
 
 def _links(draws: Draws, ranges: ArmRanges) -> ArmTable:
-    """The links of the reference arm, stretched and weighed anew."""
+    """Draw the links: the reference arm's, scaled in length and mass."""
     model = load_robot("reference-arm").links
     assert model is not None  # noqa: S101 - it is an arm
     links, stretch = [], 1.0
@@ -161,7 +172,10 @@ def _links(draws: Draws, ranges: ArmRanges) -> ArmTable:
 
 
 def _stretched(link: ArmLink, before: float, own: float, heavier: float) -> ArmLink:
-    """A link on one that is longer by a factor, longer itself, and heavier."""
+    """Scale a link in length and mass.
+
+    The link before it is scaled by a factor of its own.
+    """
     body = link.body or Body(mass_kg=0.0)
     mass, inertia = rounded(heavier * body.mass_kg), body.inertia_kg_m2
     size = heavier * own**2
@@ -173,13 +187,16 @@ def _stretched(link: ArmLink, before: float, own: float, heavier: float) -> ArmL
 
 
 def _box(mass_kg: float, size_m: float) -> Inertia:
-    """Inertia of a cube."""
+    """Return the inertia of a cube."""
     moment = rounded(mass_kg * size_m**2 / 6.0)
     return Inertia(xx=moment, yy=moment, zz=moment)
 
 
 def _weights(arm: ArmTable) -> list[float]:
-    """Greatest moment of gravity that each axis could meet: all behind it stretched out level."""
+    """Return each axis' greatest moment of gravity.
+
+    All links beyond it are then stretched out level.
+    """
     found, moment, mass = [], 0.0, 0.0
     for link, body in zip(reversed(arm.link), reversed(arm.bodies()), strict=True):
         moment += body.mass_kg * math.hypot(*body.centre_m)
@@ -192,7 +209,10 @@ def _weights(arm: ArmTable) -> list[float]:
 def _axis(
     draws: Draws, ranges: ArmRanges, number: int, inertia: float, weight_nm: float, known_ratio: float | None = None
 ) -> ArmAxis:
-    """Motor and gear for the inertia that the axis turns at home; all else in proportion to that."""
+    """Draw motor and gear for an axis' inertia at home.
+
+    All other quantities are in proportion to that.
+    """
     ratio = known_ratio or float(draws.whole("reduction_ratio", RANGES.reduction_ratio))
     hz = draws.logarithmic("antiresonance_hz", ranges.wrist_hz if number in WRIST else ranges.antiresonance_hz)
     omega = 2.0 * math.pi * hz

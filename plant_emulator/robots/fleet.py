@@ -1,6 +1,8 @@
-"""The fleet: robots with harmonic drives drawn by seed, from ranges that industry's robots fill.
+"""The fleet: robots with harmonic drives drawn by seed.
 
-Every quantity is drawn from a generator of its own, named by seed and quantity: a quantity more shifts no other.
+The ranges are those of industrial robots.
+
+Every quantity is drawn from a generator of its own, named by seed and quantity: a further quantity changes no other.
 
 >>> from plant_emulator.robots.fleet import draw
 >>> robot = draw(7)
@@ -37,7 +39,9 @@ RANGE_M_S2 = 32.0
 
 @dataclass(frozen=True)
 class Ranges:
-    """Ranges of the drawn quantities; those of a factor are drawn evenly in its logarithm.
+    """Ranges of the drawn quantities.
+
+    Factors are drawn uniformly in their logarithm.
 
     Attributes:
         reduction_ratio: N, in whole steps.
@@ -102,24 +106,24 @@ class Draws:
         self._seed, self._prefix = seed, prefix
 
     def even(self, name: str, limits: Range) -> float:
-        """A number between two limits, all equally probable."""
+        """Return a number between two limits, all equally probable."""
         return rounded(float(self._generator(name).uniform(*limits)))
 
     def logarithmic(self, name: str, limits: Range) -> float:
-        """A number between two limits, all ratios equally probable."""
+        """Return a number between two limits, all ratios equally probable."""
         low, high = (math.log(limit) for limit in limits)
         return rounded(math.exp(self._generator(name).uniform(low, high)))
 
     def whole(self, name: str, limits: Range) -> int:
-        """A whole number between two limits, both included."""
+        """Return a whole number between two limits, both included."""
         return int(self._generator(name).integers(round(limits[0]), round(limits[1]), endpoint=True))
 
     def one_of(self, name: str, choices: tuple[float, ...]) -> float:
-        """One of some values."""
+        """Return one of some values."""
         return choices[int(self._generator(name).integers(len(choices)))]
 
     def chance(self, name: str, probability: float = 0.5) -> bool:
-        """True with a probability."""
+        """Return True with a probability."""
         return bool(self._generator(name).random() < probability)
 
     def _generator(self, name: str) -> np.random.Generator:
@@ -127,17 +131,17 @@ class Draws:
 
 
 def rounded(value: float) -> float:
-    """The value with as many digits as a file has."""
+    """Round a value to as many digits as a file has."""
     return float(f"{value:.{DRAWN_DIGITS}g}")
 
 
 def draw(seed: int, ranges: Ranges = RANGES, *, kind: Kind = "any", axes: int = 1) -> Robot:
-    """A robot of the fleet; equal arguments give equal robots.
+    """Draw a robot of the fleet; equal arguments give equal robots.
 
     Args:
         seed: Seed of all draws, and of the robot's own noise.
         ranges: Ranges of the quantities.
-        kind: Whether gear and drive are linear; robots of equal seeds differ in nothing else.
+        kind: Linear or real gear and drive; robots of equal seeds differ in nothing else.
         axes: Number of axes, 1 to 3.
 
     Raises:
@@ -166,7 +170,9 @@ def draw(seed: int, ranges: Ranges = RANGES, *, kind: Kind = "any", axes: int = 
 
 
 def least_sync_period_s(axes: int, bitrate: int) -> float:
-    """SYNC period that a bus carries with some room: an integrator chooses none that is shorter.
+    """Return a SYNC period that a bus carries with some margin.
+
+    Integrators choose no shorter one.
 
     `hil plan` has 0.88 ms in a cycle of one drive at 500 kbit/s, and finds that three fit at 1 Mbit/s every 2 ms.
     """
@@ -174,7 +180,7 @@ def least_sync_period_s(axes: int, bitrate: int) -> float:
 
 
 def accelerometer(draws: Draws, ranges: Ranges) -> RobotAccelerometer:
-    """Sensor with noise, delay and mounting."""
+    """Return the sensor with noise, delay and mounting."""
     has_lowpass, is_loose = draws.chance("sensor low-pass"), draws.chance("mounting resonance")
     return RobotAccelerometer(
         node_id=16,
@@ -188,7 +194,7 @@ def accelerometer(draws: Draws, ranges: Ranges) -> RobotAccelerometer:
 
 
 def _axis(draws: Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) -> RobotAxis:
-    """One axis: inertias first, all else in proportion to them."""
+    """Draw one axis: inertias first, all else in proportion."""
     ratio = float(draws.whole("reduction_ratio", ranges.reduction_ratio))
     antiresonance_hz = draws.logarithmic("antiresonance_hz", ranges.antiresonance_hz)
     arms = draws.logarithmic("inertia_ratio", ranges.inertia_ratio) * ratio**2
@@ -237,19 +243,25 @@ def _axis(draws: Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) -
 
 
 def transmission_error(draws: Draws, ranges: Ranges) -> TransmissionErrorTable:
-    """Transmission error with any phases."""
+    """Draw an ATE with any phases."""
     phases: dict[float, float] = {order: draws.even(phase_key(order), (0.0, 360.0)) for order in ORDERS}
     amplitudes: dict[float, float] = {order: draws.even(f"a{order}", getattr(ranges, amplitude_key(order))) for order in ORDERS}
     return TransmissionErrorTable.of(amplitudes, phases)
 
 
 def antiresonance_hz(axis: RobotAxis) -> float:
-    """f_a = √(K_g/J_l)/2π of an axis, with the gear at its nominal stiffness."""
+    """Return the antiresonance f_a of an axis.
+
+    f_a = √(K_g/J_l)/2π, with the gear at its nominal stiffness.
+    """
     return math.sqrt(axis.gear_stiffness_nm_rad / axis.arm_inertia_kg_m2) / (2.0 * math.pi)
 
 
 def small_motion_antiresonance_hz(axis: RobotAxis) -> float:
-    """f_a for the smallest motions, where the gear is soft by its wind-up and stiff by its hysteresis."""
+    """Return f_a for the smallest motions.
+
+    There wind-up softens the gear, and hysteresis stiffens it.
+    """
     stiffness = axis.gear_stiffness_nm_rad * (1.0 - axis.wind_up_softness)
     stiffness += axis.hysteresis_torque_nm / (axis.hysteresis_torsion_arcsec * ARCSEC)
     return math.sqrt(stiffness / axis.arm_inertia_kg_m2) / (2.0 * math.pi)

@@ -1,4 +1,7 @@
-"""Tables of the robot file that make a gear's transmission error depend on time, wear, load, direction and temperature."""
+"""Tables of the robot file for a changing ATE.
+
+It may depend on time, wear, load, direction and temperature.
+"""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +17,7 @@ MOST_LINES = LINES + 1
 """A line for each order that an axis can have, and one for the rest."""
 
 LOWEST_C, HIGHEST_C = -60.0, 200.0
-"""Temperatures of a gear that lubricants stand, and some more."""
+"""Temperatures that a gear's lubricant tolerates, with some margin."""
 
 Celsius = Annotated[float, Field(ge=LOWEST_C, le=HIGHEST_C)]
 Percent = Annotated[float, Field(ge=-100.0, le=100.0)]
@@ -22,7 +25,9 @@ Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
 
 
 class ErrorChange(Table):
-    """How one order of the transmission error changes, or all that have no line of their own.
+    """Change of one order of the ATE.
+
+    A line without an order is for all orders that have no line of their own.
 
     Time and revolutions count while the axis' brake is open. Load is the torque of the gear, on the arm side, with its sign.
 
@@ -57,12 +62,12 @@ class ErrorChange(Table):
     @model_validator(mode="after")
     def _step_is_whole(self) -> "ErrorChange":
         if (self.phase_step_s is None) != (self.phase_step_deg == 0.0):
-            raise ValueError("phase_step_deg says how far, phase_step_s when: one is missing")
+            raise ValueError("phase_step_deg and phase_step_s need each other: one is missing")
         return self
 
 
 class GearTemperature(Table):
-    """Temperature of a gear: where it begins, and what its losses make of it.
+    """Temperature of a gear: initial value and effect of losses.
 
     Attributes:
         start_c: Temperature when the robot is switched on.
@@ -80,7 +85,7 @@ class GearTemperature(Table):
 
 
 class ChangingAxis(Protocol):
-    """The keys of an axis that say how its gear changes."""
+    """Keys of an axis for the changes of its gear."""
 
     @property
     def ate(self) -> TransmissionErrorTable:
@@ -96,7 +101,7 @@ class ChangingAxis(Protocol):
 
 
 def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable, most_load_nm: float) -> None:
-    """Refuse changes of orders that the error does not have, and amplitudes that a load would turn round.
+    """Refuse changes of missing orders, and amplitudes that turn negative.
 
     Args:
         changes: Lines of the axis.
@@ -110,7 +115,7 @@ def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable,
     for line in changes:
         words = "the line without order" if line.order is None else f"order {line.order:g}"
         if named.count(line.order) > 1:
-            raise ValueError(f"ate_change: {words} stands twice")
+            raise ValueError(f"ate_change: {words} is given twice")
         if line.order is not None and line.order not in present:
             there = ", ".join(f"{order:g}" for order in present) or "none"
             raise ValueError(f"ate_change: {words} changes, but ate has no such order; it has {there}")
@@ -118,12 +123,14 @@ def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable,
         if most > 100.0:
             raise ValueError(
                 f"ate_change: {words}: load_percent_nm {line.load_percent_nm:g} at the gear's {most_load_nm:.0f} N·m and "
-                f"direction_percent {line.direction_percent:g} make {most:.0f} %: an amplitude would go below nothing"
+                f"direction_percent {line.direction_percent:g} make {most:.0f} %: an amplitude would become negative"
             )
 
 
 def write_change(axis: ChangingAxis, row: Any) -> None:
-    """Put into one record of an `AXIS` array how the error changes, and what it is when the robot is switched on.
+    """Write the ATE's changes into a record of an `AXIS` array.
+
+    The record also gets the state when the robot is switched on.
 
     Args:
         axis: The axis of the robot file; its plant is in the record already.
@@ -150,7 +157,7 @@ def write_change(axis: ChangingAxis, row: Any) -> None:
 
 
 def _write_line(line: ErrorChange, change: Any, i: int) -> None:
-    """One order's changes, in SI."""
+    """Write one order's changes, in SI."""
     change["step_rad"][i] = math.radians(line.phase_step_deg)
     change["step_s"][i] = math.inf if line.phase_step_s is None else line.phase_step_s
     change["drift_rad_s"][i] = math.radians(line.phase_drift_deg_min) / 60.0

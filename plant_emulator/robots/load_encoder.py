@@ -1,4 +1,7 @@
-"""The robot file's `[axis.N.load_encoder]`: a second encoder, behind the gear, on the joint itself."""
+"""The robot file's `[axis.N.load_encoder]`.
+
+It is a second encoder on the load side, on the joint itself.
+"""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -14,7 +17,9 @@ MOST_BITS = 26
 
 
 class LoadEncoder(Table):
-    """An encoder on the arm side of the gear, which its drive shows as 60E4h, additional position actual value.
+    """An encoder on the load side of the gear.
+
+    Its drive shows it as 60E4h, additional position actual value.
 
     Attributes:
         counts_per_rev: Steps per revolution of the joint.
@@ -34,5 +39,5 @@ class LoadEncoder(Table):
     def _orders_differ(self) -> "LoadEncoder":
         orders: Sequence[int] = [line.order for line in self.eccentricity]
         if len(set(orders)) < len(orders):
-            raise ValueError(f"eccentricity: order {next(order for order in orders if orders.count(order) > 1)} stands twice")
+            raise ValueError(f"eccentricity: order {next(order for order in orders if orders.count(order) > 1)} is given twice")
         return self

@@ -1,4 +1,4 @@
-"""Part of a robot: some of its axes, as they stand on a bench of their own."""
+"""Part of a robot: some of its axes alone."""
 
 from collections.abc import Collection
 
@@ -6,7 +6,9 @@ from plant_emulator.robots.robot import Robot
 
 
 def part_of(robot: Robot, axes: Collection[int]) -> Robot:
-    """A robot with some axes alone; without all axes of its geometry it has no line motion.
+    """Return a robot with some axes alone.
+
+    Without all axes of its geometry it has no line motion.
 
     Args:
         robot: The robot.

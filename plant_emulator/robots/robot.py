@@ -1,4 +1,7 @@
-"""The robot file: what the emulated robot is. Units are in the names of the keys; SI inside."""
+"""The robot file, which describes the emulated robot.
+
+Units are in the names of the keys; SI inside.
+"""
 
 import math
 import tomllib
@@ -44,13 +47,15 @@ from plant_emulator.robots.gear_change import MOST_LINES, ErrorChange, GearTempe
 from plant_emulator.robots.load_encoder import LoadEncoder
 
 SDO_DOWNLOAD_BYTES = 64 * 1024
-"""The longest value that an SDO channel takes, unless the file says otherwise: what a client can make it keep in memory."""
+"""The longest value that an SDO channel accepts by default; it bounds the memory that a client can occupy."""
 
 DownloadBytes = Annotated[int, Field(ge=8, le=16 * 1024 * 1024)]
 
 
 class RobotAxis(PlantTable):
-    """One axis: motor, gearing, arm, encoder; the reference robot's keys, and options that are off unless given.
+    """One axis: motor, gear, arm, encoder.
+
+    Keys that the reference robot does not have are options, off unless given.
 
     Attributes:
         profile: The drive that moves it: a profile of the package by its name, with /PRODUCT behind it or not, or a path.
@@ -63,7 +68,7 @@ class RobotAxis(PlantTable):
         eccentricity: Orders of the joint in the transmission error, beside those of the motor.
         cogging: Torque of the motor's own magnets, in the motor's angle.
         load_encoder: A second encoder, on the joint; None: the drive has none.
-        ate_change: How the transmission error leaves the values of `ate`; left out, it stays what it is.
+        ate_change: Changes of the transmission error from the values of `ate`; left out, it is constant.
         temperature: Temperature of the gear, on which that may depend.
     """
 
@@ -108,23 +113,29 @@ class RobotAxis(PlantTable):
 
     @property
     def rated_torque(self) -> float:
-        """Rated motor torque in N·m; a third of the peak torque unless the file says otherwise, in whole mN·m."""
+        """Rated motor torque in N·m, in whole mN·m.
+
+        It is a third of the peak torque unless the file states it.
+        """
         wanted = self.torque_limit_nm / 3.0 if self.rated_torque_nm is None else self.rated_torque_nm
         return max(1, round(1000.0 * wanted)) / 1000.0
 
     @property
     def rated_torque_mnm(self) -> int:
-        """Rated motor torque in mN·m, as 6076h states it."""
+        """Rated motor torque in mN·m, as in 6076h."""
         return round(1000.0 * self.rated_torque)
 
     @property
     def rated_current_ma(self) -> int:
-        """Rated motor current in mA, as 6075h states it: the rated torque by the motor constant."""
+        """Rated motor current in mA, as in 6075h.
+
+        It is the rated torque divided by the motor constant.
+        """
         return min(2**32 - 1, max(1, round(1000.0 * self.rated_torque / self.torque_constant_nm_a)))
 
     @property
     def peak_per_mille(self) -> int:
-        """Peak torque in per mille of the rated torque, as 6072h states it."""
+        """Peak torque in per mille of the rated torque, as 6072h."""
         return min(65535, math.floor(1e6 * self.torque_limit_nm / self.rated_torque_mnm))
 
     def write(self, row: NDArray[Any], home_rad: float) -> None:
@@ -147,7 +158,9 @@ class RobotAxis(PlantTable):
 
 
 class RobotAccelerometer(Table):
-    """The sensor at the tip and its node on the bus; `unconfigured` as in `Behaviour`, `sdo_download_bytes` as in `RobotAxis`.
+    """Sensor at the tip, and its node on the bus.
+
+    `unconfigured` is as in `Behaviour`, `sdo_download_bytes` as in `RobotAxis`.
 
     Attributes:
         noise_m_s2: Standard deviation of the white noise of each sample.
@@ -174,7 +187,10 @@ class RobotAccelerometer(Table):
 
     @property
     def filters(self) -> bool:
-        """True if the output is anything else than the tip's acceleration at the instant, noise and steps apart."""
+        """True if the sensor filters or delays the tip's acceleration.
+
+        Noise and quantisation do not count.
+        """
         return bool(self.delay_s) or self.lowpass_hz is not None or self.mounting_resonance_hz is not None
 
 
@@ -182,14 +198,17 @@ class BusFacts(Table):
     """The bus on which the robot is found.
 
     Attributes:
-        bitrate: Bit rate in bit/s, which its blank bench file names; None: the bus is ideal unless its address says otherwise.
+        bitrate: Bit rate in bit/s, which its blank bench file names; None: the bus is ideal unless its address has a bit rate.
     """
 
     bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] | None = None
 
 
 class Robot(Table):
-    """A robot: axes by number, geometry, accelerometer, bus, and the seed of everything random."""
+    """A robot.
+
+    It has axes by number, geometry, accelerometer, bus, and the seed of all random numbers.
+    """
 
     name: str = "robot"
     seed: Annotated[int, Field(ge=0)] = 1
@@ -212,11 +231,11 @@ class Robot(Table):
         twice = [node for node in sorted(holders) if len(holders[node]) > 1]
         if twice:
             given = " and ".join(holders[twice[0]][:2])
-            raise ValueError(f"node id {twice[0]} is given to two nodes of the bus, {given}: node_id changes it")
+            raise ValueError(f"node-ID {twice[0]} is given to two nodes of the bus, {given}; change the node_id of one")
         if self.geometry is not None:
             self.geometry.check_axes(self.axis, "a geometry")
         if self.accelerometer.mounting is not None and "arm" not in type(self).model_fields:
-            raise ValueError("accelerometer: a mounting says on which link it sits, and the robot has no [arm]")
+            raise ValueError("accelerometer: mounting names a link, but the robot has no [arm]")
         for name in ("lowpass_hz", "mounting_resonance_hz"):
             frequency = getattr(self.accelerometer, name)
             if frequency is not None and frequency * self.control_period_s > HIGHEST_FREQUENCY:
@@ -230,40 +249,54 @@ class Robot(Table):
             if 0.0 < lag_s < 0.5 * step_s:  # Runge-Kutta of 4th order diverges from 0.36 steps down
                 raise ValueError(
                     f"axis {number}: current_time_constant_s {lag_s:g} is less than half of the solver's step of {step_s:g} s; "
-                    "0 is none, and plant_substeps makes the steps shorter"
+                    "use 0 for none, or a larger plant_substeps"
                 )
         return self
 
     @property
     def links(self) -> ArmTable | None:
-        """The arm whose links couple the axes; None if each axis turns an inertia of its own."""
+        """Arm whose links couple the axes.
+
+        It is None if each axis turns an inertia of its own.
+        """
         return None
 
     @property
     def chain_axes(self) -> tuple[int, ...]:
-        """Axes of the line motion: those of the geometry, from the base on; none without one."""
+        """Axes of the line motion, from the base on.
+
+        They are those of the geometry; none without one.
+        """
         return () if self.geometry is None else self.geometry.axes
 
     @property
     def node_ids(self) -> dict[int, int]:
-        """Node id of each axis: the axis' number unless the file says otherwise."""
+        """Node-ID of each axis.
+
+        It is the axis' number unless the file states another.
+        """
         return {number: axis.node_id or number for number, axis in self.axis.items()}
 
     @property
     def unconfigured(self) -> frozenset[int]:
-        """Node IDs of the file that the nodes do not have, but wait for by LSS."""
+        """Node-IDs of the file that the nodes get only by LSS."""
         axes = {self.node_ids[number] for number, axis in self.axis.items() if axis.behaviour.unconfigured}
         return frozenset(axes | {self.accelerometer.node_id} if self.accelerometer.unconfigured else axes)
 
     def home_joints(self) -> NDArray[np.float64] | None:
-        """Joint angles of the chain in rad where all motor angles are zero, at the start of the line motion; None without one."""
+        """Return the chain's joint angles at the line motion's start, rad.
+
+        All motor angles are zero there. The result is None without a chain or a line motion.
+        """
         if self.geometry is None or self.line_motion is None:
             return None
         start = self.line_motion.start_m
         return self.geometry.chain().joints(np.array([start.x, start.z]))
 
     def home_angle(self, number: int) -> float:
-        """q₀ of one axis in rad, so that gravity's moment is m g l cos(θ_l + q₀).
+        """Return q₀ of one axis in rad.
+
+        Gravity's moment is m g l cos(θ_l + q₀).
 
         Elbow and wrist lift their links: q₀ is the link's angle above the horizontal at home. The shoulder leans its link
         forwards from the vertical, and its weight pulls it on: q₀ is the lean at home plus 90°.
@@ -279,7 +312,9 @@ class Robot(Table):
 
 
 class ArmAxis(RobotAxis):
-    """An axis of an arm: the links say what it turns, and where; see `OF_THE_LINKS`.
+    """An axis of an arm; the links define its load.
+
+    See `OF_THE_LINKS`.
 
     Attributes:
         joint: Name of its joint in the arm's URDF file.
@@ -299,7 +334,7 @@ OF_THE_LINKS = ("arm_inertia_kg_m2", "gravity_moment_nm", "home_deg", "tip_lever
 
 
 class ArmRobot(Robot):
-    """A robot whose axes are the joints of one arm, and feel each other through its links."""
+    """A robot whose axes are coupled by an arm's links."""
 
     arm: ArmTable
     axis: Annotated[  # type: ignore[assignment]
@@ -311,22 +346,22 @@ class ArmRobot(Robot):
         for number, axis in self.axis.items():
             given = [key for key in OF_THE_LINKS if key in axis.model_fields_set]
             if given:
-                raise ValueError(f"axis {number}: {given[0]} is that of the links of [arm]; leave it out")
+                raise ValueError(f"axis {number}: the links of [arm] define {given[0]}; leave it out")
             if (axis.joint is None) == (self.arm.urdf is not None):
                 needed = (
                     "needs joint, the name of its joint in the URDF file"
                     if axis.joint is None
-                    else "joint names one of a URDF file"
+                    else "joint needs a URDF file in [arm]; leave it out"
                 )
                 raise ValueError(f"axis {number}: {needed}")
         joints = [axis.joint for axis in self.axis.values() if axis.joint is not None]
         twice = [joint for joint in joints if joints.count(joint) > 1]
         if twice:
-            raise ValueError(f"joint {twice[0]!r} is that of two axes: each moves one")
+            raise ValueError(f"joint {twice[0]!r} is given to two axes; each axis needs a joint of its own")
         if self.arm.link and self.accelerometer.mounting is not None:
             self.accelerometer.mounting.check_arm(self.arm)
         if self.geometry is not None:
-            raise ValueError("geometry: the links of [arm] say where the tip is; leave it out")
+            raise ValueError("geometry: the links of [arm] define the tip; leave it out")
         if self.arm.link:
             self.arm.check_axes(list(self.axis))
             check_masses(self.arm)
@@ -338,11 +373,13 @@ class ArmRobot(Robot):
         return self.arm
 
     def home_angle(self, number: int) -> float:
-        """0: an axis has no gravity of its own."""
+        """Return 0: gravity acts through the links."""
         return 0.0
 
     def with_links_read(self, folder: Path) -> "ArmRobot":
-        """The robot with the links of its URDF file, and each axis with the inertia and the lever that it has at home.
+        """Return the robot with the links of its URDF file.
+
+        Each axis gets the inertia and the lever that it has at home.
 
         Raises:
             FileError: The URDF file describes no arm of these axes.
@@ -373,7 +410,9 @@ SHIPPED = {"reference": REFERENCE, "reference-arm": FOLDER / "reference_arm.toml
 
 
 def load_robot(path: str | Path) -> Robot:
-    """The robot of a file, or of a name of `SHIPPED`; files that it names count from its folder.
+    """Load the robot of a file, or of a name in `SHIPPED`.
+
+    Paths of files that it names are relative to its folder.
 
     Raises:
         FileError: With every problem, by line.
@@ -390,7 +429,10 @@ def load_robot(path: str | Path) -> Robot:
 
 
 def _has_arm(file: Path) -> bool:
-    """True for a file with a table [arm]; one that cannot be read has none, and `load` says why."""
+    """Return True for a file with a table [arm].
+
+    The result is False for a file that cannot be read; `load` then reports why.
+    """
     try:
         return "arm" in tomllib.loads(read_file(file, "a TOML file", max_bytes=MAX_BYTES).decode("utf-8-sig"))
     except (FileError, ValueError, RecursionError):
@@ -398,7 +440,10 @@ def _has_arm(file: Path) -> bool:
 
 
 def _in_folder(axis: RobotAxis, folder: Path) -> RobotAxis:
-    """The axis with the paths of its profile and EDS file as seen from here; a bare name is a profile of the package."""
+    """Return the axis with paths relative to the working directory.
+
+    They are those of its profile and EDS file; a bare name is a profile of the package.
+    """
     changes = {}
     if not is_name(axis.profile):
         changes["profile"] = str(folder / axis.profile)
@@ -415,14 +460,14 @@ def with_drives(
     store_time_s: float | None = None,
     load_encoder_bits: int | None = None,
 ) -> Robot:
-    """A robot some of whose axes have other drives.
+    """Return a robot with other drives on some axes.
 
     Args:
         robot: The robot of the file.
         profiles: Profile by axis: a name of the package or a path.
         eds: Path of the drive's EDS file, by axis.
-        store_time_s: Time for which all drives are silent while they store; None: as the file says.
-        load_encoder_bits: Bits of a second encoder on every joint; None: as the file says.
+        store_time_s: Time for which all drives are silent while they store; None: as in the file.
+        load_encoder_bits: Bits of a second encoder on every joint; None: as in the file.
 
     Raises:
         ValueError: The robot has no such axis, or the time is negative.

@@ -1,4 +1,7 @@
-"""Tuning of the drives in a run without a bus: gains and filters by axis, read from a bench, design or tuning file."""
+"""Tuning of the drives in a run without a bus.
+
+Gains and filters by axis are read from a bench, design or tuning file.
+"""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,7 +16,10 @@ from plant_emulator.robots.robot import Robot
 
 
 class TunedAxis(Table):
-    """The part of an axis' table that concerns its drive; other keys are passed over."""
+    """Drive-related part of an axis' table.
+
+    Other keys are ignored.
+    """
 
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -23,16 +29,21 @@ class TunedAxis(Table):
     @field_validator("notch", mode="before")
     @classmethod
     def _one_is_a_list(cls, value: object) -> object:
-        """A robot file has one filter as a table, not as a list of one."""
+        """Convert a single filter to a list of one.
+
+        A robot file may have one filter as a table.
+        """
         if isinstance(value, dict):
             return (value,)
         return tuple(value) if isinstance(value, list) else value
 
 
 class Tuning(Table):
-    """Gains and filters by axis: of a tuning file, or what a bench file or a design file says of them.
+    """Gains and filters by axis.
 
-    Keys that concern neither are passed over, so that those files can be given as they are.
+    They come from a tuning file, a bench file or a design file.
+
+    Other keys are ignored, so that those files can be used as they are.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
@@ -40,14 +51,14 @@ class Tuning(Table):
     axis: Annotated[dict[Annotated[int, Field(ge=1, le=6)], TunedAxis], Field(min_length=1)]
 
     def gains(self, axes: Iterable[int]) -> dict[int, Control]:
-        """Gains of these axes.
+        """Return the gains of these axes.
 
         Raises:
             ValueError: One has none.
         """
         known = {number: table.control for number, table in self.axis.items() if table.control is not None}
         if without := [number for number in axes if number not in known]:
-            raise ValueError(f"the tuning has no gains of axis {without[0]}: axis.{without[0]}.control has to state them")
+            raise ValueError(f"the tuning has no gains for axis {without[0]}; add axis.{without[0]}.control")
         return {number: known[number] for number in axes}
 
 
@@ -55,7 +66,7 @@ REFERENCE_TUNING = Path(__file__).parent / "reference_tuning.toml"
 
 
 def load_tuning(path: str | Path) -> Tuning:
-    """The tuning of a file, or of the name `reference`.
+    """Load the tuning of a file, or of the name `reference`.
 
     Raises:
         FileError: With every problem, by line.
@@ -64,7 +75,9 @@ def load_tuning(path: str | Path) -> Tuning:
 
 
 def tuned(robot: Robot, gains: Mapping[int, Control]) -> Robot:
-    """A robot some of whose drives hold gains from the start, as their makers' tools have set them.
+    """Return a robot some of whose drives have gains initially.
+
+    Their makers' tools would have set them.
 
     Args:
         robot: The robot.
@@ -75,7 +88,7 @@ def tuned(robot: Robot, gains: Mapping[int, Control]) -> Robot:
 
 
 def robot_tuning(robot: Robot) -> dict[int, TunedAxis]:
-    """Gains and filters that the robot file itself states, by axis."""
+    """Return gains and filters by axis from the robot file."""
     found = {}
     for number, axis in robot.axis.items():
         filters = () if axis.notch is None else (NotchTable(**axis.notch.model_dump()),)

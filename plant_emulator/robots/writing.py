@@ -1,4 +1,7 @@
-"""Text of a robot file or a bench file from what has been read of one."""
+"""Text of a robot file or a bench file.
+
+It is made from what has been read of one.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,12 +10,18 @@ from drive_profiles.files.toml import Table, toml_value
 
 
 def file_text(table: Table) -> str:
-    """A robot or a bench as its file says it; what is as by default is left out. Reading it gives the same."""
+    """Return a robot or a bench as the text of its file.
+
+    Default values are left out. Reading the text gives the same robot or bench.
+    """
     return "\n".join([*_lines("", table.model_dump(exclude_none=True, exclude_defaults=True)), ""])
 
 
 def _lines(name: str, values: Mapping[Any, Any]) -> list[str]:
-    """A table with its plain values first, then its tables; small tables inside an axis stay on a line."""
+    """Return the lines of a table: plain values, then tables.
+
+    Small tables inside an axis stay on a line.
+    """
     inner = {key: value for key, value in values.items() if isinstance(value, dict) and name.count(".") < 1}
     plain = [f"{key} = {toml_value(value)}" for key, value in values.items() if key not in inner]
     lines = [f"[{name}]", *plain] if name and plain else plain

@@ -1,4 +1,6 @@
-r"""The accelerometer at the tip as a CANopen node (CiA 404); `plant_emulator.serial` has the one on a serial port.
+r"""The accelerometer at the tip as a CANopen node (CiA 404).
+
+`plant_emulator.serial` has the one on a serial port.
 
 >>> from hil.can.frame import Frame
 >>> from plant_emulator.sensor.accelerometer import AccelerometerNode

@@ -1,4 +1,7 @@
-"""The emulated accelerometer: a CiA 404 node whose three acceleration values leave by TPDO on SYNC."""
+"""The emulated accelerometer, a CiA 404 node.
+
+Its three acceleration values are sent by TPDO on SYNC.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +29,10 @@ _CHANNELS = ("X", "Y", "Z")
 
 
 def accelerometer_entries(serial_number: int = 1) -> list[Entry]:
-    """All entries of the accelerometer: CiA 404 analogue inputs 1 to 3 are X, Y and Z."""
+    """Return all entries of the accelerometer.
+
+    CiA 404 analogue inputs 1 to 3 are X, Y and Z.
+    """
     entries = list(
         communication_entries(
             device_type=DEVICE_TYPE,
@@ -69,7 +75,7 @@ class AccelerometerNode:
     Args:
         node_id: Its node-ID, 1 to 127.
         measure: Gives the sensor's output (X, Y, Z) in m/s² at this instant.
-        range_m_s2: Beyond it the status of the channel says so.
+        range_m_s2: Beyond it the status of the channel is "not valid".
         options: Options of the `Slave` underneath.
     """
 
@@ -85,20 +91,23 @@ class AccelerometerNode:
 
     @property
     def node_id(self) -> int:
-        """The node's id."""
+        """Node-ID of the accelerometer."""
         return self.slave.node_id
 
     @property
     def due(self) -> int | None:
-        """The next instant, in ns, at which `advance` must be called."""
+        """Next instant, in ns, at which `advance` must be called."""
         return self.slave.due
 
     def power_on(self, now: int) -> list[Frame]:
-        """Start: the boot-up frame."""
+        """Start; return the boot-up frame."""
         return self.slave.power_on(now)
 
     def sample(self) -> None:
-        """Measure: CiA 404 status bit 0 is "not valid", here a channel at the end of its range."""
+        """Measure all channels.
+
+        CiA 404 status bit 0 is "not valid", here a channel at the end of its range.
+        """
         reach = self._range_m_s2
         for (value, status), acceleration in zip(self._channels, self._measure(), strict=True):
             steps = round(acceleration * _PER_UNIT)
@@ -106,7 +115,7 @@ class AccelerometerNode:
             status.value = 0 if -reach < acceleration < reach else 1
 
     def receive(self, frame: Frame, now: int) -> list[Frame]:
-        """Take any frame from the bus; what the node answers."""
+        """Process a frame from the bus; return the node's answers."""
         return self.slave.receive(frame, now)
 
     def advance(self, now: int) -> list[Frame]:

@@ -1,4 +1,6 @@
-r"""Serial ports on pseudo-terminals: a LAWICEL CAN adapter (`serial.slcan`), and a serial accelerometer; docs/serial.md.
+r"""Serial devices on pseudo-terminals.
+
+They are a LAWICEL CAN adapter (`serial.slcan`) and a serial accelerometer; see docs/serial.md.
 
 >>> from plant_emulator.serial.accelerometer import line_frame
 >>> line_frame(7, (1.5, -0.25, 9.80665))

@@ -1,6 +1,8 @@
-"""The emulated accelerometer with a serial line: samples of the tip at a rate of its own, in the two framings of docs/serial.md.
+"""The emulated accelerometer on a serial line.
 
-The frames are built here from that page alone, and not by the master's code, which so has something to be wrong against.
+It samples the tip at a rate of its own, and uses the two framings of docs/serial.md.
+
+The frames are built from that page alone, without the master's code, so a test of the master compares two implementations.
 """
 
 import functools
@@ -18,7 +20,7 @@ from plant_emulator.world import SECOND, World
 SYNC_BYTES = b"\xaa\x55"
 COUNTS_PER_M_S2 = 1000.0
 LINE_BYTES = 128
-"""Bytes that a sensor's transmitter keeps while nobody reads; older samples are lost, as they are on a wire."""
+"""Bytes that a sensor's transmitter keeps without a reader; older samples are lost, as on a wire."""
 _BODY = struct.Struct("<Hhhh")
 _COUNTER_MODULO = 1 << 16
 _LIMIT = 2**15 - 1
@@ -27,20 +29,30 @@ Vector = tuple[float, float, float]
 
 
 def line_frame(counter: int, acceleration: Vector) -> bytes:
-    r"""``$ACC,counter,x,y,z*XX\r\n`` in m/s²; XX is the exclusive or of what stands between $ and *, in hexadecimal."""
+    r"""Return ``$ACC,counter,x,y,z*XX\r\n`` in m/s².
+
+    XX is the exclusive or of the characters between $ and *, in hexadecimal.
+    """
     body = f"ACC,{counter},{acceleration[0]:.5f},{acceleration[1]:.5f},{acceleration[2]:.5f}".encode("ascii")
     return b"$%s*%02X\r\n" % (body, functools.reduce(operator.xor, body))
 
 
 def binary_frame(counter: int, acceleration: Vector) -> bytes:
-    """AA 55, counter and x, y, z in mm/s² as little-endian 16-bit words, the CRC-16 of Modbus over all that, low byte first."""
+    """Return a binary frame.
+
+    It is AA 55, counter and x, y, z in mm/s² as little-endian 16-bit words, then the CRC-16 of Modbus over all that, low
+    byte first.
+    """
     counts = (max(-_LIMIT, min(_LIMIT, round(value * COUNTS_PER_M_S2))) for value in acceleration)
     body = SYNC_BYTES + _BODY.pack(counter, *counts)
     return body + struct.pack("<H", _modbus(body))
 
 
 def _modbus(data: bytes) -> int:
-    """CRC-16 with the reflected polynomial A001h from FFFFh. Source: MODBUS over serial line V1.02, 6.2.2."""
+    """Return the CRC-16 with reflected polynomial A001h from FFFFh.
+
+    Source: MODBUS over serial line V1.02, 6.2.2.
+    """
     crc = 0xFFFF
     for byte in data:
         crc ^= byte
@@ -53,7 +65,7 @@ FRAMES: dict[str, Callable[[int, Vector], bytes]] = {"line": line_frame, "binary
 
 
 class EmulatedSerialAccelerometer:
-    """The sensor, sans IO: a frame at each multiple of its period.
+    """The sensor, sans IO; it sends a frame every period.
 
     It has the noise, resolution and range of the robot file's accelerometer, and a generator of its own, so that what the node on
     the bus measures does not depend on it.
@@ -101,12 +113,15 @@ class MeasuredWorld(World):
 
     @property
     def due(self) -> int:
-        """The next instant at which a node does something by itself, or a sample is taken."""
+        """Next instant at which a node acts or a sample is due."""
         due, sample = super().due, max(self.now, self._serial.due)
         return sample if due is None else min(due, sample)
 
     def move(self, until: int) -> list[tuple[int, Frame]]:
-        """Let time pass to an instant that is not beyond `due`, and take the sample that is due then."""
+        """Let time pass, and take the sample that is due.
+
+        `until` is not beyond `due`.
+        """
         frames = super().move(until)
         if self._serial.due <= until:
             self._serial.sample(self.axes.sensed_acceleration())

@@ -1,4 +1,7 @@
-"""A pseudo-terminal under a given path, which other programs open as a serial device."""
+"""A pseudo-terminal under a given path.
+
+Other programs open it as a serial device.
+"""
 
 import contextlib
 import os
@@ -10,7 +13,7 @@ READ_BYTES = 4096
 
 
 class PathTakenError(Exception):
-    """Something that is not a leftover of ours stands at the path."""
+    """Path that is taken by something other than our leftover link."""
 
     def __init__(self, path: str) -> None:
         """Keep the path."""
@@ -63,23 +66,31 @@ class PseudoTerminal:
         return link
 
     def fileno(self) -> int:
-        """For selectors: readable when the other end has written."""
+        """Return the descriptor, for selectors.
+
+        It is readable when the other end has written.
+        """
         return self._device
 
     @property
     def backlog(self) -> int:
-        """Bytes that wait for a reader."""
+        """Number of bytes that wait for a reader."""
         return len(self._backlog)
 
     def read(self) -> bytes:
-        """Read the bytes that the other end has written; b"" where there are none."""
+        """Read the bytes that the other end has written.
+
+        The result is b"" if there are none.
+        """
         try:
             return os.read(self._device, READ_BYTES)
         except OSError:  # nothing there; it cannot be gone, since the port is held open here
             return b""
 
     def write(self, data: bytes, *, must: bool = False) -> bool:
-        """Write some bytes for the other end, all or none; gives False if there was no room.
+        """Write bytes for the other end, all or none.
+
+        Returns False if there was no room.
 
         Args:
             data: Bytes to write.
@@ -94,13 +105,16 @@ class PseudoTerminal:
         return True
 
     def flush(self) -> None:
-        """Write the waiting bytes for the other end, as far as there is room."""
+        """Write the waiting bytes for the other end, as far as possible."""
         with contextlib.suppress(OSError):
             while self._backlog:
                 del self._backlog[: os.write(self._device, self._backlog[:READ_BYTES])]
 
     def discard_after(self, end: bytes) -> None:
-        """Forget what waits behind the first of these: the line that is half given is given whole."""
+        """Discard the waiting bytes after the first `end`.
+
+        The line that is partly sent is completed.
+        """
         del self._backlog[self._backlog.find(end) + len(end) :]
 
     def close(self) -> None:

@@ -1,4 +1,6 @@
-"""A serial CAN adapter in front of the local bus: the slcan (LAWICEL) protocol on a pseudo-terminal.
+"""A serial CAN adapter in front of the local bus.
+
+It uses the slcan (LAWICEL) protocol on a pseudo-terminal.
 
 Source: LAWICEL CANUSB manual, version 1.0D; the commands of a CAN232 that it leaves out (X, P, A) are taken from that one's.
 """
@@ -37,9 +39,11 @@ _HEX = re.compile(rb"(?:[0-9A-Fa-f]{2})*")
 class Adapter:
     """The adapter's side of the protocol, sans IO.
 
-    At another bit rate than the bus' nothing passes, and F tells of bus errors; a bus without one takes any, and one that is set
-    by the registers of s is taken to be right. Acceptance code and mask work on identifiers and the remote bit, as the SJA1000's
-    two filters do; their conditions on data bytes are ignored.
+    At another bit rate than that of the bus nothing passes, and F reports bus errors. A bus without a bit rate accepts any, and
+    a rate that is set by the registers of s is assumed to be right.
+
+    Acceptance code and mask apply to identifiers and the remote bit, as in the SJA1000's two filters; their conditions on data
+    bytes are ignored.
 
     Attributes:
         bus_bitrate: Bit rate of the bus in bit/s; None: the bus has none.
@@ -48,7 +52,7 @@ class Adapter:
     """
 
     def __init__(self) -> None:
-        """A closed adapter without a bit rate."""
+        """Start closed and without a bit rate."""
         self.bus_bitrate: int | None = None
         self.is_open = False
         self.refused = 0
@@ -66,9 +70,9 @@ class Adapter:
     # -- from the host ---------------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> tuple[bytes, list[Frame]]:
-        """Take what the host has written; the answers, and the frames that go on the bus.
+        """Process bytes of the host; return answers and frames.
 
-        A line that is not a command is answered by BEL, and the next one is read afresh.
+        The frames are for the bus. A line that is not a command is answered by BEL, and the next one is read normally.
         """
         answers, frames = bytearray(), []
         for byte in data:
@@ -141,7 +145,7 @@ class Adapter:
         return every + b"A\r"
 
     def _set(self, name: bytes, arguments: bytes) -> bool:
-        """A setting, which a closed adapter takes; whether it is one."""
+        """Process a setting of a closed adapter; return True for one."""
         if _RATE.fullmatch(name + arguments):
             self._has_rate = True
             self._bitrate = BITRATES[int(arguments)] if name == b"S" else None
@@ -184,7 +188,10 @@ class Adapter:
     # -- from the bus ----------------------------------------------------------------------------------------------------
 
     def deliver(self, frame: Frame, now_ms: int) -> bytes:
-        """Line for the host about a frame of the bus, or b"" where it gets none."""
+        """Return the host's line for a frame of the bus.
+
+        The result is b"" if the host gets none.
+        """
         can_id, data = frame
         if not self.is_open:
             return b""
@@ -211,11 +218,14 @@ class Adapter:
         return b""
 
     def note(self, flags: int) -> None:
-        """Keep what went wrong for the next F."""
+        """Keep an error for the next F command."""
         self._flags |= flags
 
     def _accepts(self, can_id: int) -> bool:
-        """The two 16-bit filters of the SJA1000, first in the upper half; a bit set in the mask does not matter."""
+        """Apply the two 16-bit acceptance filters of the SJA1000.
+
+        The first is in the upper half; a bit set in the mask is ignored.
+        """
         if can_id & CAN_EFF_FLAG:
             seen, ignored = (can_id & CAN_EFF_MASK) >> 13, 0x0000
         else:
@@ -225,10 +235,12 @@ class Adapter:
 
 
 class SlcanPort:
-    """An adapter on a pseudo-terminal, as one participant of the local bus, in a thread of its own.
+    """An adapter on a pseudo-terminal, in a thread of its own.
 
-    Frames that the host does not read in time are dropped and show in F; what it writes waits in the terminal while its answers
-    are not read.
+    It is one participant of the local bus.
+
+    Frames that the host does not read in time are dropped and reported by F. The host's bytes wait in the terminal while its
+    answers are unread.
 
     Attributes:
         terminal: Pseudo-terminal that the host opens.

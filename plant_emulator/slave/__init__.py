@@ -1,4 +1,6 @@
-r"""A CANopen slave engine (CiA 301 and CiA 305) without sockets, threads or clocks: frames and time in, frames out.
+r"""A CANopen slave engine (CiA 301 and CiA 305).
+
+It uses no sockets, threads or clocks: frames and time go in, frames come out.
 
 `slave.node.Slave` puts the services together over a `slave.dictionary.Dictionary`. Times are ns of the owner's clock.
 

@@ -1,4 +1,7 @@
-"""A node whose frames leave later than their cause, as those of real drives do: held here until their time, in their order."""
+"""A slave that sends frames later than their cause.
+
+Real drives do so, too. Frames are held until their time and keep their order.
+"""
 
 from collections import deque
 from typing import Any
@@ -18,7 +21,10 @@ MOST_HELD = 1024
 
 
 class _Queue:
-    """Frames of one kind, each with its time; the times never go back."""
+    """Queue of frames of one kind, each with its release time.
+
+    The times never decrease.
+    """
 
     __slots__ = ("delay_ns", "frames", "jitter_ns")
 
@@ -36,12 +42,14 @@ class _Queue:
 
 
 class DelayedSlave(Slave):
-    """A slave whose TPDOs and SDO answers wait; boot-up, heartbeats, emergencies and LSS answers do not.
+    """A slave that delays its TPDOs and SDO answers.
 
-    Which frame is which, the identifiers in force say: those of each SDO channel that exists, and 1014h.
+    Boot-up, heartbeats, emergencies and LSS answers are not delayed.
 
-    What still waits when the NMT state ends its service is lost: a node that has been stopped or reset sends no PDO and no SDO of
-    before (CiA 301, 7.3.2.2.5).
+    The identifiers in force tell the frames apart: those of each existing SDO channel, and 1014h.
+
+    If the NMT state ends a service, its held frames are lost: a node that has been stopped or reset sends no earlier PDO and
+    no earlier SDO answer (CiA 301, 7.3.2.2.5).
 
     Args:
         behaviour: The delays.
@@ -59,7 +67,10 @@ class DelayedSlave(Slave):
 
     @property
     def due(self) -> int | None:
-        """The next instant at which `advance` must be called: a timer, or a frame that has waited long enough."""
+        """Next instant at which `advance` must be called.
+
+        A timer runs out then, or a held frame is due.
+        """
         times = [queue.frames[0][0] for queue in (self._tpdos, self._answers) if queue.frames]
         own = super().due
         if own is not None:
@@ -67,17 +78,17 @@ class DelayedSlave(Slave):
         return min(times, default=None)
 
     def power_on(self, now: int) -> list[Frame]:
-        """Start, or start again: what was held is lost."""
+        """Start, or restart; held frames are lost."""
         self._tpdos.frames.clear()
         self._answers.frames.clear()
         return super().power_on(now)
 
     def receive(self, frame: Frame, now: int) -> list[Frame]:
-        """Give the frames that are due, and hold the answers to a frame until they are due."""
+        """Return the frames that are due, and hold the answers."""
         return self._pass(super().receive(frame, now), now)
 
     def take_frames(self) -> list[Frame]:
-        """Give the waiting frames that are due."""
+        """Return the held frames that are due."""
         return self._pass(super().take_frames(), self._now or 0)
 
     def _change(self, new: NmtState) -> None:
@@ -115,7 +126,10 @@ class DelayedSlave(Slave):
 
 
 def slave_with(behaviour: Behaviour, seed: int, *arguments: Any, **options: Any) -> Slave:
-    """Make a slave with these delays; without delays it is a plain `Slave` and costs nothing more."""
+    """Make a slave with the delays of a behaviour.
+
+    Without delays it is a plain `Slave`, which costs no extra time.
+    """
     if behaviour.delays_frames:
         return DelayedSlave(behaviour, seed, *arguments, **options)
     return Slave(*arguments, **options)

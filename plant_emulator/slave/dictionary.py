@@ -1,4 +1,7 @@
-"""The object dictionary of a node: one store that SDO, PDO and the owner of the node share."""
+"""The object dictionary of a node.
+
+SDO server, PDOs and the owner of the node share this store.
+"""
 
 import math
 import struct
@@ -21,7 +24,10 @@ def _nothing(_: object) -> None:
 
 
 class SdoAbort(Exception):  # noqa: N818 - the standard's word: an abort, of which not each is an error
-    """An access was refused for a reason that the other side of the bus shall hear; never leaves the slave package."""
+    """A refused access, reported to the SDO client by its code.
+
+    It never leaves the slave package.
+    """
 
     def __init__(self, code: int) -> None:
         self.code = code
@@ -29,7 +35,9 @@ class SdoAbort(Exception):  # noqa: N818 - the standard's word: an abort, of whi
 
 
 class Postponed(Exception):  # noqa: N818 - not an error: the answer comes later
-    """A write hook needs time: the SDO answer comes when it is over; never leaves the slave package.
+    """A write whose SDO answer comes only after some time.
+
+    A write hook raises it; it never leaves the slave package.
 
     Args:
         duration_ns: Time from now until the answer.
@@ -43,7 +51,10 @@ class Postponed(Exception):  # noqa: N818 - not an error: the answer comes later
 
 
 class Access(Enum):
-    """Access attribute of an entry, as an EDS writes it (CiA 306-1, 4.5.3)."""
+    """Access attribute of an entry, as in an EDS.
+
+    Source: CiA 306-1, 4.5.3.
+    """
 
     RO = "ro"
     WO = "wo"
@@ -74,7 +85,7 @@ class ObjectType(IntEnum):
 
 
 class ResetKind(Enum):
-    """The extent to which an NMT reset puts objects back to its default (CiA 301, 7.3.2.2.1)."""
+    """Scope of an NMT reset to defaults (CiA 301, 7.3.2.2.1)."""
 
     COMMUNICATION = "communication"
     """Objects 1000h to 1FFFh."""
@@ -84,7 +95,7 @@ class ResetKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One value of the dictionary, as its type, access, default and limits describe it.
+    """One value of the dictionary: type, access, default and limits.
 
     Attributes:
         index: 0001h to FFFFh.
@@ -95,7 +106,7 @@ class Entry:
         default: Value after a reset.
         low: Lowest value that may be written, or None.
         high: Highest value that may be written, or None.
-        mappable: Whether a PDO may carry the entry; in which direction follows from `access`.
+        mappable: True if a PDO may carry the entry; in which direction follows from `access`.
         record_name: Name of the array or record that the entry belongs to.
         object_type: ARRAY or RECORD; left out, an object with sub-indices is a RECORD.
         node_relative: The default is `default` plus the node-ID (``$NODEID+`` in an EDS).
@@ -118,7 +129,7 @@ class Entry:
     node_relative: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a description that contradicts itself, and round real numbers to what their type holds."""
+        """Refuse a contradictory entry; round real numbers to their type."""
         problem = self._problem()
         if problem is not None:
             raise ValueError(f"{self}: {problem}")
@@ -142,7 +153,7 @@ class Entry:
         for name in (self.name, self.record_name):
             # What an EDS, an INI file, can carry as a name.
             if name is not None and (not name.isprintable() or name != name.strip() or not name or ";" in name):
-                return f"{name!r} cannot stand as a name in an EDS"
+                return f"{name!r} is not a possible name in an EDS"
         if self.mappable and self.data_type.size is None:
             return f"{self.data_type.name} has no fixed length and cannot be mapped"
         limits = [limit for limit in (self.low, self.high) if limit is not None]
@@ -160,13 +171,16 @@ class Entry:
         return None
 
     def default_for(self, node_id: int) -> Value:
-        """Give the default in the node of this number."""
+        """Return the default in the node of this number."""
         if self.node_relative and isinstance(self.default, int):
             return self.default + node_id
         return self.default
 
     def refusal(self, value: Any) -> SdoAbortCode | None:
-        """Tell why a value of the right type may not be written, or None if it may."""
+        """Return the reason why a value is refused, or None.
+
+        The value must have the right type.
+        """
         if self.data_type.is_real and not math.isfinite(value):
             return SdoAbortCode.INVALID_VALUE
         if self.high is not None and value > self.high:
@@ -187,7 +201,9 @@ class Entry:
 
 
 class Cell:
-    """The value of one entry and its hooks: what PDOs and the owner hold on to, so that a cycle costs no look-up.
+    """Value of one entry, with its hooks.
+
+    PDOs and the owner hold a reference to it, so that a cycle costs no look-up.
 
     Attributes:
         entry: The entry whose value this is.
@@ -208,21 +224,24 @@ class Cell:
         self.is_guarded = entry.data_type.is_real or entry.low is not None or entry.high is not None
 
     def current(self) -> Value:
-        """Give the value of this instant."""
+        """Return the value of this instant."""
         return self.value if self.read_hook is None else self.read_hook()
 
     def encoded(self) -> bytes:
-        """Give the value of this instant as bytes."""
+        """Return the value of this instant as bytes."""
         return encode(self.entry.data_type, self.current())
 
     def length_refusal(self, length: int) -> SdoAbortCode | None:
-        """Tell why so many bytes may not be written, or None if they may."""
+        """Return the reason why a length is refused, or None."""
         if self._packer is None or length == self._packer.size:
             return None
         return SdoAbortCode.TOO_LONG if length > self._packer.size else SdoAbortCode.TOO_SHORT
 
     def assign(self, value: Value) -> int | None:
-        """Write a value of the right type from the bus; tell why it was refused, with nothing changed, or None."""
+        """Write a value from the bus; return the reason for refusal.
+
+        The value must have the right type. A refusal changes nothing; None means success.
+        """
         if self.is_guarded:
             code: int | None = self.entry.refusal(value)
             if code is not None:
@@ -279,11 +298,11 @@ class Dictionary:
         )  # fmt: skip
 
     def __contains__(self, address: tuple[int, int]) -> bool:
-        """Tell whether there is an entry at (index, sub-index)."""
+        """Return True if there is an entry at (index, sub-index)."""
         return address in self._cells
 
     def __iter__(self) -> Iterator[Entry]:
-        """Give the entries in the order of their addresses, sub-indices 0 included."""
+        """Iterate over the entries by address, sub-indices 0 included."""
         return (cell.entry for cell in self._cells.values())
 
     def __len__(self) -> int:
@@ -291,7 +310,7 @@ class Dictionary:
         return len(self._cells)
 
     def cell(self, index: int, subindex: int = 0) -> Cell:
-        """Give the cell of an entry, for its owner.
+        """Return the cell of an entry, for its owner.
 
         Raises:
             KeyError: There is no such entry.
@@ -302,11 +321,14 @@ class Dictionary:
             raise KeyError(f"no entry {index:04X}h:{subindex:02X}h") from None
 
     def get(self, index: int, subindex: int = 0) -> Value:
-        """Give the value of this instant, whatever the access; KeyError where there is no such entry."""
+        """Return the value of this instant, whatever the access.
+
+        Raises KeyError if there is no such entry.
+        """
         return self.cell(index, subindex).current()
 
     def get_int(self, index: int, subindex: int = 0) -> int:
-        """Give the value of an entry that holds a whole number.
+        """Return the value of an entry that holds a whole number.
 
         Raises:
             KeyError: There is no such entry.
@@ -318,7 +340,9 @@ class Dictionary:
         return value
 
     def set(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value as the owner, whatever the access and without the write hook.
+        """Set a value as the owner.
+
+        Access and write hook are bypassed.
 
         Raises:
             KeyError: There is no such entry.
@@ -332,11 +356,16 @@ class Dictionary:
         cell.value = value
 
     def on_read(self, index: int, subindex: int, hook: ReadHook) -> None:
-        """Let the value be asked from the owner at every read and every sampling of a PDO."""
+        """Set a hook that supplies the value.
+
+        It is called at every read and whenever a PDO samples the object.
+        """
         self.cell(index, subindex).read_hook = hook
 
     def on_write(self, index: int, subindex: int, hook: WriteHook) -> None:
-        """Let the owner check and apply what the bus writes; a code that it returns refuses it, and nothing changes.
+        """Set a hook that checks and applies values from the bus.
+
+        A code that the hook returns refuses the value, and nothing changes.
 
         Raises:
             KeyError: There is no such entry.
@@ -353,7 +382,7 @@ class Dictionary:
         Args:
             index: Index of the entry.
             subindex: Its sub-index.
-            wrap: Gives the hook from that which is there; None if there is none. It calls that one, or takes its place.
+            wrap: Returns the new hook for the present one (None if there is none), which it calls or replaces.
 
         Raises:
             KeyError: There is no such entry.
@@ -362,7 +391,7 @@ class Dictionary:
         cell.write_hook = wrap(cell.write_hook)
 
     def renumber(self, node_id: int) -> None:
-        """Take another node-ID, in force with the next reset.
+        """Change the node-ID, with effect from the next reset.
 
         A stored COB-ID whose CAN-ID is the default of the old node-ID becomes that of the new one: else two nodes that swap their
         node-IDs would go on with each other's identifiers.
@@ -375,9 +404,9 @@ class Dictionary:
                 self.stored[address] = value - old + node_id
 
     def load(self, index: int, subindex: int = 0) -> None:
-        """Give a value that a reset has put back to the write hook of its owner, by the same rules as from the bus.
+        """Pass a reset value to its owner's write hook.
 
-        A stored value that the owner refuses is not in force: the default takes its place.
+        The rules are those for a value from the bus. If the owner refuses a stored value, the default replaces it.
         """
         cell = self.cell(index, subindex)
         if cell.write_hook is not None and cell.write_hook(cell.value) is not None:
@@ -385,14 +414,17 @@ class Dictionary:
             cell.write_hook(cell.value)
 
     def reset(self, kind: ResetKind) -> None:
-        """Put back the stored values, else the defaults, without asking the write hooks."""
+        """Restore the stored values, else the defaults.
+
+        The write hooks are not called.
+        """
         for address, cell in self._cells.items():
             if kind is ResetKind.NODE or 0x1000 <= address[0] <= 0x1FFF:
                 stored = self.stored.get(address)
                 cell.value = cell.entry.default_for(self.node_id) if stored is None else stored
 
     def find(self, index: int, subindex: int) -> Cell:
-        """Give the cell that an SDO names.
+        """Return the cell that an SDO addresses.
 
         Raises:
             SdoAbort: There is no such object, or no such sub-index in it.
@@ -403,21 +435,30 @@ class Dictionary:
         return cell
 
     def find_writable(self, index: int, subindex: int) -> Cell:
-        """Give the cell that an SDO is about to write; `SdoAbort` where it must not."""
+        """Return the cell that an SDO is about to write.
+
+        Raises `SdoAbort` if the write is not allowed.
+        """
         cell = self.find(index, subindex)
         if not cell.entry.access.is_writable:
             raise SdoAbort(SdoAbortCode.READ_ONLY)
         return cell
 
     def read(self, index: int, subindex: int) -> bytes:
-        """Give the bytes that an SDO upload carries; `SdoAbort` where the entry is absent or write only."""
+        """Return the bytes of an SDO upload.
+
+        Raises `SdoAbort` if the entry is absent or write only.
+        """
         cell = self.find(index, subindex)
         if not cell.entry.access.is_readable:
             raise SdoAbort(SdoAbortCode.WRITE_ONLY)
         return cell.encoded()
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Write the bytes of an SDO download; `SdoAbort`, and nothing changed, where length, limits or owner refuse."""
+        """Write the bytes of an SDO download.
+
+        Raises `SdoAbort`, with nothing changed, if length, limits or owner refuse the value.
+        """
         cell = self.find_writable(index, subindex)
         code: int | None = cell.length_refusal(len(data))
         before = cell.value

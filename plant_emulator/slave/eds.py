@@ -1,4 +1,4 @@
-"""The electronic data sheet of an emulated node, written from its dictionary (CiA 306-1).
+"""EDS of an emulated node, written from its dictionary (CiA 306-1).
 
 Real numbers: CiA 306-1 does not say how they are spelled, and readers differ. dcf-tools and Lely take bit patterns, so that
 ``1`` is 1.4E-45 to them; the canopen package takes decimals, drops a bit pattern in a default and reads one in a limit as a
@@ -34,9 +34,9 @@ class DeviceInfo:
         order_code: Code by which it is ordered.
         description: One line for the head of the file.
         bit_rates: In kbit/s, those that the device supports.
-        granularity: Bits of the smallest thing that a PDO may carry; 1 also means that BOOLEAN may stand as a dummy.
-        lss_supported: Whether it is an LSS slave (CiA 305).
-        simple_boot_up_slave: Whether it enters Pre-operational by itself and waits there for its master.
+        granularity: Bits of the smallest object that a PDO may carry; 1 also permits BOOLEAN as a dummy.
+        lss_supported: True if it is an LSS slave (CiA 305).
+        simple_boot_up_slave: True if it enters Pre-operational by itself and waits there for its master.
     """
 
     file_name: str
@@ -50,7 +50,7 @@ class DeviceInfo:
     simple_boot_up_slave: bool = True
 
     def __post_init__(self) -> None:
-        """Refuse what an EDS has no key for."""
+        """Refuse a value for which an EDS has no key."""
         unknown = sorted(set(self.bit_rates) - set(BIT_RATES))
         if unknown:
             raise ValueError(f"bit rates {unknown} kbit/s are not among {BIT_RATES}")
@@ -59,10 +59,12 @@ class DeviceInfo:
 
 
 def write_eds(dictionary: Dictionary, info: DeviceInfo) -> str:
-    """Give the EDS of a dictionary: equal text for an equal dictionary, so its dates are fixed.
+    """Return the EDS of a dictionary.
+
+    Equal dictionaries give equal text, so the dates are fixed.
 
     Raises:
-        ValueError: A default or a name cannot stand in an INI file.
+        ValueError: A default or a name does not fit into an INI file.
     """
     objects = {index: list(entries) for index, entries in groupby(dictionary, key=lambda entry: int(entry.index))}  # in a range
     lines = [*_file_info(info), *_device_info(dictionary, info), *_dummy_usage(info.granularity), *_comments(dictionary)]
@@ -79,7 +81,7 @@ def _section(name: str, options: dict[str, str | int]) -> Iterator[str]:
     for key, value in options.items():
         text = str(value)
         if text != text.strip() or " ;" in text or (text and not text.isprintable()):
-            raise ValueError(f"[{name}] {key} = {text!r} cannot stand in an EDS")
+            raise ValueError(f"[{name}] {key} = {text!r} does not fit into an EDS")
         yield f"{key}={text}"
     yield ""
 
@@ -200,7 +202,7 @@ def _default(entry: Entry) -> str:
 
 
 def _decimal(entry: Entry, value: Value) -> str:
-    """Give the shortest text that reads back as the same value of the entry's type."""
+    """Return the shortest text that reads back as the same value."""
     exact, number = encode(entry.data_type, value), float(value)
     texts = (f"{number:.{digits}g}" for digits in range(1, 17))
     short = next((float(text) for text in texts if encode(entry.data_type, float(text)) == exact), number)

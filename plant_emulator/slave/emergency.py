@@ -1,4 +1,7 @@
-"""The emergency producer: named causes, the error register 1001h, the history 1003h and the frames (CiA 301, 7.2.7)."""
+"""The emergency producer (CiA 301, 7.2.7).
+
+It keeps the named causes, the error register 1001h and the history 1003h, and sends the frames.
+"""
 
 import struct
 from collections import deque
@@ -15,7 +18,7 @@ HISTORY = 0x1003
 COB_ID = 0x1014
 INHIBIT_TIME = 0x1015
 MAX_WAITING = 8
-"""Emergencies that wait for the end of the inhibit time; of more the oldest are dropped, since the newest state must be heard."""
+"""Emergencies that wait for the end of the inhibit time; of more the oldest are dropped, since the newest state must be sent."""
 
 _LAYOUT = struct.Struct("<HB5s")
 _VENDOR_LENGTH = 5
@@ -30,10 +33,12 @@ class _Error:
 
 
 class EmergencyProducer:
-    """Keeps the causes that are active, and sends a frame when one arises and when the last has gone.
+    """Keeper of the active causes, and sender of their emergencies.
+
+    A frame is sent when a cause arises, and when the last one has gone.
 
     Args:
-        dictionary: Brings 1001h, 1003h with as many sub-indices as the history is long, 1014h and 1015h.
+        dictionary: Must have 1001h, 1003h with as many sub-indices as the history is long, 1014h and 1015h.
         send: Takes each frame.
         clock: Gives the node's time.
         changed: Called when `due` has become another.
@@ -66,29 +71,38 @@ class EmergencyProducer:
             dictionary.on_read(HISTORY, subindex, partial(self._past, subindex))
 
     def load(self) -> None:
-        """Take the parameters from the dictionary, after a reset."""
+        """Read the parameters from the dictionary, after a reset."""
         self._dictionary.load(COB_ID)
         self._dictionary.load(INHIBIT_TIME)
 
     def enable(self, is_enabled: bool) -> None:
-        """Let frames out, or not; register and history are kept in any case. What waits is dropped with the permission."""
+        """Allow or forbid the sending of frames.
+
+        Register and history are updated in any case. Forbidding drops the waiting frames.
+        """
         self._is_enabled = is_enabled
         if not is_enabled:
             self._waiting.clear()
 
     @property
     def due(self) -> int | None:
-        """Instant at which the inhibit time lets the next frame go, or None if none waits."""
+        """End of the inhibit time of the next waiting frame.
+
+        It is None if no frame waits.
+        """
         return self._sent_at + self._inhibit_ns if self._waiting else None
 
     def advance(self, now: int) -> None:
-        """Send the frames that have waited for the end of the inhibit time."""
+        """Send the waiting frames whose inhibit time is over."""
         while self._waiting and now >= self._sent_at + self._inhibit_ns:
             self._transmit(self._waiting.popleft(), now)
 
     @property
     def register(self) -> ErrorRegister:
-        """The bits of all active causes; the generic bit is set while there is any (CiA 301, 7.5.2.2)."""
+        """Error register: the bits of all active causes.
+
+        The generic bit is set while there is any cause (CiA 301, 7.5.2.2).
+        """
         register = ErrorRegister(0)
         for error in self._active.values():
             register |= error.register | ErrorRegister.GENERIC
@@ -96,7 +110,10 @@ class EmergencyProducer:
 
     @property
     def last_code(self) -> int:
-        """The error code of 1003h:01h, its lower half; 0 where the history is empty."""
+        """Error code in 1003h:01h, its lower half.
+
+        It is 0 if the history is empty.
+        """
         return self._history[0] & 0xFFFF if self._history else 0
 
     @property
@@ -105,7 +122,9 @@ class EmergencyProducer:
         return tuple(self._active)
 
     def raise_cause(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.GENERIC, vendor: bytes = b"") -> None:
-        """Report an error; nothing happens while the same cause is active with the same code.
+        """Report an error.
+
+        Nothing happens while the same cause is active with the same code.
 
         Args:
             cause: Name of the cause, by which `clear_cause` withdraws it.
@@ -117,7 +136,10 @@ class EmergencyProducer:
             ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 vendor bytes.
         """
         if not 0x0100 <= code <= 0xFFFF or len(vendor) > _VENDOR_LENGTH:
-            raise ValueError(f"no emergency: code {code:#x}, {len(vendor)} vendor bytes")
+            raise ValueError(
+                f"no emergency has code {code:#x} and {len(vendor)} vendor bytes; "
+                f"expected 0x100 to 0xFFFF, and at most {_VENDOR_LENGTH} bytes"
+            )
         error = _Error(code, register)
         if self._active.get(cause) == error:
             return
@@ -127,19 +149,28 @@ class EmergencyProducer:
         self._emit(code, vendor)
 
     def join_cause(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.GENERIC) -> None:
-        """Report an error that another cause may have reported: while one with this code is active, without a frame."""
+        """Report an error that another cause may have reported.
+
+        While another cause is active with this code, no frame is sent.
+        """
         if any(error.code == code for error in self._active.values()):
             self._active[cause] = _Error(code, register)
         else:
             self.raise_cause(cause, code, register)
 
     def clear_cause(self, cause: str) -> None:
-        """Withdraw a cause; when it was the last, error code 0000h is sent (CiA 301, 7.2.7.2)."""
+        """Withdraw a cause.
+
+        After the last one error code 0000h is sent (CiA 301, 7.2.7.2).
+        """
         if self._active.pop(cause, None) is not None and not self._active:
             self._emit(EmergencyCode.NO_ERROR, b"")
 
     def reset(self, kind: ResetKind) -> None:
-        """Forget, without a frame: all causes and the history, or only those of communication; and what waits."""
+        """Clear causes, history and waiting frames without sending a frame.
+
+        A reset of communication clears the communication causes and the waiting frames only.
+        """
         self._waiting.clear()
         self._sent_at = _LONG_AGO
         if kind is ResetKind.NODE:

@@ -1,4 +1,7 @@
-"""Error control: heartbeats sent and watched, or node guarding, both with one report (CiA 301, 7.2.8.2.2)."""
+"""Error control by heartbeats or node guarding (CiA 301, 7.2.8.2.2).
+
+Heartbeats are sent and watched; both methods share one report.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -16,10 +19,12 @@ LIFE_GUARDING = "life guarding"
 
 
 class ErrorControl:
-    """The error control services of a node. A node that sends heartbeats is not guarded.
+    """Error control services of a node.
+
+    A node that sends heartbeats is not guarded.
 
     Args:
-        dictionary: Brings 100Ch, 100Dh, 1016h and 1017h.
+        dictionary: Must have 100Ch, 100Dh, 1016h and 1017h.
         emergency: Producer that reports lost and found nodes.
         send: Takes each frame.
         clock: Gives the node's time.
@@ -54,7 +59,7 @@ class ErrorControl:
         self._consumer = HeartbeatConsumer(dictionary, self._on_lost, self._find, rerouted)
 
     def load(self, node_id: int) -> None:
-        """Take the parameters from the dictionary after a reset, for a node of this number."""
+        """Read the parameters from the dictionary after a reset."""
         self._node_id = node_id
         self._guarding.load()
         self._producer.load()
@@ -77,14 +82,14 @@ class ErrorControl:
         return routes
 
     def advance(self, now: int) -> None:
-        """Report lost nodes, and send the heartbeat that is due."""
+        """Report lost nodes, and send a due heartbeat."""
         self._consumer.advance(now)
         self._guarding.advance(now)
         if self._producer.is_due(now):
             self._say(bytes((self._state(),)))
 
     def boot_up(self) -> Frame:
-        """Give the boot-up message."""
+        """Return the boot-up message."""
         return Frame(FunctionCode.HEARTBEAT + self._node_id, bytes((NmtState.INITIALISING,)))
 
     def _say(self, data: bytes) -> None:

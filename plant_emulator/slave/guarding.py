@@ -1,4 +1,7 @@
-"""Node guarding and life guarding: the older error control, in which the master asks (CiA 301, 7.2.8.2.2.1 and 7.2.8.2.2.2)."""
+"""Node guarding and life guarding.
+
+In this older error control the master polls the node (CiA 301, 7.2.8.2.2.1 and 7.2.8.2.2.2).
+"""
 
 from collections.abc import Callable
 
@@ -10,13 +13,13 @@ _TOGGLE = 0x80
 
 
 class NodeGuarding:
-    """Answers the remote requests of the NMT master, and notices when they stay away.
+    """Answers to the NMT master's remote requests, and their supervision.
 
     Life guarding begins with the first request: a node without a guard misses no requests. It is in use while neither 100Ch nor
-    100Dh is 0; a change of either lets it wait for a first request anew.
+    100Dh is 0; after a change of either it waits for a first request again.
 
     Args:
-        dictionary: Brings 100Ch and 100Dh.
+        dictionary: Must have 100Ch and 100Dh.
         on_lost: Called once when no request has come for guard time × life time factor.
         on_found: Called when one comes again, or when none is expected any more.
 
@@ -37,7 +40,10 @@ class NodeGuarding:
         dictionary.on_write(LIFE_TIME_FACTOR, 0, lambda factor: self._set(LIFE_TIME_FACTOR, factor))
 
     def load(self) -> None:
-        """Take the times from the dictionary after a reset; the toggle bit of the next answer is 0."""
+        """Read the times from the dictionary after a reset.
+
+        The toggle bit of the next answer is 0.
+        """
         self._toggle = 0
         for index in self._times:
             self._set(index, self._dictionary.get_int(index))
@@ -50,7 +56,10 @@ class NodeGuarding:
             self._on_found()
 
     def answer(self, state: int, now: int) -> bytes:
-        """Give the answer to a request: the NMT state, and a bit that alternates."""
+        """Return the answer to a request.
+
+        It holds the NMT state and a bit that alternates.
+        """
         if self._life_time:
             self.due = now + self._life_time
         if self._is_lost:
@@ -61,7 +70,7 @@ class NodeGuarding:
         return data
 
     def advance(self, now: int) -> None:
-        """Report the master whose requests have failed to come."""
+        """Report the master as lost if its requests are overdue."""
         if self.due is not None and now >= self.due:
             self.due = None
             self._is_lost = True

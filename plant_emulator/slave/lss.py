@@ -1,4 +1,7 @@
-"""The LSS slave: node-ID and bit rate over the bus, for a node that is known by its identity alone (CiA 305)."""
+"""The LSS slave (CiA 305).
+
+A master sets node-ID and bit rate over the bus, for a node chosen by its identity alone.
+"""
 
 from collections.abc import Callable
 from enum import Enum, IntEnum
@@ -70,14 +73,15 @@ class LssState(Enum):
 
 
 class LssSlave:
-    """Answers the LSS master: one frame in, at most one out.
+    """LSS slave: one frame in, at most one out.
 
     Three node-IDs (CiA 305, 3.6): `stored` is what the node keeps without power; `pending` is what the master has configured,
     and what NMT reset node takes from `stored`; `active`, the one of the identifiers on the bus, follows `pending` at each reset
-    of communication. Only frames of 8 bytes are LSS. What a state does not know is not answered: all slaves hear all requests.
+    of communication. Only frames of 8 bytes are LSS. A request unknown in the state is not answered, since all slaves receive all
+    requests.
 
     Args:
-        dictionary: Brings 1018h; parts that are not there count as 0.
+        dictionary: Must have 1018h; parts that are not there count as 0.
         node_id: The stored one: 1 to 127, or `UNCONFIGURED`.
         is_memory_good: Asked before the node-ID is stored.
         on_configured: Called when an unconfigured node has been given a node-ID and shall start with it.
@@ -106,14 +110,17 @@ class LssSlave:
         self.wait()
 
     def wait(self) -> None:
-        """Go to the waiting state; a selection or a scan that has begun is forgotten."""
+        """Go to the waiting state; drop a partial selection or scan."""
         self.state = LssState.WAITING
         self._selection: list[int] = []
         self._identification: list[int] = []
         self._scanned = 0
 
     def reload(self) -> None:
-        """Forget what has not been stored, as a loss of power and NMT reset node do."""
+        """Drop values that have not been stored.
+
+        A loss of power and NMT reset node do so.
+        """
         self.pending, self.bit_rate = self.stored, self.stored_bit_rate
 
     def activate(self) -> None:
@@ -128,7 +135,7 @@ class LssSlave:
         return [self._dictionary.get_int(*address) if address in self._dictionary else 0 for address in addresses]
 
     def receive(self, data: bytes) -> bytes | None:
-        """Give the 8 bytes of the answer to a request, or None if there is none."""
+        """Return the 8 bytes of the answer, or None."""
         if len(data) != _LENGTH:
             return None
         handler = _SERVICES[self.state].get(data[0])
@@ -197,10 +204,12 @@ class LssSlave:
         return (LssService.IDENTIFIED_UNCONFIGURED,) if self._is_unconfigured else None
 
     def _fast_scan(self, data: bytes) -> tuple[int, ...] | None:
-        """Say whether the upper bits of one part of the address are those asked for (CiA 305, LSS fastscan).
+        """Compare the upper bits of one part of the address.
 
-        Byte 5 is the lowest bit that is compared, byte 6 the part, byte 7 the part that comes next: with the last bit of a
-        part the slave goes on to it, and is selected where that part lies before this one.
+        Source: CiA 305, LSS fastscan.
+
+        Byte 5 is the lowest bit that is compared, byte 6 the part, byte 7 the next part. After the last bit of a part the
+        slave goes on to the next part; if that part lies before this one, the slave is selected.
         """
         if not self._is_unconfigured:
             return None
@@ -224,7 +233,10 @@ class LssSlave:
 
 
 def _collect(values: list[int], data: bytes, first: LssService, last: LssService) -> list[int] | None:
-    """Keep one number of a service of several frames; give all of them with the last. Out of their order they mean nothing."""
+    """Collect one number of a service of several frames.
+
+    Returns all numbers with the last frame, else None. Frames out of order are discarded.
+    """
     if data[0] == first:
         values.clear()
     elif not values or data[0] != first + len(values):

@@ -1,4 +1,7 @@
-"""The NMT automaton as tables, and the heartbeats that a node sends and waits for (CiA 301, 7.2.8 and 7.3.2)."""
+"""NMT state machine as tables, and heartbeats.
+
+A node sends heartbeats and monitors those of others (CiA 301, 7.2.8 and 7.3.2).
+"""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -46,7 +49,7 @@ _TARGETS = {
     NmtCommand.RESET_COMMUNICATION: NmtState.INITIALISING,
 }
 TRANSITIONS = {(state, command): target for state in _LISTENING for command, target in _TARGETS.items()}
-"""CiA 301, 7.3.2.2: initialising, a node hears no command; afterwards each leads to one state from all three."""
+"""CiA 301, 7.3.2.2: an initialising node ignores commands; afterwards each leads to one state from all three."""
 
 RESETS = {NmtCommand.RESET_NODE: ResetKind.NODE, NmtCommand.RESET_COMMUNICATION: ResetKind.COMMUNICATION}
 
@@ -59,10 +62,12 @@ ERROR_BEHAVIOUR = {
 
 
 class HeartbeatProducer:
-    """Says when the node's own heartbeat is due: at whole multiples of 1017h in the node's time, so that runs repeat.
+    """Timer of the node's own heartbeat.
+
+    Heartbeats are due at whole multiples of 1017h in the node's time, so that runs repeat.
 
     Args:
-        dictionary: Brings 1017h.
+        dictionary: Must have 1017h.
         clock: Gives the node's time.
         changed: Called when heartbeats may begin or end.
     """
@@ -75,11 +80,14 @@ class HeartbeatProducer:
         dictionary.on_write(PRODUCER_TIME, 0, self._set_period)
 
     def load(self) -> None:
-        """Take the period from the dictionary."""
+        """Read the period from the dictionary."""
         self._set_period(self._dictionary.get_int(PRODUCER_TIME))
 
     def is_due(self, now: int) -> bool:
-        """Tell whether to send one now; a caller who comes late gets one, not a burst."""
+        """Return True if a heartbeat is due now.
+
+        A late caller gets one heartbeat, not a burst.
+        """
         if self.due is None or now < self.due:
             return False
         self.due = self._next(now)
@@ -104,13 +112,13 @@ class _Watch:
 
 
 class HeartbeatConsumer:
-    """Watches the heartbeats of other nodes by 1016h.
+    """Monitor of other nodes' heartbeats by 1016h.
 
     A watch starts with the first heartbeat (CiA 301, 7.2.8.2.2.3): a node that never came up is not lost. A boot-up
     message is no heartbeat: a node that restarts and then stays silent must be noticed.
 
     Args:
-        dictionary: Brings 1016h.
+        dictionary: Must have 1016h.
         on_lost: Called with the node-ID once when its heartbeat has failed to come.
         on_found: Called with the node-ID when it comes again, or is no longer to be watched.
         changed: Called when other nodes are to be watched.
@@ -133,7 +141,10 @@ class HeartbeatConsumer:
             dictionary.on_write(CONSUMER_TIME, subindex, partial(self._configure, subindex))
 
     def load(self) -> None:
-        """Take the watches from the dictionary, all of them waiting for a first heartbeat."""
+        """Read the watches from the dictionary.
+
+        All of them wait for a first heartbeat.
+        """
         self._watches = {}
         for subindex in self._subindices:
             self._dictionary.load(CONSUMER_TIME, subindex)
@@ -149,7 +160,7 @@ class HeartbeatConsumer:
         return min((w.deadline for w in self._watches.values() if w.deadline is not None), default=None)
 
     def receive(self, node_id: int, data: bytes, now: int) -> None:
-        """Take the error control message of a node."""
+        """Process the error control message of a node."""
         if len(data) != 1 or data[0] & 0x7F == NmtState.INITIALISING:
             return
         for watch in self._watches.values():
@@ -160,7 +171,7 @@ class HeartbeatConsumer:
                     self._on_found(node_id)
 
     def advance(self, now: int) -> None:
-        """Report the nodes whose heartbeat has failed to come."""
+        """Report the nodes whose heartbeat is overdue."""
         for watch in list(self._watches.values()):
             if watch.deadline is not None and now >= watch.deadline:
                 watch.deadline = None

@@ -1,4 +1,7 @@
-"""A CANopen slave without socket, thread or clock: frames and time in, frames and the next deadline out."""
+"""A CANopen slave without socket, thread or clock.
+
+Frames and time go in; frames and the next deadline come out.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -44,15 +47,17 @@ def _nothing(*_: object) -> None:
 
 
 class Slave:
-    """One node: dictionary, SDO server, PDOs, NMT, SYNC, TIME, LSS, error control and emergencies, put together.
+    """One node with all its CANopen services.
 
-    No frame makes it raise, whatever its bytes; error frames and 29-bit frames are ignored, and remote requests but those for
-    its TPDOs and, while it sends no heartbeats, for its NMT state (node guarding). Time is in ns and never goes back. A
-    deadline that has passed is served before the frame that comes after it.
+    It joins dictionary, SDO server, PDOs, NMT, SYNC, TIME, LSS, error control and emergencies.
+
+    No frame raises an exception, whatever its bytes. Error frames and 29-bit frames are ignored. So are remote requests, but
+    for those for TPDOs and, while the node sends no heartbeats, for its NMT state (node guarding). Time is in ns and never
+    decreases. A deadline that has passed is served before the next frame.
 
     Args:
         node_id: 1 to 127, or `UNCONFIGURED`: then it stays initialising until an LSS master gives it one.
-        dictionary: Brings at least the `communication_entries`; the node sets its node-ID and puts its defaults back.
+        dictionary: Must have at least the `communication_entries`; the node sets its node-ID and puts its defaults back.
         sdo_max_bytes: The longest value that a client may write.
         sdo_timeout_ns: A client's silence that ends its transfer.
         sdo_block_size: Segments of a block download between two acknowledgements.
@@ -65,7 +70,7 @@ class Slave:
         lss: The LSS slave, with the node-ID that an LSS master has configured.
         on_sync: Called with the time of each SYNC, when the TPDOs have been sampled and the RPDOs are in force.
         on_nmt: Called with the old and the new state.
-        on_heartbeat_lost: Called with the number of a watched node; with 0 where the NMT master, by life guarding, or the whole
+        on_heartbeat_lost: Called with the number of a watched node; with 0 if the NMT master (life guarding) or the whole
             bus is lost.
         on_rpdo_timeout: Called with the number of an RPDO, 1 for the first, that has not come within its event timer.
         on_reset: Called when the dictionary has its stored values or defaults again and the boot-up message is about to be sent.
@@ -139,7 +144,10 @@ class Slave:
 
     @property
     def node_id(self) -> int:
-        """The node-ID in force; an LSS master may change it, with a reset of communication."""
+        """Node-ID in force.
+
+        An LSS master may change it, with a reset of communication.
+        """
         return self.lss.active
 
     @property
@@ -149,22 +157,31 @@ class Slave:
 
     @property
     def time_of_day(self) -> int | None:
-        """Time of day as the network gives it, in ns since 1984-01-01 00:00; None before the first TIME message."""
+        """Network's time of day, ns since 1984-01-01 00:00.
+
+        It is None before the first TIME message.
+        """
         return self._time.at(self._clock())
 
     @property
     def last_error_code(self) -> int:
-        """Error code of the newest entry of the history 1003h, also after its cause has gone; 0 where the history is empty."""
+        """Error code of the newest entry of the history 1003h.
+
+        It remains after the cause has gone; 0 if the history is empty.
+        """
         return self._emergency.last_code
 
     @property
     def emergency_causes(self) -> tuple[str, ...]:
-        """The causes that are active, in the order in which they arose."""
+        """Active causes, in the order in which they arose."""
         return self._emergency.causes
 
     @property
     def due(self) -> int | None:
-        """The next instant at which `advance` must be called; None if only a frame can wake the node."""
+        """Next instant at which `advance` must be called.
+
+        It is None if only a frame can wake the node.
+        """
         if self._out:
             return self._now
         if self._state is NmtState.INITIALISING or self._due == _NEVER:
@@ -173,22 +190,31 @@ class Slave:
 
     @property
     def waits_for_changes(self) -> bool:
-        """True while there are event-driven TPDOs: `advance` must then be called when the owner may have changed an object."""
+        """True if there are event-driven TPDOs.
+
+        `advance` must then be called when the owner may have changed an object.
+        """
         return bool(self._pdo.event_driven)
 
     def listens(self, can_id: int) -> bool:
-        """Tell whether the node does anything with frames of this identifier; the others need not be given to it before `due`."""
+        """Return True if the node processes frames of this identifier.
+
+        Other frames need not be passed to the node before `due`.
+        """
         return can_id in self._routes
 
     def power_on(self, now: int) -> list[Frame]:
-        """Start, or start again after a loss of power: reset to the stored values, boot-up message, pre-operational."""
+        """Start, or restart after a loss of power.
+
+        The node resets to the stored values, sends its boot-up message and becomes pre-operational.
+        """
         self._set_time(now)
         self._out.clear()
         self._reset(ResetKind.NODE)
         return self._finish()
 
     def receive(self, frame: Frame, now: int) -> list[Frame]:
-        """Give the answers to a frame.
+        """Return the answers to a frame.
 
         Raises:
             ValueError: `now` lies before the time of the last call.
@@ -213,7 +239,9 @@ class Slave:
         return []
 
     def advance(self, now: int) -> list[Frame]:
-        """Give what time makes the node send, and the event-driven TPDOs whose objects the owner has changed.
+        """Return the frames that are due at an instant.
+
+        They include event-driven TPDOs whose objects the owner has changed.
 
         Raises:
             ValueError: `now` lies before the time of the last call.
@@ -223,14 +251,17 @@ class Slave:
         return self.take_frames()
 
     def take_frames(self) -> list[Frame]:
-        """Give what waits to be sent; `receive` and `advance` do it by themselves."""
+        """Return the frames that wait to be sent.
+
+        `receive` and `advance` call this method themselves.
+        """
         frames, self._out = self._out, []
         return frames
 
     def raise_emergency(
         self, cause: str, code: int, register_bit: ErrorRegister = ErrorRegister.GENERIC, vendor_bytes: bytes = b""
     ) -> None:
-        """Report an error; the frame goes with the next ones that are returned.
+        """Report an error; its frame goes out with the next ones.
 
         Args:
             cause: Name of the owner's choice, by which `clear_emergency` withdraws the error.
@@ -244,20 +275,32 @@ class Slave:
         self._emergency.raise_cause(cause, code, register_bit, vendor_bytes)
 
     def join_emergency(self, cause: str, code: int, register_bit: ErrorRegister = ErrorRegister.GENERIC) -> None:
-        """Report an error that the node itself may have reported: no second frame while an error with this code is active."""
+        """Report an error that the node itself may have reported.
+
+        No second frame is sent while an error with this code is active.
+        """
         self._emergency.join_cause(cause, code, register_bit)
 
     def clear_emergency(self, cause: str) -> None:
-        """Withdraw an error; after the last one an emergency with code 0000h goes to the master."""
+        """Withdraw an error.
+
+        After the last one the node sends an emergency with code 0000h.
+        """
         self._emergency.clear_cause(cause)
 
     def bus_off(self) -> None:
-        """Take note that the controller has left the bus: a communication error, on which 1029h decides."""
+        """Note that the controller has gone bus-off.
+
+        1029h decides on this communication error.
+        """
         self._on_lost(MASTER)
         self._reschedule()
 
     def bus_recovered(self) -> None:
-        """Take note that the controller is back; an emergency that is over at once reports it to the master."""
+        """Note that the controller has recovered from bus-off.
+
+        An emergency that is cleared at once reports the recovery to the master.
+        """
         self._emergency.raise_cause(_BUS_OFF, EmergencyCode.BUS_OFF_RECOVERED, ErrorRegister.COMMUNICATION)
         self._emergency.clear_cause(_BUS_OFF)
 

@@ -1,4 +1,7 @@
-"""The entries 1000h to 1FFFh that every emulated node has, with the identifiers of the predefined connection set."""
+"""The entries 1000h to 1FFFh of every emulated node.
+
+Their identifiers are those of the predefined connection set.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -37,7 +40,7 @@ def communication_entries(
     heartbeat_ms: int = 0,
     error_behaviour: int = 0,
 ) -> list[Entry]:
-    """Give the objects of a node's communication, without its PDOs.
+    """Return the communication objects of a node, without its PDOs.
 
     Args:
         device_type: 1000h.
@@ -100,7 +103,9 @@ class PdoDefault:
 
 
 def pdo_entries(rpdos: Sequence[PdoDefault] = (), tpdos: Sequence[PdoDefault] = ()) -> list[Entry]:
-    """Give the communication and mapping records of four RPDOs and four TPDOs; those not described are empty.
+    """Return communication and mapping records of four RPDOs and TPDOs.
+
+    PDOs without a description are empty.
 
     Raises:
         ValueError: More than four of a kind.

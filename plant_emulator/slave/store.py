@@ -1,4 +1,7 @@
-"""The memory of a node over a loss of power: the commands "save" and "load" (CiA 301, 7.5.2.13 and 7.5.2.14)."""
+"""Storage of a node's values over a loss of power.
+
+The commands are "save" and "load" (CiA 301, 7.5.2.13 and 7.5.2.14).
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -39,7 +42,9 @@ VOLATILE = frozenset({
 
 @dataclass(frozen=True, slots=True)
 class StoreCommand:
-    """One entry that stores or restores when its signature is written to it.
+    """One entry that stores or restores.
+
+    It acts when its signature is written to it.
 
     Attributes:
         address: Index and sub-index.
@@ -55,19 +60,19 @@ class StoreCommand:
 
 
 def store_entries(groups: Sequence[tuple[str, range]] = GROUPS) -> Iterator[Entry]:
-    """Give the entries 1010h and 1011h, one sub-index per group."""
+    """Return the entries 1010h and 1011h, one sub-index per group."""
     for index, name, verb in ((STORE, "Store parameters", "Save"), (RESTORE, "Restore default parameters", "Restore")):
         for subindex, (group, _) in enumerate(groups, 1):
             yield replace(command_entry((index, subindex), f"{verb} {group}"), record_name=name, object_type=ObjectType.ARRAY)
 
 
 def command_entry(address: ObjectAddress, name: str) -> Entry:
-    """Give the entry of one command."""
+    """Return the entry of one command."""
     return Entry(*address, name, DataType.UNSIGNED32, Access.RW, ON_COMMAND)
 
 
 def standard_commands(groups: Sequence[tuple[str, range]] = GROUPS) -> tuple[StoreCommand, ...]:
-    """Give the commands that `store_entries` has entries for."""
+    """Return the commands that `store_entries` has entries for."""
     return tuple(
         StoreCommand((index, subindex), signature, index == RESTORE, indices)
         for index, signature in ((STORE, SAVE), (RESTORE, LOAD))
@@ -80,17 +85,18 @@ def _always() -> SdoAbortCode | None:
 
 
 class ParameterStore:
-    """Keeps the values of a dictionary: those of the last "save" are what the next reset puts back.
+    """Memory of a dictionary's values.
 
-    What is kept changes in one step at the end of the storing: a loss of power or a reset before it leaves the old values.
-    "load" drops what is kept, so that the next reset puts the factory's defaults back; until then nothing changes.
+    The next reset restores the values of the last "save".
 
-    1020h, where it is there, tells a configuration tool that the node is still configured as it was when the tool left its
-    date: once an SDO changes anything that would be kept, or "load" what is kept, it is 0 (CiA 301, 7.5.2.23). A tool
-    therefore writes it last.
+    The stored values change in one step at the end of the storing: a loss of power or a reset before that leaves the old
+    values. "load" drops the stored values, so that the next reset restores the factory defaults; until then nothing changes.
+
+    1020h, if it exists, tells a configuration tool that the node is still configured as the tool left it. It becomes 0 as
+    soon as an SDO changes a storable value, or "load" the stored ones (CiA 301, 7.5.2.23). A tool therefore writes it last.
 
     Args:
-        dictionary: Brings the entries of the commands.
+        dictionary: Must have the entries of the commands.
         commands: Those whose entries the dictionary does not have are left out.
         time_ns: Duration of storing.
         volatile: Indices that are never stored.
@@ -125,11 +131,11 @@ class ParameterStore:
 
     @property
     def stored(self) -> dict[ObjectAddress, Value]:
-        """Values that the next reset puts back, by address."""
+        """Values that the next reset restores, by address."""
         return dict(self._dictionary.stored)
 
     def is_storable(self, entry: Entry) -> bool:
-        """Tell whether an entry is one of those that "save" stores."""
+        """Return True if "save" stores the entry."""
         return entry.access.is_writable and entry.index not in self._volatile
 
     def _writer(self, command: StoreCommand) -> WriteHook:
@@ -180,5 +186,8 @@ class ParameterStore:
 
 
 def _is_in(index: int, indices: range) -> bool:
-    """Whether a group has an index: `in` looks for a member of an enumeration, as many are, one by one, for 80 ms a store."""
+    """Return True if a group has an index.
+
+    `in` would compare members of an enumeration one by one, which takes 80 ms per store.
+    """
     return indices.start <= index < indices.stop

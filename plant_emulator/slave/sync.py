@@ -1,4 +1,7 @@
-"""The consumer of SYNC: identifier, counter and window (CiA 301, 7.2.5; objects 1005h, 1007h and 1019h)."""
+"""The consumer of SYNC (CiA 301, 7.2.5; 1005h, 1007h, 1019h).
+
+It handles identifier, counter and window.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -21,9 +24,9 @@ _NEVER = 1 << 63
 
 
 class SyncConsumer:
-    """Takes SYNC; the node does not produce it.
+    """Consumer of SYNC; the node does not produce it.
 
-    With 1019h = 0 a SYNC has no data (7.2.5.3), but masters that count all the same are heard: one byte is ignored. With
+    With 1019h = 0 a SYNC has no data (7.2.5.3), but a counter byte is tolerated and ignored. With
     a counter the length is 1. Any other length is reported as emergency 8240h, which is withdrawn with the next right SYNC.
     A SYNC that is too long is not acted upon; one that lacks the counter is, except by TPDOs that wait for a counter value.
 
@@ -31,7 +34,7 @@ class SyncConsumer:
     leave in the instant of SYNC, and what holds them back afterwards is the bus.
 
     Args:
-        dictionary: Brings 1005h, 1007h and 1019h; 1006h where there is one.
+        dictionary: Must have 1005h, 1007h and 1019h; 1006h if there is one.
         emergency: Hears of a SYNC of the wrong length.
         changed: Called when one of the objects has been written.
 
@@ -40,8 +43,8 @@ class SyncConsumer:
         overflow: 1019h: highest value of the counter, or 0.
         window_ns: 1007h, or 0.
         counter: That of the last SYNC; None if it had none.
-        closes_at: End of the window that the last SYNC opened; far away where there is none.
-        is_plain: Whether a SYNC without data is right and opens no window, so that `accepts` need not be asked.
+        closes_at: End of the window that the last SYNC opened; far away if there is none.
+        is_plain: True if a SYNC without data is right and opens no window, so that `accepts` need not be asked.
     """
 
     def __init__(self, dictionary: Dictionary, emergency: EmergencyProducer, changed: Callable[[], None]) -> None:
@@ -58,7 +61,10 @@ class SyncConsumer:
             dictionary.on_write(index, 0, partial(self._write, index))
 
     def load(self) -> None:
-        """Take the objects from the dictionary; a value that could not have been written gives way to the default."""
+        """Read the objects from the dictionary.
+
+        A value that could not have been written is replaced by the default.
+        """
         for index, refusal in self._refusals.items():
             cell = self._dictionary.cell(index)
             if refusal(self._dictionary.get_int(index)) is not None:
@@ -67,7 +73,10 @@ class SyncConsumer:
         self._apply(*(self._dictionary.get_int(index) for index in (COB_ID, COUNTER_OVERFLOW, WINDOW)))
 
     def accepts(self, data: bytes, now: int) -> bool:
-        """Take a SYNC, note its counter and open its window; tell whether to act on it."""
+        """Process a SYNC; return True if the node must act.
+
+        The counter is noted, and the window opens.
+        """
         length = len(data)
         is_right = length == 1 if self.overflow else length <= 1
         if is_right == self._has_wrong_length:

@@ -1,4 +1,7 @@
-"""The consumer of TIME, the network's time of day (CiA 301, 7.2.6 and 7.5.2.15)."""
+"""The consumer of TIME, the network's time of day.
+
+Source: CiA 301, 7.2.6 and 7.5.2.15.
+"""
 
 import struct
 from collections.abc import Callable
@@ -16,13 +19,15 @@ _NS_PER_MS = 1_000_000
 
 
 class TimeConsumer:
-    """Keeps the network's time from one TIME message to the next, by the node's own clock.
+    """Clock of the network's time, kept between two TIME messages.
+
+    It uses the node's own clock.
 
     A message that is not 6 bytes long, or names a millisecond that no day has, is ignored. The time is in ns since
     1984-01-01 00:00.
 
     Args:
-        dictionary: Brings 1012h.
+        dictionary: Must have 1012h.
         changed: Called when the identifier to listen to has changed.
 
     Attributes:
@@ -37,7 +42,7 @@ class TimeConsumer:
         dictionary.on_write(COB_ID, 0, self._set_cob_id)
 
     def load(self) -> None:
-        """Take the COB-ID from the dictionary, after a reset."""
+        """Read the COB-ID from the dictionary, after a reset."""
         self.can_id = None
         self._dictionary.load(COB_ID)
 
@@ -46,11 +51,17 @@ class TimeConsumer:
         self._offset = None
 
     def at(self, now: int) -> int | None:
-        """Give the network's time at an instant of the node's, or None if no TIME has come."""
+        """Return the network's time at an instant of the node's clock.
+
+        The result is None if no TIME has come.
+        """
         return None if self._offset is None else now + self._offset
 
     def receive(self, data: bytes, now: int) -> None:
-        """Take a TIME message: TIME_OF_DAY, 28 bits of ms after midnight, 4 unused, 16 of days (CiA 301, 7.1.6.5)."""
+        """Process a TIME message.
+
+        TIME_OF_DAY is 28 bits of ms after midnight, 4 unused, and 16 of days (CiA 301, 7.1.6.5).
+        """
         if len(data) != _TIME_OF_DAY.size:
             return
         milliseconds, days = _TIME_OF_DAY.unpack(data)

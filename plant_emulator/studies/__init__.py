@@ -1,7 +1,9 @@
-"""Studies without a bus: simulated runs, Monte Carlo over plants, and the linearised closed loop.
+"""Studies without a bus.
+
+They are simulated runs, Monte Carlo over plants, and the linearised closed loop.
 
 `studies.simulate` runs an experiment of the bench in one process, `studies.robustness` runs many plants that differ from the
-robot file, and `studies.closed_loop` gives poles and resonances:
+robot file, and `studies.closed_loop` computes poles and resonances:
 
     >>> from hil.control.cascade import Cascade
     >>> from plant_emulator.robots.robot import load_robot

@@ -1,4 +1,7 @@
-"""One axis and its loop linearised: where |G_al| peaks, and how fast the slowest motion of the closed loop decays or grows."""
+"""One axis and its loop, linearised.
+
+The module finds the peak of |G_al|, and the decay or growth of the slowest motion of the closed loop.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -22,7 +25,9 @@ PEAK_RANGE_HZ = (2.0, 48.0)
 
 
 def arm_peak_hz(axis: RobotAxis, cascade: Cascade, period_s: float) -> float:
-    """f_al: where |G_al| = |s² θ_l/θ_sync| peaks without a filter, in Hz.
+    """Return f_al in Hz, the peak frequency without a filter.
+
+    |G_al| = |s² θ_l/θ_sync| peaks there.
 
         G_al = s² c M/(M (B + c) + B c),  A = J_m s² + D_m s,  B = J_l s² + D_l s,  c = D_g s + K_g,  M = N² (A + C),
         C = (K_vp + K_vi/s')(K_pp + s' w/(s' + w)) (1 − z⁻¹)/(s T),  s' = 2/T (1 − z⁻¹)/(1 + z⁻¹)
@@ -55,7 +60,9 @@ def arm_peak_hz(axis: RobotAxis, cascade: Cascade, period_s: float) -> float:
 
 @dataclass(frozen=True)
 class Law:
-    """The law of one axis with its filters frozen at each of some motor speeds, from the motor angle to −torque.
+    """The law of one axis with frozen filters.
+
+    It leads from the motor angle to −torque; the filters are frozen at each of some motor speeds.
 
     Attributes:
         a: Shape (speeds, n, n).
@@ -73,7 +80,9 @@ class Law:
 
 
 def frozen_law(cascade: Cascade, notches: Sequence[Notch], speeds_rps: Iterable[float], period_s: float) -> Law:
-    """The law at each speed; filters that do not act there let everything through.
+    """Return the law at each speed.
+
+    Filters that do not act there pass everything.
 
     Args:
         cascade: Gains.
@@ -87,7 +96,10 @@ def frozen_law(cascade: Cascade, notches: Sequence[Notch], speeds_rps: Iterable[
 
 
 def _law_at(cascade: Cascade, notches: Sequence[Notch], speed_rps: float, period_s: float) -> Block:
-    """(K_vp + K_vi/s)(K_pp + F_lp s) F_n, all bilinear, as blocks in series: expanded they lose their digits near z = 1."""
+    """Return the law at one speed as blocks in series.
+
+    It is (K_vp + K_vi/s)(K_pp + F_lp s) F_n, all bilinear; expanded it would lose its digits near z = 1.
+    """
     c, w = 2.0 / period_s, 2.0 * math.pi * cascade.lowpass_hz
     pole, gain = (c - w) / (c + w), w * c / (c + w)
     ki = cascade.velocity_integral_gain_nm_rad * period_s
@@ -103,7 +115,7 @@ def _law_at(cascade: Cascade, notches: Sequence[Notch], speed_rps: float, period
 
 
 def _acting(notch: Notch, speed_rps: float, period_s: float) -> tuple[float, float, float, float, float] | None:
-    """Coefficients of a filter at a speed; None if it is out."""
+    """Return a filter's coefficients at a speed; None if inactive."""
     if notch.mode == NOTCH_OFF or not notch.start_rps <= speed_rps <= notch.end_rps:
         return None
     weight = notch_weight(notch.mode, speed_rps, notch.start_rps, notch.end_rps, notch.ramp_rps)
@@ -113,17 +125,19 @@ def _acting(notch: Notch, speed_rps: float, period_s: float) -> tuple[float, flo
 
 
 def _series(first: Block, second: Block) -> Block:
-    """The second block behind the first."""
+    """Return two blocks in series, `second` after the first."""
     (a1, b1, c1, d1), (a2, b2, c2, d2) = first, second
     a = np.block([[a1, np.zeros((len(b1), len(b2)))], [np.outer(b2, c1), a2]])
     return a, np.concatenate([b1, b2 * d1]), np.concatenate([d2 * c1, c2]), d2 * d1
 
 
 def growth_per_s(axis: RobotAxis, law: Law) -> float:
-    """The largest ln |z|/T_s of the closed loop's poles over the law's speeds, in 1/s: below 0 everything decays.
+    """Return the closed loop's fastest growth, in 1/s.
 
-    Friction, gravity and the transmission error's own slope are left out. The gear counts at each of its stiffnesses: K_g, less
-    what soft wind-up takes from it near no torsion, and more by the F/ψ_h of hysteresis for small motions.
+    It is the largest ln |z|/T_s of the poles over the law's speeds; below 0 everything decays.
+
+    Friction, gravity and the ATE's own slope are left out. The gear is evaluated at each of its stiffnesses: K_g, K_g less
+    soft wind-up near no torsion, and K_g plus the F/ψ_h of hysteresis for small motions.
     """
     full = axis.gear_stiffness_nm_rad
     stiffnesses = {full, full * (1.0 - axis.wind_up_softness)}
@@ -133,7 +147,7 @@ def growth_per_s(axis: RobotAxis, law: Law) -> float:
 
 
 def _radius(axis: RobotAxis, stiffness_nm_rad: float, law: Law) -> float:
-    """The largest |z| over all speeds, for one stiffness of the gear."""
+    """Return the largest |z| over all speeds for one stiffness."""
     plant, drive = _discrete_plant(axis, stiffness_nm_rad, law.period_s)
     n, m = len(drive), law.b.shape[1]
     closed = np.zeros((len(law.d), n + m, n + m))
@@ -146,7 +160,10 @@ def _radius(axis: RobotAxis, stiffness_nm_rad: float, law: Law) -> float:
 
 
 def _discrete_plant(axis: RobotAxis, stiffness_nm_rad: float, period_s: float) -> tuple[Real, Real]:
-    """A and B over one period under a held torque command, exactly; states θ_m, θ̇_m, N θ_l, N θ̇_l, and τ where it lags."""
+    """Return A and B over one period, exactly.
+
+    The torque command is held. The states are θ_m, θ̇_m, N θ_l, N θ̇_l, and τ if it lags.
+    """
     n2 = axis.reduction_ratio**2
     k, d = stiffness_nm_rad / n2, axis.gear_damping_nm_s_rad / n2
     jm, jl, dl = axis.motor_inertia_kg_m2, axis.arm_inertia_kg_m2 / n2, axis.arm_damping_nm_s_rad / n2
@@ -164,9 +181,11 @@ def _discrete_plant(axis: RobotAxis, stiffness_nm_rad: float, period_s: float) -
 
 
 def _exponential(a: Real) -> Real:
-    """e^A of a small matrix: Taylor to the 14th order of A/2ⁿ with a norm below 1/2, squared n times.
+    """Return e^A of a small matrix.
 
-    scipy's solves with all threads of the linear algebra: 7 ms on a busy machine, where this takes 50 µs.
+    It is the Taylor series to the 14th order of A/2ⁿ with a norm below 1/2, squared n times.
+
+    scipy's function uses all threads of the linear algebra: 7 ms on a busy machine, instead of 50 µs.
     """
     squarings = max(0, math.frexp(float(np.max(np.sum(np.abs(a), axis=0))))[1] + 1)
     scaled = a / 2.0**squarings

@@ -1,4 +1,7 @@
-"""The figure of `plant-emulator robustness`: how the tip peak is spread, and which unknowns move it."""
+"""The figure of `plant-emulator robustness`.
+
+It shows the distribution of the tip peak, and the most influential unknowns.
+"""
 
 import io
 from collections.abc import Sequence
@@ -40,7 +43,10 @@ RC = {
 
 
 def figure_svg(summaries: Sequence[Summary]) -> str:
-    """One row per study: the distribution with its limit, and the strongest influences; as SVG."""
+    """Return one row per study, as SVG.
+
+    A row has the distribution with its limit, and the strongest influences.
+    """
     with mpl.rc_context():
         mpl.rcParams.update(cast("Any", RC))
         figure = Figure(figsize=(8.8, 3.4 * len(summaries)), layout="constrained")
@@ -55,7 +61,7 @@ def figure_svg(summaries: Sequence[Summary]) -> str:
 
 
 def title(summary: Summary) -> str:
-    """The study in words."""
+    """Return the study in words."""
     study = summary.study
     moved = "line motion" if study.axis is None else f"axis {study.axis}, constant acceleration"
     return f"{moved}, {'with' if any(study.filters.values()) else 'without'} notch, {len(summary.judged)} plants"

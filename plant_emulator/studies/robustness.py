@@ -1,4 +1,7 @@
-"""One plant drawn from the unknowns, one closed-loop run of it, and the judgement of the run."""
+"""One plant drawn from the unknowns, and its judged run.
+
+The run is closed-loop.
+"""
 
 import math
 from collections.abc import Mapping
@@ -73,7 +76,7 @@ class PlantRunResult:
     """Result of one run.
 
     Attributes:
-        index: Number of the draw; −1 for the robot as its file says.
+        index: Number of the draw; −1 for the robot of the file.
         values: Drawn values, by name.
         tip_peak_mm: Largest tip displacement in the window as measured; infinite where the run does not pass through it.
         tip_rms_mm: Its root mean square there.
@@ -104,7 +107,7 @@ class PlantRunResult:
 
 @dataclass(frozen=True)
 class SimulatedMotion:
-    """One run: true motion at each SYNC of the motion, and the accelerometer's readings.
+    """One run: true motion at each SYNC, and accelerometer readings.
 
     Attributes:
         columns: Shape (n, axes, 5): counts, arm angle, speed and acceleration in rad, torque.
@@ -121,7 +124,7 @@ class SimulatedMotion:
 
 @dataclass(frozen=True)
 class DrawnPlant:
-    """A plant: its unknowns, the robot with them, its encoders and its accelerometer."""
+    """A drawn plant: unknowns, robot, encoders and accelerometer."""
 
     values: dict[str, float]
     robot: Robot
@@ -159,12 +162,14 @@ class Study:
     def __post_init__(self) -> None:
         """Refuse a study that cannot be run."""
         if self.robot.links is not None:
-            raise ValueError(f"robot {self.robot.name!r} has an [arm]: a study varies axes that do not feel each other")
+            raise ValueError(f"robot {self.robot.name!r} has an [arm]; a study needs axes that are not coupled")
         period = self.robot.control_period_s
         if not math.isclose(self.periods * period, self.robot.sync_period_s, rel_tol=1e-9):
             raise ValueError(f"{self.robot.sync_period_s} s is not a whole number of control periods of {period} s")
         if self.robot.accelerometer.lowpass_hz is not None or self.robot.accelerometer.mounting_resonance_hz is not None:
-            raise ValueError("a study sees the tip at each SYNC only: leave lowpass_hz and mounting_resonance_hz of it out")
+            raise ValueError(
+                "accelerometer: a study samples the tip at each SYNC only; leave out lowpass_hz and mounting_resonance_hz"
+            )
         self._targets()
         for number in self.axes:
             if number not in self.controls:
@@ -190,12 +195,18 @@ class Study:
 
     @property
     def is_by_area(self) -> bool:
-        """A line motion with filters is judged by how much smaller they make its spectrum's area."""
+        """True if the study is judged by the spectrum's area.
+
+        A line motion with filters is judged by the reduction of this area.
+        """
         return self.axis is None and any(self.notches.get(number) for number in self.axes)
 
     @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """All unknowns, by the names of their columns; the axis' number comes first where several axes move."""
+        """All unknowns, by the names of their columns.
+
+        If several axes move, the name begins with the axis' number.
+        """
         found = []
         for number in self.axes:
             before = f"axis{number}_" if len(self.axes) > 1 else ""
@@ -204,7 +215,10 @@ class Study:
         return (*found, *SENSOR_UNKNOWNS)
 
     def _targets(self) -> tuple[Real, Real]:
-        """Times and set-points in counts, shape (n, axes); the motion ends in a rest long enough to judge it by."""
+        """Return times and set-points in counts, shape (n, axes).
+
+        The motion ends in a rest that is long enough for the judgement.
+        """
         robot = self.robot
         for name in ("constant_acceleration", "line_motion"):
             motion = getattr(robot, name)
@@ -232,7 +246,7 @@ class Study:
 
     @cached_property
     def cascades(self) -> dict[int, Cascade]:
-        """The gains as they are after they have crossed the bus."""
+        """Return the gains as rounded by the bus."""
         return {
             number: Cascade(**{name: real32(value) for name, value in self.controls[number].model_dump().items()})
             for number in self.axes
@@ -240,12 +254,15 @@ class Study:
 
     @cached_property
     def filters(self) -> dict[int, tuple[Notch, ...]]:
-        """The filters as they are after they have crossed the bus."""
+        """Return the filters as rounded by the bus."""
         return {number: tuple(as_uploaded(notch) for notch in self.notches.get(number, ())) for number in self.axes}
 
     @cached_property
     def f_al_hz(self) -> float:
-        """Frequency of the peak of |G_al| by the robot file, of axis 2 in the line motion, in Hz."""
+        """Frequency in Hz of the peak of |G_al|.
+
+        It is that of the robot file, of axis 2 in the line motion.
+        """
         return self._f_al_of(self.robot)
 
     def _f_al_of(self, robot: Robot) -> float:
@@ -273,10 +290,12 @@ class Study:
         return np.asarray(FOLLOWING_REACH * fastest / gains + FOLLOWING_REST_REV)
 
     def draw(self, index: int) -> tuple[DrawnPlant, np.random.Generator]:
-        """A plant, and the source of its runs' noise; index −1 is the robot as its file says.
+        """Draw a plant, and the source of its runs' noise.
 
-        Each axis and the accelerometer have a source of their own, `SeedSequence(seed, spawn_key=(axis or 0, index))`: axis 2 in
-        the line motion is the plant of the same index of axis 2 alone.
+        Index −1 is the robot of the file.
+
+        Each axis and the accelerometer have a source of their own, `SeedSequence(seed, spawn_key=(axis or 0, index))`: axis
+        2 in the line motion is the plant of the same index of axis 2 alone.
         """
         values: dict[str, float] = {}
         axes, encoders = {}, []
@@ -293,7 +312,10 @@ class Study:
         return DrawnPlant(values | mine, robot, tuple(encoders), drawn_reading(self.robot.accelerometer, mine)), source
 
     def _without_short_lag(self, axis: RobotAxis) -> RobotAxis:
-        """A current loop that settles within one step of the plant's solver has no lag: the solver could not follow it."""
+        """Drop the lag of a current loop that settles too fast.
+
+        The plant's solver cannot follow a loop that settles within one of its steps.
+        """
         if axis.current_time_constant_s >= self.robot.control_period_s / self.robot.plant_substeps:
             return axis
         return axis.model_copy(update={"current_time_constant_s": 0.0})
@@ -304,7 +326,7 @@ class Study:
     def run(
         self, plant: DrawnPlant, source: np.random.Generator, filters: Mapping[int, tuple[Notch, ...]] | None = None
     ) -> SimulatedMotion:
-        """One closed-loop run; `filters` instead of the study's own."""
+        """Simulate one closed-loop run; `filters` replace the study's own."""
         # axes that rest are left out: nothing of them reaches those that move
         moving = plant.robot.model_copy(
             update={"axis": {number: plant.robot.axis[number] for number in self.axes}, "geometry": None, "line_motion": None}
@@ -332,7 +354,7 @@ class Study:
         return SimulatedMotion(trace, tip, measured, self._f_al_of(plant.robot))
 
     def _tip(self, trace: Real) -> tuple[Real, Real]:
-        """True vertical and radial acceleration of the tip; shape (n,) each."""
+        """Return true vertical and radial tip accelerations; shape (n,) each."""
         if self.axis is not None:
             lever = self.robot.axis[self.axis].tip_lever_m
             return lever * trace[:, 0, ARM_ACCELERATION], -lever * trace[:, 0, ARM_SPEED] ** 2
@@ -371,14 +393,17 @@ class Study:
         )
 
     def _tip_in_window(self, trace: SimulatedMotion) -> tuple[float, float]:
-        """Largest and mean square tip displacement where it is judged, as measured."""
+        """Return largest and mean square tip displacement, as measured.
+
+        They are those in the window of the judgement.
+        """
         displacement = tip_displacement_mm(trace.measured_m_s2, self.robot.sync_period_s, trace.f_al_hz)[self._window(trace)]
         if len(displacement) < WINDOW_SAMPLES:
             return math.inf, math.inf
         return float(np.max(np.abs(displacement))), float(np.sqrt(np.mean(displacement**2)))
 
     def _window(self, trace: SimulatedMotion) -> NDArray[np.bool_]:
-        """Rows in which the tip is judged."""
+        """Return the rows in which the tip is judged."""
         if self.axis is None:
             start = self._line_start_s()
             return np.asarray((self.times >= start + LINE_WINDOW_S[0]) & (self.times <= start + LINE_WINDOW_S[1]))
@@ -389,20 +414,26 @@ class Study:
         return 0.0 if self.robot.line_motion is None else self.robot.line_motion.dwell_s
 
     def _area(self, trace: SimulatedMotion) -> float:
-        """Area of the amplitude spectrum of a line motion."""
+        """Return the area of a line motion's amplitude spectrum."""
         start = self._line_start_s()
         duration = 0.0 if self.robot.line_motion is None else self.robot.line_motion.duration_s
         inside = (self.times >= start) & (self.times <= start + duration)
         return spectrum_area(trace.measured_m_s2[inside], self.robot.sync_period_s)
 
     def _following_error_rev(self, trace: SimulatedMotion) -> Real:
-        """Largest distance of each motor from the set-point that it was to have reached; shape (axes,)."""
+        """Return each motor's largest distance from its set-point, shape (axes,).
+
+        It is in revolutions, and measured from the set-point that the motor should have reached.
+        """
         counts = np.array([self.robot.axis[number].encoder_counts_per_rev for number in self.axes])
         reached = np.concatenate([self.set_points[:1], self.set_points[:-1]])
         return np.asarray(np.max(np.abs(reached - trace.columns[:, :, COUNTS]), axis=0) / counts)
 
     def _residual(self, trace: SimulatedMotion, faults: list[str]) -> float:
-        """The true vibration that is left at the end, in mm; what of it shows that a loop is not stable joins the faults."""
+        """Return the true vibration at the end, in mm.
+
+        Signs of an unstable loop are added to the faults.
+        """
         quarter = round(0.5 * TAIL_S / self.robot.sync_period_s)
         f_al = trace.f_al_hz
         swing = 1e3 * above_band(trace.tip_m_s2, self.robot.sync_period_s, f_al) / (2.0 * math.pi * f_al) ** 2
@@ -417,7 +448,7 @@ class Study:
 
 
 def _read(reading: Reading, tip: Real, radial: Real, period_s: float, source: np.random.Generator) -> Real:
-    """The accelerometer's reading of true accelerations at the SYNCs; shape (n,)."""
+    """Return the accelerometer's reading of true accelerations at the SYNCs; shape (n,)."""
     value = reading.sensitivity * tip + reading.cross_axis * radial
     if reading.delay_s > 0.0:
         times = np.arange(len(tip)) * period_s

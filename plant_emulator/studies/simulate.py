@@ -1,4 +1,7 @@
-"""The experiments without CAN: the same axes, law and set-points in one process, to hold a run over the bus against."""
+"""The experiments without CAN, for comparison with bus runs.
+
+Axes, law and set-points are the same, in one process.
+"""
 
 import math
 from collections.abc import Mapping
@@ -23,7 +26,9 @@ Real = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Simulation:
-    """A simulated run, sampled at the SYNC period; row i is the instant at which set-point i comes into force.
+    """A simulated run, sampled at the SYNC period.
+
+    Row i is the instant at which set-point i takes effect.
 
     Attributes:
         time_s: Shape (n,).
@@ -45,7 +50,9 @@ class Simulation:
 
 
 def references(robot: Robot, axis: int | None, sync_period_s: float) -> tuple[tuple[int, ...], Real, Real]:
-    """Axes, times and motor angles (n, axes) of the constant-acceleration motion of one axis, or of the line (None).
+    """Return axes, times and motor angles (n, axes) of a motion.
+
+    It is the constant-acceleration motion of one axis, or the line motion (None).
 
     Raises:
         ValueError: The robot file lacks the motion, or the axis; or its arm cannot follow the line.
@@ -79,7 +86,9 @@ def simulate(
     sync_period_s: float = 0.002,
     settle_s: float = 0.5,
 ) -> Simulation:
-    """Run one experiment drive-closed: set-points every SYNC period, the servo law at the control period.
+    """Run one experiment with the loop closed in the drives.
+
+    Set-points come every SYNC period; the servo law runs at the control period.
 
     Set-points are rounded to counts and gains to single precision, as they are when they cross the bus.
 
@@ -129,6 +138,9 @@ def simulate(
 
 
 def as_uploaded(notch: Notch) -> Notch:
-    """The filter that a drive holds after the parameters have crossed the bus as REAL32."""
+    """Return the filter as a drive holds it after upload.
+
+    The parameters cross the bus as REAL32.
+    """
     singles: dict[str, Any] = {name: real32(value) for name, value in vars(notch).items() if isinstance(value, float)}
     return replace(notch, **singles)

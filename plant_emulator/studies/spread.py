@@ -1,4 +1,4 @@
-"""Unknowns of a plant, the reach of each, and plants drawn from them."""
+"""Unknowns of a plant, their spread, and plants drawn from them."""
 
 import math
 from collections.abc import Mapping
@@ -17,12 +17,14 @@ UnknownKind = Literal["factor", "up_to", "either", "circle", "switch"]
 
 
 class PlantSpread(Table):
-    """Reach of each unknown around its value in the robot file; 0 holds it there.
+    """Spread of each unknown around its value in the robot file.
 
-    `…_percent` of a quantity: a factor, log-uniform from 1/(1 + p/100) to 1 + p/100, so that it is as likely to be too small as
-    too large, and never below 0. Effects that the file need not have are uniform from nothing to the value and come on top of
-    the file's. Angles, and values said to be so, are uniform up to the value in both directions. The defaults are
-    the uncertainties of data sheets; they are not measured.
+    0 keeps the unknown constant.
+
+    `…_percent` of a quantity is a factor, log-uniform from 1/(1 + p/100) to 1 + p/100, so that it is as likely to be too
+    small as too large, and never below 0. Effects that the file need not have are uniform from 0 to the value, and are added
+    to the file's. Angles, and values described so, are uniform up to the value in both directions. The defaults are the
+    uncertainties of data sheets; they are not measured.
 
     Attributes:
         gear_stiffness_percent: K_g; with the next one it moves the resonance.
@@ -97,7 +99,7 @@ class Unknown:
     label: str
 
     def value(self, spread: PlantSpread, quantile: float) -> float:
-        """The value that a quantile in [0, 1) stands for."""
+        """Return the value at a quantile in [0, 1)."""
         reach: float = getattr(spread, self.key)
         match self.kind:
             case "factor":
@@ -112,7 +114,7 @@ class Unknown:
                 return 1.0 if quantile < reach else 0.0
 
     def is_open(self, spread: PlantSpread) -> bool:
-        """True if it differs from plant to plant."""
+        """Return True if the unknown differs from plant to plant."""
         reach: float = getattr(spread, self.key)
         return 0.0 < reach < 1.0 if self.kind == "switch" else reach > 0.0
 
@@ -162,18 +164,24 @@ Values = Mapping[str, float]
 
 
 def drawn(unknowns: tuple[Unknown, ...], spread: PlantSpread, generator: np.random.Generator) -> dict[str, float]:
-    """A value for each unknown by name; each takes one number of the generator, whether it is open or not."""
+    """Draw a value for each unknown, by name.
+
+    Each takes one number of the generator, even if it is constant.
+    """
     quantiles = generator.random(len(unknowns))
     return {unknown.name: unknown.value(spread, float(quantile)) for unknown, quantile in zip(unknowns, quantiles, strict=True)}
 
 
 def nominal(unknowns: tuple[Unknown, ...]) -> dict[str, float]:
-    """The values that leave a plant as its file says."""
+    """Return the values that leave a plant as in its file."""
     return {unknown.name: 1.0 if unknown.kind == "factor" else 0.0 for unknown in unknowns}
 
 
 def drawn_axis(axis: RobotAxis, values: Values) -> RobotAxis:
-    """The axis with drawn values of `AXIS_UNKNOWNS`, but for those of its encoder."""
+    """Return the axis with drawn values of `AXIS_UNKNOWNS`.
+
+    Those of its encoder are left out.
+    """
     stiffness = axis.gear_stiffness_nm_rad * values["gear_stiffness_factor"]
     coulomb = axis.coulomb_friction_nm * values["coulomb_friction_factor"]
     rise = (axis.static_friction_nm - axis.coulomb_friction_nm) * values["coulomb_friction_factor"]
@@ -199,7 +207,10 @@ def drawn_axis(axis: RobotAxis, values: Values) -> RobotAxis:
 
 
 def _drawn_error(axis: RobotAxis, values: Values) -> dict[str, float]:
-    """Changed fields of the transmission error; an added 1st order joins the file's as a phasor."""
+    """Return the changed fields of the ATE.
+
+    An added 1st order is summed with the file's as a phasor.
+    """
     ate = axis.ate
     first = ate.a1_arcsec * np.exp(1j * math.radians(ate.phi1_deg))
     first += values["a1_arcsec"] * np.exp(1j * math.radians(values["phi1_deg"]))
@@ -215,7 +226,9 @@ def _drawn_error(axis: RobotAxis, values: Values) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Encoder:
-    """Errors of an encoder: Σ E_k cos(k θ_m + φ_k), k = 1, 2, and noise.
+    """Errors of an encoder.
+
+    They are Σ E_k cos(k θ_m + φ_k), k = 1, 2, and noise.
 
     Attributes:
         terms: E₁, φ₁, E₂, φ₂ in rad.
@@ -227,7 +240,7 @@ class Encoder:
 
 
 def drawn_encoder(axis: RobotAxis, values: Values) -> Encoder:
-    """The encoder with drawn values of `AXIS_UNKNOWNS`."""
+    """Return the encoder with drawn values of `AXIS_UNKNOWNS`."""
     terms = (
         values["encoder_error_1_arcsec"] * ARCSEC,
         math.radians(values["encoder_phase_1_deg"]),
@@ -259,7 +272,7 @@ class Reading:
 
 
 def drawn_reading(sensor: RobotAccelerometer, values: Values) -> Reading:
-    """The accelerometer with drawn values of `SENSOR_UNKNOWNS`."""
+    """Return the accelerometer with drawn values of `SENSOR_UNKNOWNS`."""
     return Reading(
         1.0 + 0.01 * values["accelerometer_sensitivity_percent"],
         0.01 * values["accelerometer_cross_axis_percent"],

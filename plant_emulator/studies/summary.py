@@ -1,4 +1,7 @@
-"""Summary of many runs: which fraction meets the specification, which is stable, and which unknown matters."""
+"""Summary of many runs.
+
+It states which fraction meets the specification, which is stable, and which unknown matters.
+"""
 
 import math
 from collections import Counter
@@ -23,7 +26,10 @@ FEWEST_RUNS = 20
 
 @dataclass(frozen=True)
 class RunFraction:
-    """A fraction of the runs with its 95 % interval by Wilson's score."""
+    """A fraction of the runs with its 95 % interval.
+
+    The interval is Wilson's score.
+    """
 
     count: int
     runs: int
@@ -65,7 +71,7 @@ class Summary:
     Attributes:
         study: The study that was run.
         judged: Every run, by index.
-        nominal: The robot as its file says.
+        nominal: The robot of the file.
         meeting: Stable and within the specification.
         stable: Without a fault.
         faults: Number of runs with each fault.
@@ -89,30 +95,36 @@ class Summary:
 
     @property
     def is_by_area(self) -> bool:
-        """True if a line motion is judged by the reduction of its spectrum's area."""
+        """True if the study is judged by the spectrum's area."""
         return self.study.is_by_area
 
     @property
     def results(self) -> Real:
-        """Results run by run: tip peak in mm, or reduction of the area in percent."""
+        """Results run by run.
+
+        They are tip peaks in mm, or reductions of the area in percent.
+        """
         return np.array([result(self.study, each) for each in self.judged])
 
 
 def result(study: Study, judged: PlantRunResult) -> float:
-    """The result by which a run is judged; infinitely bad where it could not be measured."""
+    """Return the result by which a run is judged.
+
+    It is infinitely bad if it could not be measured.
+    """
     if not study.is_by_area:
         return judged.tip_peak_mm
     return -math.inf if judged.area_reduction_percent is None else judged.area_reduction_percent
 
 
 def run_fraction(count: int, runs: int) -> RunFraction:
-    """A fraction of the runs and its Wilson interval."""
+    """Return a fraction of the runs and its Wilson interval."""
     interval = scipy.stats.binomtest(count, runs).proportion_ci(CONFIDENCE, "wilson")
     return RunFraction(count, runs, count / runs, float(interval.low), float(interval.high))
 
 
 def summarise(study: Study, judged: Sequence[PlantRunResult], nominal: PlantRunResult) -> Summary:
-    """Add up the runs of a study; there must be one at least."""
+    """Summarise the runs of a study, at least one."""
     values = np.array([result(study, each) for each in judged])
     bad = -values if study.is_by_area else values
     found, explained = influences(study, judged, values)
@@ -132,7 +144,10 @@ def summarise(study: Study, judged: Sequence[PlantRunResult], nominal: PlantRunR
 
 
 def influences(study: Study, judged: Sequence[PlantRunResult], values: Real) -> tuple[tuple[Influence, ...], float | None]:
-    """The open unknowns by the strength of their rank correlation with the result, and the variance explained by a regression."""
+    """Return the unknowns by influence, and the explained variance.
+
+    The order is that of the rank correlation with the result; a regression gives the variance.
+    """
     unknowns = [unknown for unknown in study.unknowns if unknown.is_open(study.spread)]
     if len(judged) < FEWEST_RUNS or not unknowns or np.ptp(scipy.stats.rankdata(values)) == 0.0:
         return (), None
@@ -152,7 +167,10 @@ def _is_angle(unknown: Unknown) -> bool:
 
 
 def _correlation(column: Real, values: Real) -> tuple[float, float]:
-    """Spearman's ρ and its p-value; 0 for a column that happens not to vary."""
+    """Return Spearman's ρ and its p-value.
+
+    ρ is 0 for a column that does not vary.
+    """
     if np.ptp(column) == 0.0:
         return 0.0, 1.0
     found: Any = scipy.stats.spearmanr(column, values)
@@ -160,7 +178,9 @@ def _correlation(column: Real, values: Real) -> tuple[float, float]:
 
 
 def _angle_correlation(degrees: Real, values: Real) -> tuple[float, float]:
-    """Multiple correlation of the values' ranks with cosine and sine of an angle, and its p-value by the F test.
+    """Return the correlation of values with an angle, and its p-value.
+
+    It is the multiple correlation of the values' ranks with cosine and sine of the angle; the p-value is by the F test.
 
     R² = (r_c² + r_s² − 2 r_c r_s r_cs)/(1 − r_cs²).
 
@@ -175,7 +195,9 @@ def _angle_correlation(degrees: Real, values: Real) -> tuple[float, float]:
 
 
 def _interval(correlation: float, n: int, *, is_signed: bool) -> tuple[float, float]:
-    """95 % by Fisher's z with the standard error √((1 + ρ²/2)/(n − 3)) for ranks.
+    """Return the 95 % interval of a rank correlation.
+
+    It is Fisher's z with the standard error √((1 + ρ²/2)/(n − 3)) for ranks.
 
     Source: D. G. Bonett and T. A. Wright, Sample size requirements for correlations, Psychometrika 65 (2000).
     """
@@ -186,7 +208,10 @@ def _interval(correlation: float, n: int, *, is_signed: bool) -> tuple[float, fl
 
 
 def _regression(unknowns: Sequence[Unknown], columns: Sequence[Real], values: Real) -> tuple[list[float | None], float | None]:
-    """Standardised coefficients of a linear regression over all unknowns at once, and its adjusted R²; finite results alone."""
+    """Return standardised regression coefficients and the adjusted R².
+
+    The linear regression has all unknowns at once, and uses finite results only.
+    """
     finite = np.isfinite(values)
     terms, owners = [], []
     for number, (unknown, column) in enumerate(zip(unknowns, columns, strict=True)):
@@ -214,7 +239,10 @@ def _standard(column: Real) -> Real:
 
 
 def document(summary: Summary) -> dict[str, Any]:
-    """The summary as JSON takes it; infinite numbers are null. It is the same on any machine and number of processes."""
+    """Return the summary for JSON.
+
+    Infinite numbers are null. It is the same on any machine and number of processes.
+    """
     study = summary.study
     return {
         "robot": study.robot.name,
@@ -242,7 +270,7 @@ def document(summary: Summary) -> dict[str, Any]:
 
 
 def _fraction_document(fraction: RunFraction) -> dict[str, Any]:
-    """A fraction as JSON takes it; the file calls it a share."""
+    """Return a fraction for JSON; the file names it a share."""
     return {
         "count": fraction.count,
         "runs": fraction.runs,
@@ -253,12 +281,12 @@ def _fraction_document(fraction: RunFraction) -> dict[str, Any]:
 
 
 def finite(value: float | None) -> float | None:
-    """A number that JSON has a word for, or None."""
+    """Return the number if JSON can express it, else None."""
     return value if value is not None and math.isfinite(value) else None
 
 
 def run_document(judged: PlantRunResult) -> dict[str, Any]:
-    """One run as JSON takes it."""
+    """Return one run for JSON."""
     return {
         "index": judged.index,
         "tip_peak_mm": finite(judged.tip_peak_mm),
@@ -274,7 +302,10 @@ def run_document(judged: PlantRunResult) -> dict[str, Any]:
 
 
 def draws_csv(summary: Summary) -> str:
-    """One line per run: its index, how it was judged, and all that was drawn."""
+    """Return one line per run, as CSV.
+
+    A line has the run's index, its judgement, and all drawn values.
+    """
     names = [unknown.name for unknown in summary.study.unknowns]
     heads = ["index", "tip_peak_mm", "tip_rms_mm", "area_reduction_percent", "following_error_rev", "residual_mm", "growth_per_s"]
     lines = [",".join([*heads, "faults", "meets", *names])]

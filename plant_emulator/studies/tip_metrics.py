@@ -1,4 +1,7 @@
-"""Metrics of a tip's acceleration as in the report, reckoned by the world itself; a test holds both side by side."""
+"""Metrics of a tip's acceleration, as in the report.
+
+The emulator computes them itself; a test compares both.
+"""
 
 import math
 
@@ -18,18 +21,24 @@ LINE_BAND_HZ = (0.0, 50.0)
 
 
 def band_hz(f_al_hz: float) -> tuple[float, float]:
-    """Band of the vibration of an arm that rings at f_al."""
+    """Return the vibration band of an arm with resonance f_al."""
     return BAND_FACTORS[0] * f_al_hz, BAND_FACTORS[1] * f_al_hz
 
 
 def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, f_al_hz: float) -> Real:
-    """The tip's vertical acceleration in its band (2nd-order Butterworth, forward and backward) over (2π f_al)², in mm."""
+    """Return the tip's vertical displacement in its band, in mm.
+
+    It is the acceleration, filtered by a 2nd-order Butterworth forward and backward, over (2π f_al)².
+    """
     band = scipy.signal.butter(2, band_hz(f_al_hz), "bandpass", fs=1.0 / period_s, output="sos")
     return np.asarray(1e3 * scipy.signal.sosfiltfilt(band, acceleration_m_s2) / (2.0 * math.pi * f_al_hz) ** 2)
 
 
 def speed_window(revolutions: Real, period_s: float, f_al_hz: float) -> NDArray[np.bool_]:
-    """Rows in which the motor's speed rises through 0.76 … 1.27 f_al/2 (order k = 2); shape (n,)."""
+    """Return the rows in which the speed crosses the resonance; shape (n,).
+
+    The motor speed rises through 0.76 … 1.27 f_al/2 (order k = 2) there.
+    """
     low_rps, high_rps = (factor * f_al_hz / ORDER for factor in WINDOW_FACTORS)
     corner = min(SPEED_LOWPASS_HZ, 0.2 / period_s)
     sections = scipy.signal.butter(2, corner, fs=1.0 / period_s, output="sos")
@@ -39,7 +48,10 @@ def speed_window(revolutions: Real, period_s: float, f_al_hz: float) -> NDArray[
 
 
 def spectrum_area(acceleration_m_s2: Real, period_s: float) -> float:
-    """Trapezoid area of the amplitude spectrum (rectangular window) from 0 to 50 Hz, in m/s²·Hz."""
+    """Return the area of the amplitude spectrum, in m/s²·Hz.
+
+    It is the trapezoid area from 0 to 50 Hz, with a rectangular window.
+    """
     amplitude = 2.0 * np.abs(np.fft.rfft(acceleration_m_s2)) / len(acceleration_m_s2)
     amplitude[0] *= 0.5
     frequency = np.fft.rfftfreq(len(acceleration_m_s2), period_s)
@@ -48,6 +60,9 @@ def spectrum_area(acceleration_m_s2: Real, period_s: float) -> float:
 
 
 def above_band(acceleration_m_s2: Real, period_s: float, f_al_hz: float) -> Real:
-    """The part above f_al/2: what the motion itself asks of the tip is left out."""
+    """Return the part above f_al/2.
+
+    The acceleration of the motion itself is left out.
+    """
     sections = scipy.signal.butter(2, band_hz(f_al_hz)[0], "highpass", fs=1.0 / period_s, output="sos")
     return np.asarray(scipy.signal.sosfiltfilt(sections, acceleration_m_s2))

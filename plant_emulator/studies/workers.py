@@ -1,4 +1,7 @@
-"""Many runs of studies, on all cores, with the same result on any number of them."""
+"""Many runs of studies, on all cores.
+
+The result does not depend on the number of processes.
+"""
 
 import multiprocessing
 import signal
@@ -22,14 +25,17 @@ def _begin(studies: Sequence[Study]) -> None:
 
 
 def _judge(number: int, indices: Sequence[int]) -> list[PlantRunResult]:
-    """Judge some runs of one study, in a worker."""
+    """Judge some runs of one study, in a worker process."""
     study = _studies[number]
     return [study.judge(index) for index in indices]
 
 
 @contextmanager
 def _workers(jobs: int, studies: Sequence[Study]) -> Iterator[Executor]:
-    """Processes that know the studies; they are spawned, since a fork of a process with threads may stop."""
+    """Start processes that know the studies.
+
+    They are spawned, since a fork of a process with threads may hang.
+    """
     pool = ProcessPoolExecutor(
         jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_begin, initargs=(tuple(studies),)
     )
@@ -43,7 +49,9 @@ def _workers(jobs: int, studies: Sequence[Study]) -> Iterator[Executor]:
 def run_all(
     studies: Sequence[Study], runs: int, jobs: int = 1, on_done: Callable[[int], None] = lambda count: None
 ) -> list[list[PlantRunResult]]:
-    """Runs 0, 1, … of each study, in as many processes as are asked for; the result does not depend on their number.
+    """Run 0, 1, … of each study in several processes.
+
+    The result does not depend on their number.
 
     Args:
         studies: Each gets as many runs.
@@ -81,5 +89,5 @@ def run_all(
 
 
 def _studies_of_chunks(studies: int, runs: int) -> list[int]:
-    """The study of each chunk, in the order in which they are given out."""
+    """Return the study of each chunk, in the order of dispatch."""
     return [number for number in range(studies) for _ in range(0, runs, CHUNK)]

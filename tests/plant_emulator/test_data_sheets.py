@@ -164,7 +164,7 @@ def test_the_command_writes_the_file_of_every_node_of_a_robot_and_each_is_that_o
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (("--drive", "3=kollmorgen_akd"), 2, "--robot is missing"),
+        (("--drive", "3=kollmorgen_akd"), 2, "--drive needs --robot"),
         (("--robot", "reference", "--drive", "4=kollmorgen_akd"), 2, "no axis 4"),
         (("--robot", "reference", "--drive", "3=unheard_of"), 3, "unheard_of"),
         (("--robot", "reference", "--drive", "3=emulated_accelerometer"), 3, "expected a drive profile"),

@@ -219,7 +219,7 @@ def test_a_client_beyond_the_last_place_is_turned_away_and_the_others_stay(serve
     late = Tcp(served.listener.endpoint)
     assert late.receive() is None
     late.close()
-    assert served.told == [f"virtualcan client {late.name} is turned away: 32 are on the bus"]
+    assert served.told == [f"virtualcan client {late.name} is rejected: 32 clients are on the bus already"]
     clients[0].send(0x603, READ_STATUS)
     assert clients[2].until(ANSWER)
     clients[1].close()
@@ -285,7 +285,7 @@ def test_the_command_refuses_what_cannot_be_with_the_reason(tmp_path):
     assert refused("--bus", local, "--virtualcan", "0.0.0.0:1")[0] == 2
     assert "without a password" in refused("--bus", local, "--virtualcan", "0.0.0.0:1")[1]
     assert refused("--bus", "socketcan:vcan0", "--virtualcan", "1") == (
-        2, "--virtualcan: over TCP a bus local:PATH is served, not socketcan:vcan0\n"
+        2, "--virtualcan needs a bus local:PATH, not socketcan:vcan0\n"
     )  # fmt: skip
     with socket.create_server(("127.0.0.1", 0)) as taken:
         code, output = refused("--bus", local, "--virtualcan", str(taken.getsockname()[1]))

@@ -1,1 +1,4 @@
-"""Commands on a bus that is alive: what nodes say now, what is wrong, and services of CiA 301 and 305 on whole nodes."""
+"""Commands on a running bus.
+
+They show values and faults of nodes, and give services of CiA 301 and 305 to whole nodes.
+"""

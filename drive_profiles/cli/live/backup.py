@@ -36,9 +36,11 @@ def backup(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Read the parameter sets of all nodes into a folder: a file each, as `pull` writes it, and an index.
+    """Read the parameter sets of all nodes into a folder.
 
-    The way back is `upload` of these files. A node of which no profile is known is named in the index and has no file.
+    Each node has a file, as `pull` writes it; an index lists them all.
+
+    To restore them, `upload` these files. A node without a known profile is in the index but has no file.
 
     Example: drive-profiles backup --bus socketcan:can0 --out as-found
     """
@@ -68,7 +70,7 @@ def backup(
         rows = [(str(each["node"]), each["file"] or "-", str(each["values"]), each["remark"]) for each in entries]
         table("", ("node", "file", "values", "remark"), rows)
     if failed := [each["node"] for each in entries if each["file"] is None]:
-        typer.echo(f"node {', node '.join(map(str, failed))}: not backed up, {out / INDEX} says why", err=True)
+        typer.echo(f"node {', node '.join(map(str, failed))}: not backed up; for the reason see {out / INDEX}", err=True)
         raise typer.Exit(ExitStatus.NODE)
 
 

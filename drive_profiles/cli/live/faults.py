@@ -1,4 +1,4 @@
-"""drive-profiles faults: what drives say is wrong, in words."""
+"""drive-profiles faults: faults that drives report, in words."""
 
 # ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
 
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 NodesOption = Annotated[
     list[int] | None,
-    typer.Option("--node", min=1, max=127, help="Node-ID; again for more, left out for all.", autocompletion=complete_nodes),
+    typer.Option(
+        "--node", min=1, max=127, help="Node-ID; repeat for several nodes. Default: all.", autocompletion=complete_nodes
+    ),
 ]
 
 
@@ -33,13 +35,15 @@ def faults(
     node: NodesOption = None,
     *,
     clear: Annotated[
-        bool, typer.Option("--clear", help="Reset faults by the control word, and empty 1003h; it asks first.")
+        bool, typer.Option("--clear", help="Reset faults by the control word and clear 1003h, after a question.")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before clearing.")] = False,
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what drives say is wrong: state, 1001h, 603Fh and the history in 1003h, in words.
+    """Show the faults of drives, in words.
+
+    They come from the state, 1001h, 603Fh and the history in 1003h.
 
     Examples:
         drive-profiles faults --bus socketcan:can0
@@ -57,7 +61,7 @@ def faults(
             loud = [device for device, report in zip(devices, reports, strict=True) if not report.is_quiet]
             if loud:
                 _show(reports, as_json=False, err=True)
-                confirm(f"reset faults and empty 1003h on {', '.join(f'node {each.node}' for each in loud)}?", yes=yes)
+                confirm(f"reset faults and clear 1003h on {', '.join(f'node {each.node}' for each in loud)}?", yes=yes)
                 refused = [words for device in loud for words in clear_faults(device)]
                 reports = [read_faults(device) for device in devices]
         _show(reports, as_json=as_json)
@@ -66,7 +70,9 @@ def faults(
 
 
 def devices_at(bus: SdoBus, nodes: list[int] | None) -> list[Device]:
-    """Devices at these nodes, or at all that answer; what only the standard knows of them is enough.
+    """Return the devices at these nodes, or at all that answer.
+
+    The objects of the standard are enough; no profile is needed.
 
     Raises:
         typer.Exit: A node does not answer, or none does.

@@ -1,4 +1,7 @@
-"""drive-profiles lss: node-ID and bit rate of nodes that are known by their identity alone (CiA 305)."""
+"""drive-profiles lss: node-ID and bit rate of nodes.
+
+A node is chosen by its identity alone (CiA 305).
+"""
 
 # ruff: noqa: PLC0415 - canopen is imported inside the commands, so that --help and completion stay quick
 
@@ -16,7 +19,7 @@ from drive_profiles.cli.options import BusOption
 if TYPE_CHECKING:
     from drive_profiles.device.lss import Lss, LssAddress
 
-lss_app = Tool("lss", "Node-ID and bit rate of nodes that are known by their identity alone (CiA 305).", is_group=True)
+lss_app = Tool("lss", "Node-ID and bit rate of nodes, chosen by their identity alone (CiA 305).", is_group=True)
 
 IdentityOption = Annotated[
     str | None,
@@ -26,9 +29,9 @@ IdentityOption = Annotated[
 ]
 UnconfiguredOption = Annotated[bool, typer.Option("--unconfigured", help="The node without a node-ID, found by fast scan.")]
 OnlyOption = Annotated[bool, typer.Option("--only", help="The only node on the bus.")]
-StoreOption = Annotated[bool, typer.Option("--store", help="Let the node keep it over a loss of power.")]
+StoreOption = Annotated[bool, typer.Option("--store", help="Store the change, so that it survives a loss of power.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask first.")]
-LssTimeoutOption = Annotated[float, typer.Option("--timeout-s", min=0.01, max=10.0, help="How long an answer may take.")]
+LssTimeoutOption = Annotated[float, typer.Option("--timeout-s", min=0.01, max=10.0, help="Longest time until an answer.")]
 
 
 def mount(app: typer.Typer) -> None:
@@ -47,7 +50,7 @@ def show(
     only: OnlyOption = False,
     timeout_s: LssTimeoutOption = 0.2,
 ) -> None:
-    """Show identity and node-ID of one node, as it says them by LSS.
+    """Show identity and node-ID of one node, read by LSS.
 
     Example: drive-profiles lss show --unconfigured --bus socketcan:can0
     """
@@ -65,7 +68,9 @@ def node_id(
     yes: YesOption = False,
     timeout_s: LssTimeoutOption = 0.2,
 ) -> None:
-    """Give a node a node-ID; it acts after the node's next reset of communication (`drive-profiles nmt`).
+    """Give a node a node-ID.
+
+    It takes effect with the node's next reset of communication (`drive-profiles nmt`).
 
     Example: drive-profiles lss node-id 5 --unconfigured --store --bus socketcan:can0
     """
@@ -75,7 +80,7 @@ def node_id(
         lss.configure_node_id(new)
         if store:
             lss.store()
-        typer.echo(f"{address}: node-ID {new} acts after its next reset of communication")
+        typer.echo(f"{address}: node-ID {new} takes effect with its next reset of communication")
 
     _with_one(bus, identity, unconfigured, only, timeout_s, change, taken=new)
 
@@ -90,7 +95,9 @@ def bit_rate(
     yes: YesOption = False,
     timeout_s: LssTimeoutOption = 0.2,
 ) -> None:
-    """Give a node a bit rate and let it store that; it acts once the node has been switched off and on.
+    """Give a node a bit rate, and store it.
+
+    It takes effect once the node has been switched off and on.
 
     Example: drive-profiles lss bit-rate 500k --identity 0x1,0x2,0x3,4 --bus socketcan:can0
     """
@@ -101,13 +108,13 @@ def bit_rate(
     except AddressError:
         rate = None
     if rate is None:
-        raise fail(f"{new}: no bit rate, 500k is one", ExitStatus.USAGE)
+        raise fail(f"{new} is not a bit rate; expected e.g. 500k or 1M", ExitStatus.USAGE)
 
     def change(lss: Lss, address: LssAddress) -> None:
-        confirm(f"give {address} {rate} bit/s, and store it? At another rate than its bus it is not heard any more.", yes=yes)
+        confirm(f"give {address} {rate} bit/s and store it? At another rate than its bus, the node cannot be reached.", yes=yes)
         lss.configure_bit_rate(rate)
         lss.store()
-        typer.echo(f"{address}: {rate} bit/s act once it has been switched off and on")
+        typer.echo(f"{address}: {rate} bit/s take effect after the node is switched off and on")
 
     _with_one(bus, identity, unconfigured, only, timeout_s, change)
 
@@ -121,7 +128,7 @@ def _with_one(
     change: Callable[[Lss, LssAddress], None],
     taken: int | None = None,
 ) -> None:
-    """Choose one node, print what it says, and do something with it.
+    """Choose one node, print its address, and act on it.
 
     Args:
         bus: The bus.
@@ -141,7 +148,9 @@ def _with_one(
     with exit_on_error(), SdoBus(bus, max(timeout_s, 0.1)) as opened:
         there = opened.answering(range(1, 128))
         if only and len(there) > 1:
-            raise fail(f"nodes {', '.join(map(str, there))} answer: --only would mean all of them", ExitStatus.USAGE)
+            raise fail(
+                f"nodes {', '.join(map(str, there))} answer, but --only needs a single node; give --identity", ExitStatus.USAGE
+            )
         lss = Lss(opened, timeout_s)
         with lss.chosen(address, unconfigured=unconfigured) as found:
             now = lss.node_id()

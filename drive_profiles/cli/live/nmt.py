@@ -1,4 +1,4 @@
-"""drive-profiles nmt: the network management of CiA 301, for one node or all."""
+"""drive-profiles nmt: network management (CiA 301) for one or all nodes."""
 
 # ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 BOOT_S = 5.0
 """Time that a node may take to come back from a reset."""
 SEEN_S = 0.3
-"""Time to wait for a heartbeat that tells the new state."""
+"""Time to wait for a heartbeat with the new state."""
 
 
 class NmtWord(StrEnum):
@@ -57,11 +57,13 @@ def nmt(
     *,
     all_nodes: Annotated[bool, typer.Option("--all", help="All nodes at once.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask first.")] = False,
-    timeout_s: Annotated[float, typer.Option("--timeout-s", min=0.01, max=60.0, help="How long an answer may take.")] = 0.5,
+    timeout_s: Annotated[float, typer.Option("--timeout-s", min=0.01, max=60.0, help="Longest time until an answer.")] = 0.5,
 ) -> None:
-    """Send an NMT command to a node, or to all; it says first in which states drives are, and asks.
+    """Send an NMT command to a node, or to all.
 
-    Stop and resets end the process data of a drive. One that is under torque then reacts as its 6007h says.
+    It first shows the states of the drives, and asks.
+
+    Stop and resets end the process data of a drive. A drive under torque then reacts as its 6007h demands.
 
     Examples:
         drive-profiles nmt start --bus socketcan:can0 --node 2
@@ -81,13 +83,13 @@ def nmt(
         moving = [number for number, state in states.items() if state in torque]
         rows = [(str(number), "no drive" if state is None else state.value) for number, state in states.items()]
         if node is not None and not there:
-            rows.append((str(node), "not known: it does not answer, as a stopped node does not"))
+            rows.append((str(node), "not known: the node does not answer; it may be stopped"))
             states[node] = None
         table("", ("node", "state of the drive"), rows, err=True)
-        named = f"node {node}" if node is not None else f"all nodes ({', '.join(map(str, states))}, and any that is silent)"
+        named = f"node {node}" if node is not None else f"all nodes ({', '.join(map(str, states))}, and any silent node)"
         if moving:
             words = f"node {', node '.join(map(str, moving))}"
-            typer.echo(f"UNDER TORQUE: {words}; without process data a drive stops as its 6007h says, or not at all", err=True)
+            typer.echo(f"UNDER TORQUE: {words}; without process data a drive stops as its 6007h demands, or not at all", err=True)
         confirm(f"{command.value}: send it to {named}?", yes=yes)
         before = {number: opened.boots(number) for number in states}
         opened.nmt(NmtCommand[_COMMANDS[command]], node or 0)
@@ -102,7 +104,7 @@ def nmt(
 
 
 def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
-    """Wait until every node has said that it is back.
+    """Wait until every node has sent its boot-up message.
 
     Raises:
         typer.Exit: One has not.
@@ -117,11 +119,11 @@ def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
 
 
 def _seen(bus: SdoBus, node: int) -> str:
-    """State of a node by its last heartbeat, in words."""
+    """Return the state of a node by its last heartbeat, in words."""
     from drive_profiles.standard.cia301 import NmtState
 
     state = bus.nmt_state(node)
     if state is None:
-        return "told; it sends no heartbeat that would say its state (1017h)"
+        return "sent; its state is not known, since it sends no heartbeat (1017h)"
     known = NmtState(state) if state in {each.value for each in NmtState} else None
     return f"state {state}" if known is None else known.name.lower().replace("_", "-")

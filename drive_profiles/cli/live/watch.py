@@ -46,7 +46,9 @@ def watch(
     timeout_s: TimeoutOption = 0.5,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document a reading, a line each.")] = False,
 ) -> None:
-    """Read objects again and again, until Ctrl-C: a value and a plot line each on a terminal, a line a reading elsewhere.
+    """Read objects repeatedly until Ctrl-C.
+
+    A terminal shows a value and a plot line for each object; other outputs get a line for each reading.
 
     Examples:
         drive-profiles watch 0x6064 0x6077 --bus socketcan:can0 --node 2
@@ -82,7 +84,9 @@ def watch(
 def _readings(
     device: Device, entries: list[CatalogueEntry], every_s: float, count: int | None, for_s: float | None
 ) -> Iterator[tuple[float, list[float | str]]]:
-    """Time since the first and values of each reading; a reading that is late leaves out those that it has missed.
+    """Yield the time since the first reading, and the values.
+
+    A late reading skips those that it has missed.
 
     Args:
         device: The drive.
@@ -132,7 +136,9 @@ def _live(device: Device, entries: list[CatalogueEntry], readings: Iterator[tupl
 
 
 def plot_line(values: deque[float]) -> str:
-    """Values as a line of blocks, the lowest to the highest over their whole height; what is not a number is a gap.
+    """Plot values as a line of blocks.
+
+    The lowest and the highest value span the whole height; values that are not finite leave a gap.
 
     >>> plot_line(deque([0.0, 1.0, 2.0])), plot_line(deque([3.0, 3.0]))
     ('▁▅█', '▁▁')

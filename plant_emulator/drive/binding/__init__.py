@@ -1,5 +1,7 @@
-"""Ties between the object dictionary and the axis: process data, limits in force, and the set-points of the modes.
+"""Bindings between the object dictionary and the axis.
 
-Below it stand the dictionary's entries (`drive.dictionary`) and what the drive's family makes of them (`drive.family`); the power
-stage and the modes of operation move the motor through these ties alone.
+They cover process data, limits in force, and the set-points of the modes.
+
+They use the dictionary's entries (`drive.dictionary`) and the family's facts (`drive.family`); the power stage and the modes
+of operation move the motor through these bindings alone.
 """

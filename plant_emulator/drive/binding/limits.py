@@ -1,4 +1,7 @@
-"""Limits, ramps and windows of a drive: from the entries of its dictionary, in whatever units, to the arrays of its axis."""
+"""Limits, ramps and windows of a drive.
+
+They are converted from the dictionary's entries, in any units, to the arrays of the axis.
+"""
 
 import math
 from collections.abc import Callable
@@ -18,14 +21,16 @@ _NO_WINDOW = 2**32 - 1
 
 
 class DriveLimits:
-    """Puts the limits of the dictionary into force, when they are written and after a reset.
+    """Application of the dictionary's limits to the axis.
 
-    A row of `MOTION_LIMITS` with a field acts alone. The others act in groups: a value is made of several objects, or depends
-    on what the drive is doing.
+    It happens when they are written and after a reset.
+
+    A row of `MOTION_LIMITS` with a field is applied alone. The others are applied in groups: their value depends on several
+    objects, or on the drive's state.
 
     Attributes:
         counting: Conversion between the drive's units and the encoder's counts.
-        is_profile_halted: Whether the halt bit holds the profile at speed 0.
+        is_profile_halted: True if the halt bit holds the profile at speed 0.
     """
 
     def __init__(self, axes: Axes, number: int, family: DriveFamily, counting: Counting) -> None:
@@ -49,7 +54,10 @@ class DriveLimits:
         self._appliers = self._bind()
 
     def _bind(self) -> tuple[Callable[[], None], ...]:
-        """Tie what puts entries into force to these: a write by SDO or RPDO costs no more than it must."""
+        """Bind the functions that apply entries to these entries.
+
+        A write by SDO or RPDO then costs no more than it must.
+        """
         timeout = self._family.set_point_timeout
         position_limits: list[ObjectAddress] = [(Object.SOFTWARE_POSITION_LIMIT, sub) for sub in (1, 2)]
         torques = (Object.MAX_TORQUE, Object.MAX_CURRENT, Object.POSITIVE_TORQUE_LIMIT, Object.NEGATIVE_TORQUE_LIMIT)
@@ -88,7 +96,10 @@ class DriveLimits:
         return self._dictionary.cell(index, subindex).value
 
     def acting_si(self, index: int, subindex: int = 0) -> float:
-        """The value that acts of a limit, a speed or a ramp, in SI units; the row's substitute where its scale is not known."""
+        """Return a limit, speed or ramp in SI units.
+
+        If its scale is not known, the substitute of its row is returned.
+        """
         address, limit = (index, subindex), MOTION_LIMITS[index]
         if limit.unscaled is not None and not self._family.is_scaled(address):
             return limit.unscaled(self.counting.scaling)
@@ -98,39 +109,48 @@ class DriveLimits:
         return limit.quantity.si(self.counting.scaling, value) if step is None else float(value * step)
 
     def control_periods_per_set_point(self) -> float:
-        """Control periods per set-point, from 60C2h."""
+        """Return the control periods per set-point, from 60C2h."""
         value, exponent = (self._held(Object.INTERPOLATION_PERIOD, sub) for sub in (1, 2))
         return float(value * 10.0**exponent / self._control_period_s)
 
     @property
     def is_within_position_limits(self) -> bool:
-        """True if the motor stands within 607Dh, be it in force or not."""
+        """True if the motor is within 607Dh, active or not."""
         low, high = self._limits_counts()
         return low <= self._axes.counts(self._row) <= high
 
     # -- into force ----------------------------------------------------------------------------------------------------
 
     def use(self, counting: Counting) -> None:
-        """Change the counting; `apply` then puts the entries' values into force anew."""
+        """Change the counting; `apply` then converts the entries again."""
         self.counting = counting
 
     def apply(self) -> None:
-        """Put all limits, ramps and windows into force."""
+        """Apply all limits, ramps and windows."""
         for apply in self._appliers:
             apply()
 
     def switch_position_limits(self, *, on: bool) -> None:
-        """Put 607Dh into force or out of it: a limit that is written meanwhile must not bring it back."""
+        """Activate or deactivate 607Dh.
+
+        A limit that is written meanwhile does not reactivate it.
+        """
         self._are_position_limits_off = not on
         self._apply_position_limits()
 
     def halt_profile(self, active: bool) -> None:
-        """Hold the profile at speed 0, or let it go on: a limit that is written meanwhile must not end the halt."""
+        """Hold the profile at speed 0, or let it continue.
+
+        A limit that is written meanwhile does not end the halt.
+        """
         self.is_profile_halted = active
         self._apply_profile_speed()
 
     def forget_halt(self) -> None:
-        """End a halt by a reset; `apply` gives the profile its speed again."""
+        """Clear the halt at a reset.
+
+        `apply` then restores the profile speed.
+        """
         self.is_profile_halted = False
 
     def _apply_alone(self, limit: Limit, field: str) -> None:
@@ -138,7 +158,10 @@ class DriveLimits:
         self._motion[field] = round(value / self._control_period_s) if limit.quantity is TIME else value
 
     def _apply_torque_limits(self) -> None:
-        """Put the torque limits into force: the least of 6072h, 6073h, 60E0h, 60E1h and the motor's, in both directions."""
+        """Apply the torque limits in both directions.
+
+        Each is the least of 6072h, 6073h, 60E0h or 60E1h, and the motor's limit.
+        """
         greatest = min(self._motor_limit_nm, self.acting_si(Object.MAX_TORQUE), self._current_limit_nm())
         motion = self._motion
         motion["torque_high_nm"] = high = min(greatest, self.acting_si(Object.POSITIVE_TORQUE_LIMIT))
@@ -146,7 +169,10 @@ class DriveLimits:
         motion["torque_low_nm"], motion["torque_limit_nm"] = -low, max(high, low)
 
     def _current_limit_nm(self) -> float:
-        """6073h per mille of 6075h, as the torque that so much current makes."""
+        """Return the torque of the current limit.
+
+        6073h is per mille of 6075h.
+        """
         rated_ma = self._held(Object.MOTOR_RATED_CURRENT)
         if rated_ma <= 0 or not self._family.is_scaled((Object.MAX_CURRENT, 0)):
             return math.inf
@@ -164,7 +190,10 @@ class DriveLimits:
         self._motion["low_counts"], self._motion["high_counts"] = limits
 
     def _limits_counts(self) -> tuple[float, float]:
-        """607Dh; 0 and 0 are no limits, as masters that want none write them, and in some families any equal pair is."""
+        """Return the limits of 607Dh in counts.
+
+        0 and 0 mean no limits, and in some families any equal pair does.
+        """
         if not any(self._family.acting((Object.SOFTWARE_POSITION_LIMIT, sub)) for sub in (1, 2)):
             return -math.inf, math.inf
         low, high = self._limit_counts(1), self._limit_counts(2)
@@ -183,7 +212,10 @@ class DriveLimits:
         self._motion["following_window_rad"] = self.acting_si(Object.FOLLOWING_ERROR_WINDOW) if is_watched else math.inf
 
     def _apply_position_window(self) -> None:
-        """6067h, a count of the encoder at the least; its greatest value is no window."""
+        """Apply 6067h, at least one count of the encoder.
+
+        Its greatest value means no window.
+        """
         address = Object.POSITION_WINDOW, 0
         is_off = self._family.is_scaled(address) and self._family.acting(address) == _NO_WINDOW
         window = math.inf if is_off else self.acting_si(Object.POSITION_WINDOW)

@@ -1,4 +1,4 @@
-"""The second encoder of a drive, on the joint: what its objects show."""
+"""The second encoder of a drive, on the load side."""
 
 import math
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from plant_emulator.slave.dictionary import Dictionary
 
 
 def bind_load_encoder(dictionary: Dictionary, axes: Axes, number: int, position: ObjectAddress) -> None:
-    """Tie the objects of an axis' second encoder to its joint.
+    """Bind the objects of an axis' second encoder to its joint.
 
     Args:
         dictionary: The drive's entries, those of `load_encoder_entries` among them.
@@ -37,7 +37,9 @@ def bind_load_encoder(dictionary: Dictionary, axes: Axes, number: int, position:
 
 
 def reading(encoder: LoadEncoder, axes: Axes, number: int) -> Callable[[], int]:
-    """What the encoder shows now, in counts: the joint's angle with its own error and noise, rounded.
+    """Return a function that reads the encoder, in counts.
+
+    The reading is the joint's angle with the encoder's own error and noise, rounded.
 
     Args:
         encoder: The encoder.

@@ -1,4 +1,7 @@
-"""A drive's process data: the CiA 402 part of its dictionary in the units and arrays of its axis, and back."""
+"""A drive's process data.
+
+The CiA 402 part of its dictionary is converted to the units and arrays of its axis, and back.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,7 +32,9 @@ _INTERPOLATING = frozenset({Mode.CSP, Mode.CSV, Mode.CST, Mode.IP})
 
 
 class DriveData:
-    """Ties the entries of a dictionary to one row of the axes: live values, and checks of written values.
+    """Binding of a dictionary to one row of the axes.
+
+    It supplies live values and checks written values.
 
     Attributes:
         axes: The mechanics.
@@ -47,7 +52,7 @@ class DriveData:
             axes: The mechanics.
             number: Axis number.
             family: The drive's family, with the dictionary.
-            is_powered: Whether the motor is, or may be, under torque.
+            is_powered: Returns True if the motor is, or may be, under torque.
         """
         self.axes, self.row = axes, axes.row(number)
         self.motion: Any = axes.motion[self.row]
@@ -80,7 +85,10 @@ class DriveData:
     # -- units ---------------------------------------------------------------------------------------------------------
 
     def _use(self, counting: Counting) -> None:
-        """Change the counting; the entries keep their numbers, which then mean other quantities."""
+        """Change the counting.
+
+        The entries keep their numbers, which then mean other quantities.
+        """
         self.counting = counting
         self.limits.use(counting)
 
@@ -89,16 +97,19 @@ class DriveData:
         self.apply()
 
     def set_home(self, counts: float) -> None:
-        """Set the zero: the drive shows 607Ch at these counts of the encoder; targets and limits move along."""
+        """Set the zero: these encoder counts are shown as 607Ch.
+
+        Targets and limits move along.
+        """
         self._use(self.counting.homed(self.value(Object.HOME_OFFSET), counts))
         self.apply()
 
     def shown_position(self, counts: float) -> int:
-        """Position that the drive shows at these counts of the encoder."""
+        """Return the position shown at these counts of the encoder."""
         return self.counting.shown_position(counts)
 
     def value(self, index: int, subindex: int = 0) -> Any:
-        """Value that an entry holds."""
+        """Return the value of an entry."""
         return self.dictionary.cell(index, subindex).value
 
     # -- what is read --------------------------------------------------------------------------------------------------
@@ -124,15 +135,15 @@ class DriveData:
 
     @property
     def speed_rad_s(self) -> float:
-        """Motor speed as the law sees it."""
+        """Motor speed as the law measures it."""
         return float(self._speeds[self.row])
 
     def shown_torque(self) -> int:
-        """6077h now."""
+        """Return the present 6077h."""
         return self.counting.shown_torque(self._torques[self.row])
 
     def position_counts(self) -> int:
-        """6064h now."""
+        """Return the present 6064h."""
         counting, counts = self.counting, self.axes.counts(self.row)
         shown = counts + counting.offset_counts
         # every TPDO passes here: in increments and within its object the position is what it is
@@ -151,7 +162,10 @@ class DriveData:
         return self.counting.shown_speed(self._errors[self.row] + self._speeds[self.row])
 
     def _shown_current(self) -> int:
-        """Current per mille of 6075h, or in the steps of the family: the motor constant makes it of the torque."""
+        """Return the current from the torque and the motor constant.
+
+        It is per mille of 6075h, or in the steps of the family.
+        """
         current_ma = 1000.0 * self._torques[self.row] / self._torque_constant_nm_a
         if self._family.current_step_a is not None:
             return clip(1e-3 * current_ma / self._family.current_step_a, INT16_MAX)
@@ -164,7 +178,10 @@ class DriveData:
 
     @property
     def is_target_reached(self) -> bool:
-        """Profile position: the motor itself is where it was sent, or (halted) stands; not only its reference."""
+        """True if the motor has reached the profile's target.
+
+        While halted it is True at rest. The motor's position counts, not only the reference.
+        """
         motion = self.motion
         if motion["reference_speed_rad_s"] != 0.0:
             return False
@@ -174,18 +191,26 @@ class DriveData:
         return bool(abs(left_rad) < 1e-9 and self._reached[self.row] & record.IN_POSITION)
 
     def cyclic_target_counts(self) -> int:
-        """Target of cyclic position mode in counts of the encoder: 607Ah + 60B0h (CiA 402: the offset is added to the target)."""
+        """Return the cyclic position target in counts of the encoder.
+
+        It is 607Ah + 60B0h (CiA 402: the offset is added to the target).
+        """
         target: Any = self._target.value
         target += self._offset.value
         counting = self.counting
         return target - counting.offset_counts if counting.is_encoder else counting.encoder_counts(target)
 
     def cyclic_target_speed_rad_s(self) -> float:
-        """Target speed of cyclic velocity mode: 60FFh; 60B1h is added in the law."""
+        """Return the cyclic target speed, 60FFh.
+
+        The law adds 60B1h.
+        """
         return self.counting.speed_rad_s(self._target_speed.value)
 
     def take_cyclic_target(self, position: int, torque_offset: int | None = None) -> None:
-        """Put a set-point of cyclic position mode into force, as SYNC does with what an RPDO has brought.
+        """Apply a set-point of cyclic position mode.
+
+        SYNC does so with the data of an RPDO.
 
         Args:
             position: 607Ah.
@@ -211,11 +236,17 @@ class DriveData:
             on_write(*self._rated_address, self._write_rated_torque)
 
     def _write_cycle_period(self, value: int) -> SdoAbortCode | None:
-        """1006h must be a whole number of control periods: the world advances by it."""
+        """Refuse a 1006h that is not a multiple of control periods.
+
+        The world advances by 1006h.
+        """
         return SdoAbortCode.INVALID_VALUE if 1000 * value % round(1e9 * self._control_period_s) else None
 
     def _period_writer(self, sub: int) -> Callable[[int], SdoAbortCode | None]:
-        """60C2h comes into force where a mode begins: under torque in one that counts in it only the same value passes."""
+        """Return a write hook that keeps 60C2h constant under torque.
+
+        It takes effect when a mode begins; in an interpolating mode under torque only the same value is accepted.
+        """
         cell = self.dictionary.cell(Object.INTERPOLATION_PERIOD, sub)
 
         def write(value: int) -> SdoAbortCode | None:
@@ -227,7 +258,10 @@ class DriveData:
         return write
 
     def _write_rated_torque(self, value: float) -> SdoAbortCode | None:
-        """All torques are per mille of it, so it does not change under torque, and 0 has no inverse."""
+        """Check and apply the rated torque.
+
+        All torques are per mille of it, so it does not change under torque, and 0 has no inverse.
+        """
         if self._is_powered():
             return SdoAbortCode.DEVICE_STATE
         if value <= 0:
@@ -252,7 +286,10 @@ class DriveData:
         return write
 
     def restart(self) -> None:
-        """Put the whole dictionary into force, after a reset; a halt, and the zero that homing has found, are lost with it."""
+        """Apply the whole dictionary after a reset.
+
+        A halt, and the zero that homing has found, are lost.
+        """
         self.limits.forget_halt()
         self._use(self.counting.shifted(0))
         self._apply_rated_torque()
@@ -262,7 +299,7 @@ class DriveData:
         self.apply()
 
     def apply(self) -> None:
-        """Put limits, ramps and set-points into force."""
+        """Apply limits, ramps and set-points."""
         self.limits.apply()
         for index, field, convert in SET_POINTS:
             self.motion[field] = convert(self.counting, self.value(index))

@@ -1,4 +1,7 @@
-"""The targets of the modes: from the dictionary to the axis and, where a mode begins, from the motor into the dictionary."""
+"""Targets of the modes.
+
+They go from the dictionary to the axis. When a mode begins, the motor's values go into the dictionary.
+"""
 
 from typing import Any
 
@@ -16,7 +19,7 @@ class SetPoints:
     """
 
     def __init__(self, axes: Axes, row: int, data: DriveData) -> None:
-        """Take hold of the entries."""
+        """Keep references to the entries."""
         self._axes, self._row, self._data = axes, row, data
         self._motion: Any = axes.motion[row]
         cell = data.dictionary.cell
@@ -28,30 +31,33 @@ class SetPoints:
     # -- to the axis ---------------------------------------------------------------------------------------------------
 
     def position_counts(self) -> int:
-        """607Ah as a position, in counts of the encoder."""
+        """Return 607Ah as a position, in counts of the encoder."""
         return self._data.counting.encoder_counts(self._target.value)
 
     def relative_counts(self) -> int:
-        """607Ah as a distance, in counts of the encoder."""
+        """Return 607Ah as a distance, in counts of the encoder."""
         return self._data.counting.encoder_counts(self._target.value) - self._data.counting.encoder_counts(0)
 
     def interpolated_counts(self) -> int:
-        """60C1h sub 1 in counts of the encoder."""
+        """Return 60C1h sub 1 in counts of the encoder."""
         return self._data.counting.encoder_counts(self._interpolated.value)
 
     def speed_rad_s(self) -> float:
-        """Target velocity 60FFh, as it is written."""
+        """Return the target velocity 60FFh, as written."""
         return self._data.cyclic_target_speed_rad_s()
 
     def torque_nm(self) -> float:
-        """Target torque 6071h, as it is written."""
+        """Return the target torque 6071h, as written."""
         value: Any = self._torque.value
         return float(self._data.counting.torque_nm(value))
 
     # -- from the motor ------------------------------------------------------------------------------------------------
 
     def hold_position(self, *, with_offset: bool = False) -> None:
-        """Set 607Ah to the motor's position, less 60B0h where the mode adds it."""
+        """Set 607Ah to the motor's position.
+
+        If the mode adds 60B0h, it is subtracted.
+        """
         offset: Any = self._position_offset.value if with_offset else 0
         self._target.value = clip(self._data.shown_position(self._axes.counts(self._row)) - offset)
 

@@ -1,4 +1,4 @@
-"""The objects of an additional encoder, behind the gear.
+"""The objects of an additional encoder on the load side.
 
 Source: CiA 402-2 (IEC 61800-7-201), 60E4h to 60E6h and 60EBh; sub-index 1 is the first additional encoder.
 """
@@ -17,7 +17,9 @@ FIRST: ObjectAddress = (Object.ADDITIONAL_POSITION_ACTUAL, 1)
 
 
 def load_encoder_entries(encoder: LoadEncoder, position: ObjectAddress = FIRST) -> tuple[Entry, ...]:
-    """The objects of an additional encoder: position, velocity, and its steps per revolution of the joint.
+    """Return the objects of an additional encoder.
+
+    They are position, velocity, and its steps per revolution of the joint.
 
     Args:
         encoder: The encoder.

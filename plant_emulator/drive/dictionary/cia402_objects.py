@@ -1,6 +1,8 @@
-"""The objects of CiA 402 that every emulated drive has, as one table by theme: types, access and mapping are the standard's.
+"""Objects of CiA 402 that every emulated drive has.
 
-The units of the defaults are increments of the encoder: 6092h says so with as many of them per revolution as the encoder has.
+They are one table by theme; types, access and mapping are the standard's.
+
+The units of the defaults are increments of the encoder: 6092h holds as many per revolution as the encoder has.
 
 Source: CiA 402-2 (IEC 61800-7-201), object dictionary.
 """
@@ -45,7 +47,9 @@ def cia402_entries(
     modes: Sequence[Mode],
     rated_current_ma: int = 1000,
 ) -> Iterator[Entry]:
-    """Entries of all CiA 402 objects, for a drive with this motor and these modes.
+    """Return the entries of all CiA 402 objects.
+
+    They are for a drive with this motor and these modes.
 
     Args:
         encoder_counts_per_rev: Counts of the encoder per motor revolution.

@@ -1,4 +1,7 @@
-"""The counting of a drive as one frozen value: the numbers that it shows, and the encoder's counts, rad/s and N·m behind them."""
+"""The counting of a drive as one frozen value.
+
+It converts between shown numbers and the encoder's counts, rad/s and N·m.
+"""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -9,14 +12,17 @@ INT16_MAX, INT32_MAX = 2**15 - 1, 2**31 - 1
 
 
 def clip(value: float, limit: int = INT32_MAX) -> int:
-    """The nearest whole number within ±limit, the range of an object."""
+    """Round to the nearest whole number within ±limit.
+
+    `limit` is the range of an object.
+    """
     nearest = round(value)
     return nearest if -limit <= nearest <= limit else int(max(-limit, min(limit, nearest)))
 
 
 @dataclass(frozen=True, slots=True)
 class Counting:
-    """The scaling of a drive and the zero of its positions; whoever counts otherwise has another `Counting`.
+    """Scaling of a drive and zero of its positions.
 
     `shown_position` and `encoder_counts` are inverses of each other, and so are `shown_speed` and `speed_rad_s`, as far as an
     object of 32 bits and whole numbers reach.
@@ -26,7 +32,7 @@ class Counting:
         offset_counts: The position that the drive shows, less the encoder's counts: homing shifts the zero by it.
 
     Attributes:
-        is_encoder: Whether a position is shown in the encoder's own counts.
+        is_encoder: True if a position is shown in the encoder's own counts.
         units_per_count: Position units per count of the encoder, with the sign of the polarity.
         units_per_rad_s: Velocity units per rad/s of the motor, with the sign of the polarity.
         rad_s_per_unit: The inverse of it.
@@ -40,7 +46,7 @@ class Counting:
     rad_s_per_unit: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Work out the factors once: every SYNC uses them."""
+        """Compute the factors once, since every SYNC uses them."""
         scaling = self.scaling
         factors = {
             "is_encoder": scaling.counts_are_increments,
@@ -52,43 +58,49 @@ class Counting:
             object.__setattr__(self, name, value)
 
     def scaled(self, scaling: Scaling) -> "Counting":
-        """The same zero in other units."""
+        """Return the same zero in other units."""
         return replace(self, scaling=scaling)
 
     def shifted(self, offset_counts: int) -> "Counting":
-        """The same units from another zero."""
+        """Return the same units with another zero."""
         return replace(self, offset_counts=offset_counts)
 
     def homed(self, shown: Any, counts: float) -> "Counting":
-        """The same units, from the zero with which the drive shows a position at these counts of the encoder."""
+        """Return the same units with the zero of a homing.
+
+        The drive then shows the position `shown` at these counts of the encoder.
+        """
         unshifted = self.shifted(0)
         return self.shifted(clip(unshifted.encoder_counts(shown) - counts))
 
     def shown_position(self, counts: float) -> int:
-        """Position that the drive shows at these counts of the encoder; an object holds no more than 32 bits."""
+        """Return the position that the drive shows at encoder counts.
+
+        It is limited to the 32 bits of an object.
+        """
         if self.is_encoder:
             return clip(counts + self.offset_counts)
         return clip((counts + self.offset_counts) * self.units_per_count)
 
     def encoder_counts(self, position: Any) -> int:
-        """Counts of the encoder at a position as the drive shows it."""
+        """Return the encoder counts of a position that the drive shows."""
         if self.is_encoder:
             return int(position) - self.offset_counts
         counts: int = round(position / self.units_per_count)
         return counts - self.offset_counts
 
     def shown_speed(self, speed_rad_s: float) -> int:
-        """Number that the drive shows for a speed of the motor."""
+        """Return the number that the drive shows for a speed."""
         return clip(speed_rad_s * self.units_per_rad_s)
 
     def speed_rad_s(self, shown: Any) -> float:
-        """Speed of the motor in rad/s behind a number on the bus."""
+        """Return the motor speed in rad/s of a shown number."""
         return float(shown * self.rad_s_per_unit)
 
     def shown_torque(self, torque_nm: float) -> int:
-        """Per mille of the rated torque."""
+        """Return a torque in per mille of the rated torque."""
         return clip(1000.0 * torque_nm / self.scaling.rated_torque_nm, INT16_MAX)
 
     def torque_nm(self, per_mille: int) -> float:
-        """Torque in N·m behind a number on the bus."""
+        """Return the torque in N·m of a shown number."""
         return per_mille * self.scaling.torque_quantum_nm

@@ -1,7 +1,9 @@
-"""The limits, ramps and windows of CiA 402 as one table: what quantity an object holds, and which field of the motion it fills.
+"""Limits, ramps and windows of CiA 402 as one table.
+
+It states the quantity that an object holds, and the field of the motion that it fills.
 
 A new limit is a row here, beside its name (`drive_profiles.standard.cia402`), its entry (`cia402_objects`), its field
-(`plant_emulator.motion.record`: `MOTION` and `UNTIL_WRITTEN`) and the control period that heeds it.
+(`plant_emulator.motion.record`: `MOTION` and `UNTIL_WRITTEN`) and the control period that applies it.
 
 Source: CiA 402-2 (IEC 61800-7-201), object dictionary.
 """
@@ -48,7 +50,7 @@ TIME = Quantity("s", lambda _, value: float(1e-3 * value))
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One object that limits the motion, shapes a ramp or sets a window.
+    """An object that limits the motion, ramp or window.
 
     Args:
         index: The object.

@@ -1,4 +1,7 @@
-"""The emulated drive's object dictionary, as one table: the node and its EDS are both made from it."""
+"""The emulated drive's object dictionary, as one table.
+
+Both the node and its EDS are made from it.
+"""
 
 from collections.abc import Iterator
 
@@ -71,7 +74,9 @@ def drive_entries(
     serial_number: int = 1,
     rated_current_ma: int = 1000,
 ) -> list[Entry]:
-    """All entries of a drive with this motor; the defaults are those of the factory.
+    """Return all entries of a drive with this motor.
+
+    The defaults are the factory settings.
 
     Args:
         encoder_counts_per_rev: Counts of the encoder per motor revolution.
@@ -101,7 +106,10 @@ def drive_entries(
 
 
 def cycle_entries() -> Iterator[Entry]:
-    """Entries that a drive's cyclic exchange needs: 1006h and the PDOs, the first of which carry control word and status word."""
+    """Return the entries of a drive's cyclic exchange.
+
+    They are 1006h and the PDOs, the first of which carry control word and status word.
+    """
     yield cycle_period_entry()
     yield from pdo_entries(
         rpdos=(PdoDefault(((Object.CONTROL_WORD, 0, 16),)),),
@@ -110,7 +118,10 @@ def cycle_entries() -> Iterator[Entry]:
 
 
 def cycle_period_entry() -> Entry:
-    """1006h, the communication cycle period in µs; 0 unless a master has written it."""
+    """Return 1006h, the communication cycle period in µs.
+
+    It is 0 until a master writes it.
+    """
     return Entry(0x1006, 0, "Communication cycle period", DataType.UNSIGNED32, Access.RW, 0, high=1_000_000)
 
 

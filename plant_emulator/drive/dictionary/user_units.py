@@ -1,7 +1,9 @@
-"""The objects by which a user chooses the units of a drive: from 607Eh, 6091h, 6092h and 60A8h to 60AAh to its scaling.
+"""Objects that choose the units of a drive.
 
-They may be written while there is no torque. What another object holds keeps its number and means something else from then on,
-as in real drives. The encoder is what it is: 608Fh and 6090h take no other value than theirs.
+They are 607Eh, 6091h, 6092h and 60A8h to 60AAh, and determine its scaling.
+
+They may be written while there is no torque. Other objects keep their numbers, which then mean other quantities, as in real
+drives. The encoder is fixed: 608Fh and 6090h accept no other value than theirs.
 
 Source: CiA 402-2, factor group.
 """
@@ -38,12 +40,12 @@ FIXED = (
 
 
 def only(value: Any) -> Callable[[Any], SdoAbortCode | None]:
-    """A hook that takes no other value."""
+    """Return a write hook that accepts this value only."""
     return lambda wanted: None if wanted == value else SdoAbortCode.INVALID_VALUE
 
 
 class UserUnits:
-    """Ties these objects to the scaling of a drive."""
+    """Binding of these objects to the scaling of a drive."""
 
     def __init__(
         self,
@@ -56,7 +58,7 @@ class UserUnits:
 
         Args:
             dictionary: Object dictionary of the drive.
-            is_powered: Whether the motor is, or may be, under torque.
+            is_powered: Returns True if the motor is, or may be, under torque.
             scaling: Present scaling of the drive.
             use: Puts another scaling into force.
         """
@@ -68,7 +70,10 @@ class UserUnits:
             dictionary.on_write(index, sub, only(dictionary.cell(index, sub).entry.default))
 
     def apply(self) -> None:
-        """Put what the objects hold into force, after a reset; a stored combination has been checked when it was written."""
+        """Apply the objects' values, after a reset.
+
+        A stored combination was checked when it was written.
+        """
         self._use(replace(self._scaling(), **{name: self._dictionary.get_int(*address) for address, name in FIELDS.items()}))
 
     def _writer(self, name: str) -> Callable[[int], SdoAbortCode | None]:
@@ -86,7 +91,10 @@ class UserUnits:
 
 
 def hold_units(dictionary: Dictionary, stated: set[ObjectAddress]) -> None:
-    """Let a drive whose units are not emulated keep those that it has: what its profile does not state takes no other value."""
+    """Fix the units of a drive whose units are not emulated.
+
+    Objects that its profile does not state accept no other value than their default.
+    """
     for address in (*FIELDS, *FIXED):
         if address in dictionary and address not in stated and dictionary.cell(*address).write_hook is None:
             dictionary.on_write(*address, only(dictionary.cell(*address).entry.default))

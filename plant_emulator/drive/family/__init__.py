@@ -1,7 +1,9 @@
-"""The family of an emulated drive: identity, gains, filters and storing, the parts beyond CiA 402.
+"""The family of an emulated drive.
 
-`family.base.DriveFamily` is the interface; `family.described` emulates a drive by its drive profile. `family.choice` takes the
-one that the robot file names:
+It has identity, gains, filters and storing: the parts beyond CiA 402.
+
+`family.base.DriveFamily` is the interface; `family.described` emulates a drive by its drive profile. `family.choice` returns
+the family that the robot file names:
 
     >>> from plant_emulator.drive.family.choice import family_of
     >>> from plant_emulator.robots.robot import load_robot

@@ -1,4 +1,7 @@
-"""The family of an emulated drive: identity, gains, filters and storing. For its CiA 402 part see `drive.dictionary`."""
+"""The family of an emulated drive.
+
+It has identity, gains, filters and storing; for its CiA 402 part see `drive.dictionary`.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -18,7 +21,7 @@ from plant_emulator.slave.store import StoreCommand, standard_commands
 
 
 class DriveFamily(ABC):
-    """The part of a drive that its family decides, as the emulator plays it.
+    """The part of a drive that depends on its family.
 
     Attributes:
         profile: Name of the profile that describes the drive.
@@ -30,12 +33,12 @@ class DriveFamily(ABC):
         steps: SI units per step of those CiA 402 objects that do not count as ours do.
         rated_torque: The object that torques are per mille of, and N·m per step of it.
         unwatched_windows: Values of 6065h with which the following error is not watched.
-        has_user_units: Whether the objects of the factor group act (6091h, 6092h, 607Eh, 60A8h to 60AAh).
+        has_user_units: True if the objects of the factor group act (6091h, 6092h, 607Eh, 60A8h to 60AAh).
         position_mode: Number of a mode of its maker that takes positions with each SYNC, and its target; None: there is none.
         current_step_a: Amperes per step of 6078h; None: it is per mille of 6075h.
         load_position: Where it shows the position of a second encoder.
-        set_point_timeout: The object that says for how many interpolation periods a set-point may be missing; None: it is held.
-        equal_limits_are_none: Whether 607Dh with both limits equal means that there are none, as both 0 always does.
+        set_point_timeout: Object with the number of interpolation periods that a set-point may be missing; None: it is held.
+        equal_limits_are_none: True if 607Dh with both limits equal means that there are none, as both 0 always does.
     """
 
     profile: str
@@ -55,7 +58,10 @@ class DriveFamily(ABC):
     load_position: ObjectAddress = FIRST
 
     def __init__(self, dictionary: Dictionary, scaling: Scaling) -> None:
-        """Make a family that moves no axis yet: its entries are described, and `bind` ties them."""
+        """Make a family that moves no axis yet.
+
+        Its entries are described; `bind` binds them.
+        """
         self.dictionary, self.scaling = dictionary, scaling
         self._axes: Any = None
         self._row = 0
@@ -67,30 +73,41 @@ class DriveFamily(ABC):
         return ()
 
     def acting(self, address: ObjectAddress) -> Any:
-        """The raw value that acts: what the entry holds, or held at the last reset where it acts after one only."""
+        """Return the raw value in force.
+
+        It is the entry's, or for some families the one at the last reset.
+        """
         return self.dictionary.cell(*address).value
 
     def is_scaled(self, address: ObjectAddress) -> bool:
-        """True if it is known what the numbers of a CiA 402 limit mean; one of unknown scale is held, and does not act."""
+        """Return True if the scale of a CiA 402 limit is known.
+
+        A limit of unknown scale is kept but not applied.
+        """
         return True
 
     def states(self, address: ObjectAddress) -> bool:
-        """True if the family says what an object of CiA 402 may hold: it may have option codes of its own."""
+        """Return True if the family defines a CiA 402 object's values.
+
+        It may have option codes of its own.
+        """
         return False
 
     @abstractmethod
     def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
-        """Tie the family's entries to a row of the axes; the CiA 402 entries and the engine's are tied already.
+        """Bind the family's entries to a row of the axes.
+
+        The CiA 402 entries and the engine's are bound already.
 
         Args:
             axes: The mechanics, and the arrays of the servo law.
             row: Row of the axis in `Axes.rows`.
-            is_powered: Whether the motor is, or may be, under torque.
+            is_powered: Returns True if the motor is, or may be, under torque.
         """
 
     @abstractmethod
     def apply(self) -> None:
-        """Put all entries into force, after a reset."""
+        """Apply all entries, after a reset."""
 
 
 def _while_active(active: Any, values: Any, column: int) -> float:
@@ -98,7 +115,10 @@ def _while_active(active: Any, values: Any, column: int) -> float:
 
 
 class OwnFamily(DriveFamily):
-    """The emulated drive itself: P-PI gains (2100h, 2101h), two variable notches (2110h, 2111h), a cancellation (2114h)."""
+    """The emulated drive itself.
+
+    It has P-PI gains (2100h, 2101h), two variable notches (2110h, 2111h) and a cancellation of the ATE (2114h).
+    """
 
     profile = "emulated_drive"
     modes = objects.MODES
@@ -106,7 +126,7 @@ class OwnFamily(DriveFamily):
     has_user_units = True
 
     def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
-        """Tie gains, filters and what the filters show."""
+        """Bind gains and filters, and the objects that show them."""
         self._axes, self._row, self._is_powered = axes, row, is_powered
         on_read, on_write = self.dictionary.on_read, self.dictionary.on_write
         for (index, sub), field in objects.GAINS.items():
@@ -133,7 +153,10 @@ class OwnFamily(DriveFamily):
         return write
 
     def _cancellation_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
-        """It may be switched on and off while the motor turns, and fades; its other parameters do not change meanwhile."""
+        """Return a write hook for a field of the cancellation.
+
+        The cancellation may be switched on and off under torque, and fades; its other parameters may not change then.
+        """
 
         def write(value: float) -> SdoAbortCode | None:
             if self._is_powered() and field != "cancel_mode":
@@ -144,7 +167,10 @@ class OwnFamily(DriveFamily):
         return write
 
     def _notch_writer(self, column: int, field: str) -> Callable[[float], SdoAbortCode | None]:
-        """Filters may be switched on and off while the motor turns; their other parameters not."""
+        """Return a write hook for a field of a notch.
+
+        Notches may be switched on and off under torque; their other parameters may not change then.
+        """
 
         def write(value: float) -> SdoAbortCode | None:
             if self._is_powered() and field != "mode":
@@ -162,7 +188,7 @@ class OwnFamily(DriveFamily):
         return write
 
     def apply(self) -> None:
-        """Put gains and filters into force."""
+        """Apply gains and filters."""
         cascade = self._axes.cascade_config[self._row]
         for address, field in objects.GAINS.items():
             cascade[field] = self.acting(address)

@@ -1,4 +1,7 @@
-"""The choice of the drive that moves an axis: our own, or one of any profile."""
+"""Choice of the drive that moves an axis.
+
+It is our own, or one of any profile.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -19,7 +22,9 @@ from plant_emulator.slave.dictionary import Dictionary, Entry
 
 
 def family_of(robot: Robot, number: int) -> DriveFamily:
-    """The family of the drive that moves an axis, as the robot file names it.
+    """Return the family of the drive that moves an axis.
+
+    The robot file names it.
 
     Raises:
         DriveProfileError: There is no such profile, or its file or the EDS file has errors.
@@ -31,7 +36,7 @@ def family_of(robot: Robot, number: int) -> DriveFamily:
         return OwnFamily(_dictionary(_own_entries(robot, number), robot, number), scaling)
     profile = Profile.load(axis.profile)
     if profile.kind != "drive":
-        raise ValueError(f"axis.{number}: {profile.name} expected a drive profile, this one describes an {profile.kind}")
+        raise ValueError(f"axis.{number}: profile {profile.name} describes an {profile.kind}; expected a drive profile")
     scaling = vendor_scaling(profile, axis)
     gains = None if profile.loop is None else Gains(profile, profile.loop, axis, scaling)
     if gains is None:
@@ -47,7 +52,10 @@ def family_of(robot: Robot, number: int) -> DriveFamily:
 
 
 def _own_entries(robot: Robot, number: int) -> list[Entry]:
-    """The entries of the emulated drive: its motor, its encoder, and the gains that the robot file gives it."""
+    """Return the entries of the emulated drive.
+
+    Motor, encoder and gains are those of the robot file.
+    """
     axis = robot.axis[number]
     gains = (0.0, 0.0, 0.0, 300.0)
     if axis.control is not None:
@@ -79,7 +87,10 @@ def _entries_of_a_kind(
     gains: tuple[float, float, float, float],
     rated_current_ma: int,
 ) -> tuple[Entry, ...]:
-    """The entries of all drives with one kind of motor; they never change, so that a hundred drives hold them once."""
+    """Return the entries of all drives with one kind of motor.
+
+    They never change, so a hundred drives share them.
+    """
     return tuple(
         objects.drive_entries(
             encoder_counts_per_rev=encoder_counts_per_rev,
@@ -93,7 +104,10 @@ def _entries_of_a_kind(
 
 
 def _dictionary(entries: list[Entry], robot: Robot, number: int, position: ObjectAddress = FIRST) -> Dictionary:
-    """The dictionary of these entries, of a second encoder, and of the objects of the axis' EDS file that are not among them."""
+    """Make the dictionary of these and further entries.
+
+    The further ones are those of a second encoder, and those of the axis' EDS file that are not among them.
+    """
     path, encoder = robot.axis[number].eds, robot.axis[number].load_encoder
     if encoder is not None:
         entries = merged(entries, load_encoder_entries(encoder, position))

@@ -1,4 +1,7 @@
-"""An emulated drive of any profile: as much of the vendor's tuning and filters as the profile states acts on the axis."""
+"""An emulated drive of any profile.
+
+The vendor's tuning and filters act on the axis as far as the profile states them.
+"""
 
 import re
 from collections.abc import Callable
@@ -33,7 +36,10 @@ def _is_identity(section: Biquad) -> bool:
 
 
 def _only(value: int) -> WriteHook:
-    """The motor and its encoder are what they are: no other value is taken."""
+    """Return a write hook that accepts one value only.
+
+    Motor and encoder of the axis are fixed.
+    """
     return lambda wanted: None if wanted == value else SdoAbortCode.INVALID_VALUE
 
 
@@ -57,7 +63,7 @@ class DescribedFamily(DriveFamily):
         gains: Gains,
         entries: FamilyDictionary,
     ) -> None:
-        """Take what `family_of` has put together."""
+        """Keep the parts that `family_of` has put together."""
         self.profile, self._facts = profile.label, profile
         super().__init__(dictionary, scaling)
         self._gains = gains
@@ -90,9 +96,9 @@ class DescribedFamily(DriveFamily):
         return {self._facts.parameter(name).address for name in names}
 
     def _filters(self) -> list[FixedFilter]:
-        """The sections that act; what cannot act says so in a note.
+        """Return the sections that act; a note names the others.
 
-        A section of which a value is not known (the profile knows no default, and nobody has written it) does not act: a filter
+        A section of which a value is not known (the profile has no default, and no client has written it) does not act: a filter
         of made-up values would be none of the drive's.
         """
         filters: list[FixedFilter] = []
@@ -112,7 +118,10 @@ class DescribedFamily(DriveFamily):
         return parameter.is_bytes or parameter.default is not None or parameter.address in self._written
 
     def _held(self, section: FilterSection) -> list[FixedFilter]:
-        """Filters of one section with the values that the drive holds; nothing where it is off or does nothing."""
+        """Return the filters of one section with the drive's values.
+
+        The result is empty if the section is off or has no effect.
+        """
         values = {}
         for name in (*section.parts.values(), *section.settings):
             parameter = self._facts.parameter(name)
@@ -128,7 +137,7 @@ class DescribedFamily(DriveFamily):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on functions of the drive that are not emulated, or rest on an assumption."""
+        """Notes on missing functions and on assumptions."""
         notes = []
         missing = [mode.name for mode in self._facts.supported_modes if mode not in self.modes]
         if missing:
@@ -146,22 +155,31 @@ class DescribedFamily(DriveFamily):
         return (*notes, self._filter_note) if self._filter_note else tuple(notes)
 
     def acting(self, address: ObjectAddress) -> Any:
-        """The value that acts: of a parameter that acts after a reset, what the entry held at the last one."""
+        """Return the value in force.
+
+        A parameter that acts after a reset has the value of the last one.
+        """
         if address in self._latched:
             return self._latched[address]
         return self.dictionary.cell(*address).value
 
     def is_scaled(self, address: ObjectAddress) -> bool:
-        """True if the profile gives the scale of an object, or does not state it at all: then it is the emulator's own."""
+        """Return True if the scale of an object is known.
+
+        The profile states it; an object that the profile does not have keeps the emulator's own scale.
+        """
         parameter = self._parameters.get(address)
         return parameter is None or address in self.steps or parameter.unit in _STANDARD_UNITS
 
     def states(self, address: ObjectAddress) -> bool:
-        """True if the profile has the object."""
+        """Return True if the profile has the object."""
         return address in self._parameters
 
     def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
-        """Tie gains and filter to the axis, and let each parameter be written when the profile allows it."""
+        """Bind gains and filter to the axis, and restrict writes.
+
+        Each parameter can be written when the profile allows it.
+        """
         self._axes, self._row, self._is_powered = axes, row, is_powered
         gains = self._gains.addresses
         filters = self._filter_addresses()
@@ -201,7 +219,7 @@ class DescribedFamily(DriveFamily):
         return write
 
     def apply(self) -> None:
-        """Put the whole dictionary into force, after a reset."""
+        """Apply the whole dictionary, after a reset."""
         latched = (address for address, parameter in self._parameters.items() if parameter.effective == "reset")
         self._written &= set(self.dictionary.stored)
         self._latched = {address: self.dictionary.cell(*address).value for address in latched}

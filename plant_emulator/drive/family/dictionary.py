@@ -1,4 +1,7 @@
-"""The dictionary of a described drive: identity, the entries that it needs to move, and the parameters of its profile."""
+"""The dictionary of a described drive.
+
+It has the identity, the entries that the drive needs to move, and the parameters of its profile.
+"""
 
 import math
 
@@ -20,7 +23,7 @@ from plant_emulator.slave.store import StoreCommand, command_entry
 
 
 def store_commands(profile: Profile) -> tuple[StoreCommand, ...]:
-    """The entries that store and restore, as far as the drive has them."""
+    """Return the drive's store and restore commands."""
     store, commands = profile.store, []
     if store.object is not None:
         commands.append(StoreCommand(object_address(store.object), store.signature))
@@ -30,13 +33,19 @@ def store_commands(profile: Profile) -> tuple[StoreCommand, ...]:
 
 
 def vendor_scaling(profile: Profile, axis: RobotAxis) -> Scaling:
-    """Scaling of the drive on this axis: the motor's rated torque and encoder, as far as the drive's objects can state them."""
+    """Return the scaling of the drive on this axis.
+
+    It has the motor's rated torque and encoder, as far as the drive's objects can state them.
+    """
     step_nm = 0.001 if profile.torque is None else profile.torque.rated_torque_step_nm
     return Scaling(_encoder_counts(profile, axis), max(1, round(axis.rated_torque / step_nm)) * step_nm)
 
 
 def _encoder_counts(profile: Profile, axis: RobotAxis) -> int:
-    """Counts per motor revolution: the axis', halved until the object that states them can; else what the profile knows."""
+    """Return the counts per motor revolution.
+
+    They are the axis', halved until the object that states them can hold them; else those of the profile.
+    """
     encoder = profile.encoder
     counts = axis.encoder_counts_per_rev
     if encoder is None or (encoder.increments is None and encoder.counts_per_rev is None):
@@ -52,7 +61,7 @@ def _encoder_counts(profile: Profile, axis: RobotAxis) -> int:
 
 
 class FamilyDictionary:
-    """Puts the entries together.
+    """Composition of the entries.
 
     Args:
         profile: Drive profile.
@@ -75,12 +84,15 @@ class FamilyDictionary:
         self.steps = si_steps(profile.parameters.values(), scaling)
 
     def entries(self) -> list[Entry]:
-        """All entries."""
+        """Return all entries."""
         base = self._base_entries()
         return merged(base, self._stated({(entry.index, entry.subindex): entry for entry in base}))
 
     def _base_entries(self) -> list[Entry]:
-        """Identity, engine, CiA 402, the store commands, and the objects that state the motor's scaling."""
+        """Return the entries beside the profile's parameters.
+
+        They are identity, engine, CiA 402, the store commands, and the objects that state the motor's scaling.
+        """
         identity = self._facts.identity
         entries = communication_entries(
             device_type=objects.DEVICE_TYPE if identity.device_type is None else identity.device_type,
@@ -123,13 +135,16 @@ class FamilyDictionary:
         return values
 
     def _unit_gear(self, *addresses: str | None) -> int:
-        """Value of either object of the gear ratio: it is 1, and the factory's own numbers where they say so."""
+        """Return the value of the gear ratio's objects.
+
+        The ratio is 1, so both have the same value: the factory setting if the profile states one, else 1.
+        """
         found = {self._parameters.get(object_address(address)) for address in addresses if address is not None}
         defaults = {known[1].default for known in found if known is not None}
         return next((int(d) for d in defaults if len(defaults) == 1 and isinstance(d, int) and d > 0), 1)
 
     def _stated(self, present: dict[ObjectAddress, Entry]) -> list[Entry]:
-        """The profile's parameters, but for those that the engine works by."""
+        """Return the profile's parameters without the engine's own objects."""
         commands = {command.address for command in self.commands}
         motor, gains = self.motor, self._gains.factory()
         stated = []
@@ -147,7 +162,7 @@ class FamilyDictionary:
         return stated
 
     def _converted(self, base: Entry, parameter: Parameter) -> Value | None:
-        """Our default of a CiA 402 object in the steps of the vendor's."""
+        """Return our default of a CiA 402 object in the vendor's steps."""
         if parameter.address not in self.steps or not isinstance(base.default, int):
             return base.default
         if parameter.index == Object.MAX_TORQUE:

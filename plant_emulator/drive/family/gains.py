@@ -1,4 +1,7 @@
-"""The gains of a vendor's drive: between its objects and the P-PI that the emulated axis runs."""
+"""The gains of a vendor's drive.
+
+They are converted between its objects and the P-PI that the emulated axis runs.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +18,7 @@ INTEGRAL_TIME = "velocity_integral_time_s"
 
 
 class Gains:
-    """The gains of a drive, as far as its drive profile knows them.
+    """Gains of a drive, as far as its drive profile states them.
 
     Args:
         profile: Drive profile.
@@ -30,7 +33,10 @@ class Gains:
         self._types = {parameter.address: parameter.type for parameter in profile.parameters.values()}
 
     def factor(self, role: str) -> tuple[ObjectAddress, float] | None:
-        """Object of a gain, and SI units per step of it; None if that is not known."""
+        """Return object and step (in SI units) of a gain.
+
+        The result is None if they are not known.
+        """
         gain = self._loop.gains.get(role)  # type: ignore[call-overload]  # a role that the profile may not have
         if gain is None or gain.factor is None:
             return None
@@ -39,7 +45,10 @@ class Gains:
         return parameter.address, parameter.value_per_step(self._scaling) * gain.factor * constant
 
     def factory(self) -> dict[ObjectAddress, Value]:
-        """The robot file's gains as the drive's objects hold them, where their scaling is known."""
+        """Return the robot file's gains as the drive's objects hold them.
+
+        Gains of unknown scaling are left out.
+        """
         control = self._control
         if control is None or self._loop.structure != "P-PI":
             return {}
@@ -55,7 +64,9 @@ class Gains:
         return raw
 
     def acting(self, held: Callable[[ObjectAddress], Any]) -> dict[str, float]:
-        """The gains that act, in SI units: the drive's where their scaling is known, else the robot file's.
+        """Return the gains that act, in SI units.
+
+        They are the drive's if their scaling is known, else the robot file's.
 
         Args:
             held: Gives the value that acts of an object.
@@ -79,12 +90,12 @@ class Gains:
 
     @property
     def addresses(self) -> set[ObjectAddress]:
-        """The objects of all gains, whether their scaling is known or not."""
+        """Objects of all gains, with known or unknown scaling."""
         return {self._profile.parameter(gain.parameter).address for gain in self._loop.gains.values()}
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what does not act, or rests on an assumption."""
+        """Sentences on gains without effect, and on assumptions."""
         if self._loop.structure != "P-PI":
             return ("Its gains do not act: the robot file's gains close a P-PI loop in their place.",)
         notes = []

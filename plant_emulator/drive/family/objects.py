@@ -1,4 +1,7 @@
-"""A vendor's drive as a dictionary: its profile's parameters and its EDS file's objects, around what CiA 402 needs to move."""
+"""A vendor's drive as a dictionary.
+
+It has its profile's parameters, its EDS file's objects, and the CiA 402 objects that it needs to move.
+"""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -34,7 +37,7 @@ _TYPES = frozenset(DataType)
 
 
 def parameter_entry(name: str, parameter: Parameter, scaling: Scaling, default: Value | None, base: Entry | None = None) -> Entry:
-    """The entry of a parameter.
+    """Return the entry of a parameter.
 
     Args:
         name: Name of the parameter.
@@ -60,13 +63,19 @@ def parameter_entry(name: str, parameter: Parameter, scaling: Scaling, default: 
 
 
 def stated_default(parameter: Parameter) -> Value | None:
-    """Value that the object holds when the drive leaves the factory, as the drive profile says."""
+    """Return the factory setting of an object, or None.
+
+    The drive profile states it.
+    """
     data = parameter.default_bytes()
     return None if data is None else decode(parameter.type, data)
 
 
 def _raw_limits(parameter: Parameter, scaling: Scaling) -> tuple[float | None, float | None]:
-    """The limits as the object holds them; one beyond the data type is none."""
+    """Return the limits as the object holds them.
+
+    A limit beyond the data type is None.
+    """
     if parameter.is_bytes or parameter.data_type == "BOOLEAN":
         return None, None
     per_step = parameter.value_per_step(scaling)
@@ -92,7 +101,10 @@ def _zero(kind: DataType) -> Value:
 
 
 def _nearest(kind: DataType, value: Value, low: float | None, high: float | None) -> Value:
-    """The value, or the limit that it lies beyond; what the type cannot hold is 0."""
+    """Return the value, brought within the limits.
+
+    A value that the type cannot hold becomes 0.
+    """
     if isinstance(value, int | float) and not isinstance(value, bool):
         number: float = value
         if low is not None:
@@ -107,7 +119,10 @@ def _nearest(kind: DataType, value: Value, low: float | None, high: float | None
 
 
 def si_steps(parameters: Iterable[Parameter], scaling: Scaling) -> dict[ObjectAddress, float]:
-    """SI units per step of the CiA 402 limits and ramps that a profile scales differently."""
+    """Return SI units per step of differently scaled limits.
+
+    They are the CiA 402 limits and ramps that a profile scales differently.
+    """
     steps = {}
     for parameter in parameters:
         limit = MOTION_LIMITS.get(parameter.index)
@@ -117,16 +132,18 @@ def si_steps(parameters: Iterable[Parameter], scaling: Scaling) -> dict[ObjectAd
 
 
 def merged(entries: Iterable[Entry], more: Iterable[Entry]) -> list[Entry]:
-    """Add the entries of `more`; one at the same address replaces the entry there."""
+    """Merge entries; those of `more` replace others at their address."""
     by_address = {(entry.index, entry.subindex): entry for entry in entries}
     by_address |= {(entry.index, entry.subindex): entry for entry in more}
     return list(by_address.values())
 
 
 def described_entries(dictionary: ObjectDictionary, present: Mapping[ObjectAddress, Entry]) -> Iterator[Entry]:
-    """The objects of an EDS file that are not there yet, as entries that hold what is written to them and do nothing.
+    """Yield the objects of an EDS file that are missing.
 
-    Objects of which the emulator has a part already are completed, but for those that the engine works by.
+    As entries they hold what is written to them and have no effect.
+
+    Objects that the emulator has in part are completed, but for those that the engine uses.
     """
     indices = {index for index, _ in present}
     for index, thing in dictionary.items():
@@ -157,7 +174,7 @@ def _described(variable: ODVariable, record: str) -> Entry:
 
 
 def _holdable(kind: DataType, bound: float | None) -> float | None:
-    """A limit as its type holds it; None if it cannot."""
+    """Return a limit as its type holds it, or None."""
     if bound is None or kind is DataType.BOOLEAN or kind.size is None:
         return None
     try:
@@ -168,13 +185,16 @@ def _holdable(kind: DataType, bound: float | None) -> float | None:
 
 
 def _name(text: str) -> str:
-    """Words that can stand as a name."""
+    """Return words that can serve as a name."""
     clean = "".join(c if c.isprintable() and c != ";" else " " for c in text).strip()
     return clean or "Object"
 
 
 def as_raw(si: float, parameter: Parameter, scaling: Scaling) -> Value | None:
-    """Raw value of an object for a value in SI units, or None if it cannot hold it."""
+    """Return an object's raw value for an SI value, or None.
+
+    None means that the object cannot hold it.
+    """
     try:
         return parameter.raw(si, scaling)
     except DriveProfileError:
@@ -182,6 +202,9 @@ def as_raw(si: float, parameter: Parameter, scaling: Scaling) -> Value | None:
 
 
 def state_abort_code(aborts: Iterable[tuple[int, str]]) -> int:
-    """The code that refuses a write because the drive is enabled: the vendor's own where it has one."""
+    """Return the abort code of a write to an enabled drive.
+
+    It is the vendor's own, if it has one.
+    """
     words = ("device state", "present state", "drive state", "enabled", "operation enable")
     return next((code for code, text in aborts if any(word in text.lower() for word in words)), SdoAbortCode.DEVICE_STATE)

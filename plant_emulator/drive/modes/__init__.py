@@ -1,4 +1,6 @@
-"""The modes of operation of CiA 402, one file per mode or group: the behaviour of a drive in Operation enabled.
+"""The modes of operation of CiA 402.
+
+Each file has one mode, or a group: the behaviour of a drive in Operation enabled.
 
 `modes.table` lists them, `modes.selection` changes from one to another. `modes.homing` is the pure sequence of a homing method:
 

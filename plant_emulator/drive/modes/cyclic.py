@@ -1,4 +1,7 @@
-"""Cyclic synchronous position, velocity and torque: a set-point with every SYNC, and nothing planned by the drive."""
+"""Cyclic synchronous position, velocity and torque.
+
+A set-point comes with every SYNC; the drive plans nothing.
+"""
 
 from typing import Any
 
@@ -11,45 +14,56 @@ from plant_emulator.motion.axes import live
 
 
 class Cyclic(ModeOfOperation):
-    """The common part of the three: bit 12 tells whether the drive follows; while halted or braking it does not."""
+    """Common part of the three cyclic modes.
+
+    Bit 12 shows that the drive follows its set-points; it does not while halted or braking.
+    """
 
     def __init__(self, stage: PowerStage) -> None:
-        """Take hold of what every SYNC reads."""
+        """Keep references to the data that every SYNC reads."""
         super().__init__(stage)
         self._axes = stage.axes
         self._mode: Any = live(stage.axes.motion, "mode")
         self._following_count: Any = live(stage.axes.motion, "following_count")
 
     def status(self) -> int:
-        """Bit 12; bit 13 is reserved, and so is bit 10 but for a halt."""
+        """Return bit 12 of the status word.
+
+        Bit 13 is reserved, and so is bit 10 except during a halt.
+        """
         return FOLLOWS_COMMAND if self._mode[self.row] == self.motion else super().status()
 
 
 class CyclicPosition(Cyclic):
-    """CSP: 607Ah + 60B0h, with 60B1h and 60B2h beside it."""
+    """CSP: 607Ah + 60B0h, with offsets 60B1h and 60B2h."""
 
     number, motion = Mode.CSP, record.POSITION
     needs_interpolation = True
 
     def start(self) -> None:
-        """The set-point is where the motor stands, whatever was written before."""
+        """Take the motor's position as set-point; ignore earlier targets."""
         super().start()
         # less the offset, which the mode adds: else a 60B0h that is there already would make the motor jump
         self.targets.hold_position(with_offset=True)
 
     def synchronise(self, now: int) -> None:
-        """With SYNC the newest set-point comes into force: the drive goes there in one interpolation period."""
+        """Apply the newest set-point at SYNC.
+
+        The drive reaches it in one interpolation period.
+        """
         if self._mode[self.row] == record.POSITION:
             self._axes.set_point(self.row, self.data.cyclic_target_counts())
 
     def status(self) -> int:
-        """Bit 12 and, while 6065h is exceeded, bit 13."""
+        """Return bit 12, and bit 13 while 6065h is exceeded."""
         word = FOLLOWS_COMMAND if self._mode[self.row] == record.POSITION else super().status()
         return word | FOLLOWING_ERROR if self._following_count[self.row] > 0 else word
 
 
 class MakersPosition(CyclicPosition):
-    """A position mode of the drive's maker: its own target with every SYNC; here interpolated, as in CSP.
+    """A position mode of the drive's maker.
+
+    It takes its own target with every SYNC; the emulator interpolates it as in CSP.
 
     Args:
         stage: The power stage.
@@ -63,53 +77,65 @@ class MakersPosition(CyclicPosition):
         self._own = self.data.dictionary.cell(*target)
 
     def start(self) -> None:
-        """The set-point is where the motor stands, whatever was written before."""
+        """Take the motor's position as set-point; ignore earlier targets."""
         super().start()
         self._own.value = self.data.shown_position(self._axes.counts(self.row))
 
     def synchronise(self, now: int) -> None:
-        """With SYNC the newest set-point comes into force."""
+        """Apply the newest set-point at SYNC."""
         if self._mode[self.row] == record.POSITION:
             target: Any = self._own.value
             self._axes.set_point(self.row, self.data.counting.encoder_counts(target))
 
 
 class CyclicVelocity(Cyclic):
-    """CSV: 60FFh + 60B1h, with 60B2h beside it; the position loop is open."""
+    """CSV: 60FFh + 60B1h, with torque offset 60B2h.
+
+    The position loop is open.
+    """
 
     number, motion = Mode.CSV, record.VELOCITY
     needs_interpolation = True
 
     def start(self) -> None:
-        """The set-point is the speed that the motor has: 0, where it comes from behind the brake."""
+        """Take the motor speed as set-point, 0 after the brake."""
         is_braked = self.stage.law_mode == record.BRAKED
         super().start()
         self.targets.hold_speed(0.0 if is_braked else self.data.speed_rad_s)
 
     def synchronise(self, now: int) -> None:
-        """With SYNC the newest set-point comes into force: its speed is reached in one interpolation period."""
+        """Apply the newest set-point at SYNC.
+
+        The drive reaches its speed in one interpolation period.
+        """
         if self._mode[self.row] == record.VELOCITY:
             self._axes.set_speed(self.row, self.targets.speed_rad_s())
 
 
 class CyclicTorque(Cyclic):
-    """CST: 6071h + 60B2h, at once; SYNC tells that the master is still there."""
+    """CST: 6071h + 60B2h, effective at once.
+
+    SYNC shows that the master is still there.
+    """
 
     number, motion = Mode.CST, record.TORQUE
     needs_gains = False
 
     def __init__(self, stage: PowerStage) -> None:
-        """Take hold of what every SYNC writes."""
+        """Keep references to the data that every SYNC writes."""
         super().__init__(stage)
         self._elapsed_periods: Any = live(stage.axes.motion, "elapsed_periods")
 
     def synchronise(self, now: int) -> None:
-        """With SYNC the set-point is on time: the law counts from it how long the next one fails to come."""
+        """Note at SYNC that the set-point is on time.
+
+        From there the law counts how long the next one is overdue.
+        """
         if self._mode[self.row] == record.TORQUE:
             self._elapsed_periods[self.row] = 0
 
     def start(self) -> None:
-        """The set-point is the torque that the motor has; 6071h is 0, where it comes from behind the brake."""
+        """Take the motor torque as set-point, 0 after the brake."""
         is_braked = self.stage.law_mode == record.BRAKED
         super().start()
         if is_braked:

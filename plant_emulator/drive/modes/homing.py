@@ -1,14 +1,16 @@
-"""The search of a drive for its zero: the homing methods as data, and the sequence that runs any of them; pure.
+"""Homing methods as data, and a sequence that runs them.
+
+The module is pure: the drive's owner moves the motor.
 
 A method names a switch, the edge of it that counts, and whether the index pulse behind that edge is the zero instead. All
-methods with a switch then go through the same phases, wherever the axis stands:
+methods with a switch then have the same phases, at any position of the axis:
 
 1. search, fast, until the switch is active; a limit switch in the way turns the search round once, after a stop;
-2. pass the edge, fast, to learn on which side of the switch it is; stand still;
-3. come back where the edge can be passed in the method's own direction;
+2. pass the edge, fast, to find on which side of the switch it is; stop;
+3. return to where the edge can be passed in the method's own direction;
 4. pass the edge slowly: the counts latched there are what the method finds;
 5. with the index pulse: go on in this direction to the first one behind the edge;
-6. go to what was found, and stand there.
+6. go to the found position, and stop there.
 
 The owner holds the motor and the switches::
 
@@ -24,8 +26,8 @@ the last demand sends it: at speed 0 after a `Move` of direction 0, at its posit
 `HomingAttained` with the `counts` of the encoder that are 607Ch in the user's count (`offset_counts` = 607Ch - counts), or
 `HomingFailed`: then the owner stops the motor.
 
-A limit switch ahead that is not the one looked for is heeded in every phase. Methods that it turns round brake hard, on 6085h
-where else 609Ah acts, and lead away from it; with the others, and where the motor has to go on towards it, homing has failed.
+A limit switch ahead that is not the searched one acts in every phase. Methods that it turns round brake hard, on 6085h instead
+of 609Ah, and lead away from it. With other methods, and if the motor must go on towards it, homing has failed.
 
 Source: CiA 402-2, homing mode: methods 1 to 14, 17 to 30, 33, 34, 35 and 37; 6098h, 6099h, 607Ch.
 """
@@ -58,7 +60,7 @@ class Move(NamedTuple):
     Args:
         direction: +1, -1, or 0 for a ramp to rest.
         is_fast: 6099h sub 1, speed during search for switch; else sub 2, during search for zero.
-        is_hard: Whether a limit switch asks for the ramp of 6085h instead of 609Ah.
+        is_hard: True if a limit switch asks for the ramp of 6085h instead of 609Ah.
     """
 
     direction: int
@@ -67,11 +69,11 @@ class Move(NamedTuple):
 
 
 class GoTo(NamedTuple):
-    """Go to a position and stand there, slowly.
+    """Demand to go slowly to a position and stop there.
 
     Args:
         counts: Position of the encoder.
-        is_hard: Whether a limit switch asks for the ramp of 6085h instead of 609Ah.
+        is_hard: True if a limit switch asks for the ramp of 6085h instead of 609Ah.
     """
 
     counts: float
@@ -79,7 +81,7 @@ class GoTo(NamedTuple):
 
 
 class HomingAttained(NamedTuple):
-    """Homing is attained: the motor stands at the zero.
+    """Homing is attained: the motor is at rest at the zero.
 
     Args:
         counts: Position of the encoder at the zero.
@@ -106,12 +108,12 @@ class Method(NamedTuple):
     """The goal of a method with a switch or an index pulse.
 
     Args:
-        switch: Bit of the switch; 0 where the index pulse alone counts.
+        switch: Bit of the switch; 0 if the index pulse alone counts.
         search: Direction in which the switch is looked for.
-        is_entered: Whether the edge is passed into the switch, or out of it.
+        is_entered: True if the edge is passed into the switch, False if out of it.
         direction: Direction in which the edge is passed, and the index pulse follows.
-        has_index: Whether the index pulse behind the edge is the zero.
-        turns_round: Whether a limit switch turns the search round; else it ends it.
+        has_index: True if the index pulse behind the edge is the zero.
+        turns_round: True if a limit switch turns the search round; else it ends it.
     """
 
     switch: int
@@ -147,7 +149,7 @@ METHODS: dict[int, Method] = {
     33: Method(0, -1, False, -1, has_index=True),
     34: Method(0, +1, False, +1, has_index=True),
 }
-"""All that move; methods 35 and 37 take the position where the motor stands."""
+"""All methods with a motion; 35 and 37 take the motor's present position."""
 
 _HERE = (35, 37)
 _LIMIT_AHEAD = {+1: POSITIVE_SWITCH, -1: NEGATIVE_SWITCH}
@@ -201,7 +203,7 @@ class Homing:
         self._demand = Move(0)
 
     def start(self, counts: float, inputs: int) -> HomingStep:
-        """Begin where the motor stands.
+        """Begin at the motor's present position.
 
         Args:
             counts: Position of the encoder now.
@@ -225,7 +227,7 @@ class Homing:
             edges: Bits of the edges seen since the last step.
             latches: Counts at the last of each edge.
             counts: Position of the encoder now.
-            stands: Whether the motor is at rest where the last demand sends it.
+            stands: True if the motor is at rest where the last demand sends it.
         """
         method = self._method
         is_active = bool(inputs & method.switch)
@@ -247,7 +249,10 @@ class Homing:
                 return HomingAttained(self._zero)
 
     def _coming_to_rest(self, inputs: int, edges: int) -> HomingStep:
-        """On the way to a standstill, or back to the zero: a limit may lie ahead."""
+        """Return the demand on the way to rest or to zero.
+
+        A limit switch may be ahead.
+        """
         is_hard = self._phase is _Phase.TURN or self._is_limit(inputs & ~self._inside, self._direction)
         if self._phase is _Phase.GO:
             return self._limit_entered(inputs, edges) or GoTo(self._zero, is_hard)
@@ -256,9 +261,11 @@ class Homing:
         return Move(0, is_hard=is_hard)
 
     def _limit_entered(self, inputs: int, edges: int) -> HomingFailed | None:
-        """A limit behind the demand that becomes active is one that the motor runs into before it has turned round.
+        """Return a failure if a limit switch behind the demand activates.
 
-        One that is active and stays so is no obstacle: the motor comes out of it.
+        The motor then runs into it before it has turned round.
+
+        A limit switch that is active and stays so is no obstacle: the motor is leaving it.
         """
         behind = -self._direction
         if edges >> _RISING[behind] & 1 and self._is_limit(inputs, behind):
@@ -266,7 +273,10 @@ class Homing:
         return None
 
     def _is_limit(self, inputs: int, direction: int) -> bool:
-        """True if the limit switch in a direction is active and not the one that the method looks for."""
+        """Return True if the limit switch in a direction is active.
+
+        The switch that the method searches does not count.
+        """
         return bool(inputs & _LIMIT_AHEAD[direction] & ~self._method.switch)
 
     def _limit_reached(self, direction: int) -> HomingFailed:
@@ -295,7 +305,7 @@ class Homing:
         return self._obstacle(inputs, edges, counts) or self._demand
 
     def _obstacle(self, inputs: int, edges: int, counts: float) -> HomingStep | None:
-        """Obstacle that ends or turns a move which has not found what it looks for."""
+        """Return the demand if an obstacle ends or turns a move."""
         method, phase = self._method, self._phase
         if self._is_limit(inputs, self._direction):
             if phase is not _Phase.SEARCH or not method.turns_round or self._has_turned:
@@ -311,7 +321,10 @@ class Homing:
         return None
 
     def _from_switch(self, is_active: bool, counts: float) -> HomingStep:
-        """The search stands: on the switch, or beyond one that is shorter than the way to rest."""
+        """Return the demand after the search has come to rest.
+
+        The motor is on the switch, or beyond one that is shorter than the way to rest.
+        """
         if is_active:
             return self._pass(counts)
         return self._move(_Phase.REGAIN, -self._searched, counts)

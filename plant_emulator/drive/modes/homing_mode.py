@@ -1,4 +1,7 @@
-"""Homing mode: bit 4 starts the sequence of `plant_emulator.drive.modes.homing`; the axis is moved by its profiles."""
+"""Homing mode: bit 4 starts the sequence of `modes.homing`.
+
+Profiles of the drive move the axis.
+"""
 
 from collections.abc import Sequence
 
@@ -31,21 +34,23 @@ _NOWHERE = (0.0,) * record.EDGES
 
 
 class HomingMode(ModeOfOperation):
-    """HM: 6098h at the speeds of 6099h and the acceleration of 609Ah; 607Ch is what the found position is called.
+    """HM: 6098h at the speeds of 6099h, acceleration 609Ah.
 
-    While it runs, software position limits do not act: they count from the zero that is being looked for. Bit 4 taken back, a
-    halt or another mode interrupt it; a halt goes on afterwards, the others do not. An error stops the motor on the quick-stop
-    ramp (6085h), a limit switch that is in the way too.
+    607Ch is the number that the found position gets.
 
-    The limits come back when the motor stands within them. Outside, where homing has been interrupted or the drive has been
-    enabled, the motor is held without a fault, and there are two ways on: homing, or another 607Dh. Another mode that acts
-    there is a fault, as it is everywhere. 6065h, 6080h and the switches act all the time.
+    While it runs, software position limits do not act: they count from the zero that is being searched. Clearing bit 4, a
+    halt or another mode interrupts it; it continues after a halt only. An error, or a limit switch in the way, stops the
+    motor on the quick-stop ramp (6085h).
+
+    The limits act again when the motor is within them. Outside them, after an interrupted homing or when the drive is
+    enabled there, the motor is held without a fault. Two ways lead out: homing, or another 607Dh. Any other mode that acts
+    there is a fault, as everywhere. 6065h, 6080h and the switches act all the time.
     """
 
     number, motion = Mode.HM, record.PROFILE
 
     def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:
-        """Take hold of the power stage and of the inputs."""
+        """Keep references to the power stage and the inputs."""
         super().__init__(stage)
         self._inputs = inputs
         self._edges = 0
@@ -60,20 +65,23 @@ class HomingMode(ModeOfOperation):
         return self._homing is not None
 
     def start(self) -> None:
-        """Come to rest from the present demand; from behind the brake, stay there."""
+        """Brake to rest, or stay at rest behind the brake."""
         super().start()
         self._suspend_limits()
         self._is_attained = self._has_failed = False
         self.data.limits.halt_profile(False)
 
     def end(self) -> None:
-        """Give back what homing has borrowed."""
+        """Restore the limits and ramps that homing has changed."""
         self._finish()
         self.watches = False
         self.data.limits.switch_position_limits(on=True)
 
     def take(self, word: int, rising: int) -> None:
-        """Start with the rising edge of bit 4; the falling one interrupts. An edge that comes during a halt starts nothing."""
+        """Start on the rising edge of bit 4.
+
+        The falling edge interrupts homing. An edge during a halt starts nothing.
+        """
         if rising & HOMING_START and not self.is_halted:
             self._begin()
         elif self.is_running and not word & HOMING_START:
@@ -108,7 +116,7 @@ class HomingMode(ModeOfOperation):
             self.watches = False
 
     def look(self) -> None:
-        """Go on with what the inputs have seen; at the end of all motion, put the limits back."""
+        """Continue with the latched edges; restore limits at the end."""
         if self._homing is None:
             self._restore_limits()
             return
@@ -123,7 +131,7 @@ class HomingMode(ModeOfOperation):
         self._latches = latches
 
     def _stands(self) -> bool:
-        """True if the motor is at rest where the last demand sends it."""
+        """Return True if the motor rests where the demand sends it."""
         if isinstance(self._demand, GoTo):
             return bool(self.data.is_target_reached)
         return self.stage.motion["reference_speed_rad_s"] == 0.0 and self.stage.stands
@@ -143,7 +151,7 @@ class HomingMode(ModeOfOperation):
                 self._move(step)
 
     def _move(self, demand: Demand) -> None:
-        """Put a demand into force, and what a limit that was written meanwhile has changed."""
+        """Apply a demand, and limits that were written meanwhile."""
         motion, is_new = self.stage.motion, demand != self._demand
         self._demand = demand
         acceleration = deceleration = self.data.limits.acting_si(Object.HOMING_ACCELERATION)
@@ -171,7 +179,7 @@ class HomingMode(ModeOfOperation):
         self.data.apply()
 
     def resume(self) -> None:
-        """Go on with the demand in force, or stay where the motor stands."""
+        """Continue with the demand in force, or hold the motor."""
         if self._demand is None:
             self.stage.begin(record.PROFILE)
         else:
@@ -179,7 +187,7 @@ class HomingMode(ModeOfOperation):
             self._move(demand)
 
     def status(self) -> int:
-        """Bits 13, 12 and 10 as the standard's table for homing has them."""
+        """Return bits 13, 12 and 10 as the standard defines them."""
         word = 0
         if self._has_failed:
             word |= HOMING_ERROR

@@ -1,4 +1,4 @@
-"""Interpolated position: 60C1h with every SYNC, while bit 4 lets it."""
+"""Interpolated position: 60C1h with every SYNC, enabled by bit 4."""
 
 from drive_profiles.standard.cia402 import ENABLE_INTERPOLATION, INTERPOLATION_ACTIVE, TARGET_REACHED, Mode
 from plant_emulator.drive.modes.mode import ModeOfOperation
@@ -7,23 +7,29 @@ from plant_emulator.motion import record
 
 
 class InterpolatedPosition(ModeOfOperation):
-    """IP: linear interpolation (60C0h = 0) between set-points; without bit 4 the motor comes to rest on 6084h and is held."""
+    """IP: linear interpolation (60C0h = 0) between set-points.
+
+    Without bit 4 the motor comes to rest on 6084h and is held.
+    """
 
     number, motion = Mode.IP, record.POSITION
     needs_interpolation = True
 
     def start(self) -> None:
-        """The set-point is where the motor stands, whatever was written before."""
+        """Take the motor's position as set-point; ignore earlier targets."""
         super().start()
         self.targets.hold_interpolated()
 
     @property
     def is_active(self) -> bool:
-        """True while set-points are followed."""
+        """True while the drive follows set-points."""
         return bool(self._word & ENABLE_INTERPOLATION) and self.stage.law_mode == record.POSITION
 
     def take(self, word: int, rising: int) -> None:
-        """Begin with bit 4, and end with it; a halt that holds the motor stays in force."""
+        """Start and stop with bit 4.
+
+        A halt that holds the motor stays in force.
+        """
         if self.is_halted:
             return
         if rising & ENABLE_INTERPOLATION:
@@ -33,12 +39,18 @@ class InterpolatedPosition(ModeOfOperation):
             self.stage.stop(Stop.SLOW_DOWN_RAMP)
 
     def synchronise(self, now: int) -> None:
-        """With SYNC the newest set-point comes into force: the drive goes there in one interpolation period."""
+        """Apply the newest set-point at SYNC.
+
+        The drive reaches it in one interpolation period.
+        """
         if self.is_active:
             self.stage.axes.set_point(self.row, self.targets.interpolated_counts())
 
     def status(self) -> int:
-        """Bit 10, the motor is at the last set-point or (halted) at rest; bit 12, interpolation is active; bit 13 is reserved."""
+        """Return bits 10 and 12 of the status word.
+
+        Bit 10: the motor is at the last set-point or (halted) at rest; bit 12: interpolation is active; bit 13 is reserved.
+        """
         if not self.is_active:
             return super().status()
         motion = self.stage.motion

@@ -1,9 +1,11 @@
-"""Reaction of the motion to limit switches: into an active one there is none, out of it there is.
+"""Reaction of the motion to limit switches.
 
-CiA 402 leaves the reaction to the family. Here a motion into the switch is brought to rest on the quick-stop ramp (6085h), the
-drive stays in Operation enabled and shows bit 11, internal limit active. It follows again as soon as what is asked of it does
-not lead into the switch any more; in profile position the set-point is given up, bit 11 stays and bit 10 does not come until
-the next one, which decides. In homing the switches are the method's.
+An active switch blocks motion into it, and permits motion out of it.
+
+CiA 402 leaves the reaction to the family. Here a motion into the switch is braked to rest on the quick-stop ramp (6085h);
+the drive stays in Operation enabled and shows bit 11, internal limit active. It follows again as soon as its set-point no
+longer leads into the switch. In profile position the set-point is dropped; bit 11 stays set and bit 10 clear until the next
+set-point decides. In homing the method handles the switches.
 """
 
 from typing import Any
@@ -28,31 +30,37 @@ def _sign(value: float) -> int:
 
 
 class LimitSwitches:
-    """Watches the limit switches of an axis that has some.
+    """Monitor of the limit switches of an axis.
 
     Attributes:
         blocked: The direction that a switch forbids and the motion was stopped in: +1, -1, or 0.
-        are_there: Whether there is anything to watch.
+        are_there: True if there is anything to watch.
     """
 
     def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:
-        """Take hold of the axis."""
+        """Keep references to the axis."""
         self._stage, self._inputs = stage, inputs
         self._row, self._masks = stage.row, live(stage.axes.motion, "input_mask")
         self.blocked, self._given_up = 0, 0.0
 
     @property
     def are_there(self) -> bool:
-        """True if there is a limit switch, in the robot file or forced by a test."""
+        """True if there is a limit switch.
+
+        The robot file defines it, or a test forces it.
+        """
         present: int = self._masks[self._row]  # asked at every SYNC
         return present & _LIMITS != 0
 
     def forget(self) -> None:
-        """Another mode acts, or none."""
+        """Clear the block when another mode, or none, acts."""
         self.blocked = 0
 
     def look(self, mode: ModeOfOperation) -> None:
-        """See where the motion leads, after each advance of the axes in Operation enabled."""
+        """Check where the motion leads.
+
+        Call this after each advance of the axes in Operation enabled.
+        """
         if mode.number is Mode.HM or mode.is_halted:
             return
         if self.blocked and self._stage.law_mode == record.STOPPING:
@@ -70,14 +78,17 @@ class LimitSwitches:
                 return
 
     def _leads(self, mode: ModeOfOperation) -> int:
-        """The direction in which the motor is being moved."""
+        """Return the direction in which the motor is being moved."""
         motion = self._stage.motion
         if self._stage.law_mode in _TORQUE_LAWS:
             return _sign(self._stage.data.speed_rad_s) if not self._stage.stands else self._asked(mode)
         return _sign(float(motion["demand_speed_rad_s"]))
 
     def _asked(self, mode: ModeOfOperation) -> int:
-        """The direction in which what the master has written last would move the motor from where it stands."""
+        """Return the direction of the master's latest set-point.
+
+        It is seen from the motor's present position.
+        """
         stage, data = self._stage, self._stage.data
         match mode.number:
             case Mode.CSP:
@@ -97,7 +108,10 @@ class LimitSwitches:
                 return 0
 
     def _end_stop(self, mode: ModeOfOperation) -> None:
-        """The motor stands, and nothing leads it on; a set-point that has come while it was being stopped counts."""
+        """End the stop: the motor is at rest and the way free.
+
+        A set-point that came during the stop counts.
+        """
         if isinstance(mode, ProfilePosition) and self._stage.motion["target_counts"] == self._given_up:
             mode.give_up()
         else:
@@ -105,7 +119,10 @@ class LimitSwitches:
             self._begin(mode)
 
     def _begin(self, mode: ModeOfOperation) -> None:
-        """Follow again. Cyclic targets are what the master has written: their `start` would write the motor's own."""
+        """Follow again.
+
+        Cyclic targets are those of the master: `start` would overwrite them with the motor's values.
+        """
         match mode.number:
             case Mode.PP:
                 mode.resume()

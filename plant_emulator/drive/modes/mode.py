@@ -1,4 +1,7 @@
-"""Common part of all modes of operation: a mode of the drive, its bits of control word and status word, and halt."""
+"""Common part of all modes of operation.
+
+It has a mode of the drive, its bits of control word and status word, and halt.
+"""
 
 from typing import ClassVar
 
@@ -8,15 +11,15 @@ from plant_emulator.drive.state_machine import stop_of_halt
 
 
 class ModeOfOperation:
-    """A mode in Operation enabled; the drive asks it only there.
+    """A mode of operation, called only in Operation enabled.
 
     Attributes:
-        number: Number of the mode in 6060h and 6061h, one of `Mode`; 0 where none is chosen.
+        number: Number of the mode in 6060h and 6061h, one of `Mode`; 0 if none is chosen.
         motion: Its mode of the drive.
-        needs_gains: Whether it closes a loop, which without gains would let the arm fall.
-        needs_interpolation: Whether its set-points come with SYNC and are interpolated, for which 60C2h must be fit.
-        is_halted: Whether the halt bit holds the axis.
-        watches: Whether `look` is to be called when time has passed.
+        needs_gains: True if it closes a loop, which without gains would let the arm fall.
+        needs_interpolation: True if its set-points come with SYNC and are interpolated, for which 60C2h must be fit.
+        is_halted: True if the halt bit holds the axis.
+        watches: True if `look` is to be called when time has passed.
     """
 
     number: ClassVar[int]
@@ -25,7 +28,7 @@ class ModeOfOperation:
     needs_interpolation: ClassVar[bool] = False
 
     def __init__(self, stage: PowerStage) -> None:
-        """Take hold of the power stage; nothing moves."""
+        """Keep a reference to the power stage; nothing moves."""
         self.stage, self.data, self.targets, self.row = stage, stage.data, stage.targets, stage.row
         self.is_halted = self.watches = False
         self._word = 0
@@ -33,7 +36,7 @@ class ModeOfOperation:
     # -- what the drive calls ------------------------------------------------------------------------------------------
 
     def begin(self, word: int) -> None:
-        """Come into force, from rest or from what the motor does now.
+        """Begin to act, from rest or from the present motion.
 
         Args:
             word: The control word in force: what is set in it already is no rising edge, but halts.
@@ -46,7 +49,7 @@ class ModeOfOperation:
             self.halt()
 
     def command(self, word: int) -> None:
-        """Take a control word that has changed."""
+        """Process a control word that has changed."""
         before, self._word = self._word, word
         if (word ^ before) & HALT:
             self.is_halted = bool(word & HALT)
@@ -57,20 +60,20 @@ class ModeOfOperation:
         self.take(word, word & ~before)
 
     def status(self) -> int:
-        """Bits 10, 12 and 13 of the status word."""
+        """Return bits 10, 12 and 13 of the status word."""
         return TARGET_REACHED if self.is_halted and self.stage.is_braked_at_rest else 0
 
     def synchronise(self, now: int) -> None:
-        """SYNC has come, and the RPDOs are in force."""
+        """Process a SYNC, after the RPDOs have taken effect."""
 
     def follow(self) -> None:
-        """60FFh has been written."""
+        """Process a new 60FFh."""
 
     def look(self) -> None:
-        """Time has passed."""
+        """Check the motion after time has passed."""
 
     def end(self) -> None:
-        """Another mode, or none, comes into force."""
+        """End when another mode, or none, comes into force."""
 
     # -- what the modes differ in --------------------------------------------------------------------------------------
 
@@ -79,12 +82,15 @@ class ModeOfOperation:
         self.stage.begin(self.motion)
 
     def take(self, word: int, rising: int) -> None:
-        """Take the mode's own bits: the control word, and those of its bits that have risen."""
+        """Process the mode's own bits.
+
+        They are the control word and its rising bits.
+        """
 
     def halt(self) -> None:
-        """Come to rest as 605Dh says, and stay there under torque."""
+        """Brake to rest as 605Dh demands, and stay under torque."""
         self.stage.stop(stop_of_halt(self.data.value(Object.HALT_OPTION)))
 
     def resume(self) -> None:
-        """The halt is over."""
+        """Continue after a halt."""
         self.start()

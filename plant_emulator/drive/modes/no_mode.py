@@ -1,4 +1,7 @@
-"""The drive under torque with no mode of operation chosen: it holds its position until there is one."""
+"""The drive under torque without a mode of operation.
+
+It holds its position until a mode is chosen.
+"""
 
 from typing import ClassVar
 
@@ -7,21 +10,23 @@ from plant_emulator.motion import record
 
 
 class NoMode(ModeOfOperation):
-    """6060h = 0 when the drive is enabled: the motor is held where it stands, and no set-point is listened to.
+    """Enabled drive with 6060h = 0.
 
-    Masters exist that enable first and choose the mode afterwards (Motor402 of ros2_canopen). CiA 402 leaves open what a drive
-    does meanwhile. The targets keep what the master has written; the mode that comes begins as it does from rest. Position limits
-    do not act: nothing is commanded that they could stop, and homing is a way back from outside of them.
+    The motor is held at its position, and set-points are ignored.
+
+    Some masters enable first and choose the mode afterwards (Motor402 of ros2_canopen). CiA 402 leaves open what a drive
+    does meanwhile. The targets keep the master's values; the next mode begins as from rest. Position limits do not act: no
+    commanded motion exists that they could stop, and homing leads back from outside them.
     """
 
     number: ClassVar[int] = 0
     motion = record.PROFILE
 
     def start(self) -> None:
-        """Stand."""
+        """Hold the motor at its position."""
         super().start()
         self.data.limits.switch_position_limits(on=False)
 
     def end(self) -> None:
-        """Give the position limits back."""
+        """Reactivate the position limits."""
         self.data.limits.switch_position_limits(on=True)

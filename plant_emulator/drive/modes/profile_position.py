@@ -1,4 +1,7 @@
-"""Profile position: one set-point in execution, one waiting behind it, and the handshake of bits 4 and 12."""
+"""Profile position mode.
+
+One set-point is in execution, one waits behind it; bits 4 and 12 are the handshake.
+"""
 
 import math
 
@@ -23,22 +26,24 @@ FROM_TARGET, FROM_DEMAND, FROM_ACTUAL = 0, 1, 2
 
 
 class ProfilePosition(ModeOfOperation):
-    """PP: 607Ah on the rising edge of bit 4, on the ramps of 6083h and 6084h at 6081h.
+    """PP: 607Ah on the rising edge of bit 4.
 
-    A set-point that comes while another is in execution takes its place at once with bit 5, else waits for its end: then bit 12
-    stays set until the waiting one is in execution. With bit 9 the motor does not stop between the two, where both lie the same
-    way. One outside 607Dh is a fault, as in cyclic position. Speed and ramps act as they are written, on the set-point in
-    execution too. One that a limit switch has ended is given up, with what waits behind it: the motor is held where it stands,
-    and bit 10 stays 0 until the next set-point.
+    The ramps are 6083h and 6084h, the speed is 6081h.
+
+    A set-point that arrives during another's execution replaces it at once with bit 5; otherwise it waits for the end, and
+    bit 12 stays set until it is in execution. With bit 9 the motor does not stop between the two, if both lie in the same
+    direction. A set-point outside 607Dh is a fault, as in cyclic position. Speed and ramps take effect when written, even
+    for the set-point in execution. A limit switch drops the set-point in execution and the waiting one: the motor is held at
+    its position, and bit 10 stays 0 until the next set-point.
 
     Attributes:
-        is_given_up: Whether a limit switch has ended the last set-point.
+        is_given_up: True if a limit switch has ended the last set-point.
     """
 
     number, motion = Mode.PP, record.PROFILE
 
     def __init__(self, stage: PowerStage, handshake_syncs: int = 0) -> None:
-        """Take hold of the power stage.
+        """Keep a reference to the power stage.
 
         Args:
             stage: The power stage.
@@ -53,7 +58,7 @@ class ProfilePosition(ModeOfOperation):
         self._passed = self._last_target = 0
 
     def start(self) -> None:
-        """Come to rest from the present demand; from behind the brake, stay there."""
+        """Brake to rest, or stay at rest behind the brake."""
         is_braked = self.stage.law_mode == record.BRAKED
         super().start()
         self._forget()
@@ -70,7 +75,10 @@ class ProfilePosition(ModeOfOperation):
         self.data.limits.halt_profile(False)
 
     def give_up(self) -> None:
-        """Hold the motor where a limit switch has stopped it; 607Ah stays what the master has written."""
+        """Hold the motor where a limit switch has stopped it.
+
+        607Ah keeps the master's value.
+        """
         self.stage.begin(self.motion)
         self._forget()
         self._last_target = round(float(self.stage.motion["target_counts"]))
@@ -79,7 +87,10 @@ class ProfilePosition(ModeOfOperation):
     # -- set-points ----------------------------------------------------------------------------------------------------
 
     def take(self, word: int, rising: int) -> None:
-        """Take the handshake: a set-point with the rising edge, room for the next one with the falling."""
+        """Process the handshake of bit 4.
+
+        The rising edge brings a set-point, the falling one makes room for the next.
+        """
         if not word & NEW_SET_POINT:
             self._is_acknowledged = False
         elif rising & NEW_SET_POINT and (self._waiting is None or word & CHANGE_SET_IMMEDIATELY):
@@ -127,7 +138,7 @@ class ProfilePosition(ModeOfOperation):
             self._is_executing = False
 
     def look(self) -> None:
-        """See whether the set-point in execution has come to its end, and the waiting one its turn."""
+        """Start the waiting set-point when the present one has ended."""
         if self._waiting is None or self.is_halted:
             return
         motion = self.stage.motion
@@ -144,14 +155,14 @@ class ProfilePosition(ModeOfOperation):
         self._waiting, self.watches = None, False
 
     def synchronise(self, now: int) -> None:
-        """Count the SYNCs that the acknowledgement takes."""
+        """Count the SYNCs of the acknowledgement."""
         if self._syncs_left > 0:
             self._syncs_left -= 1
 
     # -- halt ----------------------------------------------------------------------------------------------------------
 
     def halt(self) -> None:
-        """Come to rest: on the profile's own ramp, or as 605Dh says else."""
+        """Brake to rest on the profile's ramp, or as 605Dh demands."""
         stop = stop_of_halt(self.data.value(Object.HALT_OPTION))
         if stop is Stop.SLOW_DOWN_RAMP:
             self.data.limits.halt_profile(True)
@@ -159,7 +170,7 @@ class ProfilePosition(ModeOfOperation):
             self.stage.stop(stop)
 
     def resume(self) -> None:
-        """Go on to the set-point that was in execution."""
+        """Continue to the set-point in execution."""
         if self.data.limits.is_profile_halted:
             self.data.limits.halt_profile(False)
             return
@@ -169,7 +180,10 @@ class ProfilePosition(ModeOfOperation):
             self._go(round(float(target)))
 
     def status(self) -> int:
-        """Bit 10, target reached or (halted) at rest; bit 12, no room for a set-point; bit 13, following error."""
+        """Return bits 10, 12 and 13 of the status word.
+
+        Bit 10: target reached or (halted) at rest; bit 12: no room for a set-point; bit 13: following error.
+        """
         motion, word = self.stage.motion, 0
         if self.is_halted and not self.data.limits.is_profile_halted:
             word |= TARGET_REACHED if self.stage.is_braked_at_rest else 0

@@ -6,18 +6,24 @@ from plant_emulator.motion import record
 
 
 class ProfileTorque(ModeOfOperation):
-    """TQ: a target torque acts as soon as it is written, and one from before as soon as the drive is enabled."""
+    """TQ: a target torque takes effect when it is written.
+
+    An earlier one takes effect when the drive is enabled.
+    """
 
     number, motion = Mode.TQ, record.PROFILE_TORQUE
     needs_gains = False
 
     def start(self) -> None:
-        """Go on from the present torque, to 6071h."""
+        """Continue from the present torque to 6071h."""
         super().start()
         self.stage.motion["target_torque_nm"] = self.targets.torque_nm()
 
     def status(self) -> int:
-        """Bit 10: the torque is at its target, or (halted) the motor at rest; bits 12 and 13 are reserved."""
+        """Return bit 10; bits 12 and 13 are reserved.
+
+        Bit 10: the torque is at its target, or (halted) the motor is at rest.
+        """
         if self.is_halted:
             return super().status()
         motion = self.stage.motion

@@ -6,24 +6,33 @@ from plant_emulator.motion import record
 
 
 class ProfileVelocity(ModeOfOperation):
-    """PV: a target velocity acts as soon as it is written, and one from before as soon as the drive is enabled."""
+    """PV: a target velocity takes effect when it is written.
+
+    An earlier one takes effect when the drive is enabled.
+    """
 
     number, motion = Mode.PV, record.PROFILE_VELOCITY
 
     def start(self) -> None:
-        """Go on from the present demand, to 60FFh."""
+        """Continue from the present demand to 60FFh."""
         super().start()
         self.follow()
 
     def follow(self) -> None:
-        """60FFh has been written; a value that is in force already, as a cyclic RPDO repeats it, is no new target for 606Eh."""
+        """Apply a new 60FFh.
+
+        A value in force already, repeated by a cyclic RPDO, is no new target for 606Eh.
+        """
         motion, wanted = self.stage.motion, self.targets.speed_rad_s()
         if motion["mode"] == record.PROFILE_VELOCITY and wanted != motion["target_speed_rad_s"]:
             motion["target_speed_rad_s"] = wanted
             motion["reached"], motion["velocity_window_count"] = int(motion["reached"]) & ~record.IN_SPEED, 0
 
     def status(self) -> int:
-        """Bit 10, within 606Dh for 606Eh or (halted) at rest; bit 12, speed below 606Fh; bit 13, slippage above 60F8h."""
+        """Return bits 10, 12 and 13 of the status word.
+
+        Bit 10: within 606Dh for 606Eh, or (halted) at rest; bit 12: speed below 606Fh; bit 13: slippage above 60F8h.
+        """
         motion = self.stage.motion
         reached = int(motion["reached"])
         word = super().status()

@@ -1,4 +1,7 @@
-"""The choice of the mode of operation that acts: 6060h and 6061h, and what a mode needs before it may."""
+"""Choice of the mode of operation by 6060h and 6061h.
+
+A mode must have what it needs before it may act.
+"""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,7 +17,7 @@ from plant_emulator.slave.node import Slave
 
 
 class ModeSelection:
-    """Lets one of a drive's modes act, or none.
+    """Selection of the acting mode, or none.
 
     In Operation enabled another mode comes into force at once, without a jump, and 0 (no mode) changes nothing; in the other
     states 6060h is what will act with the next enabling: with 0 the motor is held until a mode is chosen.
@@ -39,11 +42,11 @@ class ModeSelection:
         Args:
             slave: The node.
             stage: The power stage.
-            modes: The modes that the drive has, by number; at 0, what acts where none is chosen, or nothing.
+            modes: The modes that the drive has, by number; at 0, the one that acts if none is chosen, or nothing.
             faults: Faults of the drive, which report what a mode lacks.
             limit_switches: Limit switches, which forget what they have stopped when another mode acts.
             power: Power of the state machine.
-            halt_blocks: Whether another mode has to wait until the halt bit is clear.
+            halt_blocks: True if another mode has to wait until the halt bit is clear.
         """
         self.acting: ModeOfOperation | None = None
         self._slave, self._stage, self._modes, self._faults = slave, stage, modes, faults
@@ -79,17 +82,23 @@ class ModeSelection:
             self.acting.follow()
 
     def command(self, word: int) -> None:
-        """Give the acting mode a control word; after a halt, let the mode act that has waited for its end."""
+        """Pass a control word to the acting mode.
+
+        After a halt, a mode that has waited for its end begins to act.
+        """
         if self.acting is not None:
             self.acting.command(word)
             if self._halt_blocks and self._wanted.value:
                 self._write(self._wanted.value)
 
     def is_ready(self, number: int | None = None) -> bool:
-        """True if a mode, or the one of 6060h, is there and has what it needs; what it lacks is reported.
+        """Return True if a mode exists and can act.
 
-        It needs gains where it closes a loop, since a brake that opens without lets the arm fall, and an interpolation period
-        (60C2h) of whole control periods where its set-points come with SYNC. No mode is one too, but for drives that need one.
+        Without a number it is the mode of 6060h. What it lacks is reported.
+
+        A mode that closes a loop needs gains, since otherwise the arm falls when the brake opens. A mode whose set-points
+        come with SYNC needs an interpolation period (60C2h) of whole control periods. No mode (0) counts as a mode, except
+        in drives that need one.
         """
         wanted: Any = self._wanted.value if number is None else number
         if wanted not in self._modes:
@@ -116,17 +125,20 @@ class ModeSelection:
         mode.begin(self._power().control_word)
 
     def end(self) -> None:
-        """The mode acts no longer; 6061h goes on showing it until the torque is off."""
+        """End the acting mode.
+
+        6061h shows it until the torque is off.
+        """
         if self.acting is not None:
             self.acting.end()
         self._limit_switches.forget()
         self._slave.on_sync = _nothing
 
     def release(self) -> None:
-        """There is no torque, and no mode acts."""
+        """Clear the acting mode: there is no torque."""
         self.end()
         self.acting = None
 
 
 def _nothing(_: object) -> None:
-    """Stand in for the mode where none acts."""
+    """Replace the mode's SYNC hook if no mode acts."""

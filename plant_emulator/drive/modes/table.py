@@ -1,4 +1,4 @@
-"""All modes that the emulator has, by their number."""
+"""All modes of the emulator, by number."""
 
 from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.drive.inputs import DigitalInputs
@@ -15,7 +15,10 @@ from plant_emulator.robots.behaviour import Behaviour
 
 
 def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour, family: DriveFamily) -> dict[int, ModeOfOperation]:
-    """The modes of one drive: those that its family offers, its maker's own, and 0, no mode."""
+    """Return the modes of one drive.
+
+    They are those that its family offers, its maker's own, and 0, no mode.
+    """
     modes: list[ModeOfOperation] = [
         ProfilePosition(stage, behaviour.pp_handshake_cycles),
         ProfileVelocity(stage),

@@ -1,1 +1,4 @@
-"""Whole arms: learning on a line, and what of it holds on other lines, with other payloads and at another pace."""
+"""Whole arms: learning on a line, and its effect elsewhere.
+
+The learnt cancellation is tested on other lines, with other payloads and at another pace.
+"""

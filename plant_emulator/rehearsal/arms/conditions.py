@@ -1,4 +1,7 @@
-"""Conditions in which what was learnt on one line is looked at: that line, two others, other payloads, another pace."""
+"""Conditions in which a learnt cancellation is tested.
+
+They are the line on which it was learnt, two other lines, other payloads, and another pace.
+"""
 
 from collections.abc import Iterator
 from itertools import product
@@ -44,7 +47,7 @@ class Condition(NamedTuple):
 
 
 def conditions_of(robot: ArmRobot, bench: Bench) -> list[Condition]:
-    """All conditions that the arm can be in; the learnt one first.
+    """Return all conditions of the arm, the learnt one first.
 
     The other lines are one beside the first, which begins elsewhere, and one from the same start to another end.
 
@@ -66,7 +69,7 @@ def conditions_of(robot: ArmRobot, bench: Bench) -> list[Condition]:
 
 
 def with_payload(robot: ArmRobot, factor: float) -> ArmRobot:
-    """The robot with a fraction of its payload."""
+    """Return the robot with a fraction of its payload."""
     load = robot.arm.payload
     if load is None:
         return robot
@@ -77,7 +80,10 @@ def with_payload(robot: ArmRobot, factor: float) -> ArmRobot:
 
 
 def _others(bench: Bench, line: LineMotion, *, moves_start: bool) -> Iterator[Bench]:
-    """Bench files with another line that the arm can follow, the one that is furthest away first."""
+    """Yield bench files with other lines that the arm can follow.
+
+    The line that is furthest away comes first.
+    """
     start, end = _vector(line.start_m), _vector(line.end_m)
     own = (end - start) / np.linalg.norm(end - start)
     ways = [sign * unit for unit, sign in product(np.eye(3)[[2, 1, 0]], (-1.0, 1.0)) if abs(float(unit @ own)) < ALONG]

@@ -1,4 +1,7 @@
-"""The documented path of an arm, docs/arm.md as a function: learnt on its line, run with that, looked at elsewhere."""
+"""The documented path of an arm, docs/arm.md, as a function.
+
+The cancellation is learnt on the arm's line, used in a run there, and tested elsewhere.
+"""
 
 import tempfile
 import time
@@ -36,11 +39,11 @@ Made = TypeVar("Made")
 QUICKER = (0.75, 0.8, 0.85, 0.9)
 """Multiples of the line's time in which it is learnt as well: the first in which the arm can follow it."""
 REFERENCE_SEED = 0
-"""Seed that stands for the reference arm, which is not drawn."""
+"""Seed of the reference arm, which is not drawn."""
 
 
 def arm_of(seed: int) -> tuple[ArmRobot, Bench]:
-    """A seed's arm, and its blank bench file."""
+    """Return a seed's arm and its blank bench file."""
     if seed == REFERENCE_SEED:
         robot = load_robot("reference-arm")
         assert isinstance(robot, ArmRobot)  # noqa: S101 - its file has an arm
@@ -73,7 +76,9 @@ def walk_arm_seed(seed: int, keep: str | None = None) -> Row:
 
 
 def walk_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
-    """Walk the documented path on one arm: learn on its line, run with that, and measure the true tip in all conditions.
+    """Walk the documented path on one arm.
+
+    Learn on its line, run with the result, and measure the true tip in all conditions.
 
     Args:
         robot: The arm.
@@ -97,7 +102,10 @@ def walk_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
 
 
 def quicker_pace(bench: Bench) -> float | None:
-    """A pace at which the line is learnt as well; None if the arm can follow it at none."""
+    """Return a quicker pace for the line.
+
+    The line is learnt at this pace, too. The result is None if the arm can follow it at none.
+    """
     for pace in QUICKER:
         try:
             paced_line(bench, pace)
@@ -134,7 +142,9 @@ def _run(bench: Bench, learnt: Identified, folder: Path, channel: DirectChannel)
 
 
 def _step(act: Callable[[], Made], name: str) -> tuple[dict[str, Value], Made | None]:
-    """A step of the path: how it ended, in words, and what it made.
+    """Take a step of the path; return its end and result.
+
+    The end is in words.
 
     Raises:
         KeyboardInterrupt: A signal ended a motion.
@@ -151,7 +161,7 @@ def _step(act: Callable[[], Made], name: str) -> tuple[dict[str, Value], Made | 
 
 
 def _surveyed(robot: ArmRobot, bench: Bench, learnt: Identified | None, left_out: tuple[Part, ...]) -> dict[str, Value]:
-    """True tip in all conditions, and whether it is quiet or worse."""
+    """Measure the true tip in all conditions, and judge it."""
     row: dict[str, Value] = {}
     quiet, worse = [], []
     for condition in conditions_of(robot, bench):

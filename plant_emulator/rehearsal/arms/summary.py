@@ -1,4 +1,7 @@
-"""What a rehearsal of arms shows: the numbers that must be reached, and the true tip in each condition."""
+"""Summary of a rehearsal of arms.
+
+It has the goals, and the true tip in each condition.
+"""
 
 from collections.abc import Sequence
 
@@ -25,7 +28,7 @@ WORDS = {
 
 
 def arm_claims(rows: Sequence[Row]) -> list[RehearsalClaim]:
-    """All claims, judged on these rows.
+    """Return all claims, judged on these rows.
 
     Args:
         rows: Rows of arms.
@@ -54,7 +57,10 @@ def arm_claims(rows: Sequence[Row]) -> list[RehearsalClaim]:
 
 
 def arm_tips(rows: Sequence[Row]) -> ReportTable:
-    """True tip in its worst direction by condition, in mm: medians, and the largest with what was learnt."""
+    """Return the true tip in its worst direction, by condition.
+
+    The table has medians in mm, and the largest value with the learnt cancellation.
+    """
     cells: list[list[Cell]] = []
     for name in NAMES:
         own = [row for row in rows if f"tip_{name}_none_worst_mm" in row]

@@ -1,4 +1,7 @@
-"""The true tip of an arm on a line: its displacement along x, y and z in the judged band, on a quiet sensor at the tip."""
+"""The true tip of an arm on a line.
+
+It is the displacement along x, y and z in the judged band, from an ideal sensor at the tip.
+"""
 
 from collections.abc import Collection
 from typing import NamedTuple
@@ -21,7 +24,10 @@ from plant_emulator.robots.robot import Robot
 
 
 class LineTip(NamedTuple):
-    """Largest displacement of the tip in the judged times, mm: along x, y and z, and in its worst direction."""
+    """Largest displacement of the tip in the judged times, mm.
+
+    It is given along x, y and z, and in its worst direction.
+    """
 
     x: float
     y: float
@@ -44,14 +50,17 @@ class TrueLine(NamedTuple):
 
     @property
     def is_quiet(self) -> bool:
-        """True if the tip keeps the goal along x, y and z."""
+        """True if the tip meets the goal along x, y and z."""
         if self.learnt is None:
             return False
         return all(own <= max(QUIET_MM, FLOOR_FACTOR * least) for own, least in zip(self.learnt[:3], self.floor[:3], strict=True))
 
     @property
     def is_worse(self) -> bool:
-        """True if the tip moves more in any direction than without, and than without transmission errors."""
+        """True if the tip moves more than permitted in any direction.
+
+        The bound is the larger of the tips without a treatment and without an ATE, with a tolerance.
+        """
         if self.learnt is None:
             return False
         most = (max(_no_harm(before), _no_harm(least)) for before, least in zip(self.none, self.floor, strict=True))
@@ -63,7 +72,7 @@ def _no_harm(tip_mm: float) -> float:
 
 
 def true_line(condition: Condition, model: Identified | None, left_out: Collection[Part]) -> TrueLine:
-    """The true tip in a condition; the same rows for all.
+    """Return the true tip in a condition, with equal windows.
 
     Args:
         condition: The condition.
@@ -78,7 +87,9 @@ def true_line(condition: Condition, model: Identified | None, left_out: Collecti
 
 
 def _tip(robot: Robot, bench: Bench, model: Identified | None, left_out: Collection[Part]) -> LineTip | None:
-    """The tip of one run; None if the product refuses it, or stops.
+    """Return the tip of one run.
+
+    The result is None if the product refuses or stops the run.
 
     Raises:
         KeyboardInterrupt: A signal ended the run.

@@ -1,4 +1,4 @@
-"""Writes the package's table of what a run does with each drive family."""
+"""Writes the package's table of runs with each drive family."""
 
 import sys
 

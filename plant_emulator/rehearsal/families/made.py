@@ -1,4 +1,4 @@
-"""Moves a family's emulated drive, identifies its transmission error and cancels it, as `hil` does."""
+"""Move, identify and cancel a family's emulated drive, as `hil` does."""
 
 import tempfile
 from dataclasses import dataclass
@@ -29,17 +29,20 @@ AXIS = 2
 
 @dataclass(frozen=True)
 class Family:
-    """A family's drive on axis 2 of the reference robot, alone on its bus."""
+    """A family's drive on axis 2 of the reference robot.
+
+    It is alone on its bus.
+    """
 
     bench: Bench
     robot: Robot
 
     def steps(self, files: PathFiles) -> StepsInProcess:
-        """The steps of the documented path on it, with these files."""
+        """Return the steps of the documented path, with these files."""
         return StepsInProcess(self.bench, AXIS, files, DirectChannel(World(self.robot), None), SMALL_EFFORT)
 
     def run(self, folder: Path, treatment: TreatmentName, knowledge: Knowledge) -> ExperimentsResult:
-        """Make one run; an error that ended it is raised."""
+        """Execute one run; raise the error that ended it."""
         experiment = Experiment("constant-acceleration", AXIS, treatment)
         channel = DirectChannel(World(self.robot), None)
         outcome = run_experiments(self.bench, [experiment], folder / treatment, knowledge=knowledge, channel=channel)
@@ -49,7 +52,7 @@ class Family:
 
 
 def family_alone(name: str) -> Family:
-    """A family's drive alone on its bus, and the bench file that moves it."""
+    """Return a family's drive alone on its bus, with bench file."""
     families, bench = {AXIS: name}, load_bench("reference")
     robot = robot_of(part_of(load_robot("reference"), [AXIS]), bench, families)
     made = bench_of(robot, bench, families)
@@ -58,7 +61,10 @@ def family_alone(name: str) -> Family:
 
 
 def family_run(name: str) -> FamilyRun:
-    """Move, identify and cancel a family; what is refused is said in the result."""
+    """Move, identify and cancel a family.
+
+    The result states what was refused.
+    """
     profile, family = Profile.load(name), family_alone(name)
     mode, held = mode_of("drive", profile), holders(profile)
     facts: dict[str, Any] = {
@@ -89,7 +95,7 @@ def family_run(name: str) -> FamilyRun:
 
 
 def _plant_refusal(family: Family, folder: Path) -> str:
-    """Why the plant is not identified; empty where it is."""
+    """Return why the plant is not identified; "" if it is."""
     folder.mkdir()
     try:
         family.steps(PathFiles(folder)).plant()
@@ -99,12 +105,12 @@ def _plant_refusal(family: Family, folder: Path) -> str:
 
 
 def _tip_mm(result: ExperimentsResult) -> float:
-    """The largest peak of the tip in any window that was judged."""
+    """Return the tip's largest peak in any judged window."""
     return round(max(run.tip_peak_mm for run in result.runs if run.tip_peak_mm is not None), 4)
 
 
 def as_toml(runs: dict[str, FamilyRun]) -> str:
-    """The package's table of all families."""
+    """Return the package's table of all families."""
     lines = ["# What a run does with each family: written by python -m plant_emulator.rehearsal.families, never by hand."]
     for name, run in sorted(runs.items()):
         lines += ["", f"[family.{name}]"]

@@ -1,4 +1,4 @@
-"""A robot whose drives are of given families, and the bench file that moves it."""
+"""A robot with drives of given families, and its bench file."""
 
 from collections.abc import Mapping
 
@@ -11,13 +11,15 @@ from plant_emulator.robots.tuning import tuned
 
 
 def vendor_families() -> list[str]:
-    """Names of all drive families of the package but our own."""
+    """Return the names of all vendors' drive families."""
     drives = (name for name in available() if Profile.load(name).kind == "drive")
     return [name for name in drives if name != "emulated_drive"]
 
 
 def robot_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Robot:
-    """A robot whose drives are of these families, and hold the gains of the bench file as their maker's tool has set them.
+    """Return a robot with drives of these families.
+
+    They hold the gains of the bench file, as if set by their maker's tool.
 
     Args:
         robot: The robot.
@@ -29,7 +31,9 @@ def robot_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Robot:
 
 
 def bench_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Bench:
-    """The bench file of such a robot: what the drives cannot say stands in it.
+    """Return the bench file of such a robot.
+
+    It states what the drives cannot report.
 
     Args:
         robot: The robot with these drives.
@@ -45,7 +49,7 @@ def bench_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Bench:
 
 
 def _table(axis: RobotAxis, table: AxisTable, name: str) -> AxisTable:
-    """Table of an axis that such a drive moves."""
+    """Return the table of an axis with such a drive."""
     profile = Profile.load(name)
     scaling, torque = vendor_scaling(profile, axis), profile.torque
     has_gains = all(gain in profile.parameters for gain in Control.model_fields)

@@ -1,1 +1,4 @@
-"""Cancellations that follow, compared on robots that are drawn: one axis, no bus, the laws that ship."""
+"""Comparison of tracking cancellations on drawn robots.
+
+Each study has one axis, no bus, and the control laws of the product.
+"""

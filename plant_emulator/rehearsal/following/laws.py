@@ -1,4 +1,9 @@
-"""The two laws with which the observer is compared: filtered-x LMS in the motor's angle, and repetition once a revolution.
+"""The two laws that are compared with the observer.
+
+They are filtered-x LMS in the motor's angle, and repetition once per revolution.
+
+Both have the observer's knowledge: the arm as one resonance, the band, the noise at rest, the bounds, and the window of k
+f_m.
 
 Both know what the observer knows: the arm as one resonance, the band, the noise at rest, the bounds, and the window of k f_m.
 
@@ -40,7 +45,7 @@ class _Section:
 
 
 class _Order:
-    """An order, and what it makes at the tip where d = 1."""
+    """An order, and its effect at the tip for d = 1."""
 
     def __init__(self, order: Followed, band: BandPass) -> None:
         self.order, self.factor = order, 1.0 + 0.0j
@@ -50,7 +55,7 @@ class _Order:
 
 
 class FollowerBase(Follower, ABC):
-    """What both laws have in common.
+    """Common part of both laws.
 
     Args:
         arm: The arm.
@@ -79,13 +84,13 @@ class FollowerBase(Follower, ABC):
         self._planned = self._shaken = self._shaking = self._jolted = 0.0
 
     def factors(self, row: int) -> Mapping[float, complex]:
-        """Factors of the cancellation."""
+        """Return the factors of the cancellation."""
         return {each.order.order: each.factor for each in self._orders}
 
     def step(
         self, angles_rad: list[float], references_rad: list[float], levers_m: list[float], acceleration_m_s2: float | None
     ) -> None:
-        """Take one sample.
+        """Process one sample.
 
         Args:
             angles_rad: As `Follower` has it.
@@ -115,7 +120,7 @@ class FollowerBase(Follower, ABC):
             self._learn(tip, abs(speed), abs(angle - last))
 
     def _jolt(self, reference: float, lever_m: float) -> None:
-        """What the motion itself shakes, as its set-points have it."""
+        """Return the motion's own jolt, from its set-points."""
         arm, period = self._arm, self._period_s
         planned = 0.0 if self._reference is None else (reference - self._reference) / period
         value: complex = (planned - self._planned) / period / arm.reduction_ratio
@@ -129,7 +134,7 @@ class FollowerBase(Follower, ABC):
         self._jolted = max(shakes**2, self._jolted * (1.0 - min(1.0, arm.stiff[1] * period)))
 
     def _make(self, each: _Order, angle: float, speed: float, lever_m: float) -> None:
-        """What the order makes at the tip where d = 1."""
+        """Compute an order's effect at the tip for d = 1."""
         arm, own = self._arm, each.order
         _, _, b0, b1 = arm.stiff
         ratio = own.order * abs(speed) / (math.tau * arm.f_al_hz)
@@ -144,10 +149,16 @@ class FollowerBase(Follower, ABC):
 
     @abstractmethod
     def _learn(self, tip: float, speed: float, turned: float) -> None:
-        """Learn from a sample of the tip, at a speed, after the motor has turned by so much."""
+        """Learn from a sample of the tip.
+
+        The motor has a speed, and has turned by `turned` since the last sample.
+        """
 
     def _may(self, each: _Order, left: complex, speed: float, seconds: float) -> bool:
-        """Whether what is left is told from nothing, and more than a tip may shake."""
+        """Return True if the remainder is significant.
+
+        It must exceed the noise, and what a tip may vibrate.
+        """
         own, omega = self._set, each.order.order * speed
         ratio, size = omega / (math.tau * self._arm.f_al_hz), abs(each.made)
         if not own.low_ratio < ratio < own.high_ratio or size == 0.0:
@@ -181,7 +192,10 @@ class FilteredLms(FollowerBase):
 
 
 class Repetition(FollowerBase):
-    """Repetitive control over the revolution of the motor, with samples that are not equidistant."""
+    """Repetitive control over the revolution of the motor.
+
+    Its samples are not equidistant in the angle.
+    """
 
     def _learn(self, tip: float, speed: float, turned: float) -> None:
         self._turned += turned

@@ -1,4 +1,7 @@
-"""One axis of a robot with its cancellation and what follows it, in one process: no bus, the laws that ship."""
+"""One axis of a robot with a tracking cancellation.
+
+It runs in one process without a bus, with the control laws of the product.
+"""
 
 import math
 from collections.abc import Callable, Mapping
@@ -36,12 +39,15 @@ RIG_SETTLE_S = 0.5
 
 
 class Follower(Protocol):
-    """A law that follows: `hil.control.following.FollowingLaw`, or one of those that it is compared with."""
+    """A tracking law.
+
+    It is `hil.control.following.FollowingLaw`, or one of those that are compared with it.
+    """
 
     def step(
         self, angles_rad: list[float], references_rad: list[float], levers_m: list[float], acceleration_m_s2: float | None
     ) -> None:
-        """Take one sample.
+        """Process one sample.
 
         Args:
             angles_rad: Measured motor angle.
@@ -51,12 +57,12 @@ class Follower(Protocol):
         """
 
     def factors(self, row: int) -> Mapping[float, complex]:
-        """Factors of the cancellation."""
+        """Return the factors of the cancellation."""
 
 
 @dataclass(frozen=True)
 class Believed:
-    """What is believed of the axis, over what is true.
+    """Assumed values of the axis, relative to the true ones.
 
     Attributes:
         amplitude: Factor of each A_k.
@@ -100,7 +106,7 @@ class RigRun:
 
     @property
     def has_moved(self) -> bool:
-        """True if an order was followed."""
+        """True if an order's factor has changed."""
         return any(bool(np.any(each != 1.0)) for each in self.factors.values())
 
 
@@ -137,35 +143,41 @@ class Rig:
         self.lever_m = self.axis.tip_lever_m
 
     def followed(self, begins: Mapping[float, float] = NO_BEGINS) -> list[Followed]:
-        """Orders that are followed, each from a part of it on."""
+        """Return the tracked orders, each from a part of it on."""
         sizes, phases = self.error.amplitudes_arcsec(), self.error.phases_deg()
         return [
             Followed(order, math.radians(phases[order]), size * ARCSEC, begins.get(order, 0.0)) for order, size in sizes.items()
         ]
 
     def known_arm(self) -> Resonance:
-        """The arm as it is believed to be."""
+        """Return the arm as it is assumed to be."""
         r, b = self.resonance, self.believed
         return Resonance(
             r.b0 * b.stretch**2, r.b1 * b.damping, r.a1 * b.damping * b.stretch, r.a0 * b.stretch**2, r.f_al_hz * b.stretch
         )
 
     def known_model(self) -> ArmModel:
-        """The arm as the laws have it."""
+        """Return the arm's model for the laws."""
         delay_s = self.robot.accelerometer.delay_s + self.believed.delay_s
         return arm_model(self.known_arm(), self.axis.reduction_ratio, self.sync_s, delay_s)
 
     def band(self) -> tuple[float, float, float, float, float]:
-        """Section of the band-pass."""
+        """Return the section of the band-pass."""
         f_al_hz = self.known_arm().f_al_hz
         return band_pass(f_al_hz, f_al_hz, self.sync_s)
 
     def follower(self, settings: FollowingSettings | None = None, begins: Mapping[float, float] = NO_BEGINS) -> FollowingLaw:
-        """The law that ships, for this axis; its orders begin from parts of them on."""
+        """Return the product's law for this axis.
+
+        Its orders begin from the parts in `begins`.
+        """
         return FollowingLaw([self.known_model()], [self.followed(begins)], self.band(), self.sync_s, settings)
 
     def _table(self, angles_rad: Real) -> CancellationTable:
-        """The feed-forward's table for a motion, as the master makes it of a whole identification."""
+        """Return the feed-forward's table for a motion.
+
+        The master makes the same table from a whole identification.
+        """
         axis, sync_s, steps = self.axis, self.sync_s, np.abs(np.diff(angles_rad))
         pace = Pace(
             float(np.max(steps)) / sync_s / math.tau, float(np.quantile(np.abs(np.diff(angles_rad, 2)), 0.98)) / sync_s**2
@@ -192,7 +204,7 @@ class Rig:
         only: float | None = None,
         noise_seed: int = NOISE_SEED,
     ) -> RigRun:
-        """RigRun a motion; the gear's error may turn meanwhile.
+        """Run a motion; the gear's ATE may turn meanwhile.
 
         Args:
             angles_rad: Motor angles at each SYNC; shape (n,).
@@ -239,7 +251,7 @@ class Rig:
         return RigRun(time, speed, tip, felt, named, self._recording(time - time[0], heard, np.stack([wanted, seen, torque])))
 
     def _recording(self, time_s: Real, heard_m_s2: Real, moved: Real) -> Recording:
-        """What the master would have recorded.
+        """Return the recording that the master would have made.
 
         Args:
             time_s: Shape (n,).
@@ -253,7 +265,10 @@ class Rig:
         return Recording(columns | {f"axis{self.number}_notch_hz": nothing})
 
     def _axes(self) -> tuple[Axes, int, int]:
-        """The axes with gains and open brake, the row of this one, and the control periods in a SYNC period."""
+        """Return axes, row of this axis, and periods per SYNC.
+
+        The axes have gains and open brakes; the periods are control periods.
+        """
         axes, periods = Axes(self.robot), round(self.sync_s / self.robot.control_period_s)
         row = axes.row(self.number)
         control = self.bench.axis[self.number].gains("a study")
@@ -264,7 +279,7 @@ class Rig:
 
 
 class _TurnedError:
-    """The true φ_k of a gear, which turn during a run.
+    """The true φ_k of a gear, which change during a run.
 
     Args:
         plant: The axis' constants; changed in place.
@@ -276,7 +291,7 @@ class _TurnedError:
         self._plant, self._phases, self._turned = plant, {name: float(plant[name]) for name in names}, 0.0
 
     def turn(self, degrees: float) -> None:
-        """Turn them by this from where they were."""
+        """Turn the phases by an angle from their initial values."""
         if degrees == self._turned:
             return
         self._turned = degrees

@@ -1,4 +1,7 @@
-"""Cancellations that follow on robots that are drawn: what each law makes of each motion, beside the feed-forward alone."""
+"""Study of tracking cancellations on drawn robots.
+
+Each law on each motion is compared with the feed-forward alone.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -38,7 +41,9 @@ RECOVERED, FLOOR_MM = 1.3, 0.001
 
 @dataclass(frozen=True)
 class Outcome:
-    """One law on one motion of one robot, all in mm at the true tip.
+    """One law on one motion of one robot.
+
+    Lengths are in mm at the true tip.
 
     Attributes:
         seed: The robot.
@@ -51,7 +56,7 @@ class Outcome:
         is_used: True if its trial, on the sensor, has let it be used.
         has_moved: True if it has changed anything in a run after that.
         used_worse_mm: The rise in a run after the trial, of what is used.
-        recovery_rev: Motor revolutions after a step until it is back; nan where it is not within eight.
+        recovery_rev: Motor revolutions after a step until it is back; nan if it is not within eight.
         bound_rev: The same for a law that knew at once: the arm's own ring-down.
     """
 
@@ -70,19 +75,19 @@ class Outcome:
 
 
 def believed(seed: int) -> Believed:
-    """What an identification would leave, drawn by seed."""
+    """Draw, by seed, the errors of an identification."""
     random = np.random.default_rng((seed, 15))
     a, phi, f, damping, delay = (float(each) * spread for each, spread in zip(random.standard_normal(5), SPREAD, strict=True))
     return Believed(1.0 + a, phi, math.exp(f), math.exp(damping), delay)
 
 
 def rig_of(seed: int, off: Believed | None = None) -> Rig:
-    """A drawn robot of any kind, and what is believed of it."""
+    """Return a drawn robot of any kind, with assumed values."""
     return Rig(draw(seed), believed(seed) if off is None else off)
 
 
 def law_of(name: str, rig: Rig, begins: Mapping[float, float] = NO_BEGINS) -> Follower:
-    """One of the laws for an axis.
+    """Return one of the laws for an axis.
 
     Args:
         name: Its name.
@@ -96,7 +101,7 @@ def law_of(name: str, rig: Rig, begins: Mapping[float, float] = NO_BEGINS) -> Fo
 
 
 def ramp(rig: Rig) -> Real:
-    """The bench's own constant-acceleration motion."""
+    """Return the bench's own constant-acceleration motion."""
     table = rig.bench.constant_acceleration
     assert table is not None  # noqa: S101 - every bench of the fleet has one
     trajectory = table.trajectory()
@@ -104,7 +109,10 @@ def ramp(rig: Rig) -> Real:
 
 
 def constant(rig: Rig, order: float = 2.0, revolutions: float = CONSTANT_REV) -> Real:
-    """Constant speed at which an order meets the resonance, after a rise."""
+    """Return a constant speed at which an order meets the resonance.
+
+    A rise precedes it.
+    """
     speed = rig.f_al_hz / order
     rise = speed / RISE_RPS_S
     time = _instants(rig, 0.2 + rise + revolutions / speed)
@@ -112,7 +120,7 @@ def constant(rig: Rig, order: float = 2.0, revolutions: float = CONSTANT_REV) ->
 
 
 def point_to_point(rig: Rig) -> Real:
-    """Moves to and fro, each through the resonance of order 2."""
+    """Return moves to and fro through the resonance of order 2."""
     speed = 1.2 * rig.f_al_hz / 2.0
     distance, rise = 8.0, 0.5
     duration = distance / speed + rise
@@ -127,7 +135,7 @@ def _instants(rig: Rig, duration_s: float) -> Real:
 
 
 def outcomes(seeds: Iterable[int], laws: Iterable[str] = LAWS) -> Iterator[Outcome]:
-    """Every law on every motion of some robots.
+    """Run every law on every motion of some robots.
 
     Args:
         seeds: Robots.
@@ -160,9 +168,11 @@ def _compared(seed: int, rig: Rig, laws: tuple[str, ...], motion: str, angles: R
 
 
 def _tried(rig: Rig, law: str, angles: Real, turned: Callable[[float], float]) -> dict[float, float] | None:
-    """The trial that ships: parts of the orders from which on they are followed; None if it refuses.
+    """Run the product's trial of a law.
 
-    Of the other laws, which do not say how well they know what is left, it takes all or nothing.
+    The result has the parts of the orders from which on they are tracked; None if the trial refuses.
+
+    The other laws do not state how well they know the remainder; for them the trial takes all or nothing.
 
     Args:
         rig: The axis.
@@ -219,7 +229,10 @@ def _stepped(seed: int, rig: Rig, laws: tuple[str, ...]) -> Iterator[Outcome]:
 
 
 class LawSummary(NamedTuple):
-    """One law on one motion of all robots, in mm at the true tip; medians but for counts and worst."""
+    """One law on one motion of all robots.
+
+    Lengths are in mm at the true tip; values are medians, except counts and worst.
+    """
 
     motion: str
     law: str
@@ -238,7 +251,9 @@ class LawSummary(NamedTuple):
 
 
 def summary(found: Sequence[Outcome]) -> Iterator[LawSummary]:
-    """Counts and medians of some outcomes, a row for each law on each motion.
+    """Yield counts and medians of outcomes.
+
+    There is a row for each law on each motion.
 
     Args:
         found: The outcomes.
@@ -269,9 +284,11 @@ def _peak(run: RigRun, rows: NDArray[np.bool_]) -> float:
 
 
 def _windows(rig: Rig, run: RigRun) -> list[NDArray[np.bool_]]:
-    """Rows in which a run is judged: all before the last braking, and the speeds there at which each order meets the resonance.
+    """Return the rows in which a run is judged.
 
-    In the braking of a ramp the motion's own ringing and an order's add or take away from each other by chance.
+    They are all before the last braking, and, for each order, the speeds there at which it meets the resonance.
+
+    In the braking of a ramp the motion's own vibration and an order's add or cancel by chance.
     """
     speed = np.abs(run.speed_rps)
     fast = np.flatnonzero(speed > 0.98 * np.max(speed))

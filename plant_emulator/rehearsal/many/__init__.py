@@ -1,4 +1,6 @@
-"""Many robots: who walks them, the rows that are kept, the table, the numbers that must be reached, and the page.
+"""Rehearsal of many robots.
+
+The package has the executors, the saved rows, the table, the goals, and the page.
 
 >>> from plant_emulator.rehearsal.many.seeds import seeds_of
 >>> seeds_of("1-3,7")

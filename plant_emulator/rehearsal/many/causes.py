@@ -1,4 +1,4 @@
-"""Causes that refusals name, and whether the robot has them."""
+"""Causes in refusals, and whether the robot has them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ LAST_WORDS = ("cancellation_learnt", "learn", "cancellation", "ate", "plant")
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause that a refusal can name.
+    """A cause that a refusal can state.
 
     Attributes:
         name: Name, as the error has it.
@@ -62,7 +62,7 @@ def _is_loaded(row: Row) -> bool:
 
 
 NOT_EXPLAINED = "not explained"
-"""What a run says of what it leaves where it knows no cause."""
+"""A run's text about the remaining tip if it knows no cause."""
 NOBODY = "no robot of the fleet"
 
 CAUSES: tuple[Cause, ...] = (
@@ -104,10 +104,10 @@ class Refusal:
 
 
 def main_refusal(row: Row) -> Refusal | None:
-    """The refusal that ended a robot's path; None if nothing was refused.
+    """Return the refusal that ended a robot's path, or None.
 
-    Of a path that ends with a cancellation it is what its run says of what is left above what was asked, with a cause. Else it
-    is the last one that names a cause: one that only misses what an earlier step did not give names none.
+    If a path ends with a cancellation, it is the run's statement, with a cause, about the excess over the goal. Otherwise it is
+    the last refusal that states a cause: a step that only misses an earlier step's result states none.
     """
     if text(row, "end_treatment").startswith("cancellation"):
         return _told(row)
@@ -116,7 +116,10 @@ def main_refusal(row: Row) -> Refusal | None:
 
 
 def _told(row: Row) -> Refusal | None:
-    """What the path's end says of what it leaves; None if it says nothing, or knows no cause."""
+    """Return the causes of the tip that the path leaves.
+
+    The result is None if the path's end states nothing, or knows no cause.
+    """
     causes, end, goal = text(row, "end_causes").split(", "), number(row, "end_tip_mm"), number(row, "goal_mm")
     if causes[0] in {"", NOT_EXPLAINED} or end is None or goal is None:
         return None
@@ -134,6 +137,6 @@ def _refusal(row: Row, step: str) -> Refusal:
 
 
 def refusals(rows: Sequence[Row]) -> list[Refusal]:
-    """The refusals that ended paths, of the robots that are not quiet."""
+    """Return the refusals of the robots that are not quiet."""
     found = (main_refusal(row) for row in rows if row.get("is_quiet") is not True)
     return [each for each in found if each is not None]

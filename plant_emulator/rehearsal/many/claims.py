@@ -1,4 +1,7 @@
-"""What is asked of a rehearsal, in one place: each number that must be reached, beside what was measured."""
+"""The goals of a rehearsal, in one place.
+
+Each goal is a number, beside the measured one.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -27,14 +30,14 @@ CPU_S = 20.0
 
 @dataclass(frozen=True)
 class RehearsalClaim:
-    """One number that must be reached.
+    """One number with its goal.
 
     Attributes:
         key: Name in files.
         name: Name in tables, short.
         words: The claim in words.
         asked: Number that is asked for, with its unit.
-        measured: Number that was measured, with what it is of.
+        measured: Measured number, with its quantity.
         holds: True if it holds; None if nothing was measured.
     """
 
@@ -47,7 +50,7 @@ class RehearsalClaim:
 
 
 def claims_of(rows: Sequence[Row]) -> list[RehearsalClaim]:
-    """All claims, judged on these rows."""
+    """Return all claims, judged on these rows."""
     judges: tuple[Callable[[Sequence[Row]], RehearsalClaim], ...] = (
         _never_worse,
         _wrong_refused,
@@ -64,7 +67,7 @@ def claims_of(rows: Sequence[Row]) -> list[RehearsalClaim]:
 
 
 def document(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> dict[str, object]:
-    """Number of robots and the claims, as plain values for JSON."""
+    """Return number of robots and claims as values for JSON."""
     return {"robots": len(rows), "claims": [asdict(each) for each in found]}
 
 

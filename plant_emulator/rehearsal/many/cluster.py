@@ -44,9 +44,11 @@ def scheduler_address(text: str) -> str:
 
 
 class DaskWorkers:
-    """Workers of a Dask scheduler; only connected to, nothing is started and nothing listens here.
+    """Workers of a Dask scheduler.
 
-    A scheduler gives the robots of a worker that dies to others, three times by its own setting, before it says so.
+    This class only connects to the scheduler: it starts nothing, and nothing listens here.
+
+    If a worker dies, the scheduler gives its robots to others, by default three times, before it reports the loss.
 
     Args:
         address: Address of the scheduler, such as tcp://127.0.0.1:8786.
@@ -61,7 +63,7 @@ class DaskWorkers:
         self.died: tuple[type[Exception], ...] = ()
 
     def __enter__(self) -> Self:
-        """Connect, and look at the workers that are there.
+        """Connect to the scheduler, and check its workers.
 
         Raises:
             ExecutorsRefusedError: There is no scheduler or no worker, or one that cannot be used.
@@ -85,7 +87,10 @@ class DaskWorkers:
         return self
 
     def _look(self) -> None:
-        """Refuse workers that would walk two robots in one process, or another version."""
+        """Refuse workers with several threads, or another version.
+
+        They would walk two robots in one process, or give other results.
+        """
         client = self._connected()
         how = f"dask worker {self._address} --nworkers 4 --nthreads 1"
         try:
@@ -106,7 +111,7 @@ class DaskWorkers:
                 )
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Cancel what is left, and disconnect."""
+        """Cancel the remaining walks, and disconnect."""
         if self._executor is not None:
             self._executor.shutdown(wait=False)  # cancels
         if self._client is not None:
@@ -118,14 +123,17 @@ class DaskWorkers:
         return self._client
 
     def capacity(self) -> int:
-        """Twice the threads of the workers that are there, and never none: workers come and go."""
+        """Return twice the number of worker threads, at least 1.
+
+        Workers come and go.
+        """
         try:
             return max(1, AHEAD * sum(map(int, self._connected().nthreads().values())))
         except OSError:
             return 1
 
     def submit(self, walk: Callable[..., Row], *values: object) -> "Future[Row]":
-        """Give a walk to the scheduler.
+        """Submit a walk to the scheduler.
 
         Raises:
             RuntimeError: Not connected.

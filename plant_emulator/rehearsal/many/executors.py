@@ -1,4 +1,6 @@
-"""Executors that walk robots: processes of this machine, or the workers of a Dask scheduler.
+"""Executors of walks.
+
+They are processes of this machine, or the workers of a Dask scheduler.
 
 Both take a function of a module and plain values, and give a future of `concurrent.futures`.
 """
@@ -21,7 +23,7 @@ MOST_JOBS = 256
 
 
 class ExecutorsLostError(Exception):
-    """All who walk are gone, for instance the scheduler.
+    """Loss of all executors, for instance of the scheduler.
 
     Args:
         where: Address that does not answer any more.
@@ -33,7 +35,10 @@ class ExecutorsLostError(Exception):
 
 
 class ExecutorsRefusedError(Exception):
-    """Workers that cannot be used; the message says which, why, and what to do."""
+    """Workers that cannot be used.
+
+    The message states which workers, why, and what to do.
+    """
 
 
 class Executors(Protocol):
@@ -48,20 +53,22 @@ class Executors(Protocol):
         """Errors of a future whose process died."""
 
     def __enter__(self) -> Self:
-        """Begin."""
+        """Start the executors."""
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Cancel what has not begun, and end."""
+        """Cancel the waiting walks, and end."""
 
     def capacity(self) -> int:
-        """Walks that may be given out at once."""
+        """Return the number of walks that may be submitted at once."""
 
     def submit(self, walk: Callable[..., Row], *values: object) -> "Future[Row]":
-        """Give a walk out: a function of a module, and plain values."""
+        """Submit a walk: a function of a module, and plain values."""
 
 
 class LocalProcesses:
-    """Processes of this machine, each an executor of its own: one that dies takes only its own robot with it.
+    """Processes of this machine, each an executor of its own.
+
+    A process that dies loses only its own robot.
 
     Args:
         jobs: Number of processes.
@@ -72,20 +79,26 @@ class LocalProcesses:
 
     def __init__(self, jobs: int) -> None:
         if not 1 <= jobs <= MOST_JOBS:
-            raise ValueError(f"{jobs} processes; 1 to {MOST_JOBS} are possible")
+            raise ValueError(f"{jobs} processes; expected 1 to {MOST_JOBS}")
         self._jobs = jobs
         self._free: list[ProcessPoolExecutor] = []
         self._busy: dict[Future[Row], ProcessPoolExecutor] = {}
         self._settings = ExitStack()
 
     def __enter__(self) -> Self:
-        """Begin: linear algebra has one thread in each process, as there is a process per core."""
+        """Start the processes, with one thread each for linear algebra.
+
+        There is one process per core.
+        """
         self._settings.enter_context(one_thread())
         self._free = [_process() for _ in range(self._jobs)]
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """End all; after an error nobody waits for walks that nobody wants any more."""
+        """End all processes.
+
+        After an error, running walks are killed.
+        """
         everyone = [*self._free, *self._busy.values()]
         if kind is not None:
             for each in everyone:
@@ -96,11 +109,14 @@ class LocalProcesses:
         self._settings.close()
 
     def capacity(self) -> int:
-        """The number of processes: a robot is given to a process that is free."""
+        """Return the number of processes.
+
+        A robot is walked by a free process.
+        """
         return self._jobs
 
     def submit(self, walk: Callable[..., Row], *values: object) -> "Future[Row]":
-        """Give a walk to a process that is free.
+        """Submit a walk to a free process.
 
         Raises:
             RuntimeError: None is free.
@@ -121,12 +137,18 @@ class LocalProcesses:
 
 
 def _process() -> ProcessPoolExecutor:
-    """One process, spawned, since a fork of a process with threads may stop."""
+    """Spawn one process.
+
+    A fork of a process with threads may hang.
+    """
     return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
 
 
 def _begin() -> None:
-    """Leave Ctrl-C to the parent, which ends its processes, and end with it, however it ends."""
+    """Ignore Ctrl-C, and end together with the parent process.
+
+    The parent handles Ctrl-C and ends its processes.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

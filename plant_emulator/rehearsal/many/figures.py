@@ -1,4 +1,7 @@
-"""Figures of a rehearsal: the true tip under each treatment, how the steps end, which robots are not cured, errors, cost."""
+"""Figures of a rehearsal.
+
+They show the true tip under each treatment, the ends of the steps, the robots that remain loud, errors, and cost.
+"""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -55,12 +58,15 @@ MOST_POINTS = 2000
 
 
 def kinds_of(rows: Sequence[Row]) -> list[str]:
-    """Kinds that are among the robots, in the order of their names."""
+    """Return the kinds of the robots, sorted by name."""
     return [kind for kind in KIND_NAMES if of_kind(rows, kind)]
 
 
 def tips(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of the true tip over the goal: fraction of all robots that stay below, under each treatment."""
+    """Return the figure of the true tip over the goal, by treatment.
+
+    It shows the fraction of all robots that stay below.
+    """
     kinds = kinds_of(rows)
     if not numbers(rows, "goal_mm"):
         return None
@@ -98,7 +104,10 @@ def _ratios(rows: Sequence[Row], treatment: str) -> list[float]:
 
 
 def before_and_after(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of each robot's true tip at the path's end over that without a treatment."""
+    """Return the figure of each robot's true tip before and after.
+
+    The tip at the path's end is shown over that without a treatment.
+    """
     found = [
         (before, after, is_quiet(row), text(row, "end_treatment") != "none")
         for row in rows[:MOST_POINTS]
@@ -132,7 +141,7 @@ def before_and_after(rows: Sequence[Row]) -> Drawing | None:
 
 
 def steps(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of how each step ended, as bars of counts."""
+    """Return the figure of the steps' ends, as bars of counts."""
     kinds = kinds_of(rows)
     if not kinds:
         return None
@@ -162,7 +171,7 @@ def steps(rows: Sequence[Row]) -> Drawing | None:
 
 
 def _inside(panel: Axes, at: style.Real, left: style.Real, counts: style.Real, whole: int) -> None:
-    """Write each count into its bar, where it fits."""
+    """Write each count into its bar if it fits."""
     box = {"facecolor": style.PAPER, "edgecolor": "none", "pad": 0.8}
     for y, begin, count in zip(at, left, counts, strict=True):
         if count >= FEWEST_INSIDE * whole:
@@ -170,7 +179,10 @@ def _inside(panel: Axes, at: style.Real, left: style.Real, counts: style.Real, w
 
 
 def facts(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of the fraction within the goal over facts of the robots."""
+    """Return the figure of the fraction within the goal.
+
+    It is drawn over facts of the robots.
+    """
     shown = [name for name in FACTS_SHOWN if len(set(numbers(rows, f"robot_{name}"))) > 1]
     if not shown:
         return None
@@ -195,7 +207,10 @@ def facts(rows: Sequence[Row]) -> Drawing | None:
 
 
 def _fractions(panel: Axes, pairs: Any) -> None:
-    """Draw fractions of the true in groups of equal size along a fact; equal facts stay together."""
+    """Draw fractions of the true in groups along a fact.
+
+    The groups have equal sizes; equal facts stay together.
+    """
     values, holds = pairs[:, 0], pairs[:, 1]
     distinct = np.unique(values)
     if len(distinct) <= BINS:
@@ -214,7 +229,7 @@ def _fractions(panel: Axes, pairs: Any) -> None:
 
 
 def wilson(counts: style.Real, whole: style.Real, z: float = 1.96) -> tuple[style.Real, style.Real]:
-    """Middle and half width of Wilson's interval of fractions, shape (n,) each.
+    """Return centre and half width of Wilson's interval, shape (n,) each.
 
     >>> import numpy as np
     >>> middle, half = wilson(np.array([95.0]), np.array([100.0]))
@@ -227,7 +242,10 @@ def wilson(counts: style.Real, whole: style.Real, z: float = 1.96) -> tuple[styl
 
 
 def errors(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of the deviations in standard errors: their spread, and its root mean square."""
+    """Return the figure of the deviations in standard errors.
+
+    It shows their spread and root mean square.
+    """
     found = quantities(rows)
     if not found:
         return None
@@ -263,7 +281,7 @@ def errors(rows: Sequence[Row]) -> Drawing | None:
 
 
 def cost(rows: Sequence[Row]) -> Drawing | None:
-    """Figure of the processor time of one robot's path."""
+    """Return the figure of the processor time of one robot's path."""
     spent = numbers(rows, "cpu_s")
     if not spent:
         return None

@@ -1,4 +1,7 @@
-"""One robot of a rehearsal: drawn, walked, and made a row; the function that a process or a cluster's worker is given."""
+"""One robot of a rehearsal: drawn, walked, and made a row.
+
+A process or a cluster's worker executes `walk_seed`.
+"""
 
 import tempfile
 import threading
@@ -24,7 +27,7 @@ KINDS = (*get_args(Kind), BOTH)
 
 
 _ALONE = threading.Lock()
-"""One walk at a time in a process, whoever gives them out."""
+"""One walk at a time in a process."""
 
 
 def kind_of(seed: int, kind: str) -> Kind:
@@ -44,13 +47,13 @@ def kind_of(seed: int, kind: str) -> Kind:
 
 
 def drawn(seed: int, kind: str) -> tuple[Robot, str]:
-    """A seed's robot, and the text of its blank bench file."""
+    """Return a seed's robot and the text of its bench file."""
     robot = draw(seed, kind=kind_of(seed, kind))
     return robot, blank_bench(robot)
 
 
 def facts(seed: int, kind: str) -> Row:
-    """Facts of a seed's robot and of its first axis, as a row."""
+    """Return the facts of a seed's robot and first axis."""
     robot, text = drawn(seed, kind)
     found = facts_of(robot, loads(text, Bench, "blank bench"), min(robot.axis))
     return {name: plain(value) for name, value in ({"seed": seed, "kind": kind_of(seed, kind)} | found).items()}

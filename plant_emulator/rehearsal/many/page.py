@@ -1,4 +1,7 @@
-"""The page of a rehearsal: one self-contained HTML file, in the style of all pages."""
+"""The page of a rehearsal, one self-contained HTML file.
+
+It has the style of all pages.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -22,7 +25,7 @@ EMULATED = Origin("emulated", "Emulated robots: nothing on this page was measure
 
 
 def write_page(path: Path, rows: Sequence[Row]) -> Path:
-    """Write the page of the robots of these rows; there must be one at least.
+    """Write the page of these rows' robots, at least one.
 
     Raises:
         OSError: The page cannot be written.
@@ -45,7 +48,7 @@ def write_page(path: Path, rows: Sequence[Row]) -> Path:
 
 
 def sections(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> list[Section]:
-    """All chapters for which there is data."""
+    """Return all chapters with data."""
     chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
         ("result", "Result", [tables.claims(found), figures.tips(rows), tables.tips(rows), figures.before_and_after(rows)]),
         ("path", "Steps", [figures.steps(rows), tables.steps(rows), tables.causes(rows), figures.facts(rows)]),
@@ -59,7 +62,10 @@ def sections(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> list[Secti
 
 
 def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict:
-    """Verdict at the top of the page: the claims that do not hold, in words."""
+    """Return the verdict at the top of the page.
+
+    It lists the claims that do not hold, in words.
+    """
     failed = [each for each in found if each.holds is False]
     open_ = [each for each in found if each.holds is None]
     quiet = "; ".join(
@@ -78,7 +84,7 @@ def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict
 
 
 def provenance(rows: Sequence[Row]) -> list[tuple[str, str]]:
-    """Seeds, kinds, the way over which the path went, and versions."""
+    """Return seeds, kinds, the path's connection, and versions."""
     versions = Counter(text(row, "version") for row in rows if text(row, "version"))
     ways = {True: "over the bus", False: "in one process, without frames"}
     over = [ways[value] for value in (False, True) if any(row.get("over_bus") is value for row in rows)]
@@ -91,7 +97,10 @@ def provenance(rows: Sequence[Row]) -> list[tuple[str, str]]:
 
 
 def _spans(seeds: Sequence[object]) -> str:
-    """Seeds in as few words as name them; those of one kind out of two are every second."""
+    """Return seeds in as few words as possible.
+
+    If there is one kind out of two, its seeds are every second one.
+    """
     numbers = sorted(seed for seed in seeds if isinstance(seed, int))
     steps = {after - before for before, after in pairwise(numbers)}
     if len(numbers) > 2 and steps == {2}:

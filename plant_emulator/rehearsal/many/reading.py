@@ -1,4 +1,7 @@
-"""Rows as they are read: numbers, steps, tips and quantities of a robot by the names of their columns."""
+"""Access to rows by the names of their columns.
+
+It gives numbers, steps, tips and quantities of a robot.
+"""
 
 from collections.abc import Iterable, Sequence
 
@@ -10,52 +13,55 @@ ENDED = ("done", "noted", "refused", "stopped", "crashed", "skipped")
 IS_DONE = frozenset({"done", "noted"})
 
 TREATED = ("notch_designed", "cancellation", "cancellation_learnt")
-"""Treatments that the path chooses by what it measures; the copied notch is nobody's choice."""
+"""Treatments that the path chooses by its measurements; it never chooses the copied notch."""
 
 
 def number(row: Row, name: str) -> float | None:
-    """Number of a cell; None if there is none."""
+    """Return the number of a cell, or None."""
     value = row.get(name)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def text(row: Row, name: str) -> str:
-    """Text of a cell; empty where there is none."""
+    """Return the text of a cell, or ""."""
     value = row.get(name)
     return value if isinstance(value, str) else ""
 
 
 def numbers(rows: Iterable[Row], name: str) -> list[float]:
-    """All numbers of a column."""
+    """Return all numbers of a column."""
     return [value for row in rows if (value := number(row, name)) is not None]
 
 
 def is_done(row: Row, step: str) -> bool:
-    """True if the step has its result."""
+    """Return True if the step has its result."""
     return text(row, f"{step}_ended") in IS_DONE
 
 
 def tips_mm(row: Row, treatment: str) -> dict[int, float]:
-    """True tip by order under a treatment or `floor`; only orders whose resonance the motion passes."""
+    """Return the true tip by order under a treatment or `floor`.
+
+    Orders whose resonance the motion does not pass are left out.
+    """
     found = {order: number(row, f"tip_{treatment}_k{order}_mm") for order in ORDERS}
     return {order: value for order, value in found.items() if value is not None}
 
 
 def worst_tip_mm(row: Row, treatment: str) -> float | None:
-    """True tip of the worst order."""
+    """Return the true tip of the worst order."""
     return max(tips_mm(row, treatment).values(), default=None)
 
 
 def is_quiet(row: Row) -> bool:
-    """True if the path ends with a true tip within the goal."""
+    """Return True if the path's true tip meets the goal."""
     return row.get("is_quiet") is True
 
 
 def accepted(row: Row) -> list[str]:
-    """Treatments that the path accepted and whose true tip is known."""
+    """Return the accepted treatments whose true tip is known."""
     return [name for name in TREATED if is_done(row, name) and tips_mm(row, name)]
 
 
 def of_kind(rows: Sequence[Row], kind: str) -> list[Row]:
-    """Rows of the robots of a kind."""
+    """Return the rows of a kind's robots."""
     return [row for row in rows if row.get("kind") == kind]

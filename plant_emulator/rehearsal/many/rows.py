@@ -1,4 +1,7 @@
-"""Rows of the table, a robot each: plain values by the name of their column, kept in files of their own, whole or not at all."""
+"""Rows of the table, one per robot.
+
+They hold plain values by column name. Each is saved atomically in a file of its own.
+"""
 
 import json
 import math
@@ -34,12 +37,15 @@ class RehearsalSettings:
 
 
 def steady(row: Row) -> dict[str, Value]:
-    """Columns that follow from the seed; another machine or another day changes the others, which count processor time."""
+    """Return the columns that follow from the seed alone.
+
+    Columns of processor time differ between machines and days, and are left out.
+    """
     return {name: value for name, value in row.items() if not name.endswith("cpu_s")}
 
 
 def plain(value: object) -> Value:
-    """Value as it stands in a row: a number that is not finite is none.
+    """Return the value for a row; non-finite numbers become None.
 
     Raises:
         TypeError: It is neither text, number, truth value nor None.
@@ -54,17 +60,19 @@ def plain(value: object) -> Value:
 
 
 class Kept:
-    """The rows of a folder: `robots/seed-N.json` each, beside the settings they were made with.
+    """The rows in a folder.
+
+    They are `robots/seed-N.json`, beside the settings that they were made with.
 
     Args:
-        folder: Folder of the rehearsal; made where it is not there.
+        folder: Folder of the rehearsal; created if missing.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def begin(self, settings: RehearsalSettings, *, resume: bool) -> None:
-        """Take a folder for a rehearsal, or take it up again.
+        """Begin a rehearsal in a folder, or resume one.
 
         Args:
             settings: RehearsalSettings of this rehearsal.
@@ -84,7 +92,7 @@ class Kept:
             return
         before = self.settings()
         if not resume:
-            raise RefusedError(f"{self.folder} has a rehearsal already; --resume goes on with it, or choose another folder")
+            raise RefusedError(f"{self.folder} already holds a rehearsal; give --resume to continue it, or choose another folder")
         if before != settings:
             differs = ", ".join(
                 f"{each.name} was {getattr(before, each.name)}, now {getattr(settings, each.name)}"
@@ -94,7 +102,7 @@ class Kept:
             raise RefusedError(f"{self.folder} has a rehearsal with other settings ({differs}); choose another folder")
 
     def settings(self) -> RehearsalSettings:
-        """RehearsalSettings of the rehearsal in the folder.
+        """Return the settings of the rehearsal in the folder.
 
         Raises:
             FileError: The folder holds none, or one that cannot be read.
@@ -108,7 +116,7 @@ class Kept:
         return RehearsalSettings(kind, over_bus)
 
     def keep(self, row: Row) -> None:
-        """Write one robot's row, whole or not at all.
+        """Write one robot's row atomically.
 
         Raises:
             FileError: It cannot be written.
@@ -117,11 +125,13 @@ class Kept:
         write_atomically(self._path(_seed(row)), text.encode(), force=True)
 
     def seeds(self) -> set[int]:
-        """Seeds whose rows are there."""
+        """Return the seeds whose rows are saved."""
         return {int(path.stem.removeprefix("seed-")) for path in self._paths()}
 
     def rows(self, seeds: Sequence[int] | None = None) -> list[Row]:
-        """Rows in the order of their seeds: all, or those of these seeds.
+        """Return rows in the order of their seeds.
+
+        They are all rows, or those of these seeds.
 
         Raises:
             FileError: A row is not there or cannot be read.
@@ -150,7 +160,7 @@ def _seed(row: Row) -> int:
 
 
 def _document(path: Path) -> dict[str, Value]:
-    """A flat JSON document of plain values."""
+    """Return a flat JSON document of plain values."""
     try:
         with path.open("rb") as file:
             data = file.read(MAX_ROW_BYTES + 1)
@@ -160,9 +170,9 @@ def _document(path: Path) -> dict[str, Value]:
     except OSError as error:
         raise _bad(path, f"cannot be read ({error.strerror})", "a file of plant-emulator rehearse") from None
     except ValueError as error:
-        raise _bad(path, f"is no JSON ({error})", "a file of plant-emulator rehearse") from None
+        raise _bad(path, f"is not JSON ({error})", "a file of plant-emulator rehearse") from None
     if not isinstance(document, dict) or not all(_is_plain(value) for value in document.values()):
-        raise _bad(path, "is no flat JSON object", "a file of plant-emulator rehearse")
+        raise _bad(path, "is not a flat JSON object", "a file of plant-emulator rehearse")
     return document
 
 

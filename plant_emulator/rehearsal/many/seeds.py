@@ -1,4 +1,4 @@
-"""Seeds as they are named on a command line: `7`, `1-40`, `1-40,50,60-70`."""
+"""Seeds in the spelling of a command line: `7`, `1-40`, `1-40,50,60-70`."""
 
 import re
 from collections.abc import Iterable
@@ -39,7 +39,7 @@ def seeds_of(text: str) -> tuple[int, ...]:
 
 
 def spans_text(seeds: Iterable[int]) -> str:
-    """Seeds in as few words as name them.
+    """Return seeds in as few words as possible.
 
     >>> spans_text([1, 2, 3, 7, 9, 10])
     '1-3, 7, 9-10'

@@ -1,4 +1,7 @@
-"""Statistics of a rehearsal's rows: fractions with their interval, deviations in standard errors, percentiles."""
+"""Statistics of a rehearsal's rows.
+
+They are fractions with their interval, deviations in standard errors, and percentiles.
+"""
 
 import math
 from collections.abc import Sequence
@@ -40,13 +43,13 @@ class QuantityStatistics:
 
 
 def deviations(rows: Sequence[Row], name: str) -> list[tuple[int, float]]:
-    """Seeds and z of a quantity."""
+    """Return seeds and z of a quantity."""
     found = ((row["seed"], number(row, f"{name}_z")) for row in rows)
     return [(seed, z) for seed, z in found if z is not None and isinstance(seed, int)]
 
 
 def quantities(rows: Sequence[Row]) -> list[QuantityStatistics]:
-    """Statistics of each quantity that any robot states."""
+    """Return the statistics of each quantity of any robot."""
     found = []
     for name in QUANTITIES:
         pairs = deviations(rows, name)
@@ -69,7 +72,7 @@ def quantities(rows: Sequence[Row]) -> list[QuantityStatistics]:
 
 
 def _median_off(rows: Sequence[Row], name: str) -> float | None:
-    """Median deviation, without its sign."""
+    """Return the median deviation, without its sign."""
     is_angle = name.endswith("_deg")
     off = []
     for row in rows:
@@ -84,7 +87,7 @@ def _median_off(rows: Sequence[Row], name: str) -> float | None:
 
 
 def fraction_text(count: int, whole: int) -> str:
-    """A fraction with Wilson's 95 % interval.
+    """Return a fraction with Wilson's 95 % interval as text.
 
     >>> fraction_text(95, 100), fraction_text(0, 0)
     ('95 of 100, 95 % (89–98)', '0 of 0')
@@ -97,7 +100,10 @@ def fraction_text(count: int, whole: int) -> str:
 
 
 def percentiles(values: Sequence[float]) -> dict[str, float]:
-    """Percentiles, each a robot's own, and the largest; empty where there are no values."""
+    """Return percentiles and the largest value.
+
+    Each is one robot's value; the result is empty if there are none.
+    """
     if not values:
         return {}
     found = {f"{percent} %": float(np.percentile(values, percent, method="nearest")) for percent in SHOWN_PERCENT}

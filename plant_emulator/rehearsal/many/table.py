@@ -1,4 +1,7 @@
-"""The one table of a rehearsal: a line per robot, as CSV, and as Parquet where pyarrow is installed."""
+"""The table of a rehearsal, one line per robot.
+
+It is written as CSV and, if pyarrow is installed, as Parquet.
+"""
 
 import csv
 import importlib.util
@@ -11,7 +14,7 @@ from plant_emulator.rehearsal.many.rows import Row, Value
 
 
 def columns_of(rows: Sequence[Row]) -> list[str]:
-    """Columns of all rows, each once, in the order in which the rows bring them."""
+    """Return the columns of all rows, each once, in order."""
     found: dict[str, None] = {}
     for row in sorted(rows, key=len, reverse=True):  # the row that has most shows the order
         found |= dict.fromkeys(row)
@@ -19,7 +22,10 @@ def columns_of(rows: Sequence[Row]) -> list[str]:
 
 
 def csv_text(rows: Sequence[Row]) -> str:
-    """Rows as CSV (RFC 4180 with line feeds): numbers with all their digits, yes and no, empty for none."""
+    """Return rows as CSV (RFC 4180 with line feeds).
+
+    Numbers have all their digits; truth values are yes and no; None is empty.
+    """
     columns = columns_of(rows)
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -35,12 +41,14 @@ def _cell(value: Value) -> str:
 
 
 def has_parquet() -> bool:
-    """True if Parquet can be written: pyarrow is installed (the extra `parquet`)."""
+    """Return True if pyarrow (extra `parquet`) is installed."""
     return importlib.util.find_spec("pyarrow") is not None
 
 
 def parquet_bytes(rows: Sequence[Row]) -> bytes:
-    """Rows as Parquet: a column of whole numbers, numbers, truth values or text, by what its cells are.
+    """Return rows as Parquet.
+
+    The cells decide whether a column has whole numbers, numbers, truth values or text.
 
     Raises:
         ImportError: pyarrow is not installed.
@@ -63,7 +71,7 @@ def parquet_bytes(rows: Sequence[Row]) -> bytes:
 
 
 def write_table(folder: Path, rows: Sequence[Row], *, force: bool = True) -> list[Path]:
-    """Write `robots.csv`, and `robots.parquet` where that can be; return the files.
+    """Write `robots.csv` and, if possible, `robots.parquet`; return the files.
 
     Raises:
         RefusedError: A file is there already, and `force` is not given.

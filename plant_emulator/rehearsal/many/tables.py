@@ -1,4 +1,7 @@
-"""Tables of a rehearsal: on the page, on the terminal, and as Markdown for the documents."""
+"""Tables of a rehearsal.
+
+They are for the page, the terminal and, as Markdown, for the documents.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -31,14 +34,17 @@ SHORT_WORDS = 220
 
 
 def claims(found: Sequence[RehearsalClaim]) -> ReportTable:
-    """The numbers that must be reached, beside those that were."""
+    """Return the goals beside the reached numbers."""
     rows: list[list[Cell]] = [[each.words, each.asked, each.measured, Mark(each.holds)] for each in found]
     header = ("Claim", "Asked", "Measured", "Holds")
     return ReportTable("claims", "Numbers that must be reached", "", header, rows, frozenset({0, 1, 2, 3}), is_prose=True)
 
 
 def tips(rows: Sequence[Row]) -> ReportTable | None:
-    """True tip of the worst order, in mm: percentiles by treatment."""
+    """Return percentiles of the worst order's true tip, by treatment.
+
+    They are in mm.
+    """
     cells: list[list[Cell]] = []
     groups = {}
     for kind in kinds_of(rows):
@@ -62,7 +68,7 @@ def tips(rows: Sequence[Row]) -> ReportTable | None:
 
 
 def steps(rows: Sequence[Row]) -> ReportTable:
-    """How each step ended, in counts."""
+    """Return the ends of each step, in counts."""
     cells: list[list[Cell]] = []
     groups = {}
     for kind in kinds_of(rows):
@@ -76,7 +82,7 @@ def steps(rows: Sequence[Row]) -> ReportTable:
 
 
 def causes(rows: Sequence[Row]) -> ReportTable | None:
-    """The refusals that ended paths, by their cause."""
+    """Return the refusals that ended paths, by cause."""
     found = refusals(rows)
     unrefused = sum(not is_quiet(row) and main_refusal(row) is None for row in rows)
     if not found and not unrefused:
@@ -96,7 +102,10 @@ def causes(rows: Sequence[Row]) -> ReportTable | None:
 
 
 def estimates(rows: Sequence[Row]) -> ReportTable | None:
-    """Truth beside estimate: deviations of each quantity, and what its standard error promised."""
+    """Return each quantity's deviations from the truth.
+
+    Their expectation by the standard error is beside them.
+    """
     cells: list[list[Cell]] = []
     for each in quantities(rows):
         off = NONE if each.median_off is None else number_text(each.median_off, "{:.2g}°")
@@ -113,7 +122,7 @@ def estimates(rows: Sequence[Row]) -> ReportTable | None:
 
 
 def worse(rows: Sequence[Row]) -> ReportTable | None:
-    """Robots that an accepted treatment made worse."""
+    """Return the robots that an accepted treatment made worse."""
     found = [row for row in rows if text(row, "worse")]
     if not found:
         return None
@@ -132,7 +141,10 @@ def worse(rows: Sequence[Row]) -> ReportTable | None:
 
 
 def probes(rows: Sequence[Row]) -> ReportTable | None:
-    """Wrong corrections: how many were tried, how many accepted, and what they did."""
+    """Return the trial of wrong corrections.
+
+    The table has the number tried, the number accepted, and their effect.
+    """
     cells: list[list[Cell]] = []
     for name in PROBES:
         tried = [row for row in rows if row.get(f"probe_{name}_accepted") is not None]
@@ -150,7 +162,7 @@ def probes(rows: Sequence[Row]) -> ReportTable | None:
 
 
 def cost(rows: Sequence[Row]) -> ReportTable | None:
-    """Processor time by step."""
+    """Return the processor time by step."""
     cells: list[list[Cell]] = []
     columns = {f"{step}_cpu_s": STEP_NAMES[step] for step in STEPS} | {"cpu_s": "whole path", "survey_cpu_s": "the truth"}
     for column, name in columns.items():
@@ -163,7 +175,10 @@ def cost(rows: Sequence[Row]) -> ReportTable | None:
 
 
 def robots(rows: Sequence[Row]) -> ReportTable | None:
-    """Robots that are not within the goal, one by one, those that broke first."""
+    """Return the robots that miss the goal, one by one.
+
+    Those whose walk broke come first.
+    """
     found = sorted((row for row in rows if not is_quiet(row)), key=lambda row: (row.get("walk") == WALKED, row["seed"]))
     if not found:
         return None
@@ -181,7 +196,7 @@ def robots(rows: Sequence[Row]) -> ReportTable | None:
 
 
 def markdown(table: ReportTable) -> str:
-    """Table as Markdown, its headings as rows of their own."""
+    """Return a table as Markdown, with headings as rows."""
     lines = [f"| {' | '.join(map(_plain, table.header))} |", f"|{'---|' * len(table.header)}"]
     for index, row in enumerate(table.rows):
         if index in table.groups:
@@ -205,7 +220,7 @@ def _short(words: str) -> str:
 
 
 def _probe(name: str) -> str:
-    """Name of a wrong correction in words.
+    """Return the name of a wrong correction in words.
 
     >>> _probe("phi2_off_60"), _probe("a4_times_3"), _probe("another_robot")
     ('φ₂ off by 60°', 'A₄ × 3', 'another robot')

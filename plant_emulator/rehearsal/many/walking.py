@@ -1,4 +1,7 @@
-"""Many robots walked by any executors: each at once kept, each whose process died tried once more."""
+"""Walk of many robots by any executors.
+
+Each row is saved at once; a robot whose process died is tried once more.
+"""
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
@@ -18,7 +21,9 @@ def walk_all(
     executors: Executors,
     on_row: Callable[[Row], None],
 ) -> None:
-    """Walk each seed's robot; its row is handed over as soon as it is there, in whatever order they come.
+    """Walk each seed's robot.
+
+    Each row is handed over as soon as it exists, in any order.
 
     Args:
         seeds: Seeds of the robots.
@@ -53,5 +58,5 @@ def walk_all(
 
 
 def crashed(seed: int) -> Row:
-    """Row of a robot whose process died each time."""
+    """Return the row of a robot whose process died each time."""
     return {"seed": seed, "walk": CRASHED, "walk_words": f"its process died {ATTEMPTS} times"}

@@ -58,7 +58,7 @@ FACT_NAMES = {
 
 
 def counted(kind: str, count: int) -> str:
-    """Number of robots of a kind, in words.
+    """Return the number of robots of a kind, in words.
 
     >>> counted("linear", 1), counted("any", 40)
     ('Linear gears: 1 robot', 'Any gears: 40 robots')

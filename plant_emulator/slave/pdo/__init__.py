@@ -1,4 +1,6 @@
-"""The process data objects of a node (CiA 301, 7.2.2): set-up, mapping, reception and transmission.
+"""Process data objects of a node (CiA 301, 7.2.2).
+
+The modules handle set-up, mapping, reception and transmission.
 
 >>> from drive_profiles.standard.cia301 import DataType
 >>> from plant_emulator.slave.pdo.bit_packer import BitPacker

@@ -1,4 +1,7 @@
-"""Values packed side by side with no regard to bytes, as a PDO carries them (CiA 301, 7.5.2.36)."""
+"""Bit packing of values in a PDO (CiA 301, 7.5.2.36).
+
+Fields need not begin at byte boundaries.
+"""
 
 from collections.abc import Sequence
 
@@ -9,15 +12,17 @@ Field = tuple[DataType | None, int]
 
 
 def bits_of(data_type: DataType) -> int:
-    """Give the bits that a value takes in a PDO: one for a BOOLEAN, else those of its bytes (CiA 301, 7.4.7).
+    """Return the number of bits that a value takes in a PDO.
 
-    A type without fixed length, which no PDO carries, takes 0.
+    It is 1 for a BOOLEAN, else the bits of its bytes (CiA 301, 7.4.7).
     """
     return 1 if data_type is DataType.BOOLEAN else 8 * (data_type.size or 0)
 
 
 class BitPacker:
-    """Packs fields of any bits, with the methods of `struct.Struct` that a PDO uses.
+    """Packer for fields of any number of bits.
+
+    It has the methods of `struct.Struct` that a PDO uses.
 
     The first field lies in the least significant bits of the first byte, the next one above it, and so on through the
     bytes, as a little-endian number; the bits above the last field are 0. Made of whole bytes, this is what `struct` gives.
@@ -39,7 +44,7 @@ class BitPacker:
         self.size = -(-end // 8)
 
     def pack(self, *values: Value) -> bytes:
-        """Give the bytes of one value for each field that is no gap.
+        """Pack one value for each field that is no gap.
 
         Raises:
             ValueError: A value is not of its field's type, or there are more or fewer values than fields.
@@ -50,7 +55,10 @@ class BitPacker:
         return number.to_bytes(self.size, "little")
 
     def unpack_from(self, data: bytes) -> tuple[Value, ...]:
-        """Give the values of the fields that are no gaps; what follows the last one is not looked at."""
+        """Unpack the values of the fields that are no gaps.
+
+        Bytes after the last field are ignored.
+        """
         number = int.from_bytes(data, "little")
         return tuple(
             decode(data_type, (number >> offset & (1 << bits) - 1).to_bytes(-(-bits // 8), "little"))

@@ -1,4 +1,7 @@
-"""Process data: which RPDO or TPDO acts at SYNC, on arrival, on request and on change (CiA 301, 7.2.2)."""
+"""Process data of a node (CiA 301, 7.2.2).
+
+The engine decides which RPDO or TPDO acts at SYNC, on arrival, on request and on change.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -17,10 +20,12 @@ _Listener = Callable[[bytes, int], None]
 
 
 class PdoEngine:
-    """All PDOs of a node, sorted by what drives them, so that a SYNC touches only those it concerns.
+    """All PDOs of a node, sorted by their triggers.
+
+    A SYNC touches only the PDOs that it concerns.
 
     Args:
-        dictionary: Brings the records 1400h to 1403h and 1800h to 1803h, as many as there are.
+        dictionary: Must have the records 1400h to 1403h and 1800h to 1803h, as many as there are.
         emergency: Hears of frames that have the wrong length or fail to come.
         sync: Whose counter and window count.
         changed: Called when the identifiers to listen to have changed.
@@ -59,7 +64,7 @@ class PdoEngine:
         self._goes_by_counter = False
 
     def load(self) -> None:
-        """Take all parameters from the dictionary, after a reset."""
+        """Read all parameters from the dictionary, after a reset."""
         self._is_loading = True
         for rpdo in self.rpdos:
             rpdo.load()
@@ -74,13 +79,16 @@ class PdoEngine:
         self._begin_anew()
 
     def stop(self) -> None:
-        """Neither send nor listen; earlier errors of the PDOs are over."""
+        """Stop sending and receiving; clear earlier errors of the PDOs."""
         self._is_running = False
         self._begin_anew()
 
     @property
     def listeners(self) -> dict[int, _Listener]:
-        """Receivers of the frame of each identifier that concerns a PDO; that of a remote request has its flag."""
+        """Receivers of frames that concern a PDO, by identifier.
+
+        The key of a remote request has the RTR flag.
+        """
         by_id: dict[int, list[_Listener]] = {}
         for rpdo in self._listening:
             by_id.setdefault(rpdo.can_id, []).append(rpdo.entrance)
@@ -90,7 +98,10 @@ class PdoEngine:
 
     @property
     def due(self) -> int | None:
-        """Instant at which the first event-driven TPDO, or the first deadline of an RPDO, is to be looked at again."""
+        """Instant of the next check for events and deadlines.
+
+        An event-driven TPDO or an RPDO's deadline is checked then.
+        """
         first = min((tpdo.due for tpdo in self.event_driven if tpdo.due is not None), default=None)
         if self._watched:
             deadlines = [due for rpdo in self._watched if (due := rpdo.deadline.due) is not None]
@@ -98,7 +109,10 @@ class PdoEngine:
         return first
 
     def synchronise(self, out: list[Frame]) -> None:
-        """Act on a SYNC: sample the TPDOs, then put received RPDOs into force (CiA 301, 7.2.2.2)."""
+        """Process a SYNC (CiA 301, 7.2.2.2).
+
+        The TPDOs are sampled, then the received RPDOs take effect.
+        """
         tpdos = self._synchronous_tpdos
         if self._goes_by_counter:
             counter = self._sync.counter
@@ -109,18 +123,18 @@ class PdoEngine:
             rpdo.synchronise()
 
     def poll(self, now: int, out: list[Frame]) -> None:
-        """Send the event-driven TPDOs whose event has come."""
+        """Send the event-driven TPDOs whose event has occurred."""
         for tpdo in self.event_driven:
             tpdo.poll(now, out)
 
     def check_deadlines(self, now: int) -> None:
-        """Report the RPDOs that have failed to come."""
+        """Report the RPDOs that are overdue."""
         for rpdo in self._watched:
             if rpdo.deadline.check(now):
                 self._on_missing(rpdo.number)
 
     def sort(self) -> None:
-        """Look anew at what drives each PDO."""
+        """Sort the PDOs by their triggers again."""
         if self._is_loading:
             return
         tpdos = [tpdo for tpdo in self.tpdos if self._is_running and tpdo.is_active]

@@ -1,4 +1,7 @@
-"""One PDO that a node receives: length, SYNC, window and deadline (CiA 301, 7.2.2 and 7.5.2.35)."""
+"""One PDO that a node receives (CiA 301, 7.2.2 and 7.5.2.35).
+
+The module handles its length, SYNC, window and deadline.
+"""
 
 from collections.abc import Callable
 
@@ -10,9 +13,11 @@ from plant_emulator.slave.sync import SyncConsumer
 
 
 class Deadline:
-    """The event timer of an RPDO: from a first frame on, each must come within its period.
+    """The event timer of an RPDO.
 
-    A frame only notes when it came, so that it costs little; `check` finds out whether the deadline has been put off.
+    After a first frame each must arrive within the period.
+
+    A frame only records its arrival time, which costs little; `check` moves the deadline.
 
     Args:
         number: 1 for the first RPDO.
@@ -32,12 +37,12 @@ class Deadline:
         self._heard_at = self._period_ns = 0
 
     def restart(self) -> None:
-        """Wait for a first frame; what was missing is so no longer."""
+        """Wait for a first frame; clear the time-out error."""
         self.due = None
         self._find()
 
     def hear(self, now: int, period_ns: int) -> None:
-        """Note a frame, after which the next one has this time."""
+        """Note a frame, and the time within which the next is due."""
         self._heard_at, self._period_ns = now, period_ns
         self._find()
         if self.due is None:
@@ -45,7 +50,10 @@ class Deadline:
             self._on_started()
 
     def check(self, now: int) -> bool:
-        """Tell whether the deadline has just passed; a frame since it was set has put it off."""
+        """Return True if the deadline has just passed.
+
+        Frames since the last check postpone it.
+        """
         if self.due is None or now < self.due:
             return False
         deadline = self._heard_at + self._period_ns
@@ -104,12 +112,15 @@ class Rpdo(PdoSetup):
 
     @property
     def entrance(self) -> Callable[[bytes, int], None]:
-        """Receiver of a frame: plain where neither window nor deadline concerns the PDO."""
+        """Receiver of a frame.
+
+        It is the plain one if neither window nor deadline applies to the PDO.
+        """
         is_watched = self.event_timer_ns or (self.is_synchronous and self._sync.window_ns)
         return self.receive_watched if is_watched else self.receive
 
     def start(self) -> None:
-        """Begin anew, without data waiting for SYNC, deadline and error."""
+        """Start without pending data, deadline or error."""
         self._pending = None
         if self._has_wrong_length:
             self._has_wrong_length = False
@@ -121,7 +132,7 @@ class Rpdo(PdoSetup):
         self.deadline.restart()
 
     def receive(self, data: bytes, _now: int) -> None:
-        """Take a frame; put it in force at once, or at the next SYNC."""
+        """Process a frame, now or at the next SYNC."""
         if len(data) != self.packer.size or self._has_wrong_length:
             self._report_length(len(data))
             if len(data) < self.packer.size:
@@ -132,7 +143,7 @@ class Rpdo(PdoSetup):
             self._put_in_force(data)
 
     def receive_watched(self, data: bytes, now: int) -> None:
-        """Take a frame if the window of SYNC is open, and start the deadline of the next one."""
+        """Process a frame within SYNC's window; restart the deadline."""
         if self.is_synchronous and now > self._sync.closes_at:
             return
         if self.event_timer_ns and len(data) >= self.packer.size:
@@ -140,7 +151,7 @@ class Rpdo(PdoSetup):
         self.receive(data, now)
 
     def synchronise(self) -> None:
-        """Put in force what arrived since the last SYNC."""
+        """Apply the data that arrived since the last SYNC."""
         if self._pending is not None:
             data, self._pending = self._pending, None
             self._put_in_force(data)

@@ -1,4 +1,7 @@
-"""The parameters of one PDO, and the order in which they may be changed (CiA 301, 7.5.2.35 to 7.5.2.38)."""
+"""Parameters of one PDO, and the order of changing them.
+
+Source: CiA 301, 7.5.2.35 to 7.5.2.38.
+"""
 
 import struct
 from collections.abc import Callable
@@ -17,7 +20,7 @@ MAX_MAPPED = 8
 MAX_BITS = 64
 MAX_SYNCHRONOUS = 240
 SYNCHRONOUS_ON_REQUEST, ON_REQUEST = 252, 253
-"""Transmission types of a TPDO that only a remote request lets go: sampled at SYNC, or when it is asked for."""
+"""Transmission types of a TPDO that only a remote request triggers: sampled at SYNC, or at the request."""
 EVENT_DRIVEN = (254, 255)
 
 _DUMMIES = {data_type: bits_of(data_type) for data_type in DataType if data_type <= DataType.UNSIGNED32}
@@ -26,7 +29,10 @@ _DUMMIES = {data_type: bits_of(data_type) for data_type in DataType if data_type
 
 @dataclass(frozen=True, slots=True)
 class PdoObject:
-    """One object of a PDO, as a mapping parameter packs it into 32 bits (CiA 301, 7.5.2.36)."""
+    """One mapped object of a PDO, packed into 32 bits.
+
+    Source: CiA 301, 7.5.2.36.
+    """
 
     index: int
     subindex: int
@@ -44,7 +50,7 @@ class PdoObject:
 
     @property
     def is_dummy(self) -> bool:
-        """True if a data type stands instead of an object."""
+        """True if a data type replaces an object."""
         return self.subindex == 0 and self.index in _DUMMIES
 
 
@@ -55,7 +61,7 @@ class PdoSetup:
     be looked at anew. `Rpdo` and `Tpdo` add what a PDO does.
 
     Args:
-        dictionary: Brings both records and the objects to be mapped.
+        dictionary: Must have both records and the objects to be mapped.
         number: 0 for the first PDO.
         is_transmit: TPDO (1800h, 1A00h) or RPDO (1400h, 1600h).
         changed: Called after an accepted change.
@@ -109,16 +115,16 @@ class PdoSetup:
         return self.transmission_type <= MAX_SYNCHRONOUS
 
     def start(self) -> None:
-        """Begin anew; nothing of what came or went before may reach into what follows."""
+        """Start anew, without data from earlier frames."""
 
     def restart_timer(self) -> None:
-        """Begin anew with the event timer, which has been written."""
+        """Start anew with the event timer that has been written."""
 
     def load(self) -> None:
-        """Take everything from the dictionary, by the same rules as from the bus.
+        """Read all parameters from the dictionary.
 
-        A stored value that these rules refuse gives way to the default, a mapping to an empty one, and the PDO does not exist,
-        as its COB-ID then says: what a memory holds must not keep a node from starting.
+        The rules are those for writes from the bus. A stored value that they refuse is replaced by the default, a mapping by
+        an empty one, and the PDO is disabled, as its COB-ID then shows: a stored value must not keep a node from starting.
 
         Raises:
             ValueError: The defaults of the dictionary are not a possible PDO.
@@ -221,7 +227,7 @@ class PdoSetup:
         return code
 
     def _refusal(self, mapped: PdoObject) -> SdoAbortCode | None:
-        """Tell why an object cannot be mapped, or None if it can."""
+        """Return the reason why an object cannot be mapped, or None."""
         # CiA 301, 7.5.2.36 names two codes only: an object is mapped whole, so other bits than its own are "not mappable" too.
         if mapped.is_dummy:
             is_mappable, data_type = not self._is_transmit, DataType(mapped.index)
@@ -248,7 +254,7 @@ class PdoSetup:
 
 
 def _packer(fields: list[Field]) -> struct.Struct | BitPacker:
-    """Give the fast packer where all fields are whole bytes that it knows, else the general one."""
+    """Return the fast packer for whole-byte fields, else the general one."""
     layout = "<"
     for data_type, bits in fields:
         character = f"{bits // 8}x" if data_type is None else data_type.struct_format

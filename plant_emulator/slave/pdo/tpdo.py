@@ -1,4 +1,7 @@
-"""One PDO that a node sends: at SYNC, on change, by its timer or on request (CiA 301, 7.2.2 and 7.5.2.37)."""
+"""One PDO that a node sends (CiA 301, 7.2.2, 7.5.2.37).
+
+It is sent at SYNC, on change, by its timer or on request.
+"""
 
 import struct
 from collections.abc import Callable
@@ -34,7 +37,7 @@ class Tpdo(PdoSetup):
 
     @property
     def is_event_driven(self) -> bool:
-        """True if a change lets the PDO go."""
+        """True if a change triggers the PDO."""
         return self.transmission_type in EVENT_DRIVEN
 
     @property
@@ -44,11 +47,14 @@ class Tpdo(PdoSetup):
 
     @property
     def waits_for_counter(self) -> bool:
-        """True if the counter of SYNC selects the first SYNC (sub-index 6); only types 1 to 240 count."""
+        """True if SYNC's counter selects the first SYNC (sub-index 6).
+
+        This applies to types 1 to 240 only.
+        """
         return self.start_value > 0 and 1 <= self.transmission_type <= MAX_SYNCHRONOUS
 
     def start(self) -> None:
-        """Begin anew: nothing sent yet, no SYNC counted."""
+        """Start with nothing sent and no SYNC counted."""
         self._sent: bytes | None = None
         self._sent_at = 0
         self._syncs = 0
@@ -56,9 +62,10 @@ class Tpdo(PdoSetup):
         self.due = None
 
     def counts(self, counter: int | None) -> bool:
-        """Tell whether a SYNC with this counter is one to count: the first has the start value, those after it any.
+        """Return True if the PDO counts a SYNC with this counter.
 
-        One without the counter that there should be is no SYNC to a PDO that goes by counters.
+        The first one has the start value, later ones any. A SYNC that lacks its counter is ignored by a PDO with a start
+        value.
         """
         if not self.waits_for_counter:
             return True
@@ -66,7 +73,10 @@ class Tpdo(PdoSetup):
         return self._has_first_sync and counter is not None
 
     def synchronise(self, out: list[Frame]) -> None:
-        """Send at SYNC: each n-th time, or where the transmission type is 0 only what is not as it was sent last."""
+        """Send at SYNC according to the transmission type.
+
+        Type n sends at each n-th SYNC; type 0 sends only if the data have changed.
+        """
         every = self.transmission_type
         if every > 1:
             if every == SYNCHRONOUS_ON_REQUEST:
@@ -84,7 +94,10 @@ class Tpdo(PdoSetup):
         out.append(_frame(Frame, (self.can_id, data)))
 
     def poll(self, now: int, out: list[Frame]) -> None:
-        """Send what has changed since it was sent, or when the event timer asks, but not within the inhibit time."""
+        """Send changed data, or at the end of the event timer.
+
+        The inhibit time is respected.
+        """
         data = self._sample()
         earliest = now if self._sent is None else self._sent_at + self.inhibit_ns
         latest = self._sent_at + self.event_timer_ns if self.event_timer_ns else None
@@ -98,7 +111,7 @@ class Tpdo(PdoSetup):
             self.due = now + self.event_timer_ns if self.event_timer_ns else None
 
     def answer(self, _data: bytes, _now: int) -> None:
-        """Take a remote request; `poll` answers that of an event-driven PDO."""
+        """Process a remote request; `poll` answers for an event-driven PDO."""
         if self.is_event_driven:
             self._sent = _ASKED_FOR
         elif self.transmission_type != SYNCHRONOUS_ON_REQUEST:

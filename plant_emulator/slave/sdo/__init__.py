@@ -1,4 +1,6 @@
-"""The SDO servers of a node (CiA 301, 7.2.4): expedited, segmented and block transfers.
+"""SDO servers of a node (CiA 301, 7.2.4).
+
+They handle expedited, segmented and block transfers.
 
 >>> from plant_emulator.slave.dictionary import Dictionary
 >>> from plant_emulator.slave.objects import communication_entries

@@ -1,4 +1,7 @@
-"""The two directions of an SDO block transfer, without the server around them (CiA 301, 7.2.4.3.9 to 7.2.4.3.15)."""
+"""SDO block transfer in both directions, without the server.
+
+Source: CiA 301, 7.2.4.3.9 to 7.2.4.3.15.
+"""
 
 from binascii import crc_hqx
 
@@ -13,32 +16,38 @@ _SEQUENCE_NUMBER = 0x7F
 
 
 def crc_of(data: bytes) -> int:
-    """Give the checksum of a whole value: CRC-16-CCITT, polynomial 1021h, start value 0 (CiA 301, 7.2.4.3.16)."""
+    """Return the checksum of a whole value.
+
+    It is CRC-16-CCITT, polynomial 1021h, start value 0 (CiA 301, 7.2.4.3.16).
+    """
     return crc_hqx(data, 0)
 
 
 def count_segments(length: int) -> int:
-    """Tell how many segments a value takes; an empty one takes one, which carries nothing."""
+    """Return the number of segments of a value.
+
+    An empty value takes one segment without data.
+    """
     return max(1, -(-length // SEGMENT_DATA))
 
 
 class BlockDownload:
-    """The part of a value that a client has sent, and the part that is missing.
+    """Buffer of a value that a client is sending.
 
-    A value that is too long is found out at the end of a sub-block, where the client listens: no segment of it can arrive after
-    the abort and be mistaken for a request. The size of the sub-blocks stays as it was granted first: the standard lets the
-    server change it, but clients exist that then put the segments in the wrong places.
+    A value that is too long is refused at the end of a sub-block, when the client waits for an answer: no segment can then
+    arrive after the abort and be taken for a request. The sub-block size stays as first granted. The standard lets the
+    server change it, but some clients then put the segments in the wrong places.
 
     Args:
-        announced: Length of the value, or None if the client does not tell.
+        announced: Length of the value, or None if the client does not state it.
         max_bytes: The longest value; up to one sub-block more is kept until its end, where it is refused.
         max_block_size: At most so many segments are granted at once, 1 to 127.
-        has_crc: Whether the end brings a checksum.
+        has_crc: True if the end brings a checksum.
 
     Attributes:
         block_size: Segments granted for each sub-block.
-        is_complete: Whether the last segment of the value is there.
-        has_heard: Whether a segment of this sub-block has come, be it the right one or not.
+        is_complete: True if the last segment of the value is there.
+        has_heard: True if a segment of this sub-block has come, be it the right one or not.
     """
 
     def __init__(self, announced: int | None, max_bytes: int, max_block_size: int, *, has_crc: bool) -> None:
@@ -52,23 +61,24 @@ class BlockDownload:
         self.block_size = min(max_block_size, count_segments(self._limit))
 
     def __len__(self) -> int:
-        """Number of bytes in the buffer."""
+        """Return the number of bytes in the buffer."""
         return len(self._received)
 
     def is_repetition(self, segment: bytes) -> bool:
-        """Tell whether the bus has delivered the last segment of the sub-block before a second time, as CAN now and then does.
+        """Return True if CAN delivered a sub-block's last segment twice.
 
-        Taken for the end of the next sub-block it would be acknowledged once too often. Where sub-blocks are of one segment
-        two equal ones may both be meant.
+        Taken for the end of the next sub-block, the segment would be acknowledged once too often. If sub-blocks have one
+        segment, two equal ones may both be genuine.
         """
         if self.has_heard or segment != self._ended_by:
             return False
         return self.is_complete or segment[0] & _SEQUENCE_NUMBER > 1
 
     def receive(self, segment: bytes) -> bool:
-        """Take a segment (7.2.4.3.10: c, seqno, 7 bytes) and tell whether it is the last of its sub-block.
+        """Process a segment; return True if it ends its sub-block.
 
-        One that does not follow its predecessor is dropped: the acknowledgement will ask for it again.
+        A segment is c, seqno and 7 bytes (7.2.4.3.10). One that does not follow its predecessor is dropped: the
+        acknowledgement requests it again.
 
         Raises:
             SdoAbort: No segment of this sub-block can have that number.
@@ -88,7 +98,9 @@ class BlockDownload:
         return is_end
 
     def acknowledge(self) -> tuple[int, int]:
-        """End a sub-block: give the number of the last segment that came in order, and the size of the next sub-block.
+        """End a sub-block and return its acknowledgement.
+
+        It is the number of the last segment that came in order, and the size of the next sub-block.
 
         Raises:
             SdoAbort: All that may come is there, and the client has more.
@@ -99,7 +111,9 @@ class BlockDownload:
         return accepted, self.block_size
 
     def finish(self, unused: int, crc: int) -> bytes:
-        """Give the value, when the client has announced the unused bytes of the last segment, and the checksum.
+        """Return the value at the end of the transfer.
+
+        The client has announced the unused bytes of the last segment, and the checksum.
 
         Raises:
             SdoAbort: Length or checksum differ from those that the client has announced.
@@ -115,12 +129,12 @@ class BlockDownload:
 
 
 class BlockUpload:
-    """A value on its way to the client, as it was when the transfer began.
+    """A value being uploaded, as it was at the transfer's start.
 
     Args:
         value: All of it.
         block_size: Segments that the client wants at once.
-        has_crc: Whether the end brings a checksum.
+        has_crc: True if the end brings a checksum.
 
     Raises:
         SdoAbort: There is no such block size.
@@ -139,12 +153,17 @@ class BlockUpload:
         return self._acknowledged == self._count
 
     def segments(self) -> tuple[bytes, ...]:
-        """Give the sub-block after the acknowledged segments (7.2.4.3.13: c, seqno, 7 bytes)."""
+        """Return the sub-block after the acknowledged segments.
+
+        A segment is c, seqno and 7 bytes (7.2.4.3.13).
+        """
         first = self._acknowledged
         return tuple(self._segment(first, number) for number in range(1, self._in_flight() + 1))
 
     def acknowledge(self, number: int, block_size: int) -> None:
-        """Take the number of the last segment that the client has in order, and the size of the next sub-block.
+        """Process the client's acknowledgement.
+
+        It has the number of the last segment received in order, and the size of the next sub-block.
 
         Raises:
             SdoAbort: No segment of that number has been sent, or there is no such block size and more is to come.
@@ -156,7 +175,10 @@ class BlockUpload:
             self._set_block_size(block_size)
 
     def end(self) -> tuple[int, int]:
-        """Tell how many bytes of the last segment are none, and the checksum: 0 where the client wants none."""
+        """Return the last segment's unused bytes, and the checksum.
+
+        The checksum is 0 if the client wants none.
+        """
         return self._count * SEGMENT_DATA - len(self._value), crc_of(self._value) if self._has_crc else 0
 
     def _set_block_size(self, block_size: int) -> None:

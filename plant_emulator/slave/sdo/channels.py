@@ -1,4 +1,7 @@
-"""The SDO servers of a node: the predefined one, and those that a master opens by 1201h and after (CiA 301, 7.5.2.33)."""
+"""The SDO servers of a node (CiA 301, 7.5.2.33).
+
+They are the predefined one and those that a master opens by 1201h and following objects.
+"""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -17,7 +20,10 @@ _NAMES = "COB-ID client to server", "COB-ID server to client"
 
 
 def channel_entries() -> Iterator[Entry]:
-    """Give the parameters of the predefined channel, and of one that does not exist before a master has opened it."""
+    """Return the parameters of the predefined and the additional channel.
+
+    The additional channel does not exist until a master opens it.
+    """
     u32, name = DataType.UNSIGNED32, "SDO server parameter"
     for subindex, base in ((REQUEST, FunctionCode.SDO_REQUEST), (RESPONSE, FunctionCode.SDO_RESPONSE)):
         text = _NAMES[subindex - 1]
@@ -37,7 +43,7 @@ class AdditionalChannel:
     supported.
 
     Args:
-        dictionary: Brings the record.
+        dictionary: Must have the record.
         index: Index of the record.
         server: SDO server of this channel.
         changed: Called when the channel exists from now on, or no longer.
@@ -62,7 +68,10 @@ class AdditionalChannel:
         return self._cob_ids[REQUEST] & CAN_SFF_MASK
 
     def load(self) -> None:
-        """Take both COB-IDs from the dictionary; where the bus could not have written one there, the default is put back."""
+        """Read both COB-IDs from the dictionary.
+
+        A COB-ID that the bus could not have written is replaced by the default.
+        """
         self._cob_ids = dict.fromkeys(self._cells, int(CobIdBit.INVALID))
         for subindex, cell in self._cells.items():
             cob_id = int(cell.current())  # a whole number, as the entry's type says
@@ -125,7 +134,7 @@ class SdoChannels:
         ]
 
     def load(self) -> None:
-        """Take the identifiers from the dictionary."""
+        """Read the identifiers from the dictionary."""
         self._request_id, self._predefined.response_id = (
             (self._dictionary.get_int(PREDEFINED, subindex) if (PREDEFINED, subindex) in self._dictionary else base)
             & CAN_SFF_MASK
@@ -136,13 +145,13 @@ class SdoChannels:
         self._collect()
 
     def receive(self, server: SdoServer, data: bytes, now: int) -> list[Frame]:
-        """Give the answers of one of the servers."""
+        """Return the answers of one of the servers."""
         frames = server.receive(data, now)
         self._plan()
         return frames
 
     def advance(self, now: int) -> list[Frame]:
-        """Give what time makes the servers say."""
+        """Return the frames of the servers that are due."""
         if self.due is None or now < self.due:
             return []
         frames = [frame for server in tuple(self.servers.values()) for frame in server.advance(now)]
@@ -150,7 +159,7 @@ class SdoChannels:
         return frames
 
     def reset(self) -> None:
-        """Forget all unfinished transfers, without a word to the clients."""
+        """Drop all unfinished transfers without informing the clients."""
         for server in self.servers.values():
             server.reset()
         self.due = None

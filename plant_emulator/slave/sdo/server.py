@@ -1,4 +1,7 @@
-"""The SDO server: expedited, segmented and block transfers, as a table of states and services (CiA 301, 7.2.4)."""
+"""The SDO server (CiA 301, 7.2.4).
+
+It handles expedited, segmented and block transfers by a table of states and services.
+"""
 
 import struct
 from collections.abc import Callable
@@ -26,7 +29,10 @@ Answers = tuple[bytes, ...]
 
 
 class SdoService(Enum):
-    """Request of a client: the command specifier in bits 7 to 5, and the sub-command of a block transfer below."""
+    """Request of a client: the command specifier, bits 7 to 5.
+
+    A block transfer has its sub-command in the lower bits.
+    """
 
     DOWNLOAD_SEGMENT = 0, 0
     INITIATE_DOWNLOAD = 1, 0
@@ -67,7 +73,7 @@ class SdoState(Enum):
 
 
 class SdoServer:
-    """Answers one client: frames in, frames out.
+    """SDO server for one client: frames in, frames out.
 
     Every request gets one answer, but for these:
 
@@ -75,13 +81,12 @@ class SdoServer:
     - An abort of the client ends the transfer in silence (7.2.4.3.17).
     - A segment of a block download is not answered; the last of its sub-block is, with the acknowledgement (7.2.4.3.10).
       A sub-block whose last segment is lost is acknowledged after `silence_ns`, as far as it came. Where no segment of it
-      came at all it is not: the client may still wait for the acknowledgement before, and would take this one for it. Nor
+      came at all it is not: the client may still wait for the previous acknowledgement, and would take this one for it. Nor
       is a last segment that the bus delivers twice.
     - The start of a block upload, and an acknowledgement after which there is more, are answered with a sub-block: 1 to 127
       segments (7.2.4.3.13).
     - The client's end of a block upload ends the transfer in silence (7.2.4.3.15).
-    - While the owner takes its time over a value (`Postponed`) the server is deaf: what comes meanwhile is lost, and the
-      answer comes when the owner has finished.
+    - While the owner delays a value (`Postponed`), the server drops all requests; it answers when the owner has finished.
 
     A request that begins a transfer forgets the one before it, in any state. In the middle of a sub-block its first byte
     distinguishes it from a segment only where that is higher than the sequence numbers granted; hence the block size of 31, below
@@ -126,11 +131,14 @@ class SdoServer:
 
     @property
     def buffered_bytes(self) -> int:
-        """Bytes of a client's value in the buffer: at most `max_bytes`, and six more in a block download."""
+        """Number of bytes of a client's value in the buffer.
+
+        It is at most `max_bytes`, and six more in a block download.
+        """
         return len(self._received) + len(self._block_download)
 
     def reset(self) -> None:
-        """Forget an unfinished transfer, without a word to the client."""
+        """Drop an unfinished transfer without informing the client."""
         self.state = SdoState.IDLE
         self.due: int | None = None
         self._index = self._subindex = 0
@@ -143,7 +151,7 @@ class SdoServer:
         self._late_answers: Answers = ()
 
     def receive(self, data: bytes, now: int) -> list[Frame]:
-        """Give the answers to a request."""
+        """Return the answers to a request."""
         if len(data) != _LENGTH or self.state is SdoState.WAITING or self._block_download.is_repetition(data):
             return []
         service = _SERVICES[data[0]]
@@ -170,7 +178,10 @@ class SdoServer:
         return [Frame(self.response_id, answer) for answer in answers]
 
     def advance(self, now: int) -> list[Frame]:
-        """Give what time brings: the answer that the owner has finished, an acknowledgement, the abort of a silent client."""
+        """Return the frames that are due.
+
+        They are an answer that the owner has finished, an acknowledgement, or the abort of a silent client's transfer.
+        """
         if self.due is None or now < self.due:
             return []
         if self._job is not None:

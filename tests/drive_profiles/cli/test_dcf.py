@@ -136,7 +136,7 @@ def test_a_vendor_s_eds_becomes_the_dcf_of_one_drive_with_its_commissioning_valu
     assert run("diff", "e.toml", "e.dcf").stdout == "no difference\n"
     # the serial number in the DCF says that they are this drive's
     said = run("upload", "e.dcf", "--node", "5", "--yes", "--allow-unverified").stderr
-    assert "left out, as the EDS keeps them out of downloads (ObjFlags): " in said
+    assert "left out, since the EDS excludes them from downloads (ObjFlags): " in said
     assert "rated_torque" in said
     run("convert", "e.dcf", "--out", "back.toml")
     assert "rated_torque" not in ParameterSet.load(folder / "back.toml").commissioning

@@ -99,7 +99,7 @@ def test_nmt_says_the_states_asks_and_tells_what_came_of_it():
     assert "node 2: operational" in run("nmt", "start", "--node", 2, "--yes").stdout
     assert "node 2: pre-operational" in run("nmt", "pre-operational", "--node", 2, "--yes").stdout
     assert "node 2: stopped" in run("nmt", "stop", "--node", 2, "--yes").stdout
-    assert "does not answer, as a stopped node does not" in run("nmt", "start", "--node", 2, "--yes").output
+    assert "does not answer; it may be stopped" in run("nmt", "start", "--node", 2, "--yes").output
     assert run("nmt", "reset-communication", "--all", "--yes").stdout.count("node ") == 4
     run("nmt", "start", "--node", 77, "--yes", code=5)
 

@@ -55,7 +55,7 @@ def test_a_node_without_a_node_id_is_found_and_given_one_that_acts_after_a_reset
 
 @pytest.mark.slow
 def test_what_would_mean_several_nodes_or_none_is_refused():
-    assert "would mean all of them" in run("lss", "show", "--only", code=2)
+    assert "needs a single node" in run("lss", "show", "--only", code=2)
     run("lss", "show", code=2)
     run("lss", "show", "--identity", "1,2,3", code=2)
     run("lss", "show", "--identity", "1,2,3,4", code=5)

@@ -110,7 +110,7 @@ def test_the_first_line_says_which_bus_is_taken_and_who_names_it(robot, monkeypa
     assert json.loads(done.stdout)["vendor_id"] == 0xFB
     assert run("info", "--node", "5", code=4).stderr.startswith("bus local:/nowhere/else.sock, from HIL_BUS\n")
     monkeypatch.setenv("HIL_BUS", "foo:bar")
-    assert "HIL_BUS: 'foo:bar': there is no interface 'foo'; there are local, socketcan" in run("scan", code=2).stderr
+    assert "HIL_BUS: 'foo:bar': unknown interface 'foo'; expected one of local, socketcan" in run("scan", code=2).stderr
     monkeypatch.delenv("HIL_BUS")
     assert "HIL_BUS" in run("scan", code=2).stderr
 
@@ -287,7 +287,7 @@ def test_a_store_is_judged_as_that_of_an_upload(code, status, words, monkeypatch
     assert ("drive-profiles restore --snapshot" in result.stderr) == (code == 0x0606_0000)
     assert held("position_gain_per_s") == (21 if code == 0 else before)
     monkeypatch.setattr(SdoPort, "write", aborting((0x1011, 1), code))
-    assert ("its next reset is not known" in run("restore", "--defaults", "--node", "2", "--yes", code=status).stderr) == (
+    assert ("after the next reset are not known" in run("restore", "--defaults", "--node", "2", "--yes", code=status).stderr) == (
         status == 8
     )
     monkeypatch.setattr(SdoPort, "write", write)
@@ -363,7 +363,7 @@ def test_a_set_of_another_device_is_refused_whatever_is_answered(folder):
         refused = run("upload", "other.toml", *chosen, answer, code=3).stderr
         assert "the set is of another device (serial number 99992, node 2 has 2)" in refused
         assert "limits are among its values: 6065:0" in refused
-        assert "--other-device writes it all the same" in refused
+        assert "give --other-device to write it all the same" in refused
     assert "9999" in run("upload", "other.toml", *chosen, "--dry-run", "--other-device").stderr
     assert "--yes, or answer" in run("upload", "other.toml", *chosen, "--other-device", "--store", code=2).stderr
     (folder / "moved.toml").write_text(other.replace("[limits]", "[commissioning]"))
@@ -429,7 +429,7 @@ def test_an_interrupt_before_anything_is_written_says_only_that(monkeypatch):
         (["pull", "--node", "2", "--classes", "tuned"], 2, "--classes tuned"),
         (["pull", "--node", "0"], 2, "--node"),
         (["upload", "missing.toml", "--node", "2"], 3, "missing.toml"),
-        (["upload", "missing.toml", "--node", "2", "--node", "2"], 2, "same drive twice"),
+        (["upload", "missing.toml", "--node", "2", "--node", "2"], 2, "a drive is given twice"),
         (["upload", "missing.toml", "--node", "2", "--reset"], 2, "--reset without --store"),
         (["diff", "missing.toml"], 3, "missing.toml"),
     ],

@@ -57,7 +57,7 @@ def test_a_node_that_is_gone_or_a_bus_that_is_lost_gives_no_set():
 
 
 def test_an_absent_node_is_said_to_be_silent_at_what_was_asked():
-    with pytest.raises(NoAnswerError, match=r"no answer to the read of 2003h:1 \(p3\) within 0\.5 s; is it powered"):
+    with pytest.raises(NoAnswerError, match=r"no answer to the read of 2003h:1 \(p3\) within 0\.5 s; check its supply"):
         device(Silent(rig.node(), gone_after=0)).read((0x2003, 1))
 
 
@@ -104,7 +104,7 @@ def test_a_pull_does_not_read_what_the_eds_keeps_out_of_scans_nor_what_it_keeps_
     pulled = device(line, eds.loads(FLAGGED, "a.eds")).pull()
     assert {"p0", "p1"}.isdisjoint(pulled.tuning)
     assert "p3" in pulled.tuning
-    assert pulled.header.not_read == ("2000:1 (p0), 2001:1 (p1): kept out of scans or downloads by the ObjFlags of the EDS",)
+    assert pulled.header.not_read == ("2000:1 (p0), 2001:1 (p1): excluded from scans or downloads by the ObjFlags of the EDS",)
     assert b"\x00\x20\x01" not in asked
     assert b"\x01\x20\x01" not in asked
 
@@ -117,7 +117,7 @@ def test_an_upload_leaves_out_what_the_eds_keeps_out_of_downloads_and_says_so(tm
         rig.UploadOptions(journals=tmp_path),
     )
     rig.fleet.prepare([made])
-    assert made.warnings == ["left out, as the EDS keeps them out of downloads (ObjFlags): p1"]
+    assert made.warnings == ["left out, since the EDS excludes them from downloads (ObjFlags): p1"]
     assert rig.fleet.run([made])[0].kind == "done"
     assert [slave.dictionary.get(0x2000 + n, 1) for n in (0, 1, 3)] == [150, rig.old_value(1), 150]
 

@@ -86,7 +86,7 @@ def test_a_product_that_no_profile_names_is_refused_with_what_to_do():
     with pytest.raises(NodeError) as error:
         device_at(bus, 2)
     text = str(error.value)
-    assert "no profile is of this device (vendor 0x000000FB, product 0x69990000, revision 0x01700000)" in text
+    assert "no profile fits this device (vendor 0x000000FB, product 0x69990000, revision 0x01700000)" in text
     assert "maxon_epos4 names 0x61500000 (module-50-5) or 0x60500000 (module-24-1.5) or 0x64500000 (70-15)" in text
     assert "--eds" in text
 

@@ -107,7 +107,7 @@ def test_identity_and_an_empty_one(numbers, structure):
         ((65, "[1018] SubNumber"), "'9' wrong: there are 2 sub-objects"),
         ((76, "[2000] ParameterName"), "missing; named '2000'"),
         ((81, "[2001] DataType"), "missing; taken as DOMAIN, bytes of any number"),
-        ((85, "[2002] AccessType"), "missing; taken as ro, so that nobody writes by it"),
+        ((85, "[2002] AccessType"), "missing; taken as ro, so that no tool writes it"),
         ((92, "[2003] AccessType"), "'read/write' read as rw"),
         ((93, "[2003] PDOMapping"), "'yes' read as 1"),
         ((98, "[2004] AccessType"), "'sometimes' not an access type; taken as ro"),

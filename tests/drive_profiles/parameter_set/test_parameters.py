@@ -355,7 +355,7 @@ def test_a_name_of_two_objects_is_refused_with_both():
     for index in ("2000", "2001"):
         text += f"[{index}]\nParameterName=Gain\nObjectType=7\nDataType=7\nAccessType=rw\n"
     (reason,) = reasons(lines(tuning={"gain": (1, "")}), Catalogue(None, eds.loads(text.encode())))
-    assert reason == "gain: 'gain' may be any of 2000:0 (Gain), 2001:0 (Gain): write the object instead of its name"
+    assert reason == "gain: 'gain' may be any of 2000:0 (Gain), 2001:0 (Gain); give its address instead of a name"
 
 
 def test_a_scale_of_the_drive_is_asked_for_by_the_lines_that_need_it():

@@ -141,7 +141,7 @@ class TestBiquad:
         assert shape_of(biquad, 1e-3).zero_hz == pytest.approx(18.019, abs=1e-3)  # the bilinear frequency of the same roots
 
     def test_a_frequency_beyond_the_rule_is_refused(self):
-        with pytest.raises(ValueError, match="600 Hz cannot be had by the bilinear prewarped"):
+        with pytest.raises(ValueError, match="600 Hz is not possible with the bilinear prewarped"):
             polynomial_of(Quadratic(600.0, 0.1), 1e-3, "bilinear prewarped")
         with pytest.raises(ValueError, match="backward Euler"):
             polynomial_of(Quadratic(300.0, 0.1), 1e-3, "backward Euler prewarped")
@@ -385,7 +385,7 @@ class TestCoefficients:
             held_filter(profile, {"filter_type": 1.0})
 
     def test_no_filter_and_no_such_section(self):
-        with pytest.raises(NotRealisableError, match="its profile knows no filter"):
+        with pytest.raises(NotRealisableError, match="its profile has no filter"):
             realise(drive(None), NOTCH)
         assert held_filter(drive(None), {}) == ()
         with pytest.raises(NotRealisableError, match="no filter section 2, its sections are 1 to 1"):

@@ -45,7 +45,7 @@ def test_what_a_step_is_worth_does_not_change_in_the_set_that_counts_in_it(name,
     both = ParameterSet(
         header=header, limits={"torque_limit_nm": Item(value=0.25, unit="N·m")}, commissioning=moved
     )  # fmt: skip
-    with pytest.raises(RefusedError, match=r"rated_torque_nm.*decides what a step of .*torque_limit_nm.*a set of its own"):
+    with pytest.raises(RefusedError, match=r"rated_torque_nm.*changes the scaling of .*torque_limit_nm.*a set of its own"):
         upload(device, both, tmp_path, allow_unverified=True)
     assert (dictionary.get(0x6076, 0), dictionary.get(0x6072, 0)) == (rated, limit)
     alone = ParameterSet(header=header, commissioning=moved)
@@ -164,6 +164,6 @@ def test_another_device_that_answers_after_the_question_is_not_written_to(tmp_pa
 
 def test_values_made_of_facts_that_nobody_has_verified_are_refused_unless_asked(tmp_path):
     doubtful = rig.wanted().model_copy(update={"header": Header(unverified="the paper says so")})
-    with pytest.raises(RefusedError, match=r"the paper says so\); --allow-unverified"):
+    with pytest.raises(RefusedError, match=r"the paper says so\); give --allow-unverified"):
         rig.upload(rig.node(), tmp_path, doubtful)
     assert rig.upload(rig.node(), tmp_path, doubtful, allow_unverified=True).changes

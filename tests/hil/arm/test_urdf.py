@@ -133,7 +133,7 @@ B = joint_xml("b", "continuous", "one", "two")
         (robot(), "<robot>: has no link"),
         ("<mujoco/>", "<mujoco>: is no robot"),
         ('<!DOCTYPE robot [<!ENTITY a "aaaa">]><robot/>', "not followed"),
-        ("<robot>", "no XML"),
+        ("<robot>", "is not XML"),
     ],
 )
 def test_what_describes_no_arm_is_refused_with_the_elements_name(tmp_path, text, said):

@@ -92,7 +92,7 @@ def test_an_environment_that_names_no_bus_is_refused_by_its_name(tmp_path, monke
 def test_an_interface_that_there_is_not_is_said_with_those_that_are_before_any_question(command, tmp_path):
     done = called(*command, "--bench", bench_file(tmp_path, "sockercan:can0"))
     assert done.exit_code == 2
-    assert "there is no interface 'sockercan', did you mean socketcan; there are local, socketcan, " in done.stderr
+    assert "unknown interface 'sockercan', did you mean socketcan; expected one of local, socketcan, " in done.stderr
     assert "slcan" in done.stderr
     assert "This moves" not in done.stderr
 

@@ -161,7 +161,7 @@ def test_a_port_can_be_switched_off_and_restarted_by_hand_now_or_later():
     made.wire.switch_off(NODE)
     made.run(5 * MS)
     assert made.world.drives[NODE].slave.nmt_state is NmtState.PRE_OPERATIONAL
-    with pytest.raises(ValueError, match="restarts nobody"):
+    with pytest.raises(ValueError, match="cannot restart a port"):
         made.wire.restart(NODE, 1 * MS)
     made.wire.restart(NODE, 9 * MS)
     assert of_the_drive(made.run(9 * MS)) == []

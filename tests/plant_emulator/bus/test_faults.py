@@ -202,8 +202,8 @@ class TestFile:
         [
             ('kind = "smash"', "one of"),
             ('kind = "drop"\nports = 1', "did you mean port"),
-            ('kind = "drop"\ndelay_ns = 1', "means nothing to a fault of kind drop"),
-            ('kind = "stuck"\nto_s = 1.0\nevery = 2', "means nothing"),
+            ('kind = "drop"\ndelay_ns = 1', "has no effect on a fault of kind drop"),
+            ('kind = "stuck"\nto_s = 1.0\nevery = 2', "has no effect"),
             ('kind = "stuck"', "needs to_s"),
             ('kind = "babble"\nport = 1', "needs can_id"),
             ('kind = "mute"', "needs port"),

@@ -146,7 +146,7 @@ def test_an_axis_beyond_the_nodes_of_a_bus_is_refused():
 
 def test_who_shares_a_node_id_is_named():
     text = robot_file([16]).replace(f"node_id = {ACCELEROMETER}", "node_id = 16")
-    with pytest.raises(ValueError, match="node id 16 is given to two nodes of the bus, axis 16 and the accelerometer"):
+    with pytest.raises(ValueError, match="node-ID 16 is given to two nodes of the bus, axis 16 and the accelerometer"):
         robot_of(text)
 
 

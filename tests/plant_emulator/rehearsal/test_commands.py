@@ -58,7 +58,7 @@ def test_a_stable_overwrites_nothing(tmp_path):
     (tmp_path / "bench-2.toml").write_text("mine")
     done = invoke("fleet", "--seeds", "1-3", "--out", tmp_path)
     assert done.exit_code == 3
-    assert "bench-2.toml: there already; nothing was written" in done.output
+    assert "bench-2.toml already exists; nothing was written" in done.output
     assert [path.name for path in tmp_path.iterdir()] == ["bench-2.toml"]
     assert (tmp_path / "bench-2.toml").read_text() == "mine"
 
@@ -126,7 +126,7 @@ def test_a_rehearsal_that_is_complete_walks_nobody_again(rehearsed):
     before = (folder / "robots" / f"seed-{CHEAP}.json").stat().st_mtime_ns
     done = invoke("rehearse", "--seeds", CHEAP, "--kind", "linear", "--out", folder, "--resume")
     assert done.exit_code == 0
-    assert "1 of 1 robots are there already" in done.output
+    assert "1 of 1 robots are done already" in done.output
     assert (folder / "robots" / f"seed-{CHEAP}.json").stat().st_mtime_ns == before
 
 
@@ -151,7 +151,7 @@ def test_ctrl_c_ends_a_rehearsal_with_its_processes_and_says_how_to_go_on(tmp_pa
             main.communicate()
     assert main.returncode == 130, said
     assert "interrupted; " in said
-    assert "--resume goes on" in said
+    assert "continue with --resume" in said
     assert "Traceback" not in said
     deadline = time.monotonic() + 10.0  # what a process had asked the system meanwhile may end after it
     while (left := _group(main.pid)) and time.monotonic() < deadline:
@@ -222,13 +222,13 @@ def test_json_is_one_document(kept):
 def test_resuming_only_adds_what_is_missing(kept):
     done = invoke("rehearse", "--seeds", "1-10", "--out", kept.folder, "--resume")
     assert done.exit_code == 0
-    assert "10 of 10 robots are there already" in done.output
+    assert "10 of 10 robots are done already" in done.output
 
 
 @pytest.mark.parametrize(
     ("words", "status", "said"),
     [
-        (("--seeds", "1"), 3, "has a rehearsal already; --resume goes on with it"),
+        (("--seeds", "1"), 3, "already holds a rehearsal; give --resume to continue it"),
         (("--seeds", "1", "--resume", "--kind", "real"), 3, "kind was both, now real"),
         (("--seeds", "1", "--resume", "--over-bus"), 3, "over_bus was False, now True"),
     ],

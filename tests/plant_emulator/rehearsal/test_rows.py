@@ -46,7 +46,7 @@ def test_a_rehearsal_that_walked_nobody_is_no_rehearsal(kept):
 
 def test_a_folder_with_a_rehearsal_is_not_taken_for_another(kept):
     kept.keep(row(3))
-    with pytest.raises(RefusedError, match="has a rehearsal already; --resume goes on with it"):
+    with pytest.raises(RefusedError, match="already holds a rehearsal; give --resume to continue it"):
         kept.begin(SETTINGS, resume=False)
     kept.begin(SETTINGS, resume=True)
     with pytest.raises(RefusedError, match="over_bus was False, now True"):
@@ -65,10 +65,10 @@ def test_a_folder_whose_settings_are_lost_is_not_mixed(kept):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("{", "is no JSON"),
-        ("[1]", "is no flat JSON object"),
-        ('{"seed": 3, "tip": {"k": 1}}', "is no flat JSON object"),
-        ('{"seed": 3, "tip": NaN}', "is no flat JSON object"),
+        ("{", "is not JSON"),
+        ("[1]", "is not a flat JSON object"),
+        ('{"seed": 3, "tip": {"k": 1}}', "is not a flat JSON object"),
+        ('{"seed": 3, "tip": NaN}', "is not a flat JSON object"),
         ('{"seed": 4}', "is the row of seed 4"),
         ('{"seed": 3, "words": "' + "x" * MAX_ROW_BYTES + '"}', "is longer than a row can be"),
     ],

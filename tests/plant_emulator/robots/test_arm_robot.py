@@ -77,9 +77,9 @@ def changed(tmp_path, *replacements):
     [
         (("axis = 6\n", "axis = 7\n"), "link 'flange' .axis 7. has no drive: the file has axes 1, 2, 3, 4, 5, 6"),
         (("[axis.6]\n", "[axis.7]\n"), "link 'flange' .axis 6. has no drive"),
-        (("[axis.2]\n", "[axis.2]\narm_inertia_kg_m2 = 8.0\n"), "axis 2: arm_inertia_kg_m2 is that of the links"),
-        (("[axis.2]\n", "[axis.2]\ngravity_moment_nm = 52.0\n"), "axis 2: gravity_moment_nm is that of the links"),
-        (("[axis.2]\n", '[axis.2]\njoint = "shoulder"\n'), "axis 2: joint names one of a URDF file"),
+        (("[axis.2]\n", "[axis.2]\narm_inertia_kg_m2 = 8.0\n"), "axis 2: the links of .arm. define arm_inertia_kg_m2"),
+        (("[axis.2]\n", "[axis.2]\ngravity_moment_nm = 52.0\n"), "axis 2: the links of .arm. define gravity_moment_nm"),
+        (("[axis.2]\n", '[axis.2]\njoint = "shoulder"\n'), "axis 2: joint needs a URDF file"),
         (("mass_kg = 15.0", "mass_kg = -15.0"), "at least 0"),
         (("yy = 2.81531257", "yy = 9.0"), "triangle inequality"),
         (("[arm]\n", '[arm]\nurdf = "arm.urdf"\n'), "either"),
@@ -149,7 +149,7 @@ def test_an_axis_of_a_urdf_file_names_its_joint_and_no_other_does(tmp_path):
     with pytest.raises(FileError, match="axis 3: needs joint"):
         load_robot(path)
     path.write_text(text.replace('joint = "joint_3"', 'joint = "joint_2"'), encoding="utf-8")
-    with pytest.raises(FileError, match="joint 'joint_2' is that of two axes"):
+    with pytest.raises(FileError, match="joint 'joint_2' is given to two axes"):
         load_robot(path)
 
 

@@ -133,7 +133,7 @@ def test_the_arm_of_a_urdf_file_is_given_drives_and_a_bench_that_reads_the_same_
         (("--urdf", EXAMPLE, "--home-deg", "0,200,95,0,65,0"), 2, "outside of its range_deg"),
         (("--urdf", EXAMPLE, "--tip-link", "wrist"), 3, "not at the arm's end"),
         (("--urdf", "nowhere.urdf"), 3, "cannot be read"),
-        (("--arms", "--home-deg", DOWN), 2, "with --urdf"),
+        (("--arms", "--home-deg", DOWN), 2, "needs --urdf"),
     ],
 )
 def test_a_urdf_arm_that_cannot_be_drawn_is_refused_and_nothing_is_written(tmp_path, words, status, said):

@@ -7,11 +7,11 @@ from plant_emulator.robots.robot import load_robot
 from tests.plant_emulator.many_axes import robot_file
 
 REFUSED = {
-    "phase_step_deg = 30.0": "phase_step_deg says how far, phase_step_s when",
-    "phase_step_s = 3.0": "phase_step_deg says how far, phase_step_s when",
+    "phase_step_deg = 30.0": "phase_step_deg and phase_step_s need each other",
+    "phase_step_s = 3.0": "phase_step_deg and phase_step_s need each other",
     "order = 3\nphase_drift_deg_min = 1.0": "order 3 changes, but ate has no such order; it has 2",
-    "phase_drift_deg_min = 1.0\n[[axis.2.ate_change]]\nload_deg_nm = 1.0": "the line without order stands twice",
-    "order = 2\n[[axis.2.ate_change]]\norder = 2.0": "order 2 stands twice",
+    "phase_drift_deg_min = 1.0\n[[axis.2.ate_change]]\nload_deg_nm = 1.0": "the line without order is given twice",
+    "order = 2\n[[axis.2.ate_change]]\norder = 2.0": "order 2 is given twice",
     "load_percent_nm = 1.0\ndirection_percent = -5": "at the gear's 380 N·m and direction_percent -5 make 385 %",
     "growth_percent_h = -1.0": "growth_percent_h",
     "phase_drift_deg_min = nan": "phase_drift_deg_min",

@@ -30,5 +30,5 @@ def test_drives_hold_the_gains_of_a_tuning_file_from_the_start():
 def test_an_axis_without_gains_in_the_tuning_is_named():
     tuning = load_tuning("reference")
     without = tuning.model_copy(update={"axis": {2: tuning.axis[2]}})
-    with pytest.raises(ValueError, match=r"no gains of axis 3: axis\.3\.control has to state them"):
+    with pytest.raises(ValueError, match=r"no gains for axis 3; add axis\.3\.control"):
         without.gains(ROBOT.axis)

@@ -114,7 +114,7 @@ def values(**changes):
 
 def test_two_nodes_with_one_number_are_refused():
     axes = {number: {**axis, "node_id": 4} for number, axis in values()["axis"].items()}
-    with pytest.raises(ValueError, match="node id 4"):
+    with pytest.raises(ValueError, match="node-ID 4"):
         Robot.model_validate(values(axis=axes))
 
 

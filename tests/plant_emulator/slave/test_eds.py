@@ -146,7 +146,7 @@ def test_values_at_the_moment_do_not_matter(bench, text):
 @pytest.mark.parametrize("value", ["two\nlines", " led by a space", "a ;comment"])
 def test_what_an_ini_file_cannot_carry_is_refused(value):
     entry = Entry(0x2000, 0, "Label", DataType.VISIBLE_STRING, Access.RW, value)
-    with pytest.raises(ValueError, match="cannot stand"):
+    with pytest.raises(ValueError, match="does not fit"):
         write_eds(Dictionary([entry]), INFO)
 
 

@@ -552,5 +552,5 @@ def test_the_robots_own_sensor_delay_is_added_to_the_drawn_one():
 def test_a_study_refuses_a_sensor_whose_response_it_cannot_follow():
     for change in ({"lowpass_hz": 90.0}, {"mounting_resonance_hz": 90.0}):
         robot = ROBOT.model_copy(update={"accelerometer": ROBOT.accelerometer.model_copy(update=change)})
-        with pytest.raises(ValueError, match="leave lowpass_hz"):
+        with pytest.raises(ValueError, match="leave out lowpass_hz"):
             Study(robot, 2, CONTROLS, NOTCHES)
