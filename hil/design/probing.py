@@ -1,4 +1,6 @@
-"""Probing: what each of many small settings does to recorded rows, and which settings bring the rows to nothing.
+"""Probing: effects of many small settings on recorded rows.
+
+From the effects follow the settings that bring the rows to zero.
 
 The runs of a design set every unknown high in half of the runs and low in the others, each independently of the rest, so that
 every run tells of every unknown. Its columns are those of a Hadamard matrix: R. L. Plackett and J. P. Burman, The design of
@@ -32,7 +34,7 @@ LEAST_FREEDOM = 2.0
 
 
 def balanced_signs(settings: int) -> Real:
-    """Signs of a design in which every setting is independent of the others; shape (runs, settings).
+    """Signs of a design with independent settings; shape (runs, settings).
 
     >>> signs = balanced_signs(11)
     >>> signs.shape, bool((signs.T @ signs == 12 * np.eye(11)).all()), signs.sum(axis=0).tolist()
@@ -55,7 +57,10 @@ def balanced_signs(settings: int) -> Real:
 
 
 def _hadamard(size: int) -> Real | None:
-    """A Hadamard matrix whose first column is 1; None for a size that neither primes nor doubling reach."""
+    """Build a Hadamard matrix whose first column is 1.
+
+    Returns None for a size that neither primes nor doubling reach.
+    """
     if size == 1:
         return np.ones((1, 1))
     prime = size - 1
@@ -133,7 +138,9 @@ def scatter_of(rows: Real) -> RunScatter:
 
 
 def effects_of(settings: Real, rows: Real) -> Effects:
-    """Level and effects by least squares over all runs, each row for itself.
+    """Fit level and effects to all runs by least squares.
+
+    Each row is fitted for itself.
 
     Args:
         settings: Settings of each run, repeated runs at the level included; shape (runs, settings).
@@ -153,7 +160,10 @@ def effects_of(settings: Real, rows: Real) -> Effects:
 
 
 def autocovariance(values: Real) -> Real:
-    """Autocovariance around 0 by lag, 1/n Σ x(t) x(t + lag), along the last axis; shape of `values`."""
+    """Autocovariance around 0 by lag, along the last axis.
+
+    1/n Σ x(t) x(t + lag), shape of `values`
+    """
     count = values.shape[-1]
     power = np.abs(np.fft.rfft(values, 2 * count, axis=-1)) ** 2
     return np.asarray(np.fft.irfft(power, 2 * count, axis=-1)[..., :count] / count)
@@ -184,7 +194,9 @@ class ProbedStep:
 
 
 def step_to_nothing(found: Effects, level: Real | None = None, spread: float | Real | None = None) -> ProbedStep:
-    """Settings that bring the rows to nothing, as far as they are seen, with honest standard errors.
+    """Compute the settings that bring the rows to zero.
+
+    Directions of the settings that are not seen stay at 0. The standard errors cover noise and disturbance.
 
     In the directions v of the settings that are seen, c = V a, D = Vᵀ(BᵀB less noise)V and M the covariance of what noise and
     disturbance make of z = Vᵀ Bᵀ y_0: a = −D⁻¹ z. Where the settings have a covariance P before anything is known, the likeliest
@@ -226,7 +238,10 @@ def step_to_nothing(found: Effects, level: Real | None = None, spread: float | R
 
 
 def _doubt(found: Effects, left: Real, unknowns: int, *, is_free: bool) -> Real:
-    """Covariance of what is left, and of noise in the effects, in Bᵀ y_0; shape (settings, settings)."""
+    """Covariance of residual and noise in Bᵀ y_0.
+
+    Noise in the effects is included; shape (settings, settings).
+    """
     correlation = autocovariance(left)
     spread = np.array([_correlated(each, correlation) for each in found.effects])
     if not is_free:  # settings that are hardly seen stay near 0, and fit nothing
@@ -241,7 +256,10 @@ def _products(first: Real, second: Real) -> Real:
 
 
 def _correlated(values: Real, correlation: Real) -> Real:
-    """Rows of each direction times the covariance of a disturbance; shape (directions, rows)."""
+    """Multiply the rows of each direction by a disturbance's covariance.
+
+    Shape (directions, rows).
+    """
     return np.stack([_toeplitz(each, one) for each, one in zip(values, correlation, strict=True)])
 
 
@@ -254,7 +272,10 @@ def _toeplitz(values: Real, by_lag: Real) -> Real:
 
 
 def _independent(correlation: Real) -> float:
-    """Number of independent samples of what is correlated from row to row, (tr R)²/tr R²; 0 where there is nothing."""
+    """Number of independent samples in correlated rows, (tr R)²/tr R².
+
+    It is 0 if there is no disturbance.
+    """
     count = correlation.shape[1]
     weights = 2.0 * (count - np.arange(count))
     weights[0] = count
@@ -263,7 +284,9 @@ def _independent(correlation: Real) -> float:
 
 
 def _inflation(correlation: Real, unknowns: int) -> float:
-    """Factor by which what is left is smaller than the disturbance, since so many unknowns were fitted to it.
+    """Ratio of the disturbance's power to that of the residual.
+
+    The fit of `unknowns` unknowns takes a part of the disturbance away.
 
     Raises:
         ValueError: It has too few independent samples.

@@ -1,4 +1,6 @@
-"""Resonance of an arm from one ramp of its own: no model, only the motor's angle, the tip and the motor's torque.
+"""Resonance of an arm from one ramp, without a model.
+
+It needs the motor angle, the tip acceleration and the motor torque.
 
 While the motor speeds up, an error of order k shakes the arm at k θ_m. Whatever its orders, the arm answers all of them with one
 resonance, driven in the angle domain:
@@ -70,7 +72,10 @@ LAW_ERROR, LAW_ERROR_BY_DAMPING = 0.003, 1.2
 
 
 class NoResonanceError(ValueError):
-    """The ramp shows no resonance that is clearly the arm's; the message says why."""
+    """Error: the ramp shows no resonance that is clearly the arm's.
+
+    The message gives the reason.
+    """
 
 
 @dataclass(frozen=True)
@@ -162,7 +167,10 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
 
 
 class _RampModel:
-    """The model's columns for any ω and ζ; the transforms of the orders are made once."""
+    """Columns of the model for any ω and ζ.
+
+    The orders are transformed once.
+    """
 
     def __init__(self, ramp: Ramp, orders: tuple[float, ...]) -> None:
         period_s, angle = ramp.period_s, np.asarray(ramp.motor_angle_rad, dtype=np.float64)
@@ -187,11 +195,14 @@ class _RampModel:
         self._grid = np.exp(np.arange(math.log(RANGE_HZ[0]), math.log(highest), GRID_STEP))
 
     def passes(self, speed_rps: float) -> bool:
-        """True if the ramp goes through a speed with room on both sides."""
+        """True if the ramp passes a speed with room on both sides."""
         return LEAST_MET_RPS <= speed_rps <= self._top_rps / ROOM
 
     def columns(self, resonance_hz: float, damping: float) -> Real:
-        """Columns of the orders, of what rings from the start, and of the slow curve; shape (n, unknowns)."""
+        """Columns of the model; shape (n, unknowns).
+
+        They are the orders, the ringing from the start, and the slow curve.
+        """
         x = self._frequency / resonance_hz
         answer = 1.0 / (1.0 + 2j * damping * x - x**2)
         driven = scipy.fft.irfft(self._spectra * answer, self._length, axis=-1)[:, self._rows].T
@@ -216,7 +227,9 @@ class _RampModel:
         return self._fit(self._tip, resonance_hz, damping)
 
     def is_felt(self, tip: _Fit, speed_rps: float) -> bool:
-        """True if the motor's torque shows the tip's resonance, beyond orders that swell and fall without one.
+        """True if the motor torque shows the tip's resonance.
+
+        The resonance has to explain more than orders whose amplitudes change linearly.
 
         Args:
             tip: The tip's resonance.
@@ -245,12 +258,15 @@ class _RampModel:
         return bool(agrees and is_clear and gained >= LEAST_TORQUE_EXPLAINED * float(before @ before))
 
     def _left(self, resonance_hz: float, damping: float) -> float:
-        """Power of the tip's vibration that the model leaves over."""
+        """Power of the tip's vibration that the model does not explain."""
         left = _left_over(self.columns(resonance_hz, damping), self._tip)
         return float(left @ left)
 
     def _fit(self, values: Real, resonance_hz: float, damping: float) -> _Fit:
-        """Standard errors and significances at the best resonance, for noise as strong as what is left beside it."""
+        """Compute standard errors and significances at the best resonance.
+
+        The noise is taken to be as strong as the residual beside the resonance.
+        """
         columns = self.columns(resonance_hz, damping)
         scale = _length(columns)
         scaled = columns / scale
@@ -278,7 +294,7 @@ def _length(columns: Real) -> Real:
 
 
 def _left_over(columns: Real, values: Real) -> Real:
-    """What least squares leave over of a signal; shape (n,).
+    """Residual of a signal after least squares; shape (n,).
 
     By normal equations of scaled columns, without the linear algebra's threads: a decomposition of a tall matrix takes them all,
     which on a busy machine is a hundred times as long.
@@ -290,7 +306,7 @@ def _left_over(columns: Real, values: Real) -> Real:
 
 
 def _noise_near(residual: Real, period_s: float, frequency_hz: float) -> float:
-    """Variance of the white noise that would leave what the residual has around a frequency."""
+    """Variance of white noise that explains the residual around a frequency."""
     power = np.abs(scipy.fft.rfft(residual)) ** 2 / len(residual)
     lines = scipy.fft.rfftfreq(len(residual), period_s)
     near = (lines > 0.5 * frequency_hz) & (lines < 2.1 * frequency_hz)
@@ -298,7 +314,9 @@ def _noise_near(residual: Real, period_s: float, frequency_hz: float) -> float:
 
 
 def _rising(ramp: Ramp) -> tuple[int, int, Real]:
-    """Rows from the first set-point that moves to just before the top speed, and |f_m| in rev/s; shape (n,).
+    """Find the rows of the ramp, and |f_m| in rev/s.
+
+    The rows go from the first set-point that moves to just before the top speed; |f_m| has the shape (n,).
 
     Raises:
         NoResonanceError: The motor never moves.

@@ -1,4 +1,7 @@
-"""Plants that an axis might have: the believed one, and corners of its uncertainty."""
+"""Plants that an axis might have.
+
+They are the believed plant and corners of its uncertainty.
+"""
 
 import itertools
 import math
@@ -97,7 +100,10 @@ def _by_parts(plant: TwoInertia, error: TransmissionError, fraction: float, sign
 
 
 def _by_frequency(plant: TwoInertia, error: TransmissionError, known: Mapping[str, float], signs: tuple[float, ...]) -> Member:
-    """f_a and K_g by two standard errors, 3 % at least; where f_a has none, it follows from those of K_g and J_l."""
+    """Build the corner with f_a and K_g off by two standard errors.
+
+    The distance is 3 % at least. If f_a has no standard error, it follows from those of K_g and J_l.
+    """
     relative = {
         name: known.get(name, 0.0) / getattr(plant, name)
         for name in ("gear_stiffness_nm_rad", "arm_inertia_kg_m2", "antiresonance_hz")
@@ -119,12 +125,18 @@ def _member(factors: Mapping[str, float], plant: TwoInertia, error: Transmission
 
 
 def plants_words(members: Sequence[Member]) -> str:
-    """The plants of a design in words, with how far apart they are: `5 plants: f_a ±3 %, K_g ±3 %`."""
+    """Describe the plants of a design and how far they differ.
+
+    For example: `5 plants: f_a ±3 %, K_g ±3 %`.
+    """
     return f"{len(members)} plants: {spread_words(members)}" if len(members) > 1 else "the believed plant alone"
 
 
 def spread_words(members: Sequence[Member]) -> str:
-    """Distance of the corners from the believed plant in words: `f_a ±3 %, K_g ±3 %`."""
+    """Describe the distance of the corners from the believed plant.
+
+    For example: `f_a ±3 %, K_g ±3 %`.
+    """
     names = list(dict.fromkeys(name for member in members for name in member.factors))
     reach = {name: max(abs(member.factors.get(name, 1.0) - 1.0) for member in members) for name in names}
     return ", ".join(f"{name} ±{100.0 * distance:.2g} %" for name, distance in reach.items())

@@ -1,4 +1,6 @@
-"""The loop of one axis on an arm: its margins in every posture, with the other axes' motors held and under their own loops.
+"""Loop of one axis on an arm, with its margins by posture.
+
+The motors of the other axes are held, or are under their own loops.
 
 A margin belongs to one loop, cut at its motor's torque, while the others stay closed: 1 + L = det(1 + P C)/det(1 + P C'), C'
 without this axis. No scale of torques enters, as it would into the largest singular value of the whole sensitivity. While an axis
@@ -53,7 +55,10 @@ class ArmCase:
     others: tuple[Other, ...] = ()
 
     def pole_radius(self, law: Loop, speed_rps: float) -> float:
-        """Largest |z| of all loops closed, the own filters frozen at a motor speed."""
+        """Largest |z| with all loops closed.
+
+        The own filters are frozen at a motor speed.
+        """
         laws = {other.motor: other.loop.law_block(other.speed_rps) for other in self.others}
         laws[self.own] = law.law_block(speed_rps)
         free = {row: laws[motor] for row, motor in enumerate(sorted(laws))}
@@ -65,7 +70,9 @@ class ArmCase:
         return [motor for motor in range(self.structure.motors) if motor not in turning]
 
     def angle_per_torque(self, frequency_hz: Real, receptance: Complex | None = None) -> Complex:
-        """Angle of the own motor over its torque, the others held or under their laws.
+        """Angle of the own motor per torque.
+
+        The other motors are held or under their laws.
 
         Args:
             frequency_hz: Frequencies; shape (m,).
@@ -122,11 +129,16 @@ class ArmFamily:
         self._open = OpenLoops(law, frequency, law.controller(frequency) * np.array(angles))
 
     def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
-        """Margins of every case with the own filters frozen at each speed; rows are those of `cases`."""
+        """Compute the margins of every case.
+
+        The own filters are frozen at each speed; rows are those of `cases`.
+        """
         return self._open.margins(notches, speeds_rps)
 
     def worst_pole(self, notches: Sequence[Notch], limit_rps: float) -> tuple[float, float, str]:
-        """Largest |z| of all closed loops, the speed and the case of it: at rest, and where no other filter acts within the own.
+        """Find the largest |z| of all closed loops, its speed and case.
+
+        The speeds are rest, and those within the own filters' ranges in cases without another acting filter.
 
         Together with the turns of the Nyquist curve, which say whether the own filters change it, this is every speed.
 

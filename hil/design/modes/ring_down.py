@@ -1,4 +1,6 @@
-"""What rings while a motor's loop holds it, and how much of it rings after a stop.
+"""Ringing of an arm while a loop holds its motor.
+
+The module computes the modes that ring, and how much each of them rings after a stop.
 
 When its set-points stand still a drive, its gear and its arm are left to themselves, and all that moves is a sum of the closed
 loop's poles: decays of the following, and the waves of the arm. So the tip's acceleration after a stop is linear in their
@@ -32,7 +34,9 @@ LONGEST_S = 1.0
 
 
 def closed_loop_rates(loop: Loop, modes: Sequence[ArmMode] = ()) -> Complex:
-    """Rates s of the closed loop at standstill, in rad/s, up to `FASTEST_POLE_HZ`: one of each pair, those that ring last.
+    """Closed-loop rates s at standstill, in rad/s, up to `FASTEST_POLE_HZ`.
+
+    There is one of each pair; those that ring come last.
 
     Args:
         loop: The loop; without modes its plant is the arm.
@@ -54,7 +58,10 @@ def _rings(rate: complex) -> bool:
 
 
 def modes_of(rates: Complex) -> list[SwingingMode]:
-    """The modes that ring, from the lowest: a pole with more than `MOST_SHAPED_DAMPING` does not."""
+    """List the modes that ring, from the lowest.
+
+    A pole with more damping than `MOST_SHAPED_DAMPING` does not ring.
+    """
     return [SwingingMode(abs(rate) / (2.0 * math.pi), -rate.real / abs(rate)) for rate in rates.tolist() if _rings(rate)]
 
 
@@ -132,7 +139,10 @@ def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
 
 
 def _columns(rates: Complex, time_s: Real) -> list[Real]:
-    """Decays and waves of poles over the time: one column for a real pole, two for a pair."""
+    """Decays and waves of poles over time.
+
+    A real pole has one column, a pair has two.
+    """
     found: list[Real] = []
     for rate in rates.tolist():
         wave = np.exp(rate * time_s)
