@@ -131,7 +131,7 @@ class PlantProblem:
         self._tip_lines = np.arange(len(self.jw))
 
     def _folding(self) -> "_Folding | None":
-        """Compute the parts of the images that depend on law and times only."""
+        """Parts of the images that depend on law and times only."""
         law, sync, control = self.timing.law, self.timing.sync_s, self.timing.control_s
         highest = max(1, int(0.5 * sync / control + 1e-9) - 1) if control > 0.0 else 0  # below half the rate of the law
         if law is None or highest == 0:

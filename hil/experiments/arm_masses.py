@@ -1,4 +1,7 @@
-"""Masses of an arm from the plants of its axes in several postures, and the dips that they predict; nothing is sent."""
+"""Masses of an arm from the plants of its axes.
+
+The plants are those of several postures; the dips in other postures follow. Nothing is sent to the robot.
+"""
 
 import datetime
 import math
@@ -55,7 +58,9 @@ class ArmNotIdentifiedError(HilError):
 
 
 def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
-    """Fit the masses of a bench's arm to what its axes have felt in several postures.
+    """Fit the masses of a bench's arm to measured modes.
+
+    The modes are those that the axes show in several postures.
 
     Raises:
         NotPossibleError: The bench has no arm, the model file is another robot's, or it has too few postures.
@@ -157,7 +162,10 @@ class _Arm:
         return {number: round(math.degrees(joints_rad[row])) for number, row in zip(self.axes, self.rows, strict=True)}
 
     def _by_bodies(self, fit: MassFit, joints_rad: Real) -> tuple[float, ...]:
-        """Dips of the bench file's bodies on the fitted gears; none where it has no bodies."""
+        """Dips of the bench file's bodies on the fitted gears.
+
+        The result is empty if the bench file has no bodies.
+        """
         if all(link.body is None for link in self.arm.link):
             return ()
         inertia = mass_matrix(self.arm, joints_rad)[np.ix_(self.rows, self.rows)]
@@ -178,7 +186,7 @@ class _Arm:
         )  # fmt: skip
 
     def _walked(self) -> tuple[Real, Real]:
-        """Fractions of the way along the bench's line, and the joint angles there.
+        """Fractions of the way along the bench's line, with joint angles.
 
         Raises:
             LineError: The arm cannot follow the line.
@@ -225,7 +233,10 @@ class _Arm:
 
 
 def _bodies_words(measured: Sequence[MeasuredDip]) -> list[str]:
-    """How far the bench file's bodies are from what was measured, where it has any: the dip that is farthest."""
+    """Describe how far the bench file's bodies are from the measurement.
+
+    The words name the dip that is farthest; the list is empty without bodies.
+    """
     with_bodies = [(row, row.bodies_hz) for row in measured if row.bodies_hz is not None]
     if not with_bodies:
         return []

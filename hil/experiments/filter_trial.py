@@ -1,4 +1,6 @@
-"""Trial of designed filters on the robot: the motion without them and with them, before it is run for its own sake.
+"""Trial of designed filters on the robot.
+
+The motion runs without the filters and with them before the filters are used.
 
 A filter is designed on a model, and on an axis that is a little other than it an order may rise, most of all where the gear is
 no spring. Every order that the gear has is looked at, each at the speeds at which it meets f_al. Filters that raise the tip's
@@ -33,7 +35,9 @@ def with_orders(scale: TipScale, orders: Collection[float]) -> TipScale:
 def try_filters(
     bench: Bench, scale: TipScale, run: Callable[[bool], Recording], orders: Collection[float] = (), reporter: Reporter = SILENT
 ) -> FilterTrial:
-    """Try filters: the motion without them and with them, and again until every rise is seen or excluded.
+    """Try filters until every rise is seen or excluded.
+
+    Each round runs the motion without the filters and with them.
 
     Args:
         bench: The bench file.
@@ -60,7 +64,10 @@ def try_filters(
 
 
 def _that_count(changes: list[PeakChange], judged: Collection[float]) -> list[PeakChange]:
-    """Changes in the windows that are judged, and in others where the tip goes beyond all that it did before."""
+    """Select the changes that decide on the filters.
+
+    These are the judged windows, and others in which the tip exceeds the largest peak without the filters.
+    """
     largest_mm = max(change.before_mm for change in changes)
     found = [change for change in changes if change.order in judged or change.after_mm > largest_mm]
     return found if any(change.order in judged for change in found) else changes

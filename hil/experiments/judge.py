@@ -1,4 +1,6 @@
-"""Scale by which a bench's runs are judged: f_al of the axes that move, from a model or from what a ramp shows of itself.
+"""Scale by which a bench's runs are judged.
+
+The scale needs f_al of the axes that move, from a model or from a ramp.
 
 A model, of the bench file or identified, comes first. Without one, a ramp on which nothing acts against the vibration may show
 the resonance by itself (`hil.design.ringing`); with one, what it shows has to agree. A run without an f_al is not judged. The
@@ -57,16 +59,25 @@ class FoundScale:
 
 
 class RunJudge:
-    """Scales of the runs on a bench; what the ramps without treatment show of their axes is kept for the runs that follow."""
+    """Scales of the runs on a bench.
+
+    It keeps the resonances that ramps without treatment show, for the runs that follow.
+    """
 
     def __init__(self, bench: Bench, identified: Identified | None = None) -> None:
-        """Begin without any run; of an arm that rings with several modes the model file tells them."""
+        """Begin without any run.
+
+        For an arm with several modes, the model file has the modes.
+        """
         self.bench, self._identified = bench, identified
         self._own: dict[int, Ringing] = {}
         self._why: dict[int, str] = {}
 
     def look(self, recording: Recording, axis: int) -> None:
-        """Look for the resonance of an axis in a ramp on which nothing acts against the vibration."""
+        """Look for the resonance of an axis in a ramp.
+
+        The ramp must be one without a treatment.
+        """
         try:
             self._own[axis] = own_ringing(recording, axis)
         except NoResonanceError as error:
@@ -74,7 +85,9 @@ class RunJudge:
             self._why[axis] = str(error)
 
     def rates(self, axis: int) -> Complex:
-        """Rates of an axis whose loop holds the motor: what can ring after its stop.
+        """Closed-loop rates of an axis that its loop holds at standstill.
+
+        These are what can ring after a stop.
 
         Raises:
             NotPossibleError: Nobody knows its plant or its gains.
@@ -82,7 +95,10 @@ class RunJudge:
         return rates_of(self.bench, axis, self._identified)
 
     def found(self, axis: int | None) -> FoundScale:
-        """Scale of a ramp of one axis, or of the line motion (None)."""
+        """Scale of a ramp of one axis, or of the line motion.
+
+        `axis` is None for the line motion.
+        """
         return self._line() if axis is None else self._axis(axis)
 
     def _axis(self, axis: int) -> FoundScale:
@@ -138,7 +154,7 @@ def _compared(known: TipScale, own: Ringing | None, who: str) -> FoundScale:
 
 
 def own_words(own: Ringing) -> str:
-    """A resonance that a ramp shows of its own, with its standard error and its orders."""
+    """Describe a ramp's own resonance with standard error and orders."""
     orders = " and ".join(f"{order:g}" for order in own.orders)
     many = "order" if len(own.orders) == 1 else "orders"
     return f"f_al {own.peak_hz:.2f} ± {own.standard_error_hz:.2f} Hz, from the run's own {many} {orders}"
@@ -158,7 +174,9 @@ def own_ringing(recording: Recording, axis: int) -> Ringing:
 
 
 def own_scale(bench: Bench, axis: int, recording: Recording) -> TipScale:
-    """Scale of an axis without a model, from a ramp on which nothing acts against the vibration.
+    """Scale of an axis without a model, from a ramp.
+
+    The ramp must be one without a treatment.
 
     Raises:
         NotPossibleError: The ramp does not show the resonance.
@@ -178,7 +196,9 @@ def shown_rps(bench: Bench) -> float:
 
 
 def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Sentences on the orders that meet f_al beyond the end of the bench's ramp: within the axis' limits, and beyond them.
+    """Describe the orders that meet f_al beyond the ramp's end.
+
+    Returns the orders within the axis' limits, and those beyond them.
 
     What the limits allow is reckoned for a ramp from the middle of the travel, at the bench's accelerations.
     """
@@ -212,7 +232,10 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
 
 
 def peak_hz(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S) -> float | None:
-    """f_al of an axis in Hz: the peak of |G_al| of its model with the P-PI in the drive; None without a model."""
+    """Frequency f_al of an axis in Hz; None without a model.
+
+    It is the peak of |G_al| of the model with the P-PI in the drive.
+    """
     loop = bench.axis[axis].loop(control_period_s, with_notch=False)
     return None if loop is None else loop.peak_hz()
 
@@ -226,13 +249,16 @@ def scale_at(bench: Bench, axis: int, f_al_hz: float) -> TipScale:
 
 
 def axis_scale(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S) -> TipScale | None:
-    """Scale of an axis; None if the bench has no model of it."""
+    """Scale of an axis; None without a model."""
     f_al_hz = peak_hz(bench, axis, control_period_s)
     return None if f_al_hz is None else scale_at(bench, axis, f_al_hz)
 
 
 def line_scale(bench: Bench, control_period_s: float = CONTROL_PERIOD_S) -> TipScale | None:
-    """Scale of the line motion: the bench's band, or from all of its axes with a model; None without any."""
+    """Scale of the line motion, or None if nothing is known.
+
+    It comes from the bench's band, or from all axes with a model; for the paper's robot from axis 2.
+    """
     if bench.specification.band_hz is not None:
         return band_scale(bench.specification.band_hz)
     scales = {axis: axis_scale(bench, axis, control_period_s) for axis in bench.chain_axes}
@@ -253,7 +279,9 @@ def missing_words(axes: Iterable[int]) -> str:
 
 
 def vibration_scale(bench: Bench, axes: Iterable[int], identified: Identified | None = None) -> TipScale:
-    """Scale for vibrations that are only compared with each other: f_al, or what was identified of the arm on its gear.
+    """Scale for vibrations that are only compared with each other.
+
+    It comes from f_al, or from the identified resonance of the arm on its gear.
 
     Args:
         bench: The bench file.

@@ -1,4 +1,4 @@
-"""The motor's inertia that a cancellation is made of: as it was given, and the words where nobody knows it."""
+"""Motor inertia for a cancellation, and the words if it is unknown."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,9 @@ from hil.errors import NotPossibleError
 
 
 def given_inertia(bench: Bench, identified: Identified | None, number: int, given_kg_m2: float | None) -> float | None:
-    """J_m as it was given; None if a file has a plant, which then holds.
+    """Motor inertia J_m from bench file or data sheet.
+
+    It is None if a file has a plant, whose inertia then holds.
 
     Args:
         bench: The bench file.
@@ -33,7 +35,9 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
 
 
 def nothing_known(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> str:
-    """Words for axes that cannot be cancelled: no transmission error, or no motor inertia, is known of them.
+    """Describe why axes cannot be cancelled.
+
+    Either the transmission error or the motor inertia is not known.
 
     Args:
         bench: The bench file.

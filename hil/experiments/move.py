@@ -1,4 +1,7 @@
-"""A slow move of one axis to a position: from wherever a stop, a fault or a master that died has left the arm."""
+"""Slow move of one axis to a position.
+
+It starts from wherever a stop, a fault or a lost master has left the arm.
+"""
 
 import math
 from collections.abc import Iterator
@@ -34,7 +37,9 @@ The way of a quick stop, v²/(2 a), is then a sixteenth of that from the speed l
 
 
 def way_of(number: int, way_rad: float, speed_rps: float, period_s: float, most_rps_s: float | None = None) -> Motion:
-    """A smooth way of one motor from where it stands, at the end of which it stays.
+    """Plan a smooth move of one motor from its present position.
+
+    The motor stays at the end of it.
 
     Args:
         number: Number of the axis.
@@ -127,7 +132,7 @@ class Move:
 
     @property
     def sentences(self) -> list[str]:
-        """What will happen, for whoever is asked."""
+        """Describe the move for the question to the user."""
         number, limits = self.request.axis, self.bench.axis[self.request.axis].limits
         said = [f"axis {number} is {self.fault}: the fault is reset first"] if self.fault else []
         return [
@@ -143,7 +148,7 @@ class MoveOutcome:
     """End of a move.
 
     Attributes:
-        stands_rev: Where the motor stands; None after a stop, which says it.
+        stands_rev: Position of the motor after the move; None after a stop.
         stopped: Reason why the move was stopped, or None.
         not_restored: Objects that could not be put back in the nodes.
     """
@@ -154,7 +159,9 @@ class MoveOutcome:
 
 
 def plan_move(bench: Bench, request: MoveRequest, *, channel: Channel | None = None) -> Move:
-    """Look at the robot and plan a move; nothing is written or enabled.
+    """Read the robot's state and plan a move.
+
+    Nothing is written or enabled.
 
     Args:
         bench: The bench file.
@@ -171,7 +178,9 @@ def plan_move(bench: Bench, request: MoveRequest, *, channel: Channel | None = N
 
 
 def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = None, reporter: Reporter = SILENT) -> MoveOutcome:
-    """Reset the fault of the drive where it is in one, and move the axis as planned.
+    """Move the axis as planned, after a reset of its fault.
+
+    The fault is reset only if the drive has one.
 
     Args:
         move: The move.
@@ -206,7 +215,10 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
 def _session(
     bench: Bench, request: MoveRequest, log: Path | None, given: Channel | None, reporter: Reporter
 ) -> Iterator[Session]:
-    """A session on the bus whose nodes have been found; the drive of the axis may be in fault."""
+    """Open a session whose nodes have been found.
+
+    The drive of the axis may be in fault.
+    """
     channel = open_channel(parse_address(bench.bus.address)) if given is None else given
     try:
         period_s = bench.bus.host_sync_period_s if request.loop == "host" else bench.bus.sync_period_s
@@ -235,7 +247,7 @@ def _planned(session: Session, request: MoveRequest) -> Move:
 
 
 def sag_rev(table: AxisTable) -> float:
-    """Turn by which a load may push a motor away from where it is enabled, before its loop holds it.
+    """Largest turn of a motor under load until its loop holds.
 
     A load that the torque limit holds pushes with τ_max at most, and the loop against it with K_pp K_vp per radian, and more in
     time. Where nobody knows the gains, and never further than that, it is what the motor may be away from its set-point.
@@ -248,7 +260,10 @@ def sag_rev(table: AxisTable) -> float:
 
 
 def with_room(bench: Bench, number: int, stands_rev: float) -> Bench:
-    """A bench on which an axis that stands outside of its position limits may turn back; else the same bench."""
+    """Widen the limits of an axis that is outside of them.
+
+    The axis may then turn back. Within the limits, the bench stays the same.
+    """
     table = bench.axis[number]
     limits = table.limits
     update = {}

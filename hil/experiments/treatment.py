@@ -1,4 +1,7 @@
-"""Set-up of a treatment in a run: the bench file and the switches, from the knowledge of the robot."""
+"""Set-up of a treatment in a run.
+
+The module builds the bench and the switches of a run from the knowledge of the robot.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -41,7 +44,9 @@ NO_FOLLOWING_BY_ENCODERS = (
 
 
 def arm_remark(bench: Bench, name: str) -> str | None:
-    """Why a treatment leaves more on an arm than its cancellation alone would; None if it does not, or there is no arm.
+    """Remark on a treatment that is worse than cancellation on an arm.
+
+    It is None if there is no arm, or if the treatment does not combine filters with a cancellation.
 
     The reference arm's line is left at 0.012 mm by both, at 0.009 mm by the cancellation alone.
     """
@@ -178,7 +183,9 @@ def _check_loop(row: Treatment, loop: str) -> None:
 
 
 def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
-    """Model of a cancellation; None for the bench file's, or without a cancellation.
+    """Model of a cancellation, or None for the bench file's.
+
+    It is None without a cancellation too.
 
     Raises:
         NotPossibleError: It needs a learnt model, and there is none.
@@ -191,7 +198,10 @@ def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
 
 
 def with_scaled_gains(bench: Bench, factor: float) -> Bench:
-    """Return the bench with all gains multiplied by a factor; the low-pass filters stay."""
+    """Multiply all gains of a bench by a factor.
+
+    The low-pass filters stay.
+    """
     axes = {}
     for number, table in bench.axis.items():
         control = table.gains(f"axis {number} with lower gains")
@@ -201,7 +211,9 @@ def with_scaled_gains(bench: Bench, factor: float) -> Bench:
 
 
 def fixed_filters(bench: Bench, knowledge: Knowledge, period_s: float) -> dict[int, FixedFilter]:
-    """Fixed filters by axis: the notch of each axis with a model, held at the peak of |G_al| at every speed.
+    """Fixed filters by axis.
+
+    The notch of each axis with a model is held at the peak of |G_al|, at every speed.
 
     Raises:
         NotPossibleError: No axis has a notch and a model.

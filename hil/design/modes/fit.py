@@ -172,7 +172,7 @@ class _Linear:
         return float(left), np.asarray(solved / sizes)
 
     def signed(self, each: tuple[int, ...]) -> tuple[float, Real]:
-        """Residual of a fit with some modes, and their sizes of either sign."""
+        """Residual of a fit with some modes, and their signed sizes."""
         chosen = self.chosen(each)
         solved = np.linalg.solve(chosen.T @ chosen, chosen.T @ self.wanted)
         return float(np.linalg.norm(self.wanted - chosen @ solved)), np.asarray(solved)
