@@ -105,7 +105,7 @@ class ArmLoops:
 
         Args:
             step: Frequency step where filters act, in units of the lowest mode.
-            with_filtered: Whether cases in which filters of other axes act are among them.
+            with_filtered: True to include the cases in which filters of other axes act.
         """
         return ArmFamily(self.law, self.cases + (self.filtered if with_filtered else ()), step)
 

@@ -1,4 +1,7 @@
-"""Checks of a fitted transmission error; each failure names the number that is wrong and the number needed."""
+"""Checks of a fitted transmission error.
+
+Each failure names the number that is wrong and the number needed.
+"""
 
 import math
 
@@ -104,7 +107,9 @@ def check_run(result: RunResult, *, sensorless: bool, sensor: str = "acceleromet
 
 
 def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
-    """Check that a tip acceleration, shape (n,), comes from a live sensor within its range; `sensor` is its name in words.
+    """Check that a tip acceleration comes from a live, unsaturated sensor.
+
+    The acceleration has the shape (n,); `sensor` is the sensor's name in words.
 
     Raises:
         AteNotIdentifiedError: It never changes, or comes back to the very same largest value as only a saturated sensor does.
@@ -128,7 +133,9 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
 
 
 def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0, has_acted: bool = False) -> None:
-    """Check that a fit belongs to this axis, and that it is significant or can become so.
+    """Check that a fit belongs to this axis and is significant.
+
+    A fit that further passes may make significant passes too.
 
     Args:
         estimate: The fit.
@@ -165,7 +172,10 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
 
 
 def _check_factor(estimate: JointEstimate) -> None:
-    """Refuse a signal that the motor's own motion shows to be another axis', or none."""
+    """Refuse a signal that does not fit the motor's own motion.
+
+    Such a signal comes from another axis, or from a sensor that feels nothing.
+    """
     factor, error = estimate.motion_scale, estimate.motion_scale_error
     off, allowed = abs(factor - 1.0), max(SCALE_TOLERANCE, SCALE_SIGMAS * estimate.motion_scale_error)
     if off <= allowed:
@@ -182,7 +192,7 @@ def _check_factor(estimate: JointEstimate) -> None:
 
 
 def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_left: int) -> None:
-    """Refuse an error that is not seen, and that further passes would not show."""
+    """Refuse an error that further passes would not make significant."""
     errors = estimate.amplitude_error_arcsec
     ratios = {k: amplitude / max(errors[k], 1e-30) for k, amplitude in estimate.error.amplitude_arcsec.items()}
     order = max(ratios, key=lambda k: ratios[k])
@@ -197,7 +207,10 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
 
 
 def factor_remark(estimate: JointEstimate) -> str | None:
-    """Note on a factor of the motor's motion that is neither 1 nor certainly wrong; None if there is nothing to say."""
+    """Describe a doubtful factor of the motor's motion, or None.
+
+    The factor is neither 1 nor certainly wrong.
+    """
     off = abs(estimate.motion_scale - 1.0)
     if off <= max(SCALE_REMARK, SCALE_REMARK_SIGMAS * estimate.motion_scale_error):
         return None
@@ -209,7 +222,9 @@ def factor_remark(estimate: JointEstimate) -> str | None:
 
 
 def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> None:
-    """Check that the motor made its motion; where it was stopped on the way, whether the arm is held.
+    """Check that the motor made its motion.
+
+    If the motor was stopped on the way, check whether the arm is held.
 
     Args:
         motion: Ramps that were asked for.

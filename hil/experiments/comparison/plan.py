@@ -1,4 +1,7 @@
-"""Plan of a comparison: treatments over experiments, each with its set-up or the reason why it is left out."""
+"""Plan of a comparison of treatments over experiments.
+
+Each run has its set-up, or the reason why it is left out.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,7 +45,9 @@ class ComparisonRequest:
     named: frozenset[str] = frozenset()
 
     def wanted(self, bench: Bench) -> list[Experiment]:
-        """Every run, drive-closed ones first: what the host closes may be refused at the last moment.
+        """List every run, drive-closed ones first.
+
+        Host-closed runs may be refused at the last moment.
 
         Shapers are for stops, and a cancellation that follows is for errors that drift: elsewhere they have to be named.
         """
@@ -65,7 +70,10 @@ class ComparisonRequest:
         return experiments
 
     def _of_stops(self) -> list[TreatmentName]:
-        """Treatments of a point-to-point move: shapers alone, and what was named, so that its reason is said."""
+        """Treatments of a point-to-point move.
+
+        These are the shapers alone, and all that the user has named, so that the reason against them is reported.
+        """
         wanted = [name for name in self.treatments if name in self.named or treatment(name).is_shaper]
         return ["none", *(name for name in wanted if name != "none")]
 
@@ -118,7 +126,9 @@ class ComparisonPlan:
 def plan(
     robot: KnownRobot, request: ComparisonRequest, *, channel: Channel | None = None, overload: bool = False
 ) -> ComparisonPlan:
-    """Sort the requested runs into those that are made and those that are left out; nothing is sent.
+    """Sort the requested runs into possible and left-out ones.
+
+    Nothing is sent.
 
     Args:
         robot: The robot.

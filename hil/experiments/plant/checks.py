@@ -1,4 +1,7 @@
-"""Checks of an identified plant; each failure names the number that is wrong and the number needed."""
+"""Checks of an identified plant.
+
+Each failure names the number that is wrong and the number needed.
+"""
 
 import math
 from dataclasses import dataclass
@@ -31,7 +34,10 @@ MISFIT = 4.0
 
 
 class PlantNotIdentifiedError(HilError):
-    """The data do not identify the plant; nothing is written to the model file."""
+    """Error: the data do not identify the plant.
+
+    Nothing is written to the model file.
+    """
 
     exit_code = 9
 
@@ -85,7 +91,10 @@ def torque_check(torque_nm: Real, limit_nm: float, amplitude_nm: float) -> DataC
 
 
 def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> DataCheck:
-    """Check that the motor kept its direction: at a reversal Coulomb friction is no constant. `speed_rps` is along the bias."""
+    """Check that the motor kept its direction.
+
+    At a reversal Coulomb friction is no constant. `speed_rps` is along the bias.
+    """
     fraction = float(np.mean(speed_rps <= 0.0))
     ripple = bias_rps - float(np.min(speed_rps))
     calm = 0.7 * amplitude_nm * bias_rps / max(ripple, 1e-9)
@@ -101,7 +110,10 @@ def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> Dat
 
 
 def travel_check(angle_rad: Real, bias_rad: Real, motion: str) -> DataCheck:
-    """Check that the requested axis has moved; `motion` names the motion, with its preposition."""
+    """Check that the requested axis has moved.
+
+    `motion` names the motion, with its preposition.
+    """
     fraction = float(np.ptp(angle_rad)) / max(float(np.ptp(bias_rad)), 1e-9)
     remedy = "is the encoder the axis' own, and its brake open?"
     least, most = 0.8, 1.25
@@ -140,7 +152,7 @@ def _around(response: ResponseEstimate, *frequencies_hz: float) -> Real:
 
 
 def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
-    """Reason why the motion of the tip is not this axis', or None."""
+    """Reason why the tip's motion is not this axis', or None."""
     if estimate.tip is None:
         return None
     coherence = float(np.median(_around(estimate.tip, estimate.plant.antiresonance_hz)))
@@ -160,7 +172,7 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
 
 
 def modes_words(estimate: PlantEstimate) -> str | None:
-    """Sentence on several modes; None if one is all that the data show."""
+    """Describe several modes; None if the data show one."""
     if not estimate.modes:
         return None
     rings = ", ".join(f"{mode.antiresonance_hz.value:.1f}" for mode in estimate.modes)
@@ -169,7 +181,7 @@ def modes_words(estimate: PlantEstimate) -> str | None:
 
 
 def misfit_words(estimate: PlantEstimate) -> str | None:
-    """Sentence on a model that does not explain the data; None if it does."""
+    """Describe a model that does not explain the data, or None."""
     if estimate.misfit <= MISFIT:
         return None
     model = f"a model of {len(estimate.modes)} modes" if estimate.modes else "the two-inertia model"
@@ -180,7 +192,9 @@ def misfit_words(estimate: PlantEstimate) -> str | None:
 
 
 def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: PlantRequest, limited_by: str) -> list[DataCheck]:
-    """Checks that the plant is identified well enough; the advice is one that can be followed.
+    """Check that the plant is identified well enough.
+
+    The advice of each check can be followed.
 
     Args:
         estimate: The plant.

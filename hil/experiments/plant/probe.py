@@ -1,4 +1,7 @@
-"""The first motion of an identification: a third of a motor turn and back, which shows what must not be found at full travel."""
+"""First motion of an identification: a third of a motor turn.
+
+The motor turns there and back, and shows faults that must not be found at full travel.
+"""
 
 import math
 from dataclasses import dataclass
@@ -102,7 +105,10 @@ def probe_trouble(
 
 
 def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_limit_nm: float) -> ProbeTrouble | None:
-    """Reason of a probe that was stopped, as far as torque and angle tell it."""
+    """Reason why a probe was stopped, or None.
+
+    It follows from torque and angle.
+    """
     if len(angle) < 2:
         return None
     moved, largest = float(angle[-1] - angle[0]), float(np.max(np.abs(torque)))
@@ -122,7 +128,9 @@ def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_li
 
 
 def slow_torque(angle: Real, torque: Real, motion: PlannedMotion) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Friction and torque per angle in the slow stretches of a probe, each with its standard error: N·m, N·m/rad.
+    """Friction and torque per angle in a probe, with standard errors.
+
+    They are fitted to the slow stretches, in N·m and N·m/rad.
 
     Args:
         angle: Motor angle; shape (n,).

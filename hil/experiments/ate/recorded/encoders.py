@@ -1,4 +1,7 @@
-"""Two encoders: the joint's angle less the motor's through the gear, and the ratio that both show."""
+"""Joint angle against motor angle, from two encoders.
+
+The module computes the difference through the gear, and the ratio that both encoders show.
+"""
 
 import functools
 from collections.abc import Sequence
@@ -20,7 +23,7 @@ WHOLE_WITHIN = 0.25
 
 
 def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float:
-    """Revolutions of the motor for one of the joint, over the stretches of a recording; with a sign.
+    """Motor revolutions per joint revolution in some stretches, with sign.
 
     Raises:
         ContradictedError: The joint's encoder stands still.
@@ -75,7 +78,9 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
 
 
 def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, per_hz2: float) -> AngleSection:
-    """The joint's angle less the motor's through the gear, in rad, over a stretch.
+    """Section of the joint's angle less the motor's through the gear.
+
+    The difference is in rad.
 
     Args:
         recorded: The recording.
@@ -89,7 +94,9 @@ def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, pe
 
 
 def joint_swing(stretches: Sequence[tuple[Recorded, MotionStretch]], ratio: float, orders: Sequence[float]) -> JointSwing | None:
-    """Swing of the joint that some stretches show; None if they do not tell it from a larger error.
+    """Swing of the joint in some stretches, or None.
+
+    It is None if the stretches do not separate it from a larger error.
 
     Args:
         stretches: The stretches.

@@ -51,7 +51,7 @@ def stretch_entry(each: FoundStretch, fit: SectionFit) -> RecordedStretch:
 
 
 def change_entry(change: Change) -> OrderChange:
-    """An order against itself."""
+    """Change of an order between the stretches."""
     return OrderChange(
         order=change.order,
         probability=change.probability,
@@ -62,7 +62,9 @@ def change_entry(change: Change) -> OrderChange:
 
 
 def scan_entry(scan: BlindScan, lines: Sequence[FixedFrequency], scale: float) -> ScanEntry:
-    """The blind scan, its amplitudes in arcsec of the joint, those of lines in the unit of the signal.
+    """Convert a blind scan to its entry.
+
+    Its amplitudes are in arcsec of the joint; those of lines are in the unit of the signal.
 
     Args:
         scan: The scan.

@@ -1,4 +1,4 @@
-"""Identification from recordings: read, cut into stretches, fitted, scanned, and said."""
+"""Identification of the transmission error from recordings."""
 
 import datetime
 import math
@@ -55,7 +55,7 @@ NOT_ASKED = 0.1
 
 @dataclass(frozen=True)
 class _Fitted:
-    """All that was fitted."""
+    """Fits of stretches and parts."""
 
     found: list[FoundStretch]
     fits: list[SectionFit]
@@ -66,7 +66,7 @@ class _Fitted:
 
 @dataclass(frozen=True)
 class _Prepared:
-    """All that is known before anything is fitted.
+    """Knowledge before the first fit.
 
     Attributes:
         files: The recordings.
@@ -97,7 +97,10 @@ class _Prepared:
         return self.sensed.section(recorded, stretch, self.refined.arm)
 
     def moved(self, recorded: Recorded, stretch: MotionStretch) -> list[AngleSection]:
-        """A stretch where one of the things that are believed of arm or joint is off by its standard error."""
+        """Sections of a stretch, each with one belief moved.
+
+        A belief about arm or joint is off by its standard error.
+        """
         if self.sensed is not None and self.refined is not None:
             return [self.sensed.section(recorded, stretch, arm) for arm in self.refined.steps]
         if self.swing is None:
@@ -132,7 +135,9 @@ def _prepared(request: RecordedRequest, bench: Bench | None, identified: Identif
 def identify_recorded(
     request: RecordedRequest, directory: Path, bench: Bench | None = None, identified: Identified | None = None
 ) -> RecordedAteResult:
-    """Identify a transmission error from recordings, and write result.json and the page's curves into a directory.
+    """Identify a transmission error from recordings.
+
+    The result and the page's curves are written into a directory.
 
     Args:
         request: Recordings, axis and orders.
@@ -179,7 +184,7 @@ def identify_recorded(
 
 
 def _robot(request: RecordedRequest, bench: Bench | None) -> str:
-    """Name of the robot: that was said, or the bench's, or the first file's."""
+    """Name of the robot: given, the bench's, or the first file's."""
     return request.said.robot or (bench.name if bench is not None else request.files[0].name.split(".")[0])
 
 
@@ -191,7 +196,10 @@ def _arm_words(arm: Arm, source: str) -> str:
 
 
 def _stretches(recorded: Recorded, *, is_sensed: bool) -> list[MotionStretch]:
-    """Stretches of a recording; of a sensor without the beginning of a recording that starts in motion."""
+    """Stretches of a recording.
+
+    For a sensor, they leave out the beginning of a recording that starts in motion.
+    """
     found = stretches(recorded.motor_rad, recorded.time_s)
     if not is_sensed:
         return found
@@ -199,7 +207,10 @@ def _stretches(recorded: Recorded, *, is_sensed: bool) -> list[MotionStretch]:
 
 
 def _tells_tip(request: RecordedRequest, bench: Bench | None, identified: Identified | None) -> bool:
-    """True if the bench's load encoders tell the tip and its plant is known: then the arm's resonance is no obstacle."""
+    """True if load encoders give the tip and the plant is known.
+
+    The arm's resonance is then no obstacle.
+    """
     if bench is None or request.axis not in bench.axis or not bench.accelerometer.from_load_encoders:
         return False
     known = None if identified is None else identified.axis.get(request.axis)
@@ -359,7 +370,10 @@ def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | Non
 
 
 def _is_identified(joint: JointFit) -> bool:
-    """True if an order stands above what noise makes in any of them in one of a hundred recordings: A²/2σ² > ln(orders/p)."""
+    """True if an order exceeds the noise of one recording in 100.
+
+    A²/2σ² > ln(orders/p)
+    """
     sigmas = math.sqrt(2.0 * math.log(len(joint.values) / FALSE_ALARM))
     return any(each.a_arcsec >= max(sigmas, SIGNIFICANT_SIGMAS) * each.a_error_arcsec for each in joint.values.values())
 
@@ -369,7 +383,7 @@ def _is_significant(value: RecordedValue) -> bool:
 
 
 def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
-    """A sentence on what the joint of two encoders does beyond its gear."""
+    """Describe what the joint of two encoders does beyond its gear."""
     if ready.sensed is not None:
         return []
     if ready.swing is not None:

@@ -49,7 +49,7 @@ class RecordedRequest:
     sensorless: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be asked."""
+        """Refuse an impossible request."""
         if not self.files:
             raise ValueError("no recording is named")
         if len(self.files) > MOST_FILES:

@@ -1,4 +1,7 @@
-"""Tip acceleration, or motor torque: what bench and model file say of arm and sensor makes an angle's error of the signal."""
+"""Recordings of tip acceleration or motor torque behind the arm.
+
+With arm and sensor from bench and model file, the signal gives the error of the angle.
+"""
 
 import math
 from collections.abc import Sequence
@@ -62,7 +65,9 @@ class SensedFiles:
 def sensed_files(
     files: Sequence[Recorded], request: RecordedRequest, form: Form, bench: Bench | None, identified: Identified | None
 ) -> SensedFiles:
-    """Recordings of a sensor on an even grid, with what is known of the arm.
+    """Put recordings of a sensor on an even grid.
+
+    The result also has what is known of the arm.
 
     Args:
         files: The recordings.
@@ -105,7 +110,10 @@ def sensed_files(
 
 
 def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | None:
-    """A stretch without the first half second of a recording that starts in motion; None if nothing is left."""
+    """Cut the first half second if a recording starts in motion.
+
+    Returns None if nothing is left of the stretch.
+    """
     if each.rows.start > 8:
         return each
     start = int(np.searchsorted(recorded.time_s, STEADY_S))
@@ -117,7 +125,7 @@ def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | No
 
 
 def _belief(bench: Bench, axis: int, identified: Identified | None, *, is_torque: bool) -> tuple[ArmBelief, str]:
-    """Arm and delay from the model file, else from the bench file's model."""
+    """Arm and delay from the model file, else the bench file."""
     part = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
     knowledge = axis_knowledge(bench, axis, identified, sensorless=is_torque)
     if part is not None and knowledge.start is not None:
