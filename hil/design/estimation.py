@@ -38,7 +38,7 @@ class EstimatedParameter:
 
 
 def inverse(square: Real) -> Real:
-    """The pseudo-inverse of a JᵀJ whose unknowns may have very different units."""
+    """Pseudo-inverse of JᵀJ for unknowns with very different units."""
     scale = np.sqrt(np.maximum(np.diag(square), 1e-300))
     return np.asarray(np.linalg.pinv(square / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale))
 

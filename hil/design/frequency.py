@@ -102,7 +102,7 @@ class TwoInertia:
 
 @dataclass(frozen=True)
 class Loop:
-    """The discrete P-PI with its notches around a plant.
+    """Discrete P-PI loop with its notches around a plant.
 
     Attributes:
         plant: The axis.
@@ -249,7 +249,7 @@ Block = tuple[Real, Real, Real, Real]
 
 
 def _biquad(coefficients: tuple[float, float, float, float, float]) -> Block:
-    """A second-order filter as controllable canonical form."""
+    """Controllable canonical form of a second-order filter."""
     b0, b1, b2, a1, a2 = coefficients
     return (
         np.array([[-a1, -a2], [1.0, 0.0]]),
@@ -260,7 +260,7 @@ def _biquad(coefficients: tuple[float, float, float, float, float]) -> Block:
 
 
 def _series(first: Block, second: Block) -> Block:
-    """The second block behind the first."""
+    """Connect the second block behind the first."""
     (a1, b1, c1, d1), (a2, b2, c2, d2) = first, second
     a = np.block([[a1, np.zeros((a1.shape[0], a2.shape[0]))], [b2 @ c1, a2]])
     return a, np.vstack([b1, b2 @ d1]), np.hstack([d2 @ c1, c2]), d2 @ d1

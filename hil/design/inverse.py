@@ -173,7 +173,7 @@ def torque_per_reference(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0)
 
 
 def _backward(loop: Loop, frequency_hz: Real) -> Complex:
-    """The s of the sampled law, by the bilinear rule."""
+    """Laplace variable s of the sampled law, by the bilinear rule."""
     delay = np.exp(-2j * math.pi * np.asarray(frequency_hz, dtype=np.float64) * loop.period_s)
     return np.asarray(2.0 / loop.period_s * (1.0 - delay) / (1.0 + delay))
 

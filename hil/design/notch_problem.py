@@ -151,7 +151,7 @@ class SpeedRange:
 
 
 def speed_ranges(windows_rps: Mapping[float, tuple[float, float]], low_rps: float, top_rps: float) -> tuple[SpeedRange, ...]:
-    """Windows of the orders, and what lies below, between and above them.
+    """Windows of the orders, and the ranges below, between and above them.
 
     >>> [(each.order, each.low_rps, each.high_rps) for each in speed_ranges({2: (4.5, 7.5), 4: (2.2, 3.6)}, 1.5, 11.0)]
     [(2, 4.5, 7.5), (4, 2.2, 3.6), (None, 1.5, 2.2), (None, 3.6, 4.5), (None, 7.5, 11.0)]
@@ -250,7 +250,7 @@ class NotchProblem:
         return next(row for row, each in enumerate(self.ranges) if each.order == order)
 
     def loop(self, member: Member, notches: Sequence[Notch] = ()) -> Loop:
-        """The loop around one plant."""
+        """Loop around one plant."""
         return Loop(member.plant, self.cascade, tuple(notches), self.period_s, self.delay_samples)
 
     def peaks_mm(self, member: Member, notches: Sequence[Notch]) -> Real:

@@ -84,7 +84,7 @@ class Effort:
 
     @classmethod
     def quick(cls, seed: int = 1) -> "Effort":
-        """A search that takes a fifth of the default's time."""
+        """Search that takes a fifth of the default's time."""
         return cls(16, 10, 8, 4, seed)
 
     @classmethod
@@ -238,7 +238,7 @@ def workers(jobs: int) -> Iterator[Executor | None]:
 def pooled_verdict(
     problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[int], pool: Executor | None = None
 ) -> NotchVerdict:
-    """Judge filters as `verdict` does, in a worker where there is one.
+    """Judge filters as `verdict` does, in a worker if there is one.
 
     Args:
         problem: The axis.

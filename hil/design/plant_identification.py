@@ -55,7 +55,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class ResponseEstimate:
-    """A frequency response with its uncertainty; all of shape (lines,).
+    """Frequency response with its uncertainty; all of shape (lines,).
 
     Attributes:
         frequency_hz: Frequencies of the lines.
@@ -184,7 +184,7 @@ def fitted(problem: PlantProblem, x: Real) -> Any:
 
 
 def estimate_of(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
-    """The unknowns as parameters with errors."""
+    """Convert the unknowns to parameters with errors."""
     left = problem.residual(x)[: -problem.beliefs]
     misfit = math.sqrt(float(np.sum(left**2)) / max(1, len(left) - len(x)))
     enlarged = max(SMALLEST_MISFIT, misfit) ** 2

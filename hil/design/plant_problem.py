@@ -117,7 +117,7 @@ class _Folding:
 
 
 class PlantProblem:
-    """The fit's data and its residual as a function of the unknowns."""
+    """Data of the fit, and its residual by the unknowns."""
 
     def __init__(self, data: Spectra, timing: SamplingTiming, reduction_ratio: float, lever_m: float, gravity: float) -> None:
         self.data, self.timing, self.ratio, self.lever_m = data, timing, reduction_ratio, lever_m
@@ -260,7 +260,7 @@ class PlantProblem:
         return [moved for _, moved in tried[:2]]
 
     def start(self, guess: Real) -> Real:
-        """All unknowns from a guess of the first five."""
+        """Complete the unknowns from a guess of the first five."""
         more = [0.5 * self.timing.control_s, 0.1, 0.5 * LEAST_LAG_S]
         return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0]])
 
@@ -306,7 +306,7 @@ class PlantProblem:
         self._tip_lines = np.flatnonzero((frequency > TIP_BAND[0] * f_a) & (frequency < TIP_BAND[1] * f_a))
 
     def plant(self, x: Real) -> TwoInertia:
-        """The plant of the unknowns."""
+        """Plant of the unknowns."""
         motor, arm, stiffness, damping = np.exp(x[:VISCOUS]).tolist()
         arm_damping = float(x[ARM_PART]) * damping
         return TwoInertia(

@@ -118,7 +118,7 @@ class RunScatter:
     independent: float
 
     def power_error(self, rms: float) -> float:
-        """Standard error of a run's mean square, where that is `rms` squared."""
+        """Standard error of a run's mean square `rms`²."""
         return math.sqrt((4.0 * rms**2 * self.rms**2 + 2.0 * self.rms**4) / self.independent)
 
 
@@ -189,7 +189,7 @@ class ProbedStep:
 
     @property
     def left_rms(self) -> float:
-        """Root mean square of what is left, all directions together."""
+        """Root mean square of `left`, all directions together."""
         return math.sqrt(float(np.mean(np.sum(self.left**2, axis=0))))
 
 
@@ -264,7 +264,7 @@ def _correlated(values: Real, correlation: Real) -> Real:
 
 
 def _toeplitz(values: Real, by_lag: Real) -> Real:
-    """A covariance given by its lags, times a column; shape (rows,)."""
+    """Multiply a covariance, given by its lags, by a column; shape (rows,)."""
     count = len(values)
     circle = np.concatenate([by_lag, [0.0], by_lag[:0:-1]])
     made = np.fft.irfft(np.fft.rfft(circle) * np.fft.rfft(values, 2 * count), 2 * count)

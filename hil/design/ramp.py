@@ -48,7 +48,7 @@ class RampMotion:
 
 
 class _PlantRow(Protocol):
-    """The plant over one period of the law.
+    """Plant over one period of the law.
 
     ratio: N; step: the state x one period later from (x, τ, θ_sync, its change over the period), see `_discrete`; arm: θ̈_l from
     the same numbers.

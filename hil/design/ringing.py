@@ -99,7 +99,7 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Ringing:
-    """A resonance of the arm, seen in a ramp.
+    """Resonance of the arm, seen in a ramp.
 
     Attributes:
         peak_hz: Peak of the answer's acceleration, f_al.
@@ -211,7 +211,7 @@ class _RampModel:
         return np.column_stack([driven, decay * np.cos(phase), decay * np.sin(phase), self._slow])
 
     def fitted(self) -> _Fit:
-        """The resonance that leaves least of the tip's vibration."""
+        """Fit the resonance with the least residual of the tip's vibration."""
         powers = np.array([[self._left(float(each), damping) for damping in DAMPINGS] for each in self._grid])
         row, column = np.unravel_index(int(np.argmin(powers)), powers.shape)
         start = np.log([self._grid[row], DAMPINGS[column]])

@@ -110,7 +110,7 @@ class _Arm:
         return np.asarray(through / (s**2 + 2.0 * self.zeta * self.omega_rad_s * s + self.omega_rad_s**2))
 
     def padded(self, count: int, period_s: float) -> int:
-        """A length for the transform that leaves room for the ring-down."""
+        """Length of the transform with room for the ring-down."""
         decay = max(self.zeta * self.omega_rad_s, 0.2)
         return int(scipy.fft.next_fast_len(count + round(RING_DOWN / decay / period_s), real=True))
 
@@ -201,7 +201,10 @@ class _Problem:
         return rows[0], rows[1:].T
 
     def solve(self, omega: float, zeta: float) -> tuple[Real, Real]:
-        """The unknowns (2·orders,) in rad, and the residual (n,) in m/s²."""
+        """Solve for the unknowns.
+
+        Returns them in rad, shape (2·orders,), and the residual in m/s², shape (n,).
+        """
         motion, matrix = self.columns(omega, zeta)
         unknowns = np.asarray(np.linalg.lstsq(matrix, self.tip - motion, rcond=None)[0], dtype=np.float64)
         return unknowns, self.tip - motion - matrix @ unknowns

@@ -47,7 +47,7 @@ def around(
     standard_error: Mapping[str, float] | None = None,
     amplitude_error_arcsec: Mapping[float, float] | None = None,
 ) -> tuple[Member, ...]:
-    """The believed plant, and four corners around it.
+    """Build the believed plant and four corners around it.
 
     Without standard errors the corners are K_g and J_l, each by `percent` up or down. With them they are f_a and K_g by two
     standard errors, but 3 % at least, J_l following from both: a frequency response gives f_a ten times better than K_g or J_l.

@@ -52,14 +52,14 @@ class KnownLoops:
 
 @dataclass(frozen=True)
 class _Posture:
-    """A posture, with a name for messages."""
+    """Posture with a name for messages."""
 
     label: str
     joints_rad: Real
 
 
 def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], identified: Identified | None = None) -> KnownLoops:
-    """The loop of an axis on its arm.
+    """Find the loop of an axis on its arm.
 
     Args:
         bench: The bench, with the models of its axes.
@@ -165,7 +165,7 @@ class _Masses:
 
 
 def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Sequence[float]) -> KnownLoops:
-    """The loop on an arm whose masses are known."""
+    """Build the loop on an arm with known masses."""
     elastic, numbers = masses.elastic, list(masses.elastic)
     postures, notes = _postures(bench, masses.arm, axis)
     if masses.known is not None:

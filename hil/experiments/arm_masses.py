@@ -52,7 +52,7 @@ POOR_PERCENT = 2.0
 
 
 class ArmNotIdentifiedError(HilError):
-    """The postures do not determine the masses of the arm."""
+    """Error: the postures do not determine the masses of the arm."""
 
     exit_code: ClassVar[int] = 9
 
@@ -90,7 +90,7 @@ def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
 
 
 class _Arm:
-    """The arm of a bench, with the axes that have felt it."""
+    """Arm of a bench, with the axes whose modes are measured."""
 
     def __init__(self, bench: Bench, arm: ArmTable, axes: tuple[int, ...], joints_rad: Real) -> None:
         self.bench, self.arm, self.axes, self.joints_rad = bench, arm, axes, joints_rad

@@ -27,7 +27,7 @@ MOST_RUNS = 4
 
 
 def with_orders(scale: TipScale, orders: Collection[float]) -> TipScale:
-    """Scale of an axis with windows of whole orders beside its own."""
+    """Add windows of other integer orders to the scale of an axis."""
     more = {int(k): order_window_rps(scale.f_al_hz, k) for k in orders if k == int(k) and int(k) not in scale.windows_rps}
     return replace(scale, windows_rps={**scale.windows_rps, **more}) if scale.windows_rps else scale
 

@@ -138,7 +138,7 @@ class RunJudge:
 
 
 def _compared(known: TipScale, own: Ringing | None, who: str) -> FoundScale:
-    """Scale of a model, held against what the ramp shows."""
+    """Compare the scale of a model with the resonance of the ramp."""
     words = f"f_al {known.f_al_hz:.2f} Hz, from the model"
     if own is None:
         return FoundScale(known, "model", words=words)

@@ -35,7 +35,7 @@ def constant_acceleration(bench: Bench, axis: int, period_s: float) -> Motion:
 
 
 def point_to_point(bench: Bench, axis: int, period_s: float) -> Motion:
-    """One motor from rest to rest, from its present position on.
+    """Move one motor from rest to rest, from its present position.
 
     Raises:
         NotPossibleError: The bench file has no such motion or axis.

@@ -71,7 +71,7 @@ class MoveRequest:
     loop: LoopName = "drive"
 
     def check(self, bench: Bench) -> None:
-        """Refuse what can be refused without the robot.
+        """Refuse a request that is wrong whatever the robot's state.
 
         Raises:
             NotPossibleError: The bench has no such axis, or a number is none.
@@ -100,7 +100,7 @@ def check_position(axis: int, to_rev: float, limits: Limits, remedy: str = "") -
 
 @dataclass(frozen=True)
 class Move:
-    """A move that has been planned from where the axis stands.
+    """Move that is planned from the axis' present position.
 
     Attributes:
         request: The request.
@@ -120,11 +120,11 @@ class Move:
 
     @property
     def is_there(self) -> bool:
-        """True if the axis stands where it is wanted."""
+        """True if the axis is at its target already."""
         return abs(self.to_rev - self.from_rev) <= AWAY_REV
 
     def motion(self) -> Motion:
-        """The motion of the axis."""
+        """Motion of the axis."""
         bus = self.bench.bus
         period_s = bus.host_sync_period_s if self.request.loop == "host" else bus.sync_period_s
         most_rps_s = self.bench.axis[self.request.axis].limits.acceleration_rps_s
@@ -232,7 +232,7 @@ def _session(
 
 
 def _planned(session: Session, request: MoveRequest) -> Move:
-    """The move from where the axis stands.
+    """Plan the move from the axis' present position.
 
     Raises:
         UnsafeRequestError: It would end beyond the limits.

@@ -60,7 +60,7 @@ class Experiment:
 
     @property
     def is_stop(self) -> bool:
-        """True if it is judged by what rings after the stop."""
+        """True if the ringing after the stop is judged."""
         return self.name == POINT_TO_POINT
 
     @property
@@ -227,7 +227,7 @@ def _stop_entry(
 def _entry(
     bench: Bench, experiment: Experiment, result: RunResult, found: FoundScale, order: int | None, window: JudgedWindow
 ) -> RunEntry:
-    """Entry of one window, with all that the run itself says."""
+    """Entry of one window, with the data of the run."""
     scale = found.scale
     return RunEntry(
         experiment=experiment.name,

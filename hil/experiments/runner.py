@@ -39,7 +39,7 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
 
     @property
     def stopped(self) -> SafetyStopError | None:
-        """The stop that ended them early, or None."""
+        """Stop that ended the runs early, or None."""
         return self.failure if isinstance(self.failure, SafetyStopError) else None
 
     @property

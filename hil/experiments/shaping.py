@@ -46,7 +46,7 @@ def rates_of(bench: Bench, axis: int, identified: Identified | None) -> Complex:
 
 @dataclass(frozen=True)
 class FittedShaper:
-    """A shaper that is fitted to a robot.
+    """Shaper that is fitted to a robot.
 
     Attributes:
         name: Its name.
@@ -61,7 +61,7 @@ class FittedShaper:
     left: tuple[SwingingMode, ...] = ()
 
     def shaped(self, motion: Motion) -> Motion:
-        """The motion with its set-points shaped; longer by the shaper's duration."""
+        """Shape the set-points of a motion, which adds the shaper's duration."""
         rows = self.shaper.shaped(motion.motor_angle_rad, motion.period_s)
         times = motion.time_s[0] + (motion.time_s[1] - motion.time_s[0]) * np.arange(len(rows), dtype=np.float64)
         return replace(motion, time_s=times, motor_angle_rad=rows)
@@ -74,7 +74,7 @@ class FittedShaper:
         return max(float(self.shaper.remaining(factor * mode.frequency_hz, mode.damping)) for mode in self.modes)
 
     def entry(self, path_error_mm: float | None) -> ShaperEntry:
-        """The shaper as an entry of the result file."""
+        """Entry of the shaper for the result file."""
         return ShaperEntry(
             name=self.name,
             modes=tuple(ShapedMode(frequency_hz=mode.frequency_hz, damping=mode.damping) for mode in self.modes),
@@ -161,7 +161,7 @@ def shaped_motion(bench: Bench, name: str, motion: Motion, identified: Identifie
 
 
 def check_stop(is_stop: bool, name: str, loop: LoopName) -> None:
-    """Refuse what has no meaning for a stop.
+    """Refuse a treatment or loop that cannot act on a stop.
 
     Raises:
         NotPossibleError: The treatment acts on a motor that turns, or the host closes the loop.

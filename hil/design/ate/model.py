@@ -57,7 +57,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Sensing:
-    """The kind of signal that the ramps hold.
+    """Kind of signal in the ramps.
 
     Attributes:
         gain: g: the tip lever in m, or J_l/N in kg·m² for the motor torque.
@@ -92,7 +92,7 @@ class OtherMode:
 
 @dataclass(frozen=True)
 class Arm:
-    """The arm on its gear and the sensor's delay.
+    """Arm on its gear, with the sensor's delay.
 
     Attributes:
         resonance_hz: Resonance ω/2π.
@@ -212,7 +212,7 @@ class SweepModel:
         self.signal = self._samples(self._seen)
 
     def ahead(self, delay_s: float) -> Real:
-        """The signal, earlier by a delay, in the rows that count."""
+        """Signal advanced by a delay, in the rows that count."""
         return self._samples(self._seen * np.exp(2j * math.pi * self._frequency * delay_s))
 
     def _samples(self, spectra: Complex) -> Real:
@@ -329,7 +329,7 @@ class RampsModel:
         return np.concatenate([motion for motion, _ in parts]), np.concatenate([matrix for _, matrix in parts])
 
     def solve(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
-        """The linear unknowns, and the residual."""
+        """Solve for the linear unknowns, and return them and the residual."""
         motion, matrix = self.columns(arm, own)
         unknowns = least_squares(matrix, self.signal - motion)
         return unknowns, self.signal - motion - matrix @ unknowns
@@ -398,7 +398,7 @@ class RampsModel:
         return [float(total) for total in totals]
 
     def _rows_of(self, direction: int) -> NDArray[np.intp]:
-        """The rows of a direction."""
+        """Rows of a direction."""
         if direction not in self._direction_rows:
             self._direction_rows[direction] = np.flatnonzero(self.directions == direction)
         return self._direction_rows[direction]

@@ -44,7 +44,7 @@ ARM_MISFIT = 0.05
 
 @dataclass(frozen=True)
 class MotorSide:
-    """What is known of a motor and the arm that it moves.
+    """Known values of a motor and the arm that it moves.
 
     Attributes:
         reduction_ratio: N.
@@ -69,7 +69,7 @@ class MotorSide:
 
 @dataclass(frozen=True)
 class Turning:
-    """A motion of the motor.
+    """Motion of the motor.
 
     Attributes:
         motor_angle_rad: θ_m, equally spaced; shape (n,).

@@ -40,7 +40,7 @@ class Other:
 
 @dataclass(frozen=True, eq=False)
 class ArmCase:
-    """A posture, and what the other axes do.
+    """Posture, with the state of the other axes.
 
     Attributes:
         label: Both in words: `at the end of the line, other motors held`.
@@ -88,7 +88,7 @@ class ArmCase:
 
 @dataclass(frozen=True, eq=False)
 class ArmLoops:
-    """The loop of one axis on an arm.
+    """Loop of one axis on an arm.
 
     Attributes:
         law: The loop without filters; its plant does not count.

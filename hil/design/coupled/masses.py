@@ -44,7 +44,7 @@ FAR_OFF = 1e3
 
 @dataclass(frozen=True)
 class FeltMode:
-    """A mode that a motor has felt in a posture.
+    """Mode that a motor shows in a posture.
 
     Attributes:
         posture: Number of the posture.

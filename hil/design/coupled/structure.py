@@ -38,7 +38,7 @@ def closed(receptance: Complex, motor: int, law: Complex | None) -> Complex:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """A linear structure behind motors.
+    """Linear structure behind motors.
 
     Attributes:
         mass: M; shape (n, n).
@@ -75,7 +75,7 @@ class Structure:
 
     @classmethod
     def of_modes(cls, motor: TwoInertia, modes: Sequence[tuple[float, float, float]]) -> "Structure":
-        """A motor with the modes that it feels, all other motors held.
+        """Build a motor with its modes, all other motors held.
 
         Args:
             motor: The motor; of the rest only the reduction ratio counts.
@@ -101,7 +101,7 @@ class Structure:
         return Structure(self.mass, factor * self.damping, factor**2 * self.stiffness, self.motors)
 
     def held(self, motors: Sequence[int]) -> "Structure":
-        """The same with some of its motors held."""
+        """Structure with some of its motors held."""
         free = [i for i in range(len(self.mass)) if i not in motors]
         at = np.ix_(free, free)
         return Structure(self.mass[at], self.damping[at], self.stiffness[at], self.motors - len(set(motors)))

@@ -81,7 +81,7 @@ def fit_modes(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A fit that was made.
+    """Completed fit.
 
     Attributes:
         problem: Its problem.
@@ -146,7 +146,7 @@ def _starts(problem: ModalProblem, most: int) -> dict[int, list[Real]]:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """A linear fit with some of many columns.
+    """Linear fit with some of many columns.
 
     Attributes:
         columns: The columns; shape (n, columns).
@@ -161,7 +161,7 @@ class _Linear:
     delay_s: float = 0.0
 
     def chosen(self, each: tuple[int, ...]) -> Real:
-        """The columns of some modes."""
+        """Columns of some modes."""
         return self.columns[:, [*range(self.always), *(self.always + i for i in each)]]
 
     def positive(self, each: tuple[int, ...]) -> tuple[float, Real]:
@@ -179,7 +179,10 @@ class _Linear:
 
 
 def _weighted(columns: Complex, wanted: Complex, weight: Real, always: int = 0, delay_s: float = 0.0) -> _Linear:
-    """A linear fit of complex numbers; shapes (lines, columns), (lines,) and (lines,)."""
+    """Linear fit of complex numbers.
+
+    Shapes (lines, columns), (lines,) and (lines,).
+    """
     rows, right = columns * weight[:, np.newaxis], wanted * weight
     return _Linear(np.concatenate([rows.real, rows.imag]), np.concatenate([right.real, right.imag]), always, delay_s)
 

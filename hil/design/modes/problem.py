@@ -48,7 +48,7 @@ SMALLEST_ZETA, LARGEST_ZETA = 0.002, 0.4
 
 @dataclass(frozen=True)
 class ArmMode:
-    """A mode of the arm with the motor held.
+    """Mode of the arm with the motor held.
 
     Attributes:
         inertia_kg_m2: Effective inertia J_i about the joint.
@@ -64,7 +64,7 @@ class ArmMode:
 
     @classmethod
     def of(cls, mode: EstimatedMode) -> "ArmMode":
-        """The mode as it was estimated."""
+        """Take the values of an estimated mode."""
         part = None if mode.tip_part is None else mode.tip_part.value
         return cls(mode.inertia_kg_m2.value, mode.antiresonance_hz.value, mode.damping.value, part)
 
@@ -152,7 +152,7 @@ class ModalProblem(PlantProblem):
         return list(range(self.first, len(x), self.each))
 
     def modes(self, x: Real) -> list[ArmMode]:
-        """The modes, the first one first."""
+        """Modes of the unknowns, in their order."""
         plant, has_tip = self.plant(x), self.data.tip is not None
         stiffness, inertia = plant.gear_stiffness_nm_rad, plant.arm_inertia_kg_m2
         damping = 0.5 * math.exp(x[DAMPING]) / math.sqrt(stiffness * inertia)

@@ -29,7 +29,7 @@ LEAST_PASSES = 2.0
 
 @dataclass(frozen=True)
 class AngleSection:
-    """One stretch as it is fitted.
+    """One stretch for the fit.
 
     Attributes:
         angle_rad: Motor angle θ_m; shape (n,).

@@ -140,7 +140,7 @@ def _lasts(signal: Real, waves: Real) -> bool:
 
 
 def _frequencies(section: AngleSection, elapsed_s: Real, order: float) -> Real:
-    """Frequencies at which a line may be that stands at an order."""
+    """Frequencies of a line that the scan shows at an order."""
     speed_rps = section.turns / max(float(elapsed_s[-1]), 1e-9)
     busiest = _busiest_speed(section.angle_rad, elapsed_s)
     fine = 1.0 / max(float(elapsed_s[-1]), 1e-9)

@@ -58,7 +58,7 @@ class OrderColumns:
         self.per_strength[rows] = np.sqrt(0.25 * count * np.trace(inverse, axis1=1, axis2=2))
 
     def beside_slow(self, signal: Real) -> Real:
-        """A signal without its slow part; shape (n,)."""
+        """Signal without its slow part; shape (n,)."""
         return np.asarray(signal - self.basis @ (self.basis.T @ signal))
 
     def powers(self, left: Real) -> Real:

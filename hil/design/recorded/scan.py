@@ -39,7 +39,7 @@ APART_TURNS = 1.5
 
 @dataclass(frozen=True)
 class Peak:
-    """An order that stands above the false-alarm level.
+    """Order above the false-alarm level.
 
     Attributes:
         order: Order.

@@ -54,7 +54,7 @@ def speed_of(motor_angle_rad: Real, time_s: Real, across: int = ACROSS) -> Real:
 
 
 def stretches(motor_angle_rad: Real, time_s: Real, least_turns: float = 0.0) -> list[MotionStretch]:
-    """All stretches of at least so many revolutions, in their order.
+    """Find all stretches of at least so many revolutions, in their order.
 
     Raises:
         ValueError: The shapes differ.

@@ -46,7 +46,7 @@ MISWIRED: tuple[RefusalCause, ...] = ("wrong axis or wiring",)
 
 
 class AteNotIdentifiedError(HilError):
-    """The runs do not identify the transmission error."""
+    """Error: the runs do not identify the transmission error."""
 
     exit_code = 9
 

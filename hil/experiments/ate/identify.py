@@ -86,7 +86,7 @@ SATURATED_TORQUE_FRACTION = 0.99
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass that was made.
+    """One completed pass.
 
     Attributes:
         ramps: Motion that was requested.
@@ -226,7 +226,7 @@ def _fitted(
     motion: Ramps,
     recording: Recording,
 ) -> Pass:
-    """The pass with the estimate from all passes so far.
+    """Fit all passes so far, and return the new pass.
 
     Raises:
         AteNotIdentifiedError: The accelerometer is dead or saturated.
@@ -434,7 +434,7 @@ def as_part(
 ) -> IdentifiedError:
     """Convert an estimate to an entry of the model file.
 
-    An order that is not seen has no value in it.
+    An order that is not seen has the amplitude 0 in it.
 
     Args:
         estimate: The estimate.

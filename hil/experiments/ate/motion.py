@@ -99,13 +99,13 @@ def _is_held_by_arm(bench: Bench, axis: int) -> bool:
 
 
 def room_words(bench: Bench, axis: int) -> str:
-    """Sentence on what leaves a ramp its room, and how much."""
+    """Describe the room of a ramp and its limit."""
     what = f"±{bench.travel_deg:g}° of the joint leave" if _is_held_by_arm(bench, axis) else "the position limits leave"
     return f"{what} {room_rev(bench, axis):.1f}"
 
 
 def binding_limit(bench: Bench, axis: int, acceleration_rps_s: float, end_rps: float) -> str:
-    """The limit that a ramp uses up, in words; empty where none.
+    """Name the limit that a ramp uses up; empty if none.
 
     Args:
         bench: The bench file.

@@ -190,13 +190,13 @@ class _Scan:
         return RampsModel(self.sweeps, self.reduction_ratio, self.sensing, tuple(orders), estimate.band_hz)
 
     def with_order(self, estimate: JointEstimate, order: float) -> JointEstimate:
-        """The fit with one order more, which is its last."""
+        """Fit one more order, which is the last of the fit."""
         is_near, orders = estimate.explained_by_error >= LITTLE_EXPLAINED, (*estimate.error.amplitude_arcsec, order)
         start = estimate.arm if is_near else None
         return identify(self.sweeps, self.reduction_ratio, self.sensing, start, orders, is_near=is_near)
 
     def last_of(self, estimate: JointEstimate) -> SeenOrder:
-        """The last order of a fit."""
+        """Last order of a fit."""
         order, size = list(estimate.error.amplitude_arcsec.items())[-1]
         sigmas = size / max(estimate.amplitude_error_arcsec[order], 1e-30)
         return SeenOrder(order, size, self.fractions(estimate)[order], sigmas)

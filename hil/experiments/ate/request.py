@@ -30,7 +30,7 @@ GEAR_FRACTION_AT_MOST, GEAR_PHASE_DEG_AT_MOST = 0.15, 10.0
 
 @dataclass(frozen=True)
 class Miss:
-    """A number that is known less well than asked.
+    """Value that is less accurate than requested.
 
     Attributes:
         name: Its name, `A_2` or `φ_2`.
@@ -62,7 +62,7 @@ class Goal:
     phase_deg: dict[float, float] = field(default_factory=lambda: {2: 0.5, 4: 0.75})
 
     def missed(self, estimate: JointEstimate) -> list[Miss]:
-        """What is not known well enough; empty when the goal is reached.
+        """List the values that miss the goal; empty if it is reached.
 
         The phase of an amplitude that is no larger than its error is not asked for.
         """

@@ -1,4 +1,7 @@
-"""Cancellation by the drives themselves, in their own loops, where their family can: nothing goes over the bus in a cycle."""
+"""Cancellation by the drives themselves, in their own loops.
+
+The drive family must support it; the bus carries no additions in a cycle.
+"""
 
 import math
 import re
@@ -20,7 +23,9 @@ from hil.results.acted import CancelledOrder
 def cancel_inside(
     session: Session, identified: Identified | None, axes: Sequence[int], gain: float = 1.0, without: Collection[Part] = ()
 ) -> tuple[CancelledOrder, ...]:
-    """Let the drives cancel the error in their own loops, where their family can, in the next run; it puts everything back.
+    """Let the drives cancel the error in the next run.
+
+    The drive family must support it. The run restores everything.
 
     Nothing more goes over the bus in a cycle, and no delay has to be known.
 
@@ -63,7 +68,7 @@ def cancel_inside(
 
 
 def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> dict[int, Model]:
-    """Models of the axes whose drives are to cancel the error by themselves, by axis number.
+    """Models of the axes whose drives cancel, by axis number.
 
     Raises:
         NotPossibleError: A drive family cannot cancel, or no transmission error is known of any axis.
@@ -85,7 +90,7 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
 
 
 def inside_parts(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> tuple[Part, ...]:
-    """Each order of each axis that the drives are to cancel by themselves.
+    """List each order of each axis that the drives cancel.
 
     Raises:
         NotPossibleError: As `inside_models`.

@@ -1,4 +1,6 @@
-"""What a cancellation leaves of the vibration, and why: the causes that the trial's own recordings show, or none.
+"""Remainder of a vibration with a cancellation, and its cause.
+
+The causes are those that the trial's own recordings show.
 
 A cause is named only where its own vibration, reckoned without looking at what is left, is found in it: taken away, it leaves no
 more than was asked, or half of what is above that at most. Where none is, it says so. The causes:
@@ -62,7 +64,7 @@ REMEDIES: Mapping[RemainderCause, str] = {
 
 @dataclass(frozen=True)
 class TrialView:
-    """All that a trial has seen, for what is left.
+    """Data of a trial for the account of the remainder.
 
     Attributes:
         looks: All runs.
@@ -91,7 +93,9 @@ class TrialView:
 
 
 def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float) -> CancellationRemainder | None:
-    """What is left, and why; None if no run has shown it.
+    """Find the remainder of the vibration and its cause.
+
+    Returns None if no run has shown the remainder.
 
     Args:
         seen: The trial.
@@ -105,7 +109,7 @@ def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm
 
 
 class _Account:
-    """Account of what is left in the worst window."""
+    """Account of the remainder in the worst window."""
 
     def __init__(
         self, seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float, after: list[Look], before: list[Look]
@@ -122,7 +126,7 @@ class _Account:
         self._look_at(max(self._peaks, key=lambda order: self._peaks[order]))
 
     def _look_at(self, order: float | None) -> None:
-        """Take a window for that of which a cause is looked for."""
+        """Select the window whose cause is searched."""
         self._order, self._left_mm = order, self._peaks[order]
         self._is_seen = self._left_mm > self._asked_mm
         self._rows = self._seen.windows.rows[order][: self._count]
@@ -136,7 +140,7 @@ class _Account:
         return max(power - self._noise_mm**2, 0.0)
 
     def _peak_mm(self, order: float | None) -> float:
-        """The peak in a window, by the fraction of its power that is no noise."""
+        """Peak in a window, reduced by the noise's part of the power."""
         rows = self._seen.windows.rows[order][: self._count]
         tip = self._seen.windows.to_mm * self._left[rows]
         power = float(np.mean(tip**2))
@@ -144,7 +148,7 @@ class _Account:
         return float(np.max(np.abs(tip))) * math.sqrt(part)
 
     def entry(self) -> CancellationRemainder:
-        """What is left, as a result file has it."""
+        """Entry of the remainder for the result file."""
         hidden_mm = NOISE_SIGMAS * self._noise_mm
         causes: list[RemainderCause] = []
         if self._is_seen:
@@ -177,7 +181,7 @@ class _Account:
         return f"the cancellation leaves {self._left_mm:.4f} mm{where}, {asked}; {remedies}"
 
     def _cause(self) -> RemainderCause:
-        """The cause that takes away most, of those that explain what is left."""
+        """Cause that removes most of the remainder, if it explains it."""
         kept = {name: self._after_removal(vibration) for name, vibration in self._reckoned().items()}
         best = min(kept, key=lambda name: kept[name])
         if self._explains(kept[best]):
@@ -189,7 +193,10 @@ class _Account:
         return "not explained"
 
     def _hidden_cause(self) -> RemainderCause:
-        """The cause of what the noise hides: one whose own vibration is above what was asked, or the noise itself."""
+        """Cause of a remainder that the noise hides.
+
+        Its own vibration exceeds what was requested; otherwise the noise itself is the cause.
+        """
         largest: dict[RemainderCause, float] = {}
         for name, vibration in self._reckoned().items():
             peaks = self._seen.windows.peaks_mm(vibration)
@@ -210,7 +217,10 @@ class _Account:
         }
 
     def _bound(self) -> RemainderCause:
-        """What binds the set-points: the speed of the axis, or the highest frequency of the cancellation."""
+        """Limit that binds the set-points.
+
+        It is the speed of the axis, or the highest frequency of the cancellation.
+        """
         for number, table in self._tables.items():
             peak_rps = float(np.max(np.abs(motor_speed_rps(self._seen.recording, number))))
             if table.largest_speed_rps(peak_rps) > BINDS * self._seen.speed_rps.get(number, math.inf):
@@ -218,15 +228,15 @@ class _Account:
         return "frequency limit"
 
     def _explains(self, fraction: float) -> bool:
-        """Whether what a cause leaves, as a fraction, is little enough."""
+        """True if the fraction that a cause leaves is small enough."""
         return self._left_mm * fraction <= self._left_mm - HALF * (self._left_mm - self._asked_mm)
 
     def _after_removal(self, vibration: Real) -> float:
-        """Fraction of what is left that stays without a vibration."""
+        """Fraction of the remainder that stays after a vibration is removed."""
         return math.sqrt(self._power(self._left - vibration) / max(self._power(self._left), 1e-30))
 
     def _waves(self, parts: Sequence[Part], looks: Sequence[Look]) -> Real:
-        """Vibration of parts in some runs, of those that are there for certain."""
+        """Vibration of the significant parts in some runs."""
         total = np.zeros(self._count)
         for part in parts:
             size, look = self._amplitude(looks, part), looks[0].sighting
@@ -255,7 +265,10 @@ class _Account:
         return total
 
     def _found_reaction(self) -> Real:
-        """Vibration by the gear's reaction, where it is found as it was reckoned; nothing elsewhere."""
+        """Vibration by the gear's reaction.
+
+        It is zero unless the reaction is found about as predicted.
+        """
         reckoned, none = np.zeros(self._count), np.zeros(self._count)
         for axis in self._seen.axes:
             if axis.number in self._tables and isinstance(axis.response.known, Loop):
@@ -273,7 +286,10 @@ class _Account:
         return np.asarray(both @ found)
 
     def _reaction(self, axis: AxisWaves, loop: Loop, table: CancellationTable) -> Real:
-        """Vibration by the torque −τ_g dθ_sync/dθ_m at the motor, of the whole error."""
+        """Vibration by the torque −τ_g dθ_sync/dθ_m at the motor.
+
+        The whole error counts.
+        """
         recording, ratio = self._seen.recording, loop.plant.reduction_ratio
         angle, period_s = recording.axis(axis.number, "position_rad"), recording.period_s
         corner = min(0.25 * self._seen.scale.f_al_hz, 0.2 / period_s)
@@ -293,7 +309,10 @@ class _Account:
 
 
 def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.complex128]:
-    """θ_l/τ at the motor, X/(N (A + C)), seen by the sensor; 0 where X is."""
+    """Response θ_l/τ at the motor, X/(N (A + C)), at the sensor.
+
+    It is 0 where X is 0.
+    """
     response = axis.response.at(frequency_hz)
     inside = response != 0.0
     motor = loop.plant.terms(2j * math.pi * frequency_hz[inside])[0] + loop.controller(frequency_hz[inside])
@@ -302,7 +321,10 @@ def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.c
 
 
 def _without_orders(look: Look) -> Real:
-    """What the motion itself makes in a run, without noise and without any order."""
+    """Vibration of a run without noise and orders.
+
+    The rest is what the motion itself causes.
+    """
     seen = look.sighting
     rest = seen.vibration - seen.residual
     for part, size in seen.amplitude.items():

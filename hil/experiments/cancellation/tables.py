@@ -1,4 +1,4 @@
-"""The table of one axis' cancellation, for the pace of a motion."""
+"""Cancellation table of one axis, for the pace of a motion."""
 
 import math
 from typing import NamedTuple
@@ -97,7 +97,9 @@ def table_of(
 
 
 def _highest_hz(f_al_hz: float, sync_period_s: float) -> float:
-    """Highest k f_m of a cancellation: what the arm answers to, the usual one at least, and what the bus carries well.
+    """Highest k f_m of a cancellation.
+
+    The arm's response needs it, and the bus carries it well; it is at least the usual one if the bus allows that.
 
     Set-points that come slowly carry the usual one badly, so only an arm that needs it gets it from them.
     """
@@ -118,7 +120,9 @@ def _check_size(number: int, ate: TransmissionErrorTable) -> None:
 
 
 def pace_of(bench: Bench, motion: Motion, column: int) -> Pace:
-    """Pace of an axis in a motion, its jerks left out, and in the approach to its start.
+    """Pace of an axis in a motion and in its approach.
+
+    Jerks of the motion are left out.
 
     Args:
         bench: The bench file.

@@ -80,7 +80,7 @@ class ComparisonRequest:
 
 @dataclass(frozen=True)
 class KnownRobot:
-    """A robot of a comparison, and the knowledge of it.
+    """Robot of a comparison, and the knowledge of it.
 
     Attributes:
         bench: Bench file of the robot.
@@ -95,7 +95,7 @@ class KnownRobot:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A run that is not made, with the reason."""
+    """Run that is left out, with the reason."""
 
     experiment: Experiment
     reason: str
@@ -119,7 +119,7 @@ class ComparisonPlan:
 
     @property
     def experiments(self) -> list[Experiment]:
-        """The runs in their order."""
+        """Runs in their order."""
         return list(self.setups)
 
 

@@ -72,7 +72,7 @@ def _key_of(experiment: Experiment) -> Key:
 
 
 def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, left_out: str | None = None) -> ComparisonRow:
-    """A row without numbers."""
+    """Row without numbers."""
     return ComparisonRow(
         experiment=experiment.name,
         axis=experiment.axis,

@@ -47,7 +47,7 @@ def highest_hz(sync_s: float) -> float:
 
 
 def pilot_band(request: PlantRequest, sync_s: float) -> Band:
-    """Band of the pilot; what the request states, holds."""
+    """Band of the pilot; values of the request take precedence."""
     low, high = PILOT_HZ
     return _band(request, low, min(high, highest_hz(sync_s)), BIAS_RPS)
 

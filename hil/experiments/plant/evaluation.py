@@ -81,7 +81,7 @@ class PlantEvaluation:
 
 
 def _entry(mode: EstimatedMode) -> IdentifiedMode:
-    """A mode as the model file has it."""
+    """Entry of a mode for the model file."""
     found = {name: value for name, value in vars(mode).items() if value is not None}
     errors = {name: value.standard_error for name, value in found.items()}
     return IdentifiedMode(**{name: value.value for name, value in found.items()}, standard_error=errors)

@@ -76,7 +76,7 @@ CALMER = 0.6
 
 
 class PlantIdentification:
-    """One identification on a session that has been brought up.
+    """Identification of a plant on a session that has been brought up.
 
     Args:
         session: Session that has been brought up.
@@ -269,7 +269,7 @@ class PlantIdentification:
         return f"{why}, and the {self._limited_by} allows no more than {largest:.2g} N·m; {self._reach_words(band)}"
 
     def _is_cut_by_sync(self, band: Band) -> bool:
-        """True if the band ends where the SYNC period lets it."""
+        """True if the SYNC period limits the band."""
         return self.request.high_hz is None and band.high_hz >= 0.9 * highest_hz(self.bench.bus.sync_period_s)
 
     def _reach_words(self, band: Band) -> str:
@@ -467,7 +467,7 @@ class PlantIdentification:
 
 
 def _longest(whole: np.ndarray[Any, np.dtype[np.bool_]], rows: slice, samples: int) -> slice:
-    """The longest run of whole periods within a stretch."""
+    """Longest run of whole periods within a stretch."""
     best = slice(rows.start, rows.start)
     start = rows.start
     for first in range(rows.start, rows.stop - samples + 1, samples):

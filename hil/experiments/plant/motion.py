@@ -341,7 +341,7 @@ class MotionBuilder:
 
 @dataclass(frozen=True)
 class PlannedMotion:
-    """A motion with the rows that are evaluated.
+    """Motion with the rows that are evaluated.
 
     Attributes:
         motion: Motion of the robot.

@@ -49,11 +49,11 @@ class Peaks:
     tip_m_s2: float
 
     def times(self, factor: float) -> "Peaks":
-        """All of them times a factor."""
+        """Multiply all peaks by a factor."""
         return Peaks(factor * self.torque_nm, factor * self.speed_rps, factor * self.tip_m_s2)
 
     def of(self, name: str) -> float:
-        """One of them, by the name of its limit."""
+        """Peak by the name of its limit."""
         return {"torque": self.torque_nm, "speed": self.speed_rps, "tip": self.tip_m_s2}[name]
 
 

@@ -42,7 +42,7 @@ def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float
 
 
 def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple[float, str | None]:
-    """Reduction ratio, and a sentence where it was found rather than given.
+    """Reduction ratio, with a sentence if it was found, not given.
 
     Args:
         given: Reduction ratio that was said; None if none was.

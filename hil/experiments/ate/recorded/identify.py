@@ -91,7 +91,7 @@ class _Prepared:
     notes: list[str]
 
     def section(self, recorded: Recorded, stretch: MotionStretch) -> AngleSection:
-        """A stretch as it is fitted."""
+        """Section of a stretch for the fit."""
         if self.sensed is None or self.refined is None:
             return encoder_section(recorded, stretch, self.ratio, 0.0 if self.swing is None else self.swing.per_hz2)
         return self.sensed.section(recorded, stretch, self.refined.arm)
@@ -218,7 +218,7 @@ def _tells_tip(request: RecordedRequest, bench: Bench | None, identified: Identi
 
 
 def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joints: bool) -> Form:
-    """The signal that all files have beside the motor angle.
+    """Choose the signal that all files have beside the motor angle.
 
     Args:
         files: The recordings.
@@ -350,7 +350,7 @@ def _speeds(each: FoundStretch) -> np.ndarray:
 
 
 def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | None, *, is_torque: bool) -> IdentifiedError:
-    """The entry of the model file."""
+    """Entry of the model file."""
     errors = {}
     for order, value in joint.values.items():
         errors[amplitude_key(order)] = value.a_error_arcsec

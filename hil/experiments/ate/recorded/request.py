@@ -1,4 +1,4 @@
-"""Request of an identification from recordings, and what it raises."""
+"""Request of an identification from recordings, and its errors."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,13 +19,13 @@ MOST_SAMPLES = 20_000
 
 
 class RecordedAteError(HilError):
-    """The recordings do not show the transmission error."""
+    """Error: the recordings do not show the transmission error."""
 
     exit_code: ClassVar[int] = 9
 
 
 class ContradictedError(HilError, ValueError):
-    """The recordings contradict what was said of them."""
+    """Error: the recordings contradict their description."""
 
     exit_code: ClassVar[int] = 3
 
@@ -58,7 +58,7 @@ class RecordedRequest:
 
 @dataclass(frozen=True)
 class FoundStretch:
-    """A stretch of one of the recordings.
+    """Stretch of one of the recordings.
 
     Attributes:
         file: Number of its file.

@@ -53,11 +53,11 @@ class SensedFiles:
         return [(self.through[number], stretch.rows) for number, stretch in found]
 
     def refine(self, found: Sequence[tuple[int, MotionStretch]], orders: Sequence[float]) -> RefinedArm:
-        """The arm as some stretches show it."""
+        """Refine the arm on some stretches."""
         return refined_arm(self.rows(found), orders, self.belief)
 
     def section(self, recorded: Recorded, stretch: MotionStretch, arm: Arm) -> AngleSection:
-        """A stretch as it is fitted for an arm."""
+        """Section of a stretch for the fit with an arm."""
         number = next(number for number, each in enumerate(self.files) if each is recorded)
         return arm_section(self.through[number], stretch.rows, arm).averaged(MOST_SAMPLES)
 
@@ -150,7 +150,7 @@ def _belief(bench: Bench, axis: int, identified: Identified | None, *, is_torque
 
 
 def arm_of(plant: PlantTable) -> Arm:
-    """The arm of a plant on its gear, with the motor held."""
+    """Arm of a plant on its gear, with the motor held."""
     stiffness, inertia = plant.gear_stiffness_nm_rad, plant.arm_inertia_kg_m2
     total = plant.gear_damping_nm_s_rad + plant.arm_damping_nm_s_rad
     fraction = plant.gear_damping_nm_s_rad / total if total > 0.0 else 1.0

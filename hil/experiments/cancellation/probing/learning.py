@@ -1,4 +1,6 @@
-"""Learning on the motion itself: it runs with small known cancellations, and from what the tip does follows the right one.
+"""Learning on a motion by runs with small known cancellations.
+
+From the tip's motion in these runs follows the right cancellation.
 
 Nothing of the arm is needed for that: neither plant nor lever nor the sensor's frame, only each motor's inertia, of which the
 set-points of a cancellation are made. Base runs without any cancellation tell the noise; probing runs, of a design in which all
@@ -68,7 +70,10 @@ BETTER_SIGMAS = 3.0
 
 
 class MotionNotLearntError(HilError):
-    """Nothing that was learnt on a motion makes its tip quieter; nothing is kept."""
+    """Error: nothing learnt on a motion makes its tip quieter.
+
+    Nothing is kept.
+    """
 
     exit_code = 9
 
@@ -87,7 +92,9 @@ def learn_on_motion(
     read: Callable[[MotionLearning], None] | None = None,
     reporter: Reporter = SILENT,
 ) -> MotionLearning:
-    """Learn the transmission errors of all axes of a motion by running it.
+    """Learn the transmission errors of all axes of a motion.
+
+    The motion is run for it.
 
     Args:
         session: Session that has been brought up.
@@ -130,7 +137,10 @@ def learn_on_motion(
 
 
 def _two_rounds(bench: Bench, known: Identified, runs: Runs, parts: tuple[Part, ...]) -> "_Led":
-    """Probe without any cancellation, then about what follows from that, and lead on to the quietest run."""
+    """Probe in two rounds, and run on to the quietest settings.
+
+    The first round is without any cancellation, the second about the settings of the first.
+    """
     learning = runs.learning
     effects = runs.probe(parts, np.full(len(parts), learning.probe_arcsec))
     learning.noise_m_s2 = effects.noise_rms
@@ -145,7 +155,9 @@ def _two_rounds(bench: Bench, known: Identified, runs: Runs, parts: tuple[Part, 
 
 
 def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) -> TipScale:
-    """Scale of a motion: from the bench's band, or from what is known of its axes.
+    """Scale of a motion.
+
+    It comes from the bench's band, or from what is known of the axes.
 
     Args:
         bench: The bench file.
@@ -165,7 +177,9 @@ def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) 
 
 
 def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[float]) -> list[Part]:
-    """Orders of axes that the motion brings into the band; of the others it is said.
+    """List the orders that the motion brings into the band.
+
+    The other orders get an outcome that says so.
 
     Raises:
         NotPossibleError: There is none.
@@ -216,7 +230,10 @@ def _step(effects: Effects, run: MotionRun | None = None) -> ProbedStep:
 
 
 def _lead(runs: Runs, led: _Led, most: int) -> _Led:
-    """Run with what follows, lead on from there as long as the tip becomes quieter, and return the quietest."""
+    """Run with the settings, and improve them while the tip becomes quieter.
+
+    Returns the quietest run.
+    """
     tried: list[tuple[_Led, ProbedStep]] = []
     vector = led.vector
     for number in range(1, most + 1):
@@ -234,7 +251,10 @@ def _lead(runs: Runs, led: _Led, most: int) -> _Led:
 
 
 def _at_another_pace(runs: Runs, others: Runs, led: _Led, orders: Sequence[float]) -> _Led:
-    """The settings after the line was learnt at another pace as well, where at its own the tip stays as quiet."""
+    """Learn the line at another pace as well.
+
+    The new settings count if the tip stays as quiet at the line's own pace.
+    """
     known = Settled(led.parts, led.vector, led.step.covariance, led.step.seen)
     found = learn_at_pace(others, known, orders, SPREAD_ARCSEC)
     if found is known:
@@ -248,7 +268,10 @@ def _at_another_pace(runs: Runs, others: Runs, led: _Led, orders: Sequence[float
 
 
 def _with_reactions(bench: Bench, known: Identified, learning: MotionLearning, led: _Led, runs: Sequence[MotionRun]) -> _Led:
-    """The settings after a step, with the reactions of the gears allowed for, where the motors' torque shows them."""
+    """Add a step to the settings, with the gears' reactions.
+
+    A reaction counts if the motors' torque shows it.
+    """
     shown = shown_reactions(bench, known, learning, led.parts, led.vector, led.step.settings, runs)
     learning.reactions |= {number: each.believed for number, each in shown.items()}
     change = sum((each.change for each in shown.values() if each.is_seen), np.zeros(len(led.vector)))
@@ -256,7 +279,10 @@ def _with_reactions(bench: Bench, known: Identified, learning: MotionLearning, l
 
 
 def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: float) -> Real:
-    """Amplitudes of the second round: larger where an order has shown little, within what an axis may have in all."""
+    """Amplitudes of the probes of the second round.
+
+    They are larger for an order that has shown little, within the limit of an axis.
+    """
     shown = np.sqrt(np.mean(effects.effects**2, axis=(1, 2)).reshape(-1, 2).mean(axis=1))
     wanted = size * np.clip(np.median(shown) / np.maximum(shown, 1e-12), 0.5, LARGEST_PROBE)
     amplitude = np.hypot(vector[0::2], vector[1::2])
@@ -268,7 +294,7 @@ def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: 
 
 
 def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> Real:
-    """Settings of the orders that are told from nothing; of each is said what is learnt of it.
+    """Set insignificant orders to 0, and enter all outcomes.
 
     Args:
         learning: Record of the learning.
@@ -293,7 +319,9 @@ def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> 
 
 
 def _keep(learning: MotionLearning, runs: Runs, led: _Led) -> None:
-    """Keep the orders that are told from nothing, or with them those that are not, where a run shows that the tip is quieter so.
+    """Keep the significant orders, or also those that are not.
+
+    A run decides with which of them the tip is quieter.
 
     Raises:
         MotionNotLearntError: It is quieter with neither.
@@ -317,7 +345,9 @@ def _run_of(led: _Led) -> MotionRun:
 
 
 def _check_quieter(learning: MotionLearning, run: MotionRun) -> None:
-    """Refuse what does not make the tip quieter, in its peak and beyond the noise as a whole.
+    """Refuse a result that does not make the tip quieter.
+
+    The peak must fall, and the whole must fall beyond the noise.
 
     Raises:
         MotionNotLearntError: It does not.

@@ -1,4 +1,7 @@
-"""Record of learning on a motion: its runs, and what is said of each order."""
+"""Record of learning on a motion.
+
+It has the runs, and the outcome of each order.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -57,12 +60,12 @@ class MotionRunKeeper(Protocol):
 
 
 def keep_no_run(number: int, kind: RunKind, result: RunResult) -> None:
-    """Keep nothing: for callers who use only what is learnt."""
+    """Keep nothing, for callers that need the learnt values only."""
 
 
 @dataclass
 class MotionLearning:
-    """What was learnt on a motion.
+    """Result of learning on a motion.
 
     Attributes:
         motion: The motion.
@@ -100,10 +103,13 @@ class MotionLearning:
 
     @property
     def base_mm(self) -> tuple[float, float]:
-        """Peak and root mean square of the tip without cancellation: of the mean of the base runs."""
+        """Peak and root mean square of the tip without cancellation.
+
+        They are those of the mean of the base runs.
+        """
         return peak_and_rms(np.mean([run.moved_mm for run in self.of_kind("base")], axis=0))
 
     @property
     def noise_mm(self) -> RunScatter:
-        """What the base runs differ by."""
+        """Scatter of the base runs."""
         return scatter_of(np.stack([run.moved_mm for run in self.of_kind("base")]))
