@@ -135,7 +135,7 @@ def reference_per_motor_angle(
     """
     gains = loop.cascade
     if gains.position_gain_per_s <= 0.0 or gains.velocity_gain_nm_s_rad + gains.velocity_integral_gain_nm_rad <= 0.0:
-        raise ValueError("a loop without gain follows no set-point")
+        raise ValueError("the loop has no position gain or no velocity gain; a cancellation needs both")
     s = _backward(loop, frequency_hz)
     corner = 2.0 * math.pi * gains.lowpass_hz
     moved = 1.0 + corner * s / (s + corner) / gains.position_gain_per_s
@@ -284,7 +284,10 @@ def cancellation_table(
         ValueError: There is nothing to cancel, or the loop has no gain.
     """
     if not amplitude_rad or not max_rps > 0.0:
-        raise ValueError(f"nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps} rev/s")
+        raise ValueError(
+            f"nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps:g} rev/s; at least one order and a "
+            "speed above 0 are needed"
+        )
     turning = np.maximum(np.arange(math.ceil(max_rps / STEP_RPS) + 2) * STEP_RPS, LEAST_RPS)
     at_motor = {order: loop.plant.reduction_ratio * size for order, size in amplitude_rad.items()}
     # an order fades towards the highest frequency, and every wave that comes from it

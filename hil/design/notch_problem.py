@@ -61,7 +61,7 @@ class Requirements:
             ValueError: A limit is outside its range.
         """
         if not self.max_sensitivity > 1.0:
-            raise ValueError(f"max_sensitivity = {self.max_sensitivity} must be above 1, which only an open loop has")
+            raise ValueError(f"max_sensitivity = {self.max_sensitivity} must be above 1")
         if not 0.0 <= self.phase_margin_deg < 90.0:
             raise ValueError(f"phase_margin_deg = {self.phase_margin_deg} is not within 0 … 90")
         for name in ("gain_margin_db", "tip_mm"):

@@ -171,7 +171,10 @@ def order_tracks(
     array = np.asarray(orders, dtype=np.float64)
     gaps = np.diff(np.sort(array))
     if len(gaps) and float(np.min(gaps)) * turns < 1.0:
-        raise ValueError(f"orders {float(np.min(gaps)):g} apart cannot be told apart in windows of {turns:g} turns")
+        raise ValueError(
+            f"orders {float(np.min(gaps)):g} apart cannot be separated in windows of {turns:g} turns; at least "
+            f"{1.0 / turns:g} is needed"
+        )
     made = [(window, *_components(window, array, turns)) for window in _windows(motor_angle_rad, signals, period_s, array, turns)]
     made.sort(key=lambda each: each[0].speed_rps)
     speed = np.array([window.speed_rps for window, _, _ in made])
@@ -272,10 +275,13 @@ def _windows(motor_angle_rad: Real, signals: Sequence[Real], period_s: float, or
     angle, signal = np.asarray(motor_angle_rad, dtype=np.float64), [np.asarray(each, dtype=np.float64) for each in signals]
     for each in signal:
         if angle.shape != each.shape or angle.ndim != 1:
-            raise ValueError(f"{angle.shape} motor angles and {each.shape} samples of the vibration are not one recording")
+            raise ValueError(
+                f"{angle.shape} motor angles and {each.shape} samples of the vibration do not match; both must have "
+                "one shape (n,)"
+            )
     together = np.stack(signal)
     if not (len(orders) and float(np.min(orders)) > 0.0 and period_s > 0.0 and turns > 0.0):
-        raise ValueError(f"orders {orders}, a period of {period_s:g} s and {turns:g} turns have to be positive")
+        raise ValueError(f"orders {orders}, a period of {period_s:g} s and {turns:g} turns must all be above 0")
     count = 0
     for begin, end in _stretches(angle, period_s):
         position = np.maximum.accumulate(np.abs(angle[begin:end] - angle[begin])) / (2.0 * math.pi)
@@ -296,7 +302,7 @@ def _windows(motor_angle_rad: Real, signals: Sequence[Real], period_s: float, or
             yield _Window(place, weight, angle[there], together[:, there], speed, direction, period_s)
     if not count:
         raise ValueError(
-            f"the motor never turns {turns:g} turns one way at {SLOWEST_RPS:g} rev/s or more: there is no order to be seen"
+            f"the motor never makes {turns:g} turns in one direction at {SLOWEST_RPS:g} rev/s or more; an order map needs as many"
         )
 
 

@@ -85,7 +85,9 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
                 by_name[name] = None
                 continue
             if len(values) % samples or len(values) < 2 * samples:
-                raise ValueError(f"{len(values)} rows are no whole number of periods of {samples}, at least two")
+                raise ValueError(
+                    f"{len(values)} rows are not a whole number of periods of {samples} rows; at least two periods are needed"
+                )
             steady = values.reshape(-1, samples) if name == "excitation" else _without_trend(values.reshape(-1, samples))
             periods.append(np.fft.rfft(steady, axis=1)[:, lines] * (2.0 / samples))
     whole = {name: None if periods is None else np.concatenate(periods) for name, periods in by_name.items()}

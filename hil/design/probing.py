@@ -132,7 +132,7 @@ def scatter_of(rows: Real) -> RunScatter:
         ValueError: There is one run only.
     """
     if len(rows) < 2:
-        raise ValueError("one run has nothing to differ from")
+        raise ValueError("one run shows no scatter; at least 2 equal runs are needed")
     noise = np.sum(autocovariance(rows - np.mean(rows, axis=0)), axis=0) / (len(rows) - 1)
     return RunScatter(math.sqrt(float(np.sum(noise[:, 0]))), max(_independent(noise), 1.0))
 
@@ -152,7 +152,9 @@ def effects_of(settings: Real, rows: Real) -> Effects:
     unknowns = np.concatenate([np.ones((len(settings), 1)), settings], axis=1)
     freedom = len(unknowns) - unknowns.shape[1]
     if np.linalg.matrix_rank(unknowns) < unknowns.shape[1] or freedom < 1:
-        raise ValueError(f"{len(unknowns)} runs do not tell {settings.shape[1]} settings and the noise apart: repeat the level")
+        raise ValueError(
+            f"{len(unknowns)} runs cannot separate {settings.shape[1]} settings and the noise; repeat runs at the level"
+        )
     inverse = np.linalg.inv(unknowns.T @ unknowns)
     solved = np.tensordot(inverse @ unknowns.T, rows, axes=1)
     left = rows - np.tensordot(unknowns, solved, axes=1)
@@ -296,7 +298,8 @@ def _inflation(correlation: Real, unknowns: int) -> float:
         return 1.0
     if independent < LEAST_FREEDOM * unknowns:
         raise ValueError(
-            f"{independent:.0f} independent samples for {unknowns} unknowns: the motion is too short, or its band too narrow, "
-            "for so many orders"
+            f"{independent:.0f} independent samples for {unknowns} unknowns, at least "
+            f"{LEAST_FREEDOM * unknowns:.0f} are needed: the motion is too short, or its band too narrow, for so "
+            "many orders"
         )
     return independent / (independent - unknowns)

@@ -147,21 +147,28 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
     law = LAW_ERROR + LAW_ERROR_BY_DAMPING * tip.damping**2
     error = math.hypot(tip.standard_error_hz, law * tip.peak_hz)
     if not LEAST_DAMPING < tip.damping < MOST_DAMPING:
-        raise NoResonanceError(f"nothing swells as an arm does that rings (a damping ratio of {tip.damping:.2g})")
+        raise NoResonanceError(
+            f"the clearest resonance has a damping ratio of {tip.damping:.2g}; that of an arm lies between "
+            f"{LEAST_DAMPING:g} and {MOST_DAMPING:g}"
+        )
     if error > MOST_UNCERTAINTY * tip.peak_hz:
-        raise NoResonanceError(f"a resonance near {tip.peak_hz:.1f} Hz would be known to {error:.1f} Hz only")
+        raise NoResonanceError(
+            f"a resonance near {tip.peak_hz:.1f} Hz has a standard error of {error:.1f} Hz; at most "
+            f"{MOST_UNCERTAINTY * tip.peak_hz:.1f} Hz is allowed"
+        )
     if tip.explained_fraction < LEAST_TIP_EXPLAINED:
         raise NoResonanceError(
-            f"a resonance near {tip.peak_hz:.1f} Hz explains {100.0 * tip.explained_fraction:.0f} % of the vibration"
+            f"a resonance near {tip.peak_hz:.1f} Hz explains {100.0 * tip.explained_fraction:.0f} % of the "
+            f"vibration; at least {100.0 * LEAST_TIP_EXPLAINED:.0f} % is needed"
         )
     clear = [(each, order) for each, order in zip(tip.significance, orders, strict=True) if each >= LEAST_SIGNIFICANCE]
     met = [order for _, order in sorted(clear, reverse=True) if model.passes(tip.peak_hz / order)]
     if not met:
-        raise NoResonanceError(f"the ramp passes no speed at which an order would meet a resonance near {tip.peak_hz:.1f} Hz")
+        raise NoResonanceError(f"the ramp passes no speed at which an order meets a resonance near {tip.peak_hz:.1f} Hz")
     if not model.is_felt(tip, tip.peak_hz / met[0]):
         raise NoResonanceError(
-            f"the tip rings near {tip.peak_hz:.1f} Hz: that is f_al, or the sensor on its mounting; the motor's torque does not "
-            "tell which"
+            f"the tip rings near {tip.peak_hz:.1f} Hz, which is f_al or the sensor on its mounting; the motor "
+            "torque does not show which"
         )
     return Ringing(tip.peak_hz, error, tip.damping, tuple(met), tip.explained_fraction)
 
@@ -191,7 +198,9 @@ class _RampModel:
         self._speed_rps, self._angle_rad, self._orders = speed_rps[self._rows], angle[self._rows], orders
         highest = min(RANGE_HZ[1], 0.4 / period_s, max(orders) * self._top_rps / ROOM)
         if highest < 2.0 * RANGE_HZ[0]:
-            raise NoResonanceError(f"the ramp shows frequencies up to {highest:.1f} Hz only")
+            raise NoResonanceError(
+                f"the ramp shows frequencies up to {highest:.1f} Hz only; at least {2.0 * RANGE_HZ[0]:g} Hz are needed"
+            )
         self._grid = np.exp(np.arange(math.log(RANGE_HZ[0]), math.log(highest), GRID_STEP))
 
     def passes(self, speed_rps: float) -> bool:

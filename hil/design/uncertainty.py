@@ -71,7 +71,10 @@ def around(
         raise ValueError(f"an uncertainty of {percent} % is not within 0 … 50 %")
     if percent is not None and 0.0 < percent < 100.0 * LEAST_SPREAD:
         least = 100.0 * LEAST_SPREAD
-        raise ValueError(f"an uncertainty of {percent} % is less than the {least:g} % by which f_a moves anyway; 0: none at all")
+        raise ValueError(
+            f"an uncertainty of {percent} % is below the {least:g} % by which f_a varies in any case; choose 0 for "
+            f"none, or at least {least:g} %"
+        )
     amplitudes = {
         order: amplitude + SIGMAS * (amplitude_error_arcsec or {}).get(order, 0.0)
         for order, amplitude in error.amplitude_arcsec.items()

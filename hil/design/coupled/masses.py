@@ -86,7 +86,10 @@ class NoMassesError(ValueError):
 
     def __init__(self, misfit: float) -> None:
         self.misfit = misfit
-        super().__init__(f"no masses explain what was felt, misfit {misfit:.1f} standard errors")
+        super().__init__(
+            f"no masses explain the measured modes: the misfit is {misfit:.1f} standard errors; at most "
+            f"{MOST_MISFIT:g} is allowed"
+        )
 
 
 @dataclass(frozen=True, eq=False)

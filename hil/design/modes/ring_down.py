@@ -111,10 +111,10 @@ def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
     """
     modes = modes_of(rates)
     if not modes:
-        raise ValueError("the closed loop has no mode that rings: nothing is left to be told after a stop")
+        raise ValueError("the closed loop has no mode that rings, so a stop cannot be judged")
     count = min(len(tip_m_s2), round(LONGEST_S / period_s))
     if count < FEWEST_SAMPLES:
-        raise ValueError(f"{count} samples after the stop, {FEWEST_SAMPLES} are needed: a longer tail_s shows what rings")
+        raise ValueError(f"the recording has {count} samples after the stop; at least {FEWEST_SAMPLES} are needed; raise tail_s")
     time: Real = period_s * np.arange(count, dtype=np.float64)
     values = np.asarray(tip_m_s2, dtype=np.float64)[:count]
     ringing = rates[len(rates) - len(modes) :]

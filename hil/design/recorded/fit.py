@@ -132,9 +132,9 @@ def fit_section(section: AngleSection, orders: Sequence[float], repeats: int = R
     degrees = degrees_for(section.turns, min(orders)) if degree is None else (degree,)
     needed, enough = least_turns(orders), 3 * (max(degrees) + 1 + waves.shape[1])
     if section.turns < needed:
-        raise ValueError(f"{section.turns:.2f} revolutions do not tell these orders apart: at least {needed:g} do")
+        raise ValueError(f"{section.turns:.2f} revolutions do not separate these orders; at least {needed:g} are needed")
     if len(section.signal) < enough:
-        raise ValueError(f"{len(section.signal)} samples are too few for them: at least {enough} are needed")
+        raise ValueError(f"{len(section.signal)} samples are too few for these orders; at least {enough} are needed")
     scale = float(np.std(section.signal)) or 1.0
     size = np.sqrt(np.mean(waves**2, axis=0)) + 1e-300
     choice = DegreeChoice(section.angle_rad, waves / size, degrees)

@@ -110,7 +110,7 @@ def joined(fits: Sequence[SectionFit], moves: Sequence[Real] | None = None) -> J
         ValueError: There is no fit.
     """
     if not fits:
-        raise ValueError("no stretch has been fitted")
+        raise ValueError("no stretch has been fitted; at least 1 is needed")
     values: dict[float, RecordedValue] = {}
     changes: dict[float, Change] = {}
     for row, order in enumerate(fits[0].orders):

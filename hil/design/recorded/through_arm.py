@@ -87,11 +87,15 @@ class ThroughArm:
         period = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
         if period > 0.2 / arm_hz:
             least = 200.0 / arm_hz
-            raise ValueError(f"samples every {1e3 * period:.3g} ms do not show an arm at {arm_hz:.3g} Hz; {least:.3g} ms do")
+            raise ValueError(
+                f"samples every {1e3 * period:.3g} ms do not show an arm at {arm_hz:.3g} Hz; at most {least:.3g} ms is allowed"
+            )
         self._ratio, self._sensing = ratio, sensing
         self._every = max(1, math.ceil(period / FINE_S))
         if len(time_s) * self._every > MOST_FINE:
-            raise ValueError(f"{len(time_s)} samples are too many; {MOST_FINE // self._every} can be fitted through an arm")
+            raise ValueError(
+                f"{len(time_s)} samples are too many; at most {MOST_FINE // self._every} can be fitted through an arm"
+            )
         self.time_s = time_s[0] + period * np.arange(len(time_s))
         self._fine_s = time_s[0] + period / self._every * np.arange((len(time_s) - 1) * self._every + 1)
         self._fine_rad = scipy.interpolate.CubicSpline(time_s, motor_rad)(self._fine_s)
