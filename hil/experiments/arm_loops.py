@@ -83,7 +83,7 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
         masses = _Masses.identified(bench, known, identified_axes)
         if all(masses.is_known_at(posture.joints_rad) for posture in _postures(bench, bench.arm, axis)[0]):
             return _by_masses(masses, bench, axis, law, [1.0, 1.0 - away, 1.0 + away])
-        lacking = "the masses of the model file are none in some posture of the line"
+        lacking = "the masses of the model file make no valid mass matrix in some posture of the line"
     own = identified_axes.get(axis, IdentifiedAxis()).plant
     if own is None or not own.modes:
         note = f"axis {axis}: {lacking}, so margins are those of the axis by itself; on the arm they are not known"
@@ -94,8 +94,8 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
     label = "where its plant was identified, other motors held"
     cases = tuple(ArmCase(label + _factor_words(factor), whole.stiffened(factor), 0) for factor in factors)
     note = (
-        f"axis {axis}: {lacking}; margins on the arm hold for the modes of the model file, in the posture in which they were "
-        "identified and with other motors held; elsewhere on the line they are not known"
+        f"axis {axis}: {lacking}; margins on the arm hold in the posture in which the modes of the model file "
+        "were identified, with other motors held; elsewhere on the line they are not known"
     )
     return KnownLoops(ArmLoops(law, cases), (note,))
 
@@ -173,11 +173,14 @@ def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Seq
         notes.append(f"axis {axis}: masses were identified from {known}")
     rigid = [number for number in masses.arm.axes if number not in elastic]
     if rigid:
-        notes.append(f"axis {axis}: without a model {_axes_words(rigid)} counted as rigid: the arm rings lower than reckoned")
+        notes.append(
+            f"axis {axis}: for lack of a model {_axes_words(rigid)} taken as rigid; the arm rings at lower "
+            "frequencies than computed"
+        )
     laws = _laws(bench, [number for number in numbers if number != axis], elastic, law)
     if len(laws) < len(numbers) - 1:
         unknown = [number for number in numbers if number != axis and number not in laws]
-        notes.append(f"axis {axis}: {_axes_words(unknown)} of unknown gains, so other loops closed are not looked at")
+        notes.append(f"axis {axis}: {_axes_words(unknown)} of unknown gains, so margins with other loops closed are not computed")
     cases: list[ArmCase] = []
     filtered: list[ArmCase] = []
     for posture in postures:

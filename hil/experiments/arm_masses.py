@@ -75,7 +75,8 @@ def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
     count = max((sum(number == axis for number, _ in postures) for axis in axes), default=0)
     if count < FEWEST_POSTURES:
         raise NotPossibleError(
-            f"the model file has {count} postures of an axis, {FEWEST_POSTURES} are the fewest: hil identify plant --posture-deg"
+            f"the model file has {count} postures of an axis; at least {FEWEST_POSTURES} are needed; add some "
+            "with hil identify plant --posture-deg"
         )
     fitted = _Arm(bench, bench.arm, axes, np.radians([each.joints_deg for _, each in postures]))
     felt = [
@@ -123,7 +124,7 @@ class _Arm:
             raise ArmNotIdentifiedError(_misfit_words(error.misfit, rigid)) from None
         except TooFewPosturesError as error:
             there = _posture_words(self._posture_of(around[error.best]))
-            raise ArmNotIdentifiedError(f"{error}: measure one posture more, such as --posture-deg {there}") from None
+            raise ArmNotIdentifiedError(f"{error}; measure one more posture, such as --posture-deg {there}") from None
         following = self._posture_of(around[fit.best])
         line, notes = self._line(fit, following)
         worst = max((e / hz for each in line for hz, e in zip(each.dips_hz, each.standard_error_hz, strict=True)), default=0.0)
@@ -131,8 +132,8 @@ class _Arm:
             notes.append(_misfit_words(fit.misfit, rigid))
         if 100.0 * worst > POOR_PERCENT:
             notes.append(
-                f"dips along the line are known to {100.0 * worst:.1f} % only: one posture more, such as --posture-deg "
-                f"{_posture_words(following)}, tells most"
+                f"dips along the line are known to {100.0 * worst:.1f} % only; measure one more posture, best "
+                f"--posture-deg {_posture_words(following)}"
             )
         measured = self._measured(fit, felt, at)
         notes += _bodies_words(measured)
@@ -216,13 +217,13 @@ class _Arm:
         away = np.degrees(np.abs(walked[:, others] - self.joints_rad[0, others]).max(axis=0, initial=0.0))
         turning = [str(self.arm.axes[row]) for row, deg in zip(others, away, strict=True) if deg > STAYS_DEG]
         if turning:
-            words = f"the line turns axis {', '.join(turning)}, of which nothing was identified"
+            words = f"the line turns axis {', '.join(turning)}, which has no identified modes"
             return [], [f"dips along the line are not predicted: {words}"]
         at = [int(np.argmin(np.abs(fractions - each))) for each in np.linspace(0.0, 1.0, ALONG_LINE)]
         values, errors = fit.dips_hz(self.regressors(walked[at]))
         if not (np.all(np.isfinite(values)) and np.all(np.isfinite(errors))):
-            words = "dips along the line are not predicted: these postures tell too little of the masses there"
-            return [], [f"{words}: one posture more, such as --posture-deg {_posture_words(following)}, tells most"]
+            words = "dips along the line are not predicted: these postures do not determine the masses there"
+            return [], [f"{words}; measure one more posture, best --posture-deg {_posture_words(following)}"]
         return [
             LineDips(
                 way_fraction=float(fractions[row]), dips_hz=tuple(dips.tolist()), standard_error_hz=tuple(off.tolist()),
@@ -244,16 +245,22 @@ def _bodies_words(measured: Sequence[MeasuredDip]) -> list[str]:
     sigmas = [away / math.hypot(error, LEAST_FREQUENCY_ERROR) for away, error in off]
     at = int(np.argmax(sigmas))
     (worst, _), (away, _) = with_bodies[at], off[at]
-    words = f"the bench file's bodies: a dip of {worst.measured_hz:.2f} Hz measured, {worst.bodies_hz:.2f} Hz by them"
-    found = f"{words}, is the farthest: {100.0 * away:.1f} %, {sigmas[at]:.1f} standard errors"
-    return [found + ("" if away < BODIES_OFF else ". Do they, and the payload, fit this robot?")]
+    words = (
+        f"the bench file's bodies: the dip that is farthest off was measured at {worst.measured_hz:.2f} Hz, and is "
+        f"{worst.bodies_hz:.2f} Hz by them"
+    )
+    found = f"{words}: {100.0 * away:.1f} %, {sigmas[at]:.1f} standard errors"
+    return [found + ("" if away < BODIES_OFF else "; check that the bodies and the payload are those of this robot")]
 
 
 def _misfit_words(misfit: float, rigid: Sequence[int]) -> str:
     """Sentence on postures that no masses explain."""
-    words = f"no masses explain what was felt, misfit {misfit:.1f} standard errors. Was a load changed, or a posture not kept"
+    words = (
+        f"no masses explain the measured modes: the misfit is {misfit:.1f} standard errors; check that no load was "
+        "changed and every posture was kept"
+    )
     if rigid:
-        words += f", or do axes {', '.join(map(str, rigid))}, which were not identified and count as rigid, swing along"
+        words += f", and that axes {', '.join(map(str, rigid))}, which were not identified and count as rigid, do not swing along"
     return f"{words}?"
 
 

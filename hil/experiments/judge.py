@@ -111,7 +111,7 @@ class RunJudge:
             return FoundScale(ramp_scale((low_hz, high_hz)), words=words)
         if own is None:
             why = self._why.get(axis)
-            rest = "" if why is None else f". The ramp by itself does not tell f_al: {why}"
+            rest = "" if why is None else f". The ramp by itself does not show f_al: {why}"
             return FoundScale(None, words=missing_words([axis]) + rest)
         factor = (own.peak_hz / (own.peak_hz - 2.0 * own.standard_error_hz)) ** 2
         return FoundScale(
@@ -149,7 +149,7 @@ def _compared(known: TipScale, own: Ringing | None, who: str) -> FoundScale:
     remark = f"{who}: the model says f_al = {known.f_al_hz:.2f} Hz, the ramp itself shows {own_words(own)}"
     doubt = None
     if abs(difference) > MOST_DIFFERENCE * known.f_al_hz:
-        doubt = f"{remark}: the model is another robot's, or the robot has changed: hil identify plant"
+        doubt = f"{remark}: the model is another robot's, or the robot has changed; repeat hil identify plant"
     return FoundScale(known, "model", None, words, doubt, remark, max(1.0, (known.f_al_hz / own.peak_hz) ** 2))
 
 
@@ -215,9 +215,10 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
             continue
         if ramp.end_rps > resonant_rps:
             within.append(
-                f"axis {axis}: order {order} is not judged: the ramp meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} "
-                f"rev/s, less than {1e3 * BRAKING_S:g} ms before it brakes: of constant_acceleration lower acceleration_rps_s, "
-                f"{ramp.acceleration_rps_s:g} rev/s², or raise end_rps, {ramp.end_rps:g} rev/s"
+                f"axis {axis}: order {order} is not judged: the ramp meets f_al = {scale.f_al_hz:.2f} Hz at "
+                f"{resonant_rps:.2f} rev/s, less than {1e3 * BRAKING_S:g} ms before it brakes; in "
+                f"[constant_acceleration] lower acceleration_rps_s, {ramp.acceleration_rps_s:g} rev/s², or raise "
+                f"end_rps, {ramp.end_rps:g} rev/s"
             )
             continue
         text = (
@@ -225,9 +226,9 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
             f"ramp ends at {ramp.end_rps:g} rev/s, and from the middle of the travel the limits allow"
         )
         if last_rps(most_rps, ramp.acceleration_rps_s) >= resonant_rps:
-            within.append(f"{text} {most_rps:.3g}: raise end_rps of constant_acceleration")
+            within.append(f"{text} {most_rps:.3g} rev/s; raise end_rps in [constant_acceleration]")
         else:
-            beyond.append(f"{text} no more than {most_rps:.3g}")
+            beyond.append(f"{text} no more than {most_rps:.3g} rev/s")
     return tuple(within), tuple(beyond)
 
 

@@ -27,9 +27,9 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
     found = bench.axis[number].motor_inertia_kg_m2 if given_kg_m2 is None else given_kg_m2
     if found is None:
         raise NotPossibleError(
-            f"the motor inertia of axis {number} is not known, and a cancellation needs it: --plant model.toml of hil identify "
-            f"plant, [axis.{number}.model] in the bench file, or from the motor's data sheet motor_inertia_kg_m2 in "
-            f"[axis.{number}] or --motor-inertia-kg-m2"
+            f"the motor inertia of axis {number} is not known, and a cancellation needs it; give --plant "
+            f"model.toml of hil identify plant, [axis.{number}.model] in the bench file, or, from the motor's "
+            f"data sheet, motor_inertia_kg_m2 in [axis.{number}] or --motor-inertia-kg-m2"
         )
     return found
 

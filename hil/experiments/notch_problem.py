@@ -160,7 +160,7 @@ def unreached_words(axis: int, orders: Sequence[int], f_al_hz: float, limit_rps:
         limit_rps: Speed limit of the axis.
     """
     meets = ", ".join(f"order {order} meets f_al = {f_al_hz:.2f} Hz at {f_al_hz / order:.2f} rev/s" for order in orders)
-    return f"axis {axis}: {meets}, beyond the reach of the speed limit of {limit_rps:g} rev/s: there is nothing to suppress"
+    return f"axis {axis}: {meets}, beyond its speed limit of {limit_rps:g} rev/s: there is nothing to suppress"
 
 
 def _check_orders(axis: int, orders: Sequence[int], amplitudes_arcsec: Mapping[float, float]) -> None:
@@ -171,7 +171,9 @@ def _check_orders(axis: int, orders: Sequence[int], amplitudes_arcsec: Mapping[f
         if not 1 <= order <= LARGEST_ORDER:
             raise NotPossibleError(f"no filter of order {order} follows the motor; those of order 1 to {LARGEST_ORDER} do")
         if not amplitudes_arcsec.get(order, 0.0) > 0.0:
-            raise NotPossibleError(f"axis {axis}: the transmission error of order {order} is not known: hil identify ate")
+            raise NotPossibleError(
+                f"axis {axis}: the transmission error of order {order} is not known; find it with hil identify ate"
+            )
 
 
 def _ramps(

@@ -170,11 +170,11 @@ def check_stop(is_stop: bool, name: str, loop: LoopName) -> None:
         return
     if name != "none" and treatment(name).shaper is None:
         raise NotPossibleError(
-            f"{name} acts while a motor turns; after a stop the arm rings all the same, which is a shaper's to prevent, "
-            "alone or beside a cancellation (cancellation+shaper-ei)"
+            f"{name} acts only while a motor turns, and the arm rings after the stop; choose a shaper, alone or "
+            "beside a cancellation (cancellation+shaper-ei)"
         )
     if loop == "host":
-        raise NotPossibleError("a point-to-point move is judged where the drives close the loop (--loop drive)")
+        raise NotPossibleError("a point-to-point move is judged only with loops that the drives close; choose --loop drive")
 
 
 def path_error_mm(bench: Bench, motion: Motion, shaped: Motion) -> float | None:

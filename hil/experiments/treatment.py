@@ -33,13 +33,14 @@ HOST_CLOSED: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if
 
 
 NO_FOLLOWING_ON_ARM = (
-    "cancellation-following reads one direction of the tip with a lever for each axis, and on a bench with an arm the tip is a "
-    "vector: choose --treatment cancellation, or learn on the line anew (hil learn --motion line-motion)"
+    "cancellation-following reads one direction of the tip with a lever for each axis, but on a bench with an "
+    "arm the tip is a vector; choose --treatment cancellation, or learn on the line anew (hil learn --motion "
+    "line-motion)"
 )
 
 NO_FOLLOWING_BY_ENCODERS = (
-    "cancellation-following takes the encoder of a joint in place of an accelerometer where that axis moves alone: choose "
-    "--treatment cancellation, or an accelerometer for a motion of several axes"
+    "cancellation-following can replace the accelerometer by a joint's encoder only if that axis moves alone; "
+    "choose --treatment cancellation, or take an accelerometer for a motion of several axes"
 )
 
 
@@ -53,8 +54,8 @@ def arm_remark(bench: Bench, name: str) -> str | None:
     if bench.arm is None or not treatment(name).is_combined:
         return None
     return (
-        f"{name}: on an arm the filters beside a cancellation leave more than the cancellation alone: they open the loops, and "
-        "the torques with which other axes react move the motors; --treatment cancellation is the better one"
+        f"{name}: on an arm the filters beside a cancellation leave more vibration than the cancellation alone, "
+        "since they open the loops to the torques of the other axes; choose --treatment cancellation"
     )
 
 
@@ -176,10 +177,10 @@ def _check_loop(row: Treatment, loop: str) -> None:
     if loop in row.loops:
         return
     if row.shaper is not None:
-        raise NotPossibleError(f"{row.name}: a shaper is fitted to the loop that the drives close (--loop drive)")
+        raise NotPossibleError(f"{row.name} needs loops that the drives close, to which a shaper is fitted; choose --loop drive")
     if row.cancels:
-        raise NotPossibleError(f"{row.name}: cancellation acts where the drives close the loop (--loop drive)")
-    raise NotPossibleError(f"{row.name}: the drives' own filters follow the speed; this one acts with --loop host")
+        raise NotPossibleError(f"{row.name}: a cancellation needs loops that the drives close; choose --loop drive")
+    raise NotPossibleError(f"{row.name} acts in the loop that the host closes; choose --loop host")
 
 
 def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
@@ -191,7 +192,7 @@ def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
         NotPossibleError: It needs a learnt model, and there is none.
     """
     if row.needs == "learnt" and knowledge.learnt is None:
-        raise NotPossibleError(f"{row.name} needs what has been learnt: --learnt learnt.toml, from hil learn")
+        raise NotPossibleError(f"{row.name} needs what has been learnt; give --learnt learnt.toml, from hil learn")
     if not row.cancels:
         return None
     return knowledge.learnt if row.needs == "learnt" else knowledge.identified
@@ -227,5 +228,5 @@ def fixed_filters(bench: Bench, knowledge: Knowledge, period_s: float) -> dict[i
         notch, peak = table.notch[0], loop.peak_hz()
         filters[number] = FixedFilter(*notch_coefficients(peak, peak + notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, period_s))
     if not filters:
-        raise NotPossibleError("fixed-notch needs an axis with a notch and a model (hil identify plant)")
+        raise NotPossibleError("fixed-notch needs an axis with a notch and a model; identify it with hil identify plant")
     return filters

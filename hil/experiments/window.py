@@ -140,7 +140,7 @@ def stop_row(recording: Recording, axis: int) -> int:
     reference = recording.axis(axis, "reference_rad")
     moving = np.flatnonzero(reference != reference[-1])
     if not len(moving) or moving[-1] + 2 >= len(reference):
-        raise ValueError("the set-points do not come to rest: nothing is seen after a stop")
+        raise ValueError("the set-points do not come to rest, so a stop cannot be judged")
     return int(moving[-1]) + 2
 
 
@@ -148,14 +148,14 @@ def _verdict(metrics: Metrics, peak_mm: float, limit_mm: float, found: FoundScal
     """Judge a peak, unless f_al or noise leaves it open."""
     if peak_mm <= limit_mm < peak_mm * found.most_factor:
         reason = (
-            f"the tip's peak of {peak_mm:.4f} mm keeps ±{limit_mm:g} mm, but as {found.remark or found.words} it may be up to "
-            f"{peak_mm * found.most_factor:.4f} mm"
+            f"the tip's peak of {peak_mm:.4f} mm is within ±{limit_mm:g} mm, but may be up to "
+            f"{peak_mm * found.most_factor:.4f} mm, since f_al is uncertain: {found.remark or found.words}"
         )
         return JudgedWindow(metrics, invalid=reason)
     if peak_mm > limit_mm and metrics.is_noise:
         reason = (
-            f"the tip's peak of {peak_mm:.4f} mm is not told apart from the sensor's noise, which alone shows up to "
-            f"{metrics.noise_mm:.4f} mm: --repeat runs it several times and judges the mean"
+            f"the tip's peak of {peak_mm:.4f} mm may be the sensor's noise, which alone shows up to "
+            f"{metrics.noise_mm:.4f} mm; repeat the run with --repeat, which judges the mean"
         )
         return JudgedWindow(metrics, invalid=reason)
     return JudgedWindow(metrics, is_within=bool(peak_mm <= limit_mm))
@@ -170,10 +170,13 @@ def _check_cycles(bench: Bench, result: RunResult) -> None:
     if result.timing is not None and result.dropped_cycles + result.missed_cycles > MAX_LATE * result.cycles:
         raise ValueError(
             f"of {result.cycles} cycles {result.dropped_cycles} were not sent in time and {result.missed_cycles} "
-            f"lack an answer, more than {100.0 * MAX_LATE:g} %; docs/realtime.md"
+            f"lack an answer, more than {100.0 * MAX_LATE:g} %; see docs/realtime.md"
         )
     if result.sensor_missed > MAX_SENSOR_MISSED * result.cycles:
-        raise ValueError(f"the {bench.accelerometer.title} was missing in {result.sensor_missed} of {result.cycles} cycles")
+        raise ValueError(
+            f"the {bench.accelerometer.title} was missing in {result.sensor_missed} of {result.cycles} cycles; at "
+            f"most {100.0 * MAX_SENSOR_MISSED:g} % may lack it"
+        )
 
 
 def check_range(bench: Bench, recording: Recording) -> None:
@@ -192,7 +195,7 @@ def check_range(bench: Bench, recording: Recording) -> None:
         count = int(np.count_nonzero(values >= AT_RANGE * limit))
         if count:
             raise ValueError(
-                f"the accelerometer was at the end of its range of {limit:g} m/s² in {count} samples of {name}: "
+                f"the accelerometer was at the end of its range of {limit:g} m/s² in {count} samples of {name}; "
                 "move more slowly, or take one with a wider range"
             )
 

@@ -118,7 +118,12 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
     if len(levels) < 8:
         what = f"different values of the {sensor} in {len(tip)} samples"
         raise AteNotIdentifiedError(
-            what, len(levels), 8, "", "is it powered, does it sit on the arm, is its resolution fine enough?", causes=MISWIRED
+            what,
+            len(levels),
+            8,
+            "",
+            "check that it is powered, sits on the arm, and has a fine enough resolution",
+            causes=MISWIRED,
         )
     step = float(np.min(np.diff(levels)))
     for end, count, beside in ((levels[0], counts[0], counts[1:4]), (levels[-1], counts[-1], counts[-4:-1])):
@@ -128,7 +133,7 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
         is_pile = count > PILE * int(beside.max()) and abs(end - float(np.median(tip))) > FLAT_STEPS * step
         if stretches >= FLAT_STRETCHES and is_pile:
             what = f"times that the {sensor} saturates at {end:.3g} m/s²"
-            remedy = f"a range beyond {abs(end):.3g} m/s² or a faster ramp is needed"
+            remedy = f"take a sensor with a range beyond {abs(end):.3g} m/s², or a faster ramp"
             raise AteNotIdentifiedError(what, stretches, FLAT_STRETCHES - 1, "", remedy, at_most=True)
 
 
@@ -155,10 +160,8 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
     if of_vibration < LEAST_EXPLAINED:
         signal = "motor torque's" if sensorless else "tip's"
         orders = ", ".join(f"{order:g}" for order in estimate.error.amplitude_arcsec)
-        what = (
-            f"the fraction of the {signal} vibration, noise left out, that a transmission error of the orders {orders} explains"
-        )
-        remedy = "does another order ring (the order map of a run shows it), another axis, or a loose sensor?"
+        what = f"the fraction of the {signal} vibration beyond noise that the orders {orders} explain"
+        remedy = "look for another order (in the order map of a run), another vibrating axis, or a loose sensor"
         raise AteNotIdentifiedError(
             what, of_vibration, LEAST_EXPLAINED, "", remedy, is_of_orders=True, causes=("another source of vibration",)
         )
@@ -167,7 +170,7 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
         bound = DELAY_S[1] - 1e-3 if delay > 0.0 else -DELAY_S[0] - 1e-3
         what = "the delay between motor angle and sensor"
         raise AteNotIdentifiedError(
-            what, 1e3 * abs(delay), 1e3 * bound, "ms", "beyond it φ cannot be told from φ + 180°", at_most=True
+            what, 1e3 * abs(delay), 1e3 * bound, "ms", "with a longer delay φ looks like φ + 180°", at_most=True
         )
 
 
@@ -184,10 +187,12 @@ def _check_factor(estimate: JointEstimate) -> None:
     if factor < -FEELS_NOTHING:
         remedy = "the tip moves against the motor: the encoder counts backwards (607Eh), or the accelerometer sits upside down"
     elif factor < FEELS_NOTHING:
-        remedy = "the sensor does not feel this axis: is it alive, does it sit on this arm, is the arm coupled and free?"
+        remedy = (
+            "the sensor does not feel this axis: check that it works and sits on this arm, and that the arm is coupled and free"
+        )
     else:
-        remedy = "is this the axis that moved, and are its reduction ratio and lever right?"
-    remedy += f" The factor is {factor:.3f} ± {error:.3f}"
+        remedy = "check that this is the axis that moved, and check its reduction ratio and lever"
+    remedy += f"; the factor is {factor:.3f} ± {error:.3f}"
     raise AteNotIdentifiedError(what, off, allowed, "", remedy, at_most=True, causes=MISWIRED)
 
 
@@ -200,7 +205,7 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
     hope = GAIN_OF_PASSES if passes_left and not sensorless else 1.0
     if hope * ratios[order] >= LEAST_SIGMAS:
         return
-    remedy = f"no A_k is seen, and none is above {most:.2g}″: if that is too much, a slower ramp or a better sensor shows more"
+    remedy = f"no A_k is seen, and none is above {most:.2g}″; to see a smaller one, take a slower ramp or a better sensor"
     what = f"the largest amplitude over its standard error (A_{order:g})"
     is_of_orders = estimate.structured > VIBRATES
     raise AteNotIdentifiedError(what, ratios[order], LEAST_SIGMAS, "", remedy, is_of_orders=is_of_orders, causes=("noise",))
@@ -215,9 +220,9 @@ def factor_remark(estimate: JointEstimate) -> str | None:
     if off <= max(SCALE_REMARK, SCALE_REMARK_SIGMAS * estimate.motion_scale_error):
         return None
     return (
-        f"the motor's own motion shows at the tip {estimate.motion_scale:.3f} ± {estimate.motion_scale_error:.3f} times as "
-        "tip_lever_m / reduction_ratio of the bench file says: A_k is wrong by as much, or the gear is no spring; the trial of "
-        "the cancellation decides"
+        f"the tip follows the motor {estimate.motion_scale:.3f} ± {estimate.motion_scale_error:.3f} times as far "
+        "as tip_lever_m / reduction_ratio of the bench file says; A_k is wrong by as much, or the gear is no "
+        "spring; the trial of the cancellation shows which"
     )
 
 
@@ -246,9 +251,12 @@ def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> 
     torque_nm = float(np.max(np.abs(recording.axis(axis, "torque_nm"))))
     pressed = torque_nm >= HELD_TORQUE_FRACTION * limits.torque_nm
     remedy = (
-        f"the motor pressed with {torque_nm:.3g} N·m of {limits.torque_nm:g}: is a brake closed, or the arm blocked?"
+        f"the motor pressed with {torque_nm:.3g} N·m of {limits.torque_nm:g}; check that the brake is open and the arm free"
         if pressed
-        else f"its torque was {torque_nm:.3g} N·m: is the motor coupled, does its encoder count, are the gains this axis'?"
+        else (
+            f"its torque was {torque_nm:.3g} N·m; check that the motor is coupled, its encoder counts, and the gains "
+            "are those of this axis"
+        )
     )
     what = f"the distance that the motor of axis {axis} turned, of {asked_rev:.2f} rev asked,"
     raise AteNotIdentifiedError(what, made_rev, HELD_TRAVEL_FRACTION * asked_rev, "rev", remedy, causes=MISWIRED)

@@ -375,21 +375,22 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         )
     if request.sensorless:
         fraction = knowledge.arm_inertia_fraction
-        error = f"whose standard error of {100.0 * fraction:.2g} % is in A_k's" if fraction else "whose error nobody has stated"
+        error = f"whose standard error of {100.0 * fraction:.2g} % is in A_k's" if fraction else "whose error is not stated"
         identification.notes.append(f"sensorless: A_k is as wrong as J_l from {knowledge.source}, {error}; {SENSORLESS_BIAS}")
     shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
     identification.notes += [miss.sentence for miss in shown]
     if not estimate.is_spring and not estimate.is_bent:
         identification.notes.append(
-            "the directions differ by more than noise: the arm's resonance is another where the arm stands otherwise (gravity), "
-            "or there is friction in the arm, backlash or hysteresis; the standard errors contain it"
+            "the directions differ by more than noise: gravity gives the arm another resonance in each posture, "
+            "or the arm has friction, backlash or hysteresis; the standard errors contain the difference"
         )
     elif not estimate.is_spring:
         arms = ", ".join(f"{arm.resonance_hz:.2f} Hz at order {order:g}" for order, arm in estimate.own_arms.items())
         also = f", {arms}" if arms else ""
         identification.notes.append(
-            f"the gear is nonlinear (hysteresis or soft wind-up): its resonance shifts with the amplitude of the vibration "
-            f"({estimate.arm.resonance_hz:.2f} Hz{also}), which the standard errors contain and more passes do not change"
+            "the gear is nonlinear (hysteresis or soft wind-up): its resonance shifts with the amplitude of the "
+            f"vibration ({estimate.arm.resonance_hz:.2f} Hz{also}); the standard errors contain the shift, and "
+            "more passes do not change it"
         )
 
 

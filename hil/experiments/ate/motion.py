@@ -128,7 +128,7 @@ def binding_limit_of(bench: Bench, axis: int, motion: Ramps) -> str:
     The words end a sentence; they are empty if no limit is used up.
     """
     bound = binding_limit(bench, axis, motion.trajectory.acceleration_rps_s, motion.trajectory.end_rps)
-    return f"; what binds is {bound}" if bound else ""
+    return f"; the limit is {bound}" if bound else ""
 
 
 def slowest(bench: Bench, axis: int, end_rps: float) -> float:
@@ -233,8 +233,8 @@ def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float 
     if reached < 0.5:
         wider = "a wider identification_travel_deg is" if _is_held_by_arm(bench, axis) else "wider position limits are"
         raise NotPossibleError(
-            f"axis {axis} has {room:.2f} rev to move in, which at {acceleration_rps_s:g} rev/s² ends at {reached:.2f} rev/s: "
-            f"{wider} needed",
+            f"axis {axis} has {room:.2f} rev of travel and reaches {reached:.2f} rev/s at {acceleration_rps_s:g} "
+            f"rev/s²; at least 0.5 rev/s is needed: {wider} needed",
             ("limits",),
         )
     return reached
@@ -288,8 +288,8 @@ def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float,
     taken_at = f"{taken:.1f} rev at {acceleration_rps_s:g} rev/s²"
     if _is_held_by_arm(bench, axis):
         within = f"within ±{bench.travel_deg:g}° of the joint"
-        return f"{head}: {taken_at}, {within} are {room:.1f}; {remedy}raise identification_travel_deg"
-    return f"{head}: {taken_at}, between its position limits are {room:.1f}; {remedy}widen them"
+        return f"{head}: that takes {taken_at}, {within} are {room:.1f}; {remedy}raise identification_travel_deg"
+    return f"{head}: that takes {taken_at}, between its position limits are {room:.1f}; {remedy}widen them"
 
 
 def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, end_rps: float, period_s: float) -> Ramps:
@@ -317,7 +317,8 @@ def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, 
     room = room_rev(bench, axis)
     if travel > room + 1e-6:
         raise NotPossibleError(
-            f"a ramp to {end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² takes {travel:.1f} rev; axis {axis} has {room:.1f}",
+            f"a ramp to {end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² takes {travel:.1f} rev; axis {axis} "
+            f"has {room:.1f} rev of travel",
             ("limits",),
         )
     lowest = table.limits.position_min_rev + MARGIN_REV

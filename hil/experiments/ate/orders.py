@@ -76,8 +76,8 @@ def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
         return []
     names = ",".join(f"{order:g}" for order in sorted({*orders, *(each.order for each in seen)}))
     return [
-        f"order {each.order:g} is seen and not in the set: {each.amplitude_arcsec:.2g}″, {100.0 * each.fraction:.0f} % of the "
-        f"vibration: --orders {names}"
+        f"order {each.order:g} is seen but is not in the set: {each.amplitude_arcsec:.2g}″, "
+        f"{100.0 * each.fraction:.0f} % of the vibration; add it with --orders {names}"
         for each in seen
     ]
 

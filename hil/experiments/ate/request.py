@@ -279,7 +279,7 @@ def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless:
     if not sensorless:
         return Sensing(table.felt_lever_m(f"identify ate --axis {axis}"), 0.0, *knowledge.delay_s)
     if knowledge.plant is None:
-        raise NotPossibleError("without an accelerometer a plant is needed")
+        raise NotPossibleError("without an accelerometer a plant is needed, and none is known; find it with hil identify plant")
     return Sensing(knowledge.plant.arm_inertia_kg_m2 / table.reduction_ratio, knowledge.plant.motor_inertia_kg_m2)
 
 

@@ -140,7 +140,7 @@ class Cancellation:
             angle = motion.motor_angle_rad[:, column] + (0.0 if starts_rad is None else starts_rad[column])
             peak_rps = pace_of(bench, motion, column).peak_rps
             reach_rev = own.largest_reference_rad(peak_rps) / turn
-            remedy, allowed_rev = "is this its transmission error?", allowed_reference_rev(limits)
+            remedy, allowed_rev = "check the transmission error in the model file", allowed_reference_rev(limits)
             if reach_rev > allowed_rev:
                 where = f"limits.cancellation_rev of {name} in the bench file sets it, else it is {FOLLOWING_PART:g} of "
                 where += f"following_error_rev; {remedy}"

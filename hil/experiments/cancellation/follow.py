@@ -236,11 +236,14 @@ def following_of(bench: Bench, identified: Identified | None, cancellation: Canc
         response, scale, table = cancellation.responses.get(number), cancellation.scales.get(number), bench.axis[number]
         model = treated_model(bench, identified, number)
         if response is None or scale is None or model is None:
-            raise NotPossibleError(f"cancellation-following needs the arm of axis {number}: --model of hil identify ate")
+            raise NotPossibleError(
+                f"cancellation-following needs the arm of axis {number}, which is not known; give a model file of hil "
+                "identify ate with --model"
+            )
         try:
             resonance = resonance_of(replace(response, delay_s=0.0).at, scale.f_al_hz)
         except ValueError as error:
-            raise NotPossibleError(f"axis {number}: {error}: hil identify plant measures it anew") from error
+            raise NotPossibleError(f"axis {number}: {error}; measure it again with hil identify plant") from error
         arms.append(arm_model(resonance, table.reduction_ratio, motion.period_s, response.delay_s + late_s))
         sizes, phases = amplitudes_rad(model.ate), phases_deg(model.ate)
         own = [order for order in cancellation.tables[number].orders if order in sizes]

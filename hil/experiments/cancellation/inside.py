@@ -77,12 +77,15 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
     for number, model in models.items():
         profile = Profile.load(bench.axis[number].profile)
         if "cancellation.mode" not in profile.parameters:
-            raise NotPossibleError(f"axis {number}: drive family {profile.label} cancels nothing by itself")
+            raise NotPossibleError(
+                f"axis {number}: drive family {profile.label} has no cancellation of its own; choose --treatment cancellation"
+            )
         able, known = _orders_inside(profile), model.ate.amplitudes_arcsec()
         if not able >= known.keys():
             own, others = (", ".join(f"{order:g}" for order in sorted(each)) for each in (able, known.keys() - able))
             raise NotPossibleError(
-                f"axis {number}: the drive cancels orders {own} only, the model has order {others}: cancel by the set-points"
+                f"axis {number}: the drive cancels orders {own} only, the model has order {others}; choose "
+                "--treatment cancellation"
             )
     if not models:
         raise NotPossibleError(nothing_known(bench, identified, axes))

@@ -388,7 +388,7 @@ def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
         NotPossibleError: The passes are too few, or there is no such axis.
     """
     if passes < 2:
-        raise NotPossibleError(f"{passes} pass cannot learn: the first is without cancellation, so 2 are needed at least")
+        raise NotPossibleError(f"{passes} passes are too few to learn; at least 2 are needed, the first without cancellation")
     if axis not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
     return bench.axis[axis]

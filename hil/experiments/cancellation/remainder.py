@@ -51,14 +51,14 @@ UNKNOWN: frozenset[RemainderCause] = frozenset({"sensor noise", "not explained"}
 """Causes that are none of the robot's, and are said of the worst window alone."""
 
 REMEDIES: Mapping[RemainderCause, str] = {
-    "speed limit": "raise limits.speed_rps where the axis allows it, or move more slowly",
+    "speed limit": "raise limits.speed_rps if the axis allows it, or move more slowly",
     "frequency limit": "the cancellation ends at a highest frequency: move more slowly, or, where it is that of the bus, at a "
     "shorter SYNC period",
     "order left out": "repeat the identification of that order: hil identify ate, hil learn",
-    "gear reaction": "it grows with the gear's torque: a smaller load, or less acceleration",
-    "estimate": "repeat hil identify ate or hil learn with --plant, warm, at the load of the work",
-    "sensor noise": "a better accelerometer, or --repeat",
-    "not explained": "nothing that was measured shows why",
+    "gear reaction": "reduce the load or the acceleration, since it grows with the gear's torque",
+    "estimate": "repeat hil identify ate or hil learn with --plant, with the robot warm and at its working load",
+    "sensor noise": "take a better accelerometer, or repeat the run with --repeat",
+    "not explained": "the measurements do not show why",
 }
 
 

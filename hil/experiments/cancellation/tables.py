@@ -115,7 +115,7 @@ def _check_size(number: int, ate: TransmissionErrorTable) -> None:
     """
     total = sum(ate.amplitudes_arcsec().values())
     if total > MAX_ERROR_ARCSEC:
-        remedy = "no gear has as much: is the model file right?"
+        remedy = "no gear has as much; check the model file"
         raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
 
 

@@ -163,7 +163,10 @@ def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
     top = int(np.argmax(speed)) - round(BRAKING_S / recording.period_s)
     rows = np.asarray((speed >= SLOWEST * f_al_hz) & (np.arange(len(speed)) < top))
     if np.count_nonzero(rows) * recording.period_s < LEAST_S:
-        raise NotPossibleError("a motion that does not excite the arm shows nothing of a cancellation")
+        raise NotPossibleError(
+            f"the motion excites the arm for {np.count_nonzero(rows) * recording.period_s:.2g} s; at least {LEAST_S:g} s are "
+            "needed to judge a cancellation"
+        )
     return rows
 
 
@@ -189,7 +192,10 @@ def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
     for low, high in scale.windows_rps.values():
         rows |= (speed >= low) & (speed <= high)
     if np.count_nonzero(rows) * recording.period_s < 0.1:
-        raise NotPossibleError("a motion that does not excite the arm shows nothing of a cancellation")
+        raise NotPossibleError(
+            f"the motion excites the arm for {np.count_nonzero(rows) * recording.period_s:.2g} s; at least {LEAST_S:g} s are "
+            "needed to judge a cancellation"
+        )
     return rows
 
 

@@ -152,7 +152,7 @@ def plan(
         for experiment in request.wanted(robot.bench):
             remark = arm_remark(robot.bench, experiment.treatment)
             if remark is not None and experiment.treatment not in request.named:
-                left_out.append(LeftOut(experiment, f"{remark}; named, it is run"))
+                left_out.append(LeftOut(experiment, f"{remark}; name it with --treatment to run it"))
                 continue
             try:
                 setups[experiment] = _setup(robot, experiment, None if overload else bus)
@@ -246,5 +246,5 @@ def _check_files(kinds: Iterable[Sequence[Identified | Designs]], names: Sequenc
             if file.robot not in names:
                 raise NotPossibleError(f"a file is of {file.robot!r}; the robots here are {', '.join(map(repr, names))}")
             if file.robot in seen:
-                raise NotPossibleError(f"two files of the same kind are of {file.robot!r}: choose one")
+                raise NotPossibleError(f"two files of the same kind are of {file.robot!r}; give only one of them")
             seen.add(file.robot)

@@ -115,7 +115,7 @@ def travel_check(angle_rad: Real, bias_rad: Real, motion: str) -> DataCheck:
     `motion` names the motion, with its preposition.
     """
     fraction = float(np.ptp(angle_rad)) / max(float(np.ptp(bias_rad)), 1e-9)
-    remedy = "is the encoder the axis' own, and its brake open?"
+    remedy = "check that the encoder is the axis' own, and that its brake is open"
     least, most = 0.8, 1.25
     what, bound = f"fraction of the travel that the motor angle shows {motion}", most if fraction > most else least
     return DataCheck(what, fraction, bound, "", least <= fraction <= most, remedy, ("wrong axis or wiring",))
@@ -158,15 +158,15 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
     coherence = float(np.median(_around(estimate.tip, estimate.plant.antiresonance_hz)))
     if coherence < TIP_COHERENCE:
         return (
-            f"coherence of the tip with the motor: {coherence:.2g} (at least {TIP_COHERENCE:g}); does this axis move the "
-            "sensor: its right axis, mounted?"
+            f"coherence of the tip with the motor: {coherence:.2g} (at least {TIP_COHERENCE:g}); check that this "
+            "axis moves the sensor, and that the sensor is mounted along its right axis"
         )
     ratio = estimate.parameters["lever_ratio"]
     far = max(ratio.value, 1.0 / max(ratio.value, 1e-9))
     if far > LEVER_RATIO and ratio.relative < 0.2:
         return (
-            f"the tip acts as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m (right axis of "
-            "the sensor, tip_lever_m, sign and unit of its scale?)"
+            f"the tip acts as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m; "
+            "check the sensor's axis, tip_lever_m, and sign and unit of the sensor's scale"
         )
     return None
 
@@ -186,8 +186,9 @@ def misfit_words(estimate: PlantEstimate) -> str | None:
         return None
     model = f"a model of {len(estimate.modes)} modes" if estimate.modes else "the two-inertia model"
     return (
-        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MISFIT:g} is usual): a "
-        "third inertia, or a stiffness that depends on the load; the errors are enlarged by it"
+        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MISFIT:g} "
+        "is usual); the arm may have a third inertia, or a stiffness that depends on the load; the errors are "
+        "enlarged by it"
     )
 
 

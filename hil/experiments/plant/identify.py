@@ -275,7 +275,7 @@ class PlantIdentification:
     def _reach_words(self, band: Band) -> str:
         sync = self.bench.bus.sync_period_s
         if not self._is_cut_by_sync(band):
-            return "a wider band (--low-hz, --high-hz) or a brace that is taken off may show it"
+            return "a wider band (--low-hz, --high-hz), or the arm without a brace, may show it"
         return f"a SYNC period of {1e3 * sync:g} ms carries no more than {highest_hz(sync):.3g} Hz, a shorter one carries more"
 
     def _with_right_tip(self, estimate: PlantEstimate, data: Spectra) -> PlantEstimate:
@@ -347,7 +347,7 @@ class PlantIdentification:
             troubles = self._main_checks(planned, result.recording, amplitude)
             if any(not check.holds for check in troubles) and self.request.amplitude_nm is None and not calmed:
                 amplitude, calmed = CALMER * amplitude, True
-                self.remarks.append(f"the motor turned back or met its torque limit: on with {amplitude:.3g} N·m")
+                self.remarks.append(f"the motor turned back or met its torque limit; the runs go on with {amplitude:.3g} N·m")
                 continue
             self._require(troubles)
             runs.append((planned, result.recording))

@@ -186,7 +186,7 @@ def plan_travel(
     is_held = travel < high - low
     if not low <= start_rev <= high:
         where = low if start_rev < low else high
-        what = f"the position of axis {request.axis} where it stands"
+        what = f"the present position of axis {request.axis}"
         remedy = f"{move_command(request.axis, where)} brings it there"
         raise UnsafeRequestError(what, start_rev, where, "rev", remedy)
     if is_held:
@@ -234,10 +234,10 @@ def _periods(request: PlantRequest, *, is_pilot: bool) -> Iterator[tuple[float, 
 def _check_request(request: PlantRequest, band: Band, limits: Limits) -> None:
     """Refuse an impossible request, or one beyond the limits."""
     if request.periods < FEWEST:
-        raise NotPossibleError(f"{request.periods} periods are too few to tell their scatter: at least {FEWEST} are needed")
+        raise NotPossibleError(f"{request.periods} periods are too few to show their scatter; at least {FEWEST} are needed")
     if band.bias_rps < 0.2:
         raise NotPossibleError(
-            f"a bias of {band.bias_rps:g} rev/s does not keep the motor out of its friction; needed: 0.2 rev/s"
+            f"a bias of {band.bias_rps:g} rev/s is too slow for constant friction; at least 0.2 rev/s is needed"
         )
     if 2.0 * band.bias_rps > limits.speed_rps:
         what = f"the speed of axis {request.axis} with the excitation on the bias"
@@ -266,7 +266,10 @@ def _wave(
         pi = law.velocity_gain_nm_s_rad + law.velocity_integral_gain_nm_rad / jw
         gain = np.asarray(law.position_gain_per_s * pi, dtype=np.complex128)
         if not np.all(np.abs(gain) > 0.0):
-            raise NotPossibleError(f"axis {request.axis}: without position and velocity gain a reference excites nothing")
+            raise NotPossibleError(
+                f"axis {request.axis} has no position gain or no velocity gain, so a reference excites nothing; "
+                "choose --excitation torque"
+            )
     make = multisine if request.shape == "multisine" else chirp
     wave = make(lines, 1.0 / np.abs(gain), samples, sync_s)
     if excited == "torque":

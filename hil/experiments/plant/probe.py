@@ -83,15 +83,16 @@ def probe_trouble(
     if travelled < STILL_FRACTION:
         return ProbeTrouble(
             "brake",
-            f"the motor angle showed {travelled:.0%} of a motion of {np.ptp(motion.bias_rad) / TURN:.2g} rev at up to "
-            f"{largest:.3g} N·m: is the brake open, the arm free, and the encoder the axis' own?",
+            f"the motor angle showed {travelled:.0%} of a motion of {np.ptp(motion.bias_rad) / TURN:.2g} rev at "
+            f"up to {largest:.3g} N·m; check that the brake is open, the arm free, and the encoder the axis' own",
         )
     friction, slope = slow_torque(angle, torque, motion)
     if friction[0] < -SEEN_SIGMAS * friction[1]:
         return ProbeTrouble(
             "torque",
-            f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m where friction asks for a positive "
-            "one: the encoder counts backwards, or the torque is reported with the wrong sign (607Eh, 6077h, motor phases)",
+            f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m; friction makes it "
+            "positive; the encoder counts backwards, or the drive reports the torque with the wrong sign (607Eh, "
+            "6077h, motor phases)",
         )
     free = WOUND_FRACTION * torque_limit_nm / reduction_ratio
     wound_nm = slope[0] * float(np.ptp(angle))
@@ -122,7 +123,8 @@ def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_li
         )
     if abs(moved) <= STILL_FRACTION * float(np.ptp(motion.bias_rad)) and largest > 0.8 * torque_limit_nm:
         return ProbeTrouble(
-            "brake", f"the motor did not turn under {largest:.3g} N·m until it was stopped: is the brake open, and the arm free?"
+            "brake",
+            f"the motor did not turn under {largest:.3g} N·m until it was stopped; check that the brake is open and the arm free",
         )
     return None
 

@@ -36,7 +36,8 @@ def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float
         load, motor, weight = load + float(x @ y), motor + float(x @ x), weight + float(y @ y)
     if motor <= 0.0 or abs(load) < 1e-9 * motor or weight == 0.0:
         raise ContradictedError(
-            f"{recorded.path}: {recorded.column['load'].name!r} stands still while the motor turns: is it of this axis?"
+            f"{recorded.path}: {recorded.column['load'].name!r} stands still while the motor turns; check that it "
+            "belongs to this axis"
         )
     return motor / load
 
@@ -55,7 +56,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
     load = recorded.column["load"]
     if found < 0.0:
         unit = load.unit.text.removeprefix("-")
-        turn = f"--column load={load.name},-{unit} turns it round" if "/rev" in unit else "change the sign of one of them"
+        turn = f"reverse it with --column load={load.name},-{unit}" if "/rev" in unit else "change the sign of one of them"
         raise ContradictedError(
             f"{recorded.path}: the encoders count against each other: a revolution of the motor turns {load.name!r} by "
             f"{1.0 / found:.5f}; {turn}"
@@ -64,15 +65,18 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
     if given is None:
         if abs(found - whole) > WHOLE_WITHIN or whole < 10:
             raise ContradictedError(
-                f"{recorded.path}: the encoders show a reduction ratio of {found:.3f}, which is not a whole number above "
-                "10: --ratio says "
-                "which it is, and --column the increments of each encoder"
+                f"{recorded.path}: the encoders show a reduction ratio of {found:.3f}, which is not a whole "
+                "number above 10; give the ratio with --ratio, and the increments of each encoder with --column"
             )
         return float(whole), f"the reduction ratio is taken to be {whole}: the encoders show {found:.2f}"
     if abs(found - given) > max(RATIO_OFF, RATIO_OFF_FRACTION * given):
         raise ContradictedError(
             f"{recorded.path}: a reduction ratio of {given:g} was given, the encoders show {found:.2f}"
-            + (f": is it {whole}?" if abs(found - whole) <= WHOLE_WITHIN else "; are the increments of both encoders right?")
+            + (
+                f"; check whether it is {whole}"
+                if abs(found - whole) <= WHOLE_WITHIN
+                else "; check the increments of both encoders"
+            )
         )
     return given, None
 

@@ -236,8 +236,8 @@ def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joi
     if "torque" in roles:
         return "motor torque"
     raise ContradictedError(
-        f"{files[0].path}: beside the motor angle one of joint angle, tip acceleration or motor torque is needed in every file: "
-        "--column load=NAME,UNIT names the first"
+        f"{files[0].path}: no signal beside the motor angle is in every file; one of joint angle, tip "
+        "acceleration or motor torque is needed; name it, for example with --column load=NAME,UNIT"
     )
 
 
@@ -282,7 +282,7 @@ def _ratio(
             given, note = agreed_ratio(given, found, recorded)
             notes += [note] if note else []
     if given is None:
-        raise ContradictedError("the reduction ratio is not known: --ratio says it")
+        raise ContradictedError("the reduction ratio is not known; give it with --ratio")
     return given, found, notes
 
 
@@ -389,8 +389,9 @@ def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
     if ready.swing is not None:
         swing, at_most = ready.swing, ready.swing.highest_hz**2
         return [
-            f"the joint swings {measured(100 * swing.per_hz2 * at_most, 100 * swing.error_per_hz2 * at_most)} % wider at "
-            f"{swing.highest_hz:.1f} Hz than its gear drives it, as the speeds show: taken out"
+            f"the joint swings {measured(100 * swing.per_hz2 * at_most, 100 * swing.error_per_hz2 * at_most)} % "
+            f"wider at {swing.highest_hz:.1f} Hz than its gear drives it, as the different speeds show; the "
+            "values are corrected for it"
         ]
     seen = {order: value for order, value in fitted.joint.values.items() if _is_significant(value)}
     if not seen:
@@ -399,8 +400,8 @@ def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
     speed = sum(each.stretch.turns * each.stretch.speed_rps for each in fitted.found) / turns
     below = max(order * speed * math.sqrt(value.a_arcsec / value.a_error_arcsec) for order, value in seen.items())
     return [
-        f"the amplitudes are the joint's: where its arm rings below {below:.0f} Hz, those of the gear are smaller by more than a "
-        "standard error; slower recordings, or such as change their speed, show the gear's"
+        f"the amplitudes are those of the joint; if its arm rings below {below:.0f} Hz, those of the gear are "
+        "smaller by more than a standard error; record more slowly or at changing speeds to see the gear's"
     ]
 
 
@@ -420,9 +421,10 @@ def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], re
     for peak in scan.peaks:
         near = min(abs(peak.order - order) for order in request.orders)
         if near > max(NOT_ASKED, 1.0 / scan.turns) and peak.amplitude > WORTH_ASKING * peak.level:
-            notes.append(f"order {peak.order:.2f} stands above the noise and was not asked for: --orders takes it in")
+            notes.append(f"order {peak.order:.2f} exceeds the noise but was not asked for; add it with --orders")
     notes += [
-        f"a line at {line.hz:.1f} Hz, order {line.order:.2f} at most of the speeds, keeps its frequency: it is not the gear's"
+        f"a line at {line.hz:.1f} Hz, order {line.order:.2f} at most of the speeds, keeps its frequency, so it "
+        "does not come from the gear"
         for line in lines
     ]
     weak = [f"{order:g}" for order, value in fitted.joint.values.items() if not _is_significant(value)]

@@ -51,9 +51,9 @@ class RecordedRequest:
     def __post_init__(self) -> None:
         """Refuse an impossible request."""
         if not self.files:
-            raise ValueError("no recording is named")
+            raise ValueError("no recording is named; at least 1 is needed")
         if len(self.files) > MOST_FILES:
-            raise ValueError(f"{len(self.files)} recordings; {MOST_FILES} are the most")
+            raise ValueError(f"{len(self.files)} recordings are too many; at most {MOST_FILES} are allowed")
 
 
 @dataclass(frozen=True)

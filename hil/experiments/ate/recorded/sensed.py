@@ -82,8 +82,8 @@ def sensed_files(
     """
     if bench is None:
         raise ContradictedError(
-            f"{files[0].path}: {form} says something of an angle only through the plant: --bench names the file with "
-            "lever, ratio and plant"
+            f"{files[0].path}: {form} shows an angle only through the plant; name the file with lever, ratio and "
+            "plant with --bench"
         )
     is_torque = form == "motor torque"
     knowledge = axis_knowledge(bench, request.axis, identified, sensorless=is_torque)
@@ -144,7 +144,7 @@ def _belief(bench: Bench, axis: int, identified: Identified | None, *, is_torque
     model = bench.axis[axis].model
     if model is None:
         raise ContradictedError(
-            f"no plant of axis {axis} is known, neither in the model file nor in the bench file: hil identify plant finds it"
+            f"no plant of axis {axis} is known, neither in the model file nor in the bench file; find it with hil identify plant"
         )
     return ArmBelief(arm_of(model), RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"
 

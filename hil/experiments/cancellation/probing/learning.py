@@ -191,10 +191,13 @@ def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[floa
         if time_s >= LEAST_REACH_S:
             parts.append(part)
             continue
-        words = f"{part.words}: left at 0: k f_m is in the band, {low:g} to {high:g} Hz, for {time_s:.2f} s only"
+        words = (
+            f"{part.words}: left at 0: k f_m is in the band, {low:g} to {high:g} Hz, for {time_s:.2f} s only; at "
+            f"least {LEAST_REACH_S:g} s is needed"
+        )
         learning.outcomes[part] = PartOutcome(part, "not reached", words=words)
     if not parts:
-        raise NotPossibleError("no order comes into the band: the motion is too slow to learn anything on it")
+        raise NotPossibleError(f"no order comes into the band, {low:g} to {high:g} Hz; the motion is too slow to learn on it")
     return parts
 
 
@@ -226,7 +229,7 @@ def _step(effects: Effects, run: MotionRun | None = None) -> ProbedStep:
     try:
         return step_to_nothing(effects, None if run is None else run.felt_m_s2, SPREAD_ARCSEC)
     except ValueError as error:
-        raise NotPossibleError(f"not learnt: {error}: ask for fewer --orders") from error
+        raise NotPossibleError(f"not learnt: {error}; give fewer --orders") from error
 
 
 def _lead(runs: Runs, led: _Led, most: int) -> _Led:
@@ -237,7 +240,7 @@ def _lead(runs: Runs, led: _Led, most: int) -> _Led:
     tried: list[tuple[_Led, ProbedStep]] = []
     vector = led.vector
     for number in range(1, most + 1):
-        runs.say(f"run {number} with what follows, of {most} at most")
+        runs.say(f"run {number} of at most {most} with the values found so far")
         run = runs.applied(led.parts, vector)
         onward = _step(led.effects, run)
         tried.append((replace(led, vector=vector, run=run), onward))
@@ -259,7 +262,7 @@ def _at_another_pace(runs: Runs, others: Runs, led: _Led, orders: Sequence[float
     found = learn_at_pace(others, known, orders, SPREAD_ARCSEC)
     if found is known:
         return led
-    runs.say("at its own pace with what follows")
+    runs.say("at the line's own pace with the values found so far")
     run = runs.applied(found.parts, found.vector)
     if run.rms_mm > OWN_PACE_WORSE * _run_of(led).rms_mm:
         return led
@@ -314,7 +317,7 @@ def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> 
             vector[2 * index : 2 * index + 2] = 0.0
     if not np.any(vector):
         said = "; ".join(outcome.words for outcome in learning.outcomes.values())
-        raise MotionNotLearntError(f"nothing is learnt: no order is told from nothing on this motion. {said}")
+        raise MotionNotLearntError(f"nothing is learnt: no order is significant on this motion. {said}")
     return vector
 
 
@@ -328,7 +331,7 @@ def _keep(learning: MotionLearning, runs: Runs, led: _Led) -> None:
     """
     vector, run = _told(learning, led), _run_of(led)
     if not np.array_equal(vector, led.vector):
-        runs.say("once more with what is told from nothing")
+        runs.say("once more with the significant orders only")
         without = runs.applied(led.parts, vector)
         if without.rms_mm > run.rms_mm:
             vector = _told(learning, led, WEAKEST_SIGMAS)

@@ -351,8 +351,11 @@ def left_out_part(part: Part, step: ProbedStep, index: int, *, is_seen: bool) ->
     """
     seen = seen_fraction(step, index)
     if not is_seen:
-        words = f"{part.words}: left at 0: it hardly moves the tip, or as another one does; {100.0 * seen:.0f} % of it is seen"
+        words = (
+            f"{part.words}: left at 0: it hardly moves the tip, or moves it like another order; {100.0 * seen:.0f} % "
+            "of it is seen"
+        )
         return PartOutcome(part, "not seen", seen=seen, words=words)
     value, along, _ = part_errors(step.settings, step.covariance, index)
-    words = f"{part.words}: left at 0: {abs(value):.2f} ± {along:.2f}″ is not told from nothing"
+    words = f"{part.words}: left at 0: {abs(value):.2f} ± {along:.2f}″ is not significant"
     return PartOutcome(part, "nothing found", amplitude_error=along, seen=seen, words=words)

@@ -127,7 +127,7 @@ class Runs:
         if level is None:
             self.base()
         else:
-            self._reporter.step("once more with what follows so far")
+            self._reporter.step("once more with the values found so far")
             self.applied(parts, level)
 
     def applied(self, parts: Sequence[Part], vector: Real) -> MotionRun:
@@ -147,7 +147,7 @@ class Runs:
         try:
             return cancellation_on(self._session, model, learning.motion)
         except UnsafeRequestError as error:
-            remedy = "choose a smaller --probe-arcsec" if what == "a probe" else "is the motor's inertia right?"
+            remedy = "choose a smaller --probe-arcsec" if what == "a probe" else "check the motor's inertia"
             raise UnsafeRequestError(f"{what}: {error.what}", error.value, error.limit, error.unit, remedy) from error
 
     def _run(self, kind: RunKind, values: Mapping[Part, complex], cancellation: Cancellation | None = None) -> MotionRun:
