@@ -52,7 +52,7 @@ class Resonance:
 
     @property
     def ring_down_s(self) -> float:
-        """Time in which it rings down to 1/e."""
+        """Time in which the resonance rings down to 1/e."""
         return 2.0 / self.a1
 
     def at(self, frequency_hz: Real) -> Complex:

@@ -137,7 +137,7 @@ class DesignRamp:
 
 @dataclass(frozen=True)
 class SpeedRange:
-    """Range of motor speeds in which the tip is looked at.
+    """Range of motor speeds in which the tip is judged.
 
     Attributes:
         order: Order k that meets f_al in it; None between the orders' ranges, where a filter may switch.

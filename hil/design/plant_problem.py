@@ -80,7 +80,7 @@ class SamplingTiming:
 
     Attributes:
         sync_s: Time T between two samples and two set-points.
-        control_s: Control period T_c of the drive's law; 0 where it is not known.
+        control_s: Control period T_c of the drive's law; 0 if it is not known.
         kind: Input to which the excitation is added: `torque`, which is held, or `reference`, which is interpolated.
         law: The drive's gains, for the images; None leaves them out.
     """
@@ -466,7 +466,7 @@ class Scatter:
 
     @classmethod
     def of(cls, output: Complex, given: Complex) -> "Scatter":
-        """Compute them from the spectra of the periods, shapes (periods, lines)."""
+        """Compute the covariances from spectra of shape (periods, lines)."""
         out, put = output - output.mean(axis=0), given - given.mean(axis=0)
         count = len(out) * (len(out) - 1)
         power, other = np.sum(np.abs(out) ** 2, axis=0), np.sum(np.abs(put) ** 2, axis=0)

@@ -3,15 +3,16 @@
 From the effects follow the settings that bring the rows to zero.
 
 The runs of a design set every unknown high in half of the runs and low in the others, each independently of the rest, so that
-every run tells of every unknown. Its columns are those of a Hadamard matrix: R. L. Plackett and J. P. Burman, The design of
-optimum multifactorial experiments, Biometrika 33 (1946), 305 to 325; built after R. E. A. C. Paley, On orthogonal matrices,
-J. Math. Phys. 12 (1933), 311 to 320. Runs at the level, with all settings at 0, are repeated: their scatter is the noise.
+every run carries information on every unknown. The columns of the design are those of a Hadamard matrix: R. L. Plackett and
+J. P. Burman, The design of optimum multifactorial experiments, Biometrika 33 (1946), 305 to 325; built after R. E. A. C.
+Paley, On orthogonal matrices, J. Math. Phys. 12 (1933), 311 to 320. Runs at the level, with all settings at 0, are repeated:
+their scatter is the noise.
 
-With the rows y = y_0 + Σ c_j b_j of a run with settings c, the settings that leave least are c = −(BᵀB)⁻¹ Bᵀ y_0. Three things
-are told apart there. Noise, known from what equal runs differ by, makes BᵀB larger than it is, by trace(R) (XᵀX)⁻¹, which is
-taken off; a direction of the settings in which hardly more than that is left is not seen, and is left at 0. What no setting
-explains is the motion's own content: it is the same in every run, so no repetition shows it, and it counts as a disturbance with
-the correlation from row to row that it has. And the b_j are known as well only as the noise allows.
+With the rows y = y_0 + Σ c_j b_j of a run with settings c, the settings with the least residual are c = −(BᵀB)⁻¹ Bᵀ y_0. The
+method separates three parts. Noise, known from the scatter of equal runs, enlarges BᵀB by trace(R) (XᵀX)⁻¹, which is
+subtracted; a direction of the settings in which hardly more than that remains is not seen, and stays at 0. The part that no
+setting explains is the motion's own content: it is the same in every run, so no repetition shows it, and it counts as a
+disturbance with its own correlation from row to row. The effects b_j are known only as well as the noise allows.
 """
 
 import math
@@ -200,10 +201,10 @@ def step_to_nothing(found: Effects, level: Real | None = None, spread: float | R
 
     Directions of the settings that are not seen stay at 0. The standard errors cover noise and disturbance.
 
-    In the directions v of the settings that are seen, c = V a, D = Vᵀ(BᵀB less noise)V and M the covariance of what noise and
-    disturbance make of z = Vᵀ Bᵀ y_0: a = −D⁻¹ z. Where the settings have a covariance P before anything is known, the likeliest
-    is c = P Lᵀ (L P Lᵀ + D⁻¹ M D⁻¹)⁻¹ a with a = L c, so that what is hardly seen stays near 0. M follows from what is left,
-    by turns.
+    In the directions v of the settings that are seen, c = V a, D = Vᵀ(BᵀB less noise)V, and M is the covariance of z = Vᵀ
+    Bᵀ y_0 by noise and disturbance: a = −D⁻¹ z. If the settings have a prior covariance P, the likeliest settings are c =
+    P Lᵀ (L P Lᵀ + D⁻¹ M D⁻¹)⁻¹ a with a = L c, so that settings that are hardly seen stay near 0. M follows from the
+    residual; both are found by turns.
 
     Args:
         found: What the runs have shown.

@@ -2,12 +2,11 @@
 
 The motion runs without the filters and with them before the filters are used.
 
-A filter is designed on a model, and on an axis that is a little other than it an order may rise, most of all where the gear is
-no spring. Every order that the gear has is looked at, each at the speeds at which it meets f_al. Filters that raise the tip's
-peak in any window are not used, nor are those that lower it in none: what cannot be seen to help is no remedy. Runs are repeated
-until every rise stands out of the sensor's noise or is excluded beyond it; where the most runs do not tell, their mean decides.
-At the foot of an order whose resonance the ramp does not pass nothing is judged: what switching on and off leaves there is a
-harm only above the motion's own largest peak.
+A filter is designed on a model. On an axis that differs a little from it an order may rise, most of all if the gear is no
+spring. Every order of the gear is judged, at the speeds at which it meets f_al. Filters that raise the tip's peak in any
+window are not used, nor are filters that lower it in none. Runs are repeated until every rise exceeds the sensor's noise or
+is excluded by it; if the largest number of runs does not decide, their mean does. An order whose resonance the ramp does not
+pass is not judged: the peak there by switching the filter counts only above the motion's own largest peak.
 """
 
 from collections.abc import Callable, Collection

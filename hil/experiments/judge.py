@@ -161,7 +161,7 @@ def own_words(own: Ringing) -> str:
 
 
 def own_ringing(recording: Recording, axis: int) -> Ringing:
-    """Resonance that a ramp shows of its own.
+    """Find the resonance that a ramp itself shows.
 
     Raises:
         NoResonanceError: It shows none that is clearly the arm's.

@@ -249,8 +249,8 @@ def _planned(session: Session, request: MoveRequest) -> Move:
 def sag_rev(table: AxisTable) -> float:
     """Largest turn of a motor under load until its loop holds.
 
-    A load that the torque limit holds pushes with τ_max at most, and the loop against it with K_pp K_vp per radian, and more in
-    time. Where nobody knows the gains, and never further than that, it is what the motor may be away from its set-point.
+    A load that the torque limit can hold pushes with τ_max at most. The loop pushes back with K_pp K_vp per radian, and
+    with more over time. The following error limit bounds the turn, also if the gains are not known.
     """
     if isinstance(table.control, Control):
         stiffness_nm_rad = table.control.position_gain_per_s * table.control.velocity_gain_nm_s_rad

@@ -205,7 +205,7 @@ class _Series:
     notes: list[str] = field(default_factory=list)
 
     def run(self, given: Sequence[Notch]) -> "_Series":
-        """Search them."""
+        """Search the filters of all orders."""
         axis = self.request.axis
         fixed = tuple(notch for notch in given if notch.order not in self.orders and notch.mode != NOTCH_OFF)
         if len(fixed) + len(self.orders) > NOTCHES:

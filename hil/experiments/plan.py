@@ -72,12 +72,12 @@ class Experiment:
 
     @property
     def file_name(self) -> str:
-        """File name of its recording."""
+        """File name of the recording."""
         axis = f"-axis{self.axis}" if self.axis is not None else ""
         return f"{self.name}{axis}-{self.loop}-{self.treatment}.csv"
 
     def period_s(self, bench: Bench) -> float:
-        """SYNC period of its loop, s."""
+        """SYNC period of the loop, s."""
         return bench.bus.host_sync_period_s if self.loop == "host" else bench.bus.sync_period_s
 
     def motion(self, bench: Bench) -> Motion:
@@ -90,7 +90,7 @@ class Experiment:
         return line_motion(bench, period)
 
     def bus_demand(self, motion: Motion) -> BusDemand:
-        """Demand of its motion on the bus."""
+        """Demand of the motion on the bus."""
         return BusDemand(
             self.title,
             motion.axes,

@@ -84,7 +84,7 @@ class Turning:
 
 @dataclass(frozen=True)
 class Reaction:
-    """r and its standard error."""
+    """Reaction r with its standard error."""
 
     value: float
     standard_error: float

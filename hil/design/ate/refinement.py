@@ -44,7 +44,7 @@ def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: f
         model: Model of the ramps.
         start: Arm to start from.
         own: Arms of some orders' own, to start from.
-        bend_row: Weight of the bend (`bend_weight`); 0 where it stays what it is.
+        bend_row: Weight of the bend (`bend_weight`); 0 if the bend is held.
     """
     step_s = 1.0 / (2.0 * math.pi * start.resonance_hz)
     has_bend = bend_row > 0.0

@@ -30,7 +30,7 @@ class Other:
     Attributes:
         motor: Its motor in the structure.
         loop: Its law, filters included; its plant does not count.
-        speed_rps: Motor speed at which its filters are frozen; 0 where none acts.
+        speed_rps: Motor speed at which its filters are frozen; 0 if none acts.
     """
 
     motor: int
@@ -101,7 +101,7 @@ class ArmLoops:
     filtered: tuple[ArmCase, ...] = ()
 
     def family(self, step: float, *, with_filtered: bool) -> "ArmFamily":
-        """Open loops of its cases.
+        """Compute the open loops of the cases.
 
         Args:
             step: Frequency step where filters act, in units of the lowest mode.

@@ -54,7 +54,7 @@ class Structure:
 
     @classmethod
     def of_arm(cls, mass_matrix_kg_m2: Real, joints: Sequence[TwoInertia]) -> "Structure":
-        """An arm on its gears.
+        """Build an arm on its gears.
 
         Args:
             mass_matrix_kg_m2: H of the posture; shape (n, n).
@@ -107,7 +107,7 @@ class Structure:
         return Structure(self.mass[at], self.damping[at], self.stiffness[at], self.motors - len(set(motors)))
 
     def dips_hz(self) -> Real:
-        """Frequencies at which it rings with all motors held, from the lowest."""
+        """Dips of the structure in Hz, ascending, with all motors held."""
         rest = slice(self.motors, None)
         squares = scipy.linalg.eigh(self.stiffness[rest, rest], self.mass[rest, rest], eigvals_only=True)
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi))

@@ -2,13 +2,12 @@
 
 The module computes the modes that ring, and how much each of them rings after a stop.
 
-When its set-points stand still a drive, its gear and its arm are left to themselves, and all that moves is a sum of the closed
-loop's poles: decays of the following, and the waves of the arm. So the tip's acceleration after a stop is linear in their
-amplitudes,
+While the set-points rest, nothing drives the arm, and its motion is a sum over the poles of the closed loop: decays of the
+following error, and waves of the arm. So the tip's acceleration after a stop is linear in their amplitudes,
 
-    a(t) = c + Σ c_i e^{−r_i t} + Σ Re(b_j e^{s_j t}),      t from where the set-points stand still
+    a(t) = c + Σ c_i e^{−r_i t} + Σ Re(b_j e^{s_j t}),      t from the end of the set-points' motion
 
-and what the motor's following leaves is told from what rings, which no band pass does: both lie in the same band.
+and the fit separates the following error from the ringing. A band-pass cannot do that, since both lie in the same band.
 """
 
 import math

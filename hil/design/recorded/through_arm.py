@@ -130,7 +130,7 @@ class ThroughArm:
         return self._made[key]
 
     def _answer(self, driven: Real, arm: Arm) -> Real:
-        """Acceleration of the arm in rad/s² when its gear is driven so."""
+        """Acceleration of the arm in rad/s² for a motion of its gear."""
         step = float(self._fine_s[1] - self._fine_s[0])
         modes = [(1.0 - sum(each.part for each in arm.others), arm.resonance_hz, arm.damping)]
         modes += [(each.part, each.resonance_hz, each.damping) for each in arm.others]

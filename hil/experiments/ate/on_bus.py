@@ -89,7 +89,7 @@ def identify_ate(
 
 
 class _Keeper:
-    """Saves each pass of an axis, and enters it into the result."""
+    """Keeper of an axis' passes in the result."""
 
     def __init__(self, measurement: Measurement[AteResult], axis: int) -> None:
         self._measurement, self._axis = measurement, axis

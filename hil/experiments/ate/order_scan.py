@@ -1,11 +1,11 @@
 """Orders that a ramp shows, requested or not.
 
-An order k meets the arm where the motor turns f_a/k times a second. Order 1 does so at f_a, which many axes cannot reach: there
-only the foot of its resonance is seen, and what is fitted of it is as good as its standard error, or nothing. Such an order is
-left out of the fit where it is not significant, so that it takes nothing from the others; its amplitude is told all the same.
+An order k meets the arm if the motor turns f_a/k times a second. Order 1 does so at f_a, which many axes cannot reach: their
+ramps show only the foot of its resonance. Such an order is left out of the fit if it is not significant, so that it takes
+nothing from the others; its amplitude is reported all the same.
 
-An order that is not in the set is looked for in what the fit leaves: least squares of its sine through the arm, order by order,
-against the same at the orders beside it, which are noise.
+The residual of the fit is scanned for orders that are not in the set: the sine of each order is fitted through the arm by
+least squares, and compared with the orders beside it, which are noise.
 """
 
 import math

@@ -128,7 +128,7 @@ class AxisKnowledge:
     Attributes:
         start: Arm from which the fit starts; None to search for it.
         plant: Plant for the sensorless variant.
-        arm_inertia_fraction: Standard error of J_l as a fraction of J_l; 0 where J_l is only believed.
+        arm_inertia_fraction: Standard error of J_l as a fraction of J_l; 0 if J_l is only believed.
         source: Source of this knowledge, in words.
         resonance_error_hz: Standard error of the arm's resonance; None if it is not known.
         damping_error: Standard error of the arm's damping ratio, likewise.

@@ -24,7 +24,7 @@ TOP_SPEED = 0.98
 
 @dataclass
 class Alternation:
-    """Collects the vibration of such runs.
+    """Collector of the tip's vibration in alternating runs.
 
     Attributes:
         bench: The bench file.
@@ -52,7 +52,7 @@ class Alternation:
         return len(self._bands[True])
 
     def once_more(self) -> None:
-        """Run it without and with it.
+        """Run the motion once without and once with the treatment.
 
         Raises:
             NotPossibleError: The motion does not excite the arm.

@@ -2,12 +2,11 @@
 
 It follows only if the tip is quieter with it.
 
-In the runs with the cancellation alone its observer listens: the largest d_k by which it would have moved w_k is known.
-Where w_k stays 1 in the runs in which it may follow, both are one and the same. Where w_k moves, the tip has to be quieter in
-some window, beyond the noise, and louder in none, by its acceleration and by its displacement: what cannot be seen to help is
-no remedy. Where it is not, d_k is of the motion's own making: jolts, friction, an arm that is not quite as it was identified.
-Then an order begins to follow only from a multiple of that d_k on, so that it keeps still on this motion unless the gear
-changes.
+In the runs with the cancellation alone the observer runs too, and shows the largest d_k by which it would have moved w_k. If
+w_k stays 1 in the runs in which it may follow, both kinds of run are the same. If w_k moves, the tip has to be quieter in
+some window, beyond the noise, and louder in none, by its acceleration and by its displacement. If it is not, d_k comes from
+the motion itself: jolts, friction, or an arm that differs a little from the identified one. Then an order begins to follow
+only from a multiple of that d_k on, so that it does not move on this motion unless the gear changes.
 """
 
 import math

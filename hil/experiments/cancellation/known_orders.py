@@ -2,12 +2,12 @@
 
 The module decides which of them learning keeps.
 
-A learning's ramps may end below an order's resonance, or show it worse than an identification has. What was known of such an
-order holds until a pass has shown it to be wrong: what is learnt is never worse than what it began with.
+The ramps of a learning may end below an order's resonance, or show it worse than an identification did. The known value of
+such an order holds until a pass has shown it to be wrong: a learnt value is never worse than the value at the start.
 
-What a pass learns of an order is the fit of all passes, or what the pass itself has shown of the cancellation that acted: by
-which factor and angle it is off. Whichever is known better counts. On a gear that is no spring it is the latter, for it needs no
-model of the gear, and it becomes the more exact the less vibration is left.
+The learnt value of an order comes from the fit of all passes, or from a pass in which its cancellation acted, by the factor
+and angle of the error there. The value that is known better counts. On a gear that is no spring this is the latter: it needs
+no model of the gear, and it becomes more exact as less vibration is left.
 """
 
 import cmath

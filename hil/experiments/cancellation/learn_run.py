@@ -174,7 +174,7 @@ def _with_plants(identified: Identified, plants: Identified | None) -> Identifie
 
 
 class _Keeper:
-    """Saves each pass of an axis, and enters it into the result."""
+    """Keeper of an axis' passes in the result."""
 
     def __init__(self, measurement: Measurement[LearningResult], axis: int) -> None:
         self._measurement, self._axis = measurement, axis

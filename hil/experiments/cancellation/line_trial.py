@@ -2,10 +2,10 @@
 
 The tip is judged as a vector: a cancellation that raises its peak along x, y or z is not used.
 
-What was learnt on a motion is known as a whole: its orders are those with which that motion is quiet, and no model of the arm
-tells them apart. So the trial takes it as a whole: without, with a fraction, with all of it, the latter two and the first again
-while the sensor's noise leaves it open. What was identified axis by axis is read order by order first (`trial`), and then held
-against the vector as well: that reading knows one direction.
+A cancellation that was learnt on a motion is judged as a whole: that motion is quiet with all its orders together, and no
+model of the arm separates them. The trial runs without it, with a fraction, and with all of it, and repeats the first and the
+last while the sensor's noise leaves the result open. Orders that were identified axis by axis are read one by one first
+(`trial`), and then judged by the vector as well, since that reading covers one direction only.
 """
 
 import math
@@ -132,7 +132,7 @@ def _rms(trials: Sequence[Trial]) -> float | None:
 
 
 def _worst(changes: Sequence[PeakChange]) -> str | None:
-    """The rise that counts, in words; None if there is none."""
+    """Rise that counts, in words; None if there is none."""
     risen = [
         f"the tip's peak along {way} {each.change}" for way, each in zip(WAYS, changes, strict=True) if each.stands(LAST_SIGMAS)
     ]

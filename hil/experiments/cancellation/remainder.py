@@ -2,15 +2,16 @@
 
 The causes are those that the trial's own recordings show.
 
-A cause is named only where its own vibration, reckoned without looking at what is left, is found in it: taken away, it leaves no
-more than was asked, or half of what is above that at most. Where none is, it says so. The causes:
+A cause is named only if its own vibration, predicted independently of the remainder, is found in it: without that vibration
+the remainder must meet the goal, or at least half of its excess must vanish. If no cause qualifies, the result says so. The
+causes:
 
-- `speed limit`: what the set-points had no room for, by the tables of the cancellation.
-- `frequency limit`: the same, where it is the highest frequency of the cancellation that binds.
+- `speed limit`: the part for which the set-points had no room, by the tables of the cancellation.
+- `frequency limit`: the same, if the highest frequency of the cancellation is the limit.
 - `order left out`: an order that is not cancelled: not known, or not passed by the trial.
 - `gear reaction`: the gear's torque moves the motor through its own error, by τ_g dθ_sync/dθ_m.
 - `estimate`: the orders themselves, turned or scaled alike at all speeds: their values are not known well enough.
-- `sensor noise`: more than was asked may hide in it.
+- `sensor noise`: a remainder above the goal may hide in the noise.
 """
 
 import math
@@ -99,7 +100,7 @@ def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm
 
     Args:
         seen: The trial.
-        tables: Tables of the cancellation by axis; empty where the drives cancel.
+        tables: Tables of the cancellation by axis; empty if the drives cancel.
         quiet_mm: Tip that is asked for.
     """
     with_them, without = alike(seen.looks, seen.used), alike(seen.looks, ())

@@ -37,7 +37,7 @@ class Pace(NamedTuple):
     """Speed and acceleration of a motion.
 
     Attributes:
-        peak_rps: Highest motor speed; 0 where it is not known.
+        peak_rps: Highest motor speed; 0 if it is not known.
         most_rad_s2: Largest acceleration, likewise.
     """
 

@@ -2,10 +2,10 @@
 
 A cancellation is used only after it has lowered the vibration.
 
-An order whose cancellation is wrong by more than 60° vibrates more with it. So the motion runs without it, then with a small
-fraction of it on all axes and on each, then with the whole; and each order of each axis is judged for itself (`verdict`), by its
-own complex amplitude at the tip (`effect`). What is wrong is taken out, as is what does too little to be seen; where nothing is
-left the cancellation is refused, and the notch stays.
+An order whose cancellation is wrong by more than 60° vibrates more with it. So the motion runs without the cancellation, then
+with a small fraction of it on all axes and on each, then with the whole. Each order of each axis is judged for itself
+(`verdict`), by its own complex amplitude at the tip (`effect`). Orders that are wrong, or whose effect is too small to be
+seen, are left out; if no order remains, the cancellation is refused, and the notch stays.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -132,8 +132,9 @@ class _Protocol:
 
         Returns their verdicts.
 
-        An order whose resonance the motion does not reach is not seen, but the sums and differences that it makes with the others
-        are where the arm rings. The peak alone does not tell what is wrong by 60°: what is seen of the part must not say so.
+        An order whose resonance the motion does not reach is not seen, but its sums and differences with the other
+        orders may lie where the arm rings. The peak alone does not show an error of 60°, so the visible part of the
+        order must not contradict it.
         """
         passed = [part for part, each in verdicts.items() if each.verdict == "accepted"]
         unseen = [part for part, each in verdicts.items() if each.verdict == "not judged" and each.seems_right]

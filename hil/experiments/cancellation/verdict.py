@@ -2,10 +2,11 @@
 
 It follows from runs without the cancellation, with parts of it, and with the whole.
 
-In run i a fraction g_i of a part acts, so its complex amplitude at the tip is e − g_i c: e what is there without, c what the part
-takes away. Both follow by least squares from all runs. A part is good where the whole of it leaves at most `MOST_LEFT` of e, and
-where the tried fraction lowers it by at least half of that fraction: 45° of phase error pass, 60° do not at any amplitude, nor do
-three times the amplitude. It is wrong where it is not, by as many standard errors; between the two it cannot be told.
+In run i a fraction g_i of a part acts, so its complex amplitude at the tip is e − g_i c: e is the amplitude without the
+cancellation, c the part that the cancellation removes. Both follow by least squares from all runs. A part is good if the
+whole of it leaves at most `MOST_LEFT` of e, and if the tried fraction lowers e by at least half of that fraction: a phase
+error of 45° passes; 60° fail at any amplitude, as does three times the amplitude. A part is wrong if it misses a bound by
+`VERDICT_SIGMAS` standard errors; between the two it is not judged.
 """
 
 import cmath
@@ -66,7 +67,7 @@ class PartVerdict:
         turn_deg: Angle by which φ_k should be turned.
         turn_error_deg: Standard error of that.
         verdict: `accepted`; `refused` where it is wrong; `not judged` where it does too little to be seen.
-        rise: How the tip's peak rises with it, or falls where nothing else could judge it, in words; empty where neither counts.
+        rise: How the tip's peak rises with it, or falls where nothing else could judge it, in words; empty if neither counts.
     """
 
     part: Part

@@ -34,7 +34,7 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
         plan: Plan of its runs.
         directory: Its directory, below the comparison's.
         result: Result of its runs; None without one.
-        ended: Reason why they ended early; empty where they did not.
+        ended: Reason why they ended early; empty if they did not.
     """
     bench = plan.robot.bench
     runs = {_key(run): run for run in ([] if result is None else leading(result.runs))}

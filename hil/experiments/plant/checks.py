@@ -201,7 +201,7 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
         estimate: The plant.
         amplitude_nm: Peak of the excitation.
         request: Request of the identification.
-        limited_by: Name of what allowed no larger amplitude; empty where it was requested.
+        limited_by: Name of what allowed no larger amplitude; empty if it was requested.
     """
     high = float(estimate.response.frequency_hz[-1])
     f_r = estimate.parameters["resonance_hz"].value

@@ -156,7 +156,7 @@ class Room:
         torque_limit_nm: Limit of the torque.
         steady_nm: Mean torque of the stretch: friction and gravity.
         bias_rps: Bias speed.
-        range_m_s2: Range of the accelerometer; infinite where it is not used.
+        range_m_s2: Range of the accelerometer; infinite if it is not used.
         rest: Peaks without excitation.
     """
 

@@ -2,10 +2,11 @@
 
 From the tip's motion in these runs follows the right cancellation.
 
-Nothing of the arm is needed for that: neither plant nor lever nor the sensor's frame, only each motor's inertia, of which the
-set-points of a cancellation are made. Base runs without any cancellation tell the noise; probing runs, of a design in which all
-orders of all axes change at once, tell what each does to the tip's displacement along x, y and z; some runs more apply what
-follows, and it is kept only where the tip is quieter with it. For the method see docs/learning.md and `hil.design.probing`.
+The method needs no plant, no lever and no sensor frame; it needs each motor's inertia, from which the set-points of a
+cancellation are computed. Base runs without any cancellation show the noise. Probing runs change all orders of all axes at
+once, by a design; they show the effect of each order on the tip's displacement along x, y and z. Some further runs apply the
+resulting cancellation, which is kept only if the tip is quieter with it. For the method see docs/learning.md and
+`hil.design.probing`.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -2,9 +2,9 @@
 
 Orders that the line hardly shows at its own pace may show more at another.
 
-What is known from before is where it begins, and as well as it is known it stays: its covariance is the spread that
-`hil.design.probing.step_to_nothing` asks for. An order that only the other pace brings into the band is spread as any of which
-nothing is known; one that it does not is cancelled as it was.
+The known settings are the start, and their covariance is the spread that `hil.design.probing.step_to_nothing` asks for. An
+order that only the other pace brings into the band has the spread of an unknown order. An order that the other pace does not
+bring into the band is cancelled as before.
 """
 
 import math

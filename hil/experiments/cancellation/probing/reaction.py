@@ -2,15 +2,15 @@
 
 The motors' torque shows it beside the motion of the tip.
 
-A gear whose torque τ_g acts back through its error loads the motor with τ_g (1/N + r θ_sync′). What is left of a motor's torque
-without its own inertia, τ_m − J_m θ̈_m, is that load, and friction. Settings c that bring the tip to rest cancel the error and
-what the reaction makes of the motor's motion together,
+A gear whose torque τ_g reacts through its error loads the motor with τ_g (1/N + r θ_sync′). The motor's torque without that
+of its own inertia, τ_m − J_m θ̈_m, is that load plus friction. Settings c that bring the tip to rest cancel the error
+together with the reaction's effect on the motor's motion,
 
     A = c + r q,    q = j k τ_g A/(N (J_m s² + C)),
 
-C being the law. So with them the load has the reaction itself, less what the gear feels of r q, which the probes have shown.
-Gears give back nearly all power, r = 1, or react as if they gave none; how large τ_g is, is told by the reaction itself, as
-τ_g = N (slow torque − friction), and friction by that.
+C being the law. With these settings the load has the reaction itself, less the gear's torque by r q, which the probes have
+shown. Gears give back nearly all power, r = 1, or react as if they gave none. The reaction itself shows the size of τ_g, and
+τ_g = N (slow torque − friction) then gives the friction.
 """
 
 import math
@@ -48,7 +48,7 @@ class ShownReaction(NamedTuple):
     """The reaction of one axis' gear.
 
     Attributes:
-        load: τ_g as the reaction shows it, over N times the slow torque of the motor; 0 where there is none.
+        load: τ_g as the reaction shows it, over N times the slow torque of the motor; 0 if there is none.
         standard_error: Its standard error.
         power: Fraction of the load's power in the band that it explains.
         turned_nm: Slow torque of the motor in the direction in which it turns.
