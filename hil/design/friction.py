@@ -149,7 +149,7 @@ def _with_stribeck(arm: Real, speed: Real, torque: Real, reduction_ratio: float)
 
     The term is exp(−(ω/ω_s)²).
 
-    Few speeds do not tell which ω_s it is: each counts by its likelihood, so that what they disagree in is in the error.
+    Few speeds do not determine ω_s. Each fit counts by its likelihood, so that the error contains the differences of the fits.
     """
     sign, level = np.sign(speed), np.round(np.log(np.abs(speed)) / SAME_SPEED)
     plain = np.column_stack([sign, speed, np.cos(arm) / reduction_ratio, np.sin(arm) / reduction_ratio])

@@ -214,7 +214,7 @@ class NotchProblem:
         fixed: Filters of other orders, which stay as they are.
         friction_nm: Friction against the turning motor.
         gravity_nm: Gravity at the motor, which acts against it or helps it.
-        is_gravity_known: True if it was identified: what the gear makes of it is looked at then as well.
+        is_gravity_known: True if gravity was identified; then the gear's reaction under gravity is judged as well.
         arm: Its loop on the arm that it is part of, where margins are required as well; None for an axis by itself.
     """
 

@@ -146,7 +146,7 @@ def order_track(
         turns: Length of a window in turns of the motor.
 
     Raises:
-        ValueError: As `order_map`, or two orders cannot be told apart in so few turns.
+        ValueError: As `order_map`, or so few turns do not separate two orders.
     """
     return order_tracks(motor_angle_rad, (values,), period_s, orders, turns)[0]
 

@@ -41,7 +41,7 @@ def balanced_signs(settings: int) -> Real:
     >>> signs.shape, bool((signs.T @ signs == 12 * np.eye(11)).all()), signs.sum(axis=0).tolist()
     ((12, 11), True, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
-    Where there are as many settings as runs, the last one is high in all of them: repeated runs at the level tell it.
+    If there are as many settings as runs, the last one is high in all of them; repeated runs at the level show its effect.
 
     Args:
         settings: Number of settings.
@@ -148,7 +148,7 @@ def effects_of(settings: Real, rows: Real) -> Effects:
         rows: What each run has shown; shape (runs, directions, rows).
 
     Raises:
-        ValueError: The runs do not tell the settings apart, or leave nothing to tell the noise from.
+        ValueError: The runs do not separate the settings, or leave no freedom for the noise.
     """
     unknowns = np.concatenate([np.ones((len(settings), 1)), settings], axis=1)
     freedom = len(unknowns) - unknowns.shape[1]
@@ -213,7 +213,7 @@ def step_to_nothing(found: Effects, level: Real | None = None, spread: float | R
             None: anything is as likely.
 
     Raises:
-        ValueError: What is left has too few independent samples for so many settings.
+        ValueError: The residual has too few independent samples for so many settings.
     """
     rows = found.level if level is None else level
     noise_power = found.noise.shape[1] * float(np.sum(found.noise[:, 0]))

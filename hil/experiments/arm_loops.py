@@ -65,7 +65,7 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
         bench: The bench, with the models of its axes.
         axis: Axis number.
         law: Gains, sampling time and delay of its loop; its plant does not count.
-        members: Plants that the axis by itself might have, which tell how far the arm's frequencies are known.
+        members: Plants that the axis by itself might have; their spread is the uncertainty of the arm's frequencies.
         identified: The model file, if there is one.
     """
     if bench.arm is None:

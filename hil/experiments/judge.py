@@ -46,7 +46,7 @@ class FoundScale:
         words: f_al and where it comes from, as a line; without a scale, why there is none.
         doubt: Reason why nothing may be judged by it, or None.
         remark: Sentence on what else the run shows, or None.
-        most_factor: Factor by which a displacement may be larger, by what is known of f_al.
+        most_factor: Factor by which a displacement may be larger, by the uncertainty of f_al.
     """
 
     scale: TipScale | None
@@ -90,7 +90,7 @@ class RunJudge:
         These are what can ring after a stop.
 
         Raises:
-            NotPossibleError: Nobody knows its plant or its gains.
+            NotPossibleError: The plant or the gains of the axis are not known.
         """
         return rates_of(self.bench, axis, self._identified)
 

@@ -19,7 +19,7 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
         given_kg_m2: J_m of a data sheet; None: as the bench file gives it.
 
     Raises:
-        NotPossibleError: Nobody knows it.
+        NotPossibleError: The inertia is not known.
     """
     known = None if identified is None else identified.axis.get(number)
     if bench.axis[number].model is not None or (known is not None and known.plant is not None):

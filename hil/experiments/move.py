@@ -61,7 +61,7 @@ class MoveRequest:
     Attributes:
         axis: Number of the axis.
         to_rev: Motor position as the drive counts, rev; None if a way is given.
-        by_rev: Way of the motor from where it stands, rev; None if a position is given.
+        by_rev: Way of the motor from its present position, rev; None if a position is given.
         loop: Side that closes the loop, the drive or the host.
     """
 
@@ -104,11 +104,11 @@ class Move:
 
     Attributes:
         request: The request.
-        from_rev: Where the motor stands.
-        to_rev: Where it goes.
+        from_rev: Present position of the motor.
+        to_rev: Target of the motor.
         speed_rps: Largest speed of the motor.
         fault: Fault that the drive is in, in words; None if it is in none.
-        bench: The bench file; of an axis that stands outside of its position limits with room to turn back.
+        bench: The bench file; the limits of an axis outside of them leave room to turn back.
     """
 
     request: MoveRequest
@@ -189,7 +189,7 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
         reporter: Listener of progress.
 
     Raises:
-        NodeError: The axis stands elsewhere than when the move was planned, or its fault does not go.
+        NodeError: The axis has moved since the move was planned, or its fault stays.
         SafetyStopError: The move was stopped before the axis moved.
         HilError: Robot or limits do not allow it.
         ChannelError: The bus cannot be opened, or is lost.

@@ -30,7 +30,7 @@ def rates_of(bench: Bench, axis: int, identified: Identified | None) -> Complex:
     """Rates of an axis whose loop holds the motor; see `closed_loop_rates`.
 
     Raises:
-        NotPossibleError: Nobody knows its plant or its gains.
+        NotPossibleError: The plant or the gains of the axis are not known.
     """
     loop = bench.axis[axis].loop(CONTROL_PERIOD_S, with_notch=False)
     if loop is None:

@@ -119,7 +119,7 @@ class TreatmentSetup:
         cancel_with: Model of the cancellation; None for the bench file's.
         fixed: Filters that do not follow the speed, by axis; host-closed only.
         shows_filter: True if the drives report their filters' state; it takes room on the bus.
-        follows: True if the cancellation follows what is left of the vibration.
+        follows: True if the cancellation follows the remaining vibration.
     """
 
     bench: Bench

@@ -251,7 +251,7 @@ def _with_order_and_noise(metrics: Metrics, recording: Recording, axis: int, ord
 
     The amplitude has its standard error.
 
-    No amplitude where the motor makes too few turns in the window for an order to be told from its neighbours.
+    There is no amplitude if the motor makes too few turns in the window to separate the order from its neighbours.
     """
     tip, to_mm = recording.felt_m_s2, 1e3 / (2.0 * math.pi * scale.f_al_hz) ** 2
     passed = min(1.0, 2.0 * recording.period_s * (scale.band_hz[1] - scale.band_hz[0]))

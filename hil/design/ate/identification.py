@@ -103,7 +103,7 @@ class JointEstimate:
         band_hz: Pass band of the fit.
         own_arms: Arms of those orders whose vibration showed another resonance than the strongest order's: a gear that is softer,
             or stiffer, for a small vibration than for a large one.
-        misfit: What is left beside noise, over the part of each order, by order.
+        misfit: Residual above the noise over the part of each order, by order.
         is_spring: False if the gear bends the strongest order visibly (hysteresis, a soft wind-up), or the directions differ
             by more than noise.
         structured: Fraction of the signal without the motor's own motion that neither θ_sync nor noise explains.

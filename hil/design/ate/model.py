@@ -423,7 +423,7 @@ class RampsModel:
 def least_squares(matrix: Real, wanted: Real) -> Real:
     """Solve a least-squares problem by normal equations on scaled columns.
 
-    It is meant for few well-separated unknowns and many thousand rows, with one or more right sides.
+    It suits few well-separated unknowns and many thousand rows, with one or more right sides.
     """
     scale = np.sqrt(np.einsum("ij,ij->j", matrix, matrix)) + 1e-300
     scaled = matrix / scale

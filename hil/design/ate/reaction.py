@@ -156,7 +156,7 @@ def _fitted(parts: Sequence[_Windows], count: int) -> Reaction:
 
     Each order has a complex factor of the arm's part beside it.
 
-    What is left is no white noise, and windows overlap: the standard error is that of blocks of them, each as it is.
+    The residual is no white noise, and windows overlap, so the standard error is that of blocks of windows.
     """
     blocks, matrices, values = [], [], []
     for part in parts:

@@ -69,7 +69,7 @@ class TooFewPosturesError(ValueError):
     Attributes:
         known: Number of combinations that they determine.
         needed: Number that show somewhere in the workspace, gears included.
-        best: Row of the posture of the workspace that would tell most.
+        best: Row of the posture of the workspace that would add most information.
     """
 
     def __init__(self, known: int, needed: int, best: int) -> None:
@@ -103,7 +103,7 @@ class MassFit:
         covariance: Covariance of the unknowns.
         misfit: Root mean square of the residuals over their degrees of freedom, in standard errors.
         residuals: Residuals of dips and inertias in turn, in standard errors; shape (2 modes,).
-        best: Row of the posture of the workspace that would tell most, were it measured as well.
+        best: Row of the posture of the workspace that would add most information.
     """
 
     basis: Real

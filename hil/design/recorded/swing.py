@@ -3,7 +3,7 @@
 An arm on a spring moves wider than its gear drives it, and more so at higher speed.
 
 Behind a motor at f_m order k passes with k f_m. Well below the arm's resonance f_a two encoders see it wider by
-1/(1 − (k f_m/f_a)²) ≈ 1 + c (k f_m)² with c = 1/f_a². At one speed nobody can tell that from a larger error; where the
+1/(1 − (k f_m/f_a)²) ≈ 1 + c (k f_m)² with c = 1/f_a². At one speed this looks like a larger error; where the
 speed changes the recording can.
 """
 

@@ -190,7 +190,7 @@ def refined_arm(rows: Rows, orders: Sequence[float], belief: ArmBelief) -> Refin
     Args:
         rows: The stretches.
         orders: Orders of the transmission error.
-        belief: What is believed of the arm.
+        belief: Beliefs about the arm.
     """
     bases = []
     for through, inside in rows:

@@ -87,7 +87,7 @@ def check_run(result: RunResult, *, sensorless: bool, sensor: str = "acceleromet
     Args:
         result: The pass.
         sensorless: True if the motor torque is fitted.
-        sensor: What tells the tip, in words.
+        sensor: Name of the tip's sensor.
 
     Raises:
         AteNotIdentifiedError: Too many cycles lack something.

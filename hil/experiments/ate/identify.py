@@ -257,11 +257,11 @@ def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool
         recording: Recording of the pass.
         axis: Axis number.
         sensorless: True to fit the motor torque instead of the tip acceleration.
-        sensor: What tells the tip, in words.
+        sensor: Name of the tip's sensor.
 
     Raises:
         AteNotIdentifiedError: The sensor is dead or saturated.
-        NotPossibleError: It is not mounted as the bench file says.
+        NotPossibleError: The sensor is not mounted as in the bench file.
     """
     angle = recording.axis(axis, "position_rad")
     if sensorless:

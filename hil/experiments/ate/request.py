@@ -133,7 +133,7 @@ class AxisKnowledge:
         resonance_error_hz: Standard error of the arm's resonance; None if it is not known.
         damping_error: Standard error of the arm's damping ratio, likewise.
         gear_fraction_error: Standard error of the gear's fraction of the arm's damping.
-        side: Motor and arm as identified, by which the gear's reaction on the motor is told; None without them.
+        side: Identified motor and arm, from which the gear's reaction on the motor follows; None without them.
         delay_s: Delays of the accelerometer that are searched, from and to.
     """
 

@@ -30,7 +30,7 @@ class Alternation:
         bench: The bench file.
         scale: Scale of the axes that move.
         run: Runs the motion, with the treatment or without.
-        titles: What is told of a run without it, and of one with it.
+        titles: Titles of a run without the treatment, and of one with it.
         reporter: Listener of each run.
         period_s: Sampling period, once something has run.
     """

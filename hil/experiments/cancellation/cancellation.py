@@ -265,7 +265,7 @@ def motor_load(bench: Bench, identified: Identified | None, model: Model, number
     Args:
         bench: The bench file.
         identified: The model file; None without one.
-        model: What is known of the axis.
+        model: Model of the axis.
         number: Axis number.
         most_rad_s2: Largest acceleration of the motor.
     """
@@ -391,7 +391,7 @@ def cancelled_orders(
     Args:
         bench: The bench file.
         identified: The model file; None for the bench file's own model.
-        cancellation: The cancellation that is made of it.
+        cancellation: The cancellation made from the model.
     """
     found = []
     for part in () if cancellation is None else cancellation.parts:

@@ -81,7 +81,7 @@ def learn_on_bus(
         bench: The bench file.
         request: Axes and passes.
         out: Directory for recordings, bus log and result.json; made where it is missing.
-        model: The model file: read for the motors' inertia and what is known of the orders, where it exists, and written.
+        model: The model file; if it exists, it is read for the motors' inertia and the known orders; it is written.
         plant: Model file with the plants of the axes, which are taken over into the model file; None: it has them, or the bench.
             Of a transmission error in it, those orders are kept that the passes do not better.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.

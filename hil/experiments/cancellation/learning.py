@@ -301,7 +301,7 @@ def _known_plant(identified: Identified | None, axis: int) -> IdentifiedPlant | 
 
 
 def _begun(bench: Bench, identified: Identified | None, axis: int, inertia_kg_m2: float | None) -> AxisLearning:
-    """Begin a learning with what is known of the axis."""
+    """Begin a learning with the known values of the axis."""
     part = None if identified is None or axis not in identified.axis else identified.axis[axis].ate
     reaction = ReactionWatch.of(bench, identified, axis, part)
     return AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, known=KnownOrders.of_axis(identified, axis), reaction=reaction)

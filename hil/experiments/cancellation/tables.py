@@ -63,7 +63,7 @@ def table_of(
     Args:
         bench: The bench file.
         number: Axis number.
-        model: What is known of the axis.
+        model: Model of the axis.
         timing: Delays of the set-points.
         pace: Pace of the motion.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.

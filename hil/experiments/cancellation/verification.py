@@ -57,7 +57,7 @@ class Verification:
         gain: Fraction of the cancellation that was tried first.
         trials: All runs, the first without the cancellation.
         verdicts: Verdict on each order of each axis.
-        remainder: What is left, and why; None if nothing is used.
+        remainder: Remainder of the vibration and its cause; None if nothing is used.
     """
 
     gain: float

@@ -32,7 +32,7 @@ FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
 def loop_period_s(drive: DriveAxis) -> tuple[float, list[str]]:
     """Period of a drive's loop.
 
-    If the profile does not state it, the usual one is taken, with a sentence that says so.
+    If the profile does not state it, the usual period is taken, with a remark.
     """
     stated_s = drive.control_period_s()
     if stated_s > 0.0:

@@ -128,7 +128,7 @@ def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accele
         tip_m_s2: Acceleration of the tip; shape (n,).
         missed: Number of cycles that lack it.
         rows: Number of all cycles.
-        sensor: What tells it, in words.
+        sensor: Name of the tip's sensor.
     """
     if missed > SENSOR_MISSED_FRACTION * rows:
         return f"the {sensor} was missing in {missed} of {rows} cycles, allowed: {math.floor(SENSOR_MISSED_FRACTION * rows)}"

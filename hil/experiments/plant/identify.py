@@ -305,7 +305,7 @@ class PlantIdentification:
 
         The words concern several modes, or the dependence on the amplitude.
 
-        Of several modes it is not told whether they depend on the amplitude: a pilot may have shown fewer.
+        Several modes are not compared between amplitudes, since a pilot may have shown fewer.
         """
         words = modes_words(estimate)
         return with_amplitude_dependence(estimate, rough) if words is None else (estimate, words)

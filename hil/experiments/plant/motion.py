@@ -2,7 +2,7 @@
 
 Slow turns show friction and gravity; stretches at bias speed carry the excitation.
 
-On an arm all of them stay near where the axis stands (`arm_travel_rev`), as slowly as that takes.
+On an arm all of them stay near the present position (`arm_travel_rev`), as slowly as that takes.
 """
 
 import math
@@ -214,7 +214,7 @@ def arm_travel_rev(bench: Bench, axis: int) -> float:
 
     They are infinite without an arm.
 
-    Fewer than `LEAST_TURNS` do not average the transmission error to nothing: a limit that nobody has stated gives way to them.
+    Fewer than `LEAST_TURNS` do not average the transmission error to nothing: the default limit gives way to them.
     """
     travel = bench.travel_rev(axis)
     return max(travel, LEAST_TURNS) if bench.identification_travel_deg is None else travel

@@ -26,7 +26,7 @@ def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float
     """Motor revolutions per joint revolution in some stretches, with sign.
 
     Raises:
-        ContradictedError: The joint's encoder stands still.
+        ContradictedError: The joint's encoder does not move.
     """
     load, motor, weight = 0.0, 0.0, 0.0
     for stretch in stretches:
@@ -46,7 +46,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
     """Reduction ratio, with a sentence if it was found, not given.
 
     Args:
-        given: Reduction ratio that was said; None if none was.
+        given: Given reduction ratio, or None.
         found: Ratio that both encoders show.
         recorded: The recording, for errors.
 

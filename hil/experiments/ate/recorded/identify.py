@@ -73,7 +73,7 @@ class _Prepared:
         form: Signal beside the motor angle.
         sensed: The recordings through the arm; None for two encoders.
         refined: The arm; None for two encoders.
-        swing: Swing of the joint; None for a sensor, and where the recordings do not tell it.
+        swing: Swing of the joint; None for a sensor, and if the recordings do not show it.
         ratio: Reduction ratio.
         ratio_found: Reduction ratio that two encoders show; None without them.
         chosen: Number of the file, file and stretch of all that are fitted.
@@ -142,12 +142,12 @@ def identify_recorded(
     Args:
         request: Recordings, axis and orders.
         directory: Directory of the result; made where it is missing.
-        bench: Bench that says lever and plant for a sensor; None if two encoders need neither.
+        bench: Bench with lever and plant for a sensor; None if two encoders need neither.
         identified: Model file with the plant; None without one.
 
     Raises:
         RecordingFileError: A recording cannot be read.
-        ContradictedError: A recording contradicts what was said of it, or lacks what makes an angle of it.
+        ContradictedError: A recording contradicts its description, or lacks the plant that gives an angle.
         RecordedAteError: The recordings do not show the error.
     """
     ready = _prepared(request, bench, identified)
@@ -223,7 +223,7 @@ def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joi
     Args:
         files: The recordings.
         request: The request.
-        is_told_by_joints: True if the tip is told by the joint's encoder, to be read through a plant that is known.
+        is_told_by_joints: True if the joint's encoder gives the tip through a known plant.
 
     Raises:
         ContradictedError: There is none.

@@ -37,7 +37,7 @@ class RecordedRequest:
     Attributes:
         files: The recordings.
         axis: Axis number.
-        said: What is known of columns, ratio and robot.
+        said: Given columns, ratio and robot.
         orders: Orders that are asked for.
         sensorless: True if the motor's torque is taken even where an acceleration was recorded.
     """

@@ -38,7 +38,7 @@ class SensedFiles:
         files: Recordings on an even grid.
         through: The same, through the arm.
         clocks: Instants that were taken.
-        belief: What is believed of the arm.
+        belief: Beliefs about the arm.
         source: Source of it, in words.
     """
 
@@ -67,13 +67,13 @@ def sensed_files(
 ) -> SensedFiles:
     """Put recordings of a sensor on an even grid.
 
-    The result also has what is known of the arm.
+    The result also has the beliefs about the arm.
 
     Args:
         files: The recordings.
         request: The request.
         form: Kind of the sensor.
-        bench: Bench that says lever and plant; None without one.
+        bench: Bench with lever and plant; None without one.
         identified: Model file; None without one.
 
     Raises:

@@ -112,8 +112,8 @@ def learn_on_motion(
 
     Raises:
         NotPossibleError: An inertia is missing, no band is known, or the motion reaches no order or shows too little.
-        UnsafeRequestError: A probe, or what is learnt, could exceed a limit.
-        MotionNotLearntError: Nothing is told from nothing, or the tip is not quieter with it.
+        UnsafeRequestError: A probe, or the learnt cancellation, could exceed a limit.
+        MotionNotLearntError: No order is significant, or the tip is not quieter with the learnt values.
         SafetyStopError: A run was stopped.
         HilError: Limits or nodes do not allow a run.
     """
@@ -158,7 +158,7 @@ def _two_rounds(bench: Bench, known: Identified, runs: Runs, parts: tuple[Part, 
 def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) -> TipScale:
     """Scale of a motion.
 
-    It comes from the bench's band, or from what is known of the axes.
+    It comes from the bench's band, or from the models of the axes.
 
     Args:
         bench: The bench file.
@@ -180,7 +180,7 @@ def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) 
 def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[float]) -> list[Part]:
     """List the orders that the motion brings into the band.
 
-    The other orders get an outcome that says so.
+    The other orders get the outcome `not reached`.
 
     Raises:
         NotPossibleError: There is none.
@@ -210,7 +210,7 @@ class _Led:
         parts: Orders of axes.
         effects: Effect of each.
         vector: Settings of all parts.
-        step: The last step to them, and what is known of their errors.
+        step: The last step to the settings, with its errors.
         run: Run with them; None before one.
     """
 
@@ -303,7 +303,7 @@ def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> 
     Args:
         learning: Record of the learning.
         led: Settings of all orders.
-        least: Standard errors from which an order is told.
+        least: Standard errors from which an order is significant.
 
     Raises:
         MotionNotLearntError: None is.

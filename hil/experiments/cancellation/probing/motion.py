@@ -47,7 +47,7 @@ class ProbedRows:
     It has the components x, y and z in the band; the rows are those that judge the motion.
 
     Settings are learnt from its acceleration, in which a sensor's noise is alike at all frequencies; a displacement would hardly
-    show orders in the band's upper half. What a run is worth is told by the displacement.
+    show orders in the band's upper half. The displacement judges a run.
 
     Attributes:
         band_hz: Band of the vibration.
@@ -185,7 +185,7 @@ def with_values(
     Returns the model file with them and no others on these axes.
 
     Args:
-        known: The model file: plants, and what is known of the delay of set-points and of the gear.
+        known: The model file, with plants, delay of set-points and gear reactions.
         motion: The motion.
         values: A_k e^{jφ_k} in arcsec, by part.
         inertias: J_m by axis, where no file has a plant.
@@ -329,7 +329,7 @@ def learnt_part(part: Part, vector: Real, step: ProbedStep, index: int) -> PartO
     Args:
         part: Axis and order.
         vector: A cos φ and A sin φ of all parts in turn.
-        step: What is known of their errors.
+        step: Step with the errors of the parts.
         index: Position of the part.
     """
     value, along, across = part_errors(vector, step.covariance, index)
@@ -341,11 +341,11 @@ def learnt_part(part: Part, vector: Real, step: ProbedStep, index: int) -> PartO
 def left_out_part(part: Part, step: ProbedStep, index: int, *, is_seen: bool) -> PartOutcome:
     """Outcome of a part that is left at 0.
 
-    Nothing of it is seen, or what is seen is not significant.
+    Either nothing of the part is seen, or its value is not significant.
 
     Args:
         part: Axis and order.
-        step: Settings that were found, and what is known of their errors.
+        step: Settings that were found, with their errors.
         index: Position of the part.
         is_seen: False if it is not seen.
     """

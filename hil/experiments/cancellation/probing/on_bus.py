@@ -71,7 +71,7 @@ class MotionLearningOutcome(MeasurementOutcome[MotionLearningResult]):
     """End of learning on a motion.
 
     Attributes:
-        learning: What was learnt; None if it ended early.
+        learning: Result of the learning; None if it ended early.
     """
 
     learning: MotionLearning | None

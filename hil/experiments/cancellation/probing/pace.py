@@ -121,7 +121,7 @@ def learn_at_pace(runs: Runs, known: Settled, orders: Sequence[float], spread_ar
 
     Args:
         runs: Runs at that pace.
-        known: What is known.
+        known: Known settings.
         orders: Orders that are learnt.
         spread_arcsec: Spread of those of which nothing is known.
     """
