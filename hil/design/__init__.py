@@ -1,4 +1,6 @@
-"""Identification and filter design in the frequency domain; pure numerics without a bus.
+"""Identification and filter design in the frequency domain.
+
+The package is pure numerics and uses no bus.
 
 `frequency` has the plant and its loop, with margins and closed-loop poles. `plant_identification` and `ate`
 estimate plant and transmission error from recordings. `notch_search` finds a variable notch that meets the requirements of

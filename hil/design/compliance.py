@@ -1,4 +1,7 @@
-"""Compliance of a closed loop: the motor's angle per torque that disturbs it, over the frequency."""
+"""Compliance of a closed loop, by frequency.
+
+Compliance is the motor angle per disturbing torque.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +36,11 @@ class Compliance:
 
 
 def motor_compliance(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
-    """θ_m/τ_d(jω) = P/(1 + P C): a torque τ_d beside the motor's own, the loop closed; rad/(N·m), shape of `frequency_hz`.
+    """Motor angle per disturbing torque with the loop closed, in rad/(N·m).
+
+        θ_m/τ_d(jω) = P/(1 + P C), shape of `frequency_hz`
+
+    τ_d acts beside the motor's own torque.
 
     P is θ_m/τ of the plant, C the discrete law with its hold and delay (`Loop.controller`). Where |P C| is large this is 1/C, and
     C → K_pp K_vi/s at low frequency: halving all three gains makes the motor four times as compliant there, and about twice where
@@ -44,7 +51,10 @@ def motor_compliance(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0) -> 
 
 
 def compliance(loop: Loop, speeds_rps: Sequence[float] = (0.0,)) -> Compliance:
-    """The largest compliance at any of some motor speeds: filters that follow the speed act at some of them only."""
+    """Find the largest compliance at any of some motor speeds.
+
+    Filters that follow the motor speed act at some of these speeds only.
+    """
     grid = np.geomspace(*COMPLIANCE_BAND_HZ, POINTS)
     gains = np.array([np.abs(motor_compliance(loop, grid, speed)) for speed in speeds_rps])
     slow = max(float(np.abs(motor_compliance(loop, np.array([SLOW_HZ]), speed))[0]) for speed in speeds_rps)
@@ -53,6 +63,9 @@ def compliance(loop: Loop, speeds_rps: Sequence[float] = (0.0,)) -> Compliance:
 
 
 def judged_speeds(loop: Loop, count: int = 9) -> tuple[float, ...]:
-    """Speeds to judge a loop at: rest, and some from end to end of each filter that follows the speed."""
+    """List the motor speeds at which a loop is judged.
+
+    These are rest, and `count` speeds from end to end of each filter that follows the motor speed.
+    """
     inside = [speed for notch in loop.notches for speed in np.linspace(notch.start_rps, notch.end_rps, count).tolist()]
     return (0.0, *inside)

@@ -1,4 +1,6 @@
-"""The motion of a motor that takes the transmission error away, as waves of the angle at which it would be without that motion.
+"""Motor motion that removes the transmission error, as a sum of waves.
+
+The waves are functions of θ_0, the motor angle without that motion.
 
 The gear does not feel its error where θ_m = θ_0 + Δ with Δ = −a(θ_m), a = N θ_sync = Σ N A_k cos(k θ_m + φ_k), and θ_0 turns
 smoothly. The error is read at the angle that the motion itself shakes: as waves of θ_0
@@ -45,7 +47,9 @@ Series = dict[Key, complex]
 
 
 def counter_motion(amplitude_rad: Mapping[float, float], phase_rad: Mapping[float, float]) -> tuple[Wave, ...]:
-    """Waves of Δ(θ_0) = −a(θ_0 + Δ): first those of the orders themselves, in their order, then the mixed ones.
+    """Compute the waves of Δ(θ_0) = −a(θ_0 + Δ).
+
+    The waves of the orders themselves come first, in their order, then the mixed ones.
 
     Args:
         amplitude_rad: Amplitudes N A_k at the motor, by order.
@@ -67,7 +71,7 @@ def counter_motion(amplitude_rad: Mapping[float, float], phase_rad: Mapping[floa
 
 
 def _derivative(series: Series) -> Series:
-    """By θ_0."""
+    """Derivative of a series by θ_0."""
     return {key: 1j * key[0] * coefficient for key, coefficient in series.items()}
 
 

@@ -1,4 +1,4 @@
-"""Parts that every identification needs: a number with its standard error, and the error for insufficient data."""
+"""Estimated values with standard errors, and the error for insufficient data."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,10 @@ Real = NDArray[np.float64]
 
 
 class UnidentifiableError(ValueError):
-    """Data from which nothing can be identified, with their fault, their amount and the amount needed."""
+    """Error: the data are too few or too poor to identify anything.
+
+    It names the fault, the amount of data and the amount needed.
+    """
 
     def __init__(self, what: str, value: float, needed: float, unit: str = "") -> None:
         """Keep the numbers."""
@@ -20,7 +23,10 @@ class UnidentifiableError(ValueError):
 
 @dataclass(frozen=True)
 class EstimatedParameter:
-    """A number with its standard error, which is 0 only where nothing was estimated."""
+    """Number with its standard error.
+
+    The standard error is 0 only if nothing was estimated.
+    """
 
     value: float
     standard_error: float
@@ -32,14 +38,14 @@ class EstimatedParameter:
 
 
 def inverse(square: Real) -> Real:
-    """The pseudo-inverse of a JᵀJ whose unknowns may have very different units."""
+    """Pseudo-inverse of JᵀJ for unknowns with very different units."""
     scale = np.sqrt(np.maximum(np.diag(square), 1e-300))
     return np.asarray(np.linalg.pinv(square / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale))
 
 
 @dataclass(frozen=True)
 class EstimatedMode:
-    """A mode of an arm that rings with several, with the motor held.
+    """Mode of an arm that has several, with the motor held.
 
     Attributes:
         inertia_kg_m2: Effective inertia about the joint.

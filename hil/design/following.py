@@ -1,4 +1,6 @@
-"""What a cancellation that follows has to know of the arm: its response as one resonance, sampled, and the band of its vibration.
+"""Model of the arm for a cancellation that follows.
+
+The model is the response as one sampled resonance, and the band of its vibration.
 
 Around f_al the response of arm and loop to the transmission error is that of one mass on one spring,
 
@@ -50,7 +52,7 @@ class Resonance:
 
     @property
     def ring_down_s(self) -> float:
-        """Time in which it rings down to 1/e."""
+        """Time in which the resonance rings down to 1/e."""
         return 2.0 / self.a1
 
     def at(self, frequency_hz: Real) -> Complex:
@@ -88,7 +90,9 @@ def resonance_of(response: Callable[[Real], Complex], f_al_hz: float) -> Resonan
 
 
 def arm_model(resonance: Resonance, reduction_ratio: float, period_s: float, sensor_delay_s: float = 0.0) -> ArmModel:
-    """The resonance sampled, its input the mean of two samples; what that costs at f_al is put right in size and in time.
+    """Sample the resonance; the input is the mean of two samples.
+
+    Size and time of the model are corrected so that its response at f_al is exact.
 
     Args:
         resonance: The resonance.
@@ -119,7 +123,9 @@ def arm_model(resonance: Resonance, reduction_ratio: float, period_s: float, sen
 
 
 def rounding_noise_m_s2(rad_per_count: float, lever_m: float, band: Sequence[float], period_s: float) -> float:
-    """Standard deviation, in the band, of an acceleration from second differences of an angle that is rounded to counts.
+    """Noise in the band of an acceleration from rounded angles, in m/s².
+
+    The result is a standard deviation. The acceleration comes from second differences of an angle that is rounded to counts.
 
     An angle that moves is off by an even q/√12 at each sample, which the band-pass and (2 sin(ωT/2))²/T² let through.
 
@@ -137,7 +143,9 @@ def rounding_noise_m_s2(rad_per_count: float, lever_m: float, band: Sequence[flo
 
 
 def band_pass(lowest_hz: float, highest_hz: float, period_s: float) -> tuple[float, float, float, float, float]:
-    """A section b₀, b₁, b₂, a₁, a₂ that passes the vibration of arms of these f_al.
+    """Design a band-pass section for the vibration of some arms.
+
+    Returns b₀, b₁, b₂, a₁, a₂.
 
     Args:
         lowest_hz: Lowest f_al.

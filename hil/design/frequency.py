@@ -1,4 +1,7 @@
-"""The axis and its loop in the frequency domain: plant, G_al, open loop, margins and closed-loop poles."""
+"""Axis and loop in the frequency domain.
+
+The module has the plant, G_al, open loop, margins and closed-loop poles.
+"""
 
 import math
 from dataclasses import dataclass
@@ -21,7 +24,9 @@ CONTROL_PERIOD_S = 250e-6
 
 @dataclass(frozen=True)
 class TwoInertia:
-    """The linear plant of one axis, as the paper's Fig. 3; gear and arm on the arm side, motor on the motor side.
+    """Linear plant of one axis, as in the paper's Fig. 3.
+
+    Gear and arm are on the arm side, the motor is on the motor side.
 
     Attributes:
         reduction_ratio: Reduction ratio N.
@@ -42,19 +47,30 @@ class TwoInertia:
     gear_damping_nm_s_rad: float
 
     def terms(self, s: AnyComplex) -> tuple[AnyComplex, AnyComplex, AnyComplex]:
-        """Terms A = J_m s² + D_m s, B = J_l s² + D_l s and c = D_g s + K_g; each of the shape of `s`."""
+        """Terms A, B and c of the equations of motion.
+
+            A = J_m s² + D_m s,    B = J_l s² + D_l s,    c = D_g s + K_g
+
+        Each has the shape of `s`.
+        """
         motor = self.motor_inertia_kg_m2 * s**2 + self.motor_damping_nm_s_rad * s
         arm = self.arm_inertia_kg_m2 * s**2 + self.arm_damping_nm_s_rad * s
         return motor, arm, self.gear_damping_nm_s_rad * s + self.gear_stiffness_nm_rad
 
     def motor_angle_per_torque(self, frequency_hz: Real) -> Complex:
-        """Plant P(jω) = θ_m/τ = (B + c) / (A (B + c) + B c/N²), in rad/(N·m); shape of `frequency_hz`."""
+        """Plant P(jω) = θ_m/τ, in rad/(N·m).
+
+        P = (B + c) / (A (B + c) + B c/N²), shape of `frequency_hz`
+        """
         a, b, c = self.terms(2j * math.pi * np.asarray(frequency_hz))
         return np.asarray((b + c) / (a * (b + c) + b * c / self.reduction_ratio**2))
 
     @property
     def antiresonance_hz(self) -> float:
-        """Antiresonance f_a = √(K_g/J_l)/2π: the arm on the gear with the motor held."""
+        """Antiresonance f_a of the arm on its gear, motor held, in Hz.
+
+        f_a = √(K_g/J_l)/2π
+        """
         return math.sqrt(self.gear_stiffness_nm_rad / self.arm_inertia_kg_m2) / (2.0 * math.pi)
 
     @property
@@ -65,7 +81,11 @@ class TwoInertia:
         )
 
     def state_space(self) -> tuple[Real, Real]:
-        """Matrices A (4, 4) and B (4,) of ẋ = A x + B τ with x = (θ_m, θ̇_m, N θ_l, N θ̇_l): the arm as the motor sees it."""
+        """Matrices of the state space, from torque to motor and arm.
+
+        ẋ = A x + B τ with A (4, 4) and B (4,)
+        x = (θ_m, θ̇_m, N θ_l, N θ̇_l): the arm is referred to the motor.
+        """
         n2 = self.reduction_ratio**2
         k, d = self.gear_stiffness_nm_rad / n2, self.gear_damping_nm_s_rad / n2
         jm, jl = self.motor_inertia_kg_m2, self.arm_inertia_kg_m2 / n2
@@ -82,7 +102,7 @@ class TwoInertia:
 
 @dataclass(frozen=True)
 class Loop:
-    """The discrete P-PI with its notches around a plant.
+    """Discrete P-PI loop with its notches around a plant.
 
     Attributes:
         plant: The axis.
@@ -101,7 +121,10 @@ class Loop:
     fixed: tuple[FixedFilter, ...] = ()
 
     def filters(self, speed_rps: float) -> list[tuple[float, float, float, float, float]]:
-        """Coefficients (b₀, b₁, b₂, a₁, a₂) of the notches that act at a constant motor speed."""
+        """Coefficients of the filters that act at a constant motor speed.
+
+        Each filter has (b₀, b₁, b₂, a₁, a₂); the fixed filters come first.
+        """
         acting = [(each.b0, each.b1, each.b2, each.a1, each.a2) for each in self.fixed]
         for notch in self.notches:
             if notch.mode == NOTCH_OFF or not notch.start_rps <= speed_rps <= notch.end_rps:
@@ -122,7 +145,10 @@ class Loop:
         return np.asarray(response)
 
     def controller(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
-        """Controller C(jω) = −τ/θ_m: bilinear law, hold (1 − e^{−jωT})/(jωT) and delay; shape of `frequency_hz`."""
+        """Controller C(jω) = −τ/θ_m with hold and delay.
+
+        The law is bilinear, the hold is (1 − e^{−jωT})/(jωT); shape of `frequency_hz`.
+        """
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         jw = 2j * math.pi * frequency
         delay = np.exp(-jw * self.period_s)
@@ -138,7 +164,10 @@ class Loop:
         return self.plant.motor_angle_per_torque(frequency_hz) * self.controller(frequency_hz, speed_rps)
 
     def arm_per_transmission_error(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
-        """Gain X(jω) = θ_l/θ_sync = c M/(M (B + c) + B c) with M = N² (A + C); shape of `frequency_hz`."""
+        """Gain X(jω) = θ_l/θ_sync with the loop closed.
+
+        X = c M/(M (B + c) + B c) with M = N² (A + C), shape of `frequency_hz`
+        """
         a, b, c = self.plant.terms(2j * math.pi * np.asarray(frequency_hz, dtype=np.float64))
         m = self.plant.reduction_ratio**2 * (a + self.controller(frequency_hz, speed_rps))
         return np.asarray(c * m / (m * (b + c) + b * c))
@@ -166,7 +195,9 @@ class Loop:
         return float(peak.x)
 
     def closed_loop_poles(self, speed_rps: float = 0.0) -> Complex:
-        """Poles in z of the loop with the filters frozen at a motor speed; stable where all lie inside the unit circle.
+        """Closed-loop poles in z with the filters frozen at a motor speed.
+
+        The loop is stable if all poles lie inside the unit circle.
 
         The plant is discretised exactly (zero-order hold); the law's blocks are kept apart as state-space blocks, since
         the expanded polynomial has a dozen roots near z = 1 and loses its digits there.
@@ -181,7 +212,10 @@ class Loop:
         return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
 
     def law_block(self, speed_rps: float = 0.0) -> "Block":
-        """The law −τ/θ_m with its filters frozen at a motor speed, and its whole samples of delay, as a discrete system."""
+        """Law −τ/θ_m as a discrete system, filters frozen at a motor speed.
+
+        It includes the whole samples of delay.
+        """
         blocks = [self._integral_block(), *(_biquad(filter_) for filter_ in self.filters(speed_rps))]
         blocks += [(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))] * self.delay_samples
         whole = self._feedback_block()
@@ -190,7 +224,10 @@ class Loop:
         return whole
 
     def _feedback_block(self) -> "Block":
-        """Block K_pp + F_lp s, bilinear: y = ((c − w) y₁ + w c (x − x₁))/(c + w), as one state."""
+        """Block K_pp + F_lp s, bilinear, with one state.
+
+        F_lp s alone is y = ((c − w) y₁ + w c (x − x₁))/(c + w).
+        """
         c, w = 2.0 / self.period_s, 2.0 * math.pi * self.cascade.lowpass_hz
         pole, gain = (c - w) / (c + w), w * c / (c + w)
         return (
@@ -212,7 +249,7 @@ Block = tuple[Real, Real, Real, Real]
 
 
 def _biquad(coefficients: tuple[float, float, float, float, float]) -> Block:
-    """A second-order filter as controllable canonical form."""
+    """Controllable canonical form of a second-order filter."""
     b0, b1, b2, a1, a2 = coefficients
     return (
         np.array([[-a1, -a2], [1.0, 0.0]]),
@@ -223,7 +260,7 @@ def _biquad(coefficients: tuple[float, float, float, float, float]) -> Block:
 
 
 def _series(first: Block, second: Block) -> Block:
-    """The second block behind the first."""
+    """Connect the second block behind the first."""
     (a1, b1, c1, d1), (a2, b2, c2, d2) = first, second
     a = np.block([[a1, np.zeros((a1.shape[0], a2.shape[0]))], [b2 @ c1, a2]])
     return a, np.vstack([b1, b2 @ d1]), np.hstack([d2 @ c1, c2]), d2 @ d1
@@ -250,7 +287,10 @@ class Margins:
 
 
 def margins(loop: Loop, speed_rps: float = 0.0, points: int = 4000) -> Margins:
-    """Margins of the loop with its filters frozen at a motor speed, at the loop's own sampling time and delay."""
+    """Compute margins with the filters frozen at a motor speed.
+
+    Sampling time and delay are those of the loop.
+    """
     grid = np.geomspace(0.5, 0.49 / loop.period_s, points)
     lines = [notch.order * speed_rps for notch in loop.notches if speed_rps > 0.0]
     extra = [np.linspace(0.9 * line, 1.15 * line, 801) for line in lines]
@@ -271,7 +311,9 @@ def margins(loop: Loop, speed_rps: float = 0.0, points: int = 4000) -> Margins:
 
 
 def acceleration_bound(frequency_hz: Real, amplitude_rad: float, lever_m: float, tip_limit_m: float) -> Real:
-    """Bound on |G_al| by constraint (5): A_acc ω²/(L A_n), in 1/s²; shape of `frequency_hz`.
+    """Bound on |G_al| by constraint (5), in 1/s².
+
+        A_acc ω²/(L A_n), shape of `frequency_hz`
 
     Args:
         frequency_hz: Frequency ω/2π = k f_m; shape (m,).

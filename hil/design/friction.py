@@ -36,7 +36,9 @@ class SlowStretch:
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction and gravity seen in slow motion; torques at the motor, the gravity moment at the arm.
+    """Friction and gravity seen in slow motion.
+
+    Torques are at the motor, the gravity moment is at the arm.
 
     τ = sgn(ω)(τ_C + b |ω| + s exp(−(ω/ω_s)²)) + (G_c cos(θ_m/N) + G_s sin(θ_m/N))/N, fitted to the means over whole motor turns,
     which carry no transmission error.
@@ -74,7 +76,9 @@ class Friction:
 def fit_friction(
     stretches: Sequence[SlowStretch], sync_s: float, reduction_ratio: float, stiffness_nm_rad: float = math.inf
 ) -> Friction:
-    """Coulomb and viscous friction and gravity from slow runs in both directions at two or more speeds.
+    """Fit friction and gravity to slow runs in both directions.
+
+    The runs need two or more speeds.
 
     Args:
         stretches: Stretches of constant speed.
@@ -128,7 +132,10 @@ def fit_friction(
 
 @dataclass(frozen=True)
 class _Fit:
-    """Fit with one Stribeck speed, or with none: τ_C, b, G_c and G_s, their covariance, and how likely it is."""
+    """Fit with one Stribeck speed, or with none.
+
+    It has τ_C, b, G_c and G_s, their covariance, and the fit's likelihood as `weight`.
+    """
 
     values: Real
     covariance: Real
@@ -138,9 +145,11 @@ class _Fit:
 
 
 def _with_stribeck(arm: Real, speed: Real, torque: Real, reduction_ratio: float) -> list[_Fit]:
-    """Fits with static friction that falls off as exp(−(ω/ω_s)²), for many ω_s, and without.
+    """Fit friction with and without a Stribeck term, for many ω_s.
 
-    Few speeds do not tell which ω_s it is: each counts by its likelihood, so that what they disagree in is in the error.
+    The term is exp(−(ω/ω_s)²).
+
+    Few speeds do not determine ω_s. Each fit counts by its likelihood, so that the error contains the differences of the fits.
     """
     sign, level = np.sign(speed), np.round(np.log(np.abs(speed)) / SAME_SPEED)
     plain = np.column_stack([sign, speed, np.cos(arm) / reduction_ratio, np.sin(arm) / reduction_ratio])
@@ -169,7 +178,7 @@ def _with_stribeck(arm: Real, speed: Real, torque: Real, reduction_ratio: float)
 
 
 def _turns(stretch: SlowStretch, sync_s: float) -> list[tuple[float, float, float]]:
-    """Mean angle, speed and torque of each whole motor turn of a stretch."""
+    """Average angle, speed and torque over each whole motor turn."""
     angle, torque = stretch.angle_rad, stretch.torque_nm
     if len(angle) < 2:
         return []

@@ -1,4 +1,6 @@
-"""The inverse of the loop: set-points that make the motor follow a given sine, so that the gear does not feel its error.
+"""Inverse of the loop: set-points that make the motor follow a sine.
+
+The sine is chosen so that the gear does not feel its error.
 
 Where Δθ_m = −N θ_sync the torsion ψ = θ_m/N + θ_sync − θ_l is smooth, so neither gear nor arm takes part: the motor moves
 as if it were alone, A = J_m s² + D_m s, and the law has to give τ = A Δθ_m. With C_v = K_vp + K_vi/s, filter F_n and hold H
@@ -55,7 +57,7 @@ LEAST_RPS = 1e-4
 
 @dataclass(frozen=True)
 class CyclicTiming:
-    """Delays between a measured angle and the effect of an addition computed from it, over the bus.
+    """Delays over the bus from measured angle to effect of the addition.
 
     The angle is sampled at a SYNC; the set-point that follows from it comes into force at the next one and is reached a period T
     later, at the last of the drive's own periods T_c: 2 T − T_c. A torque offset acts at once and stands for T: 1.5 T on average.
@@ -71,7 +73,10 @@ class CyclicTiming:
     delay_s: float = 0.0
 
     def reference(self, frequency_hz: Real) -> Complex:
-        """Gain of a sampled sine that is interpolated linearly, at the law's input; shape of `frequency_hz`."""
+        """Gain of a linearly interpolated sampled sine at the law's input.
+
+        Shape of `frequency_hz`.
+        """
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         late = 2.0 * self.sync_period_s - self.control_period_s + self.delay_s
         # interpolated at m instants: (sin(πfT)/(m sin(πfT/m)))², which is sinc² where m is large
@@ -80,7 +85,10 @@ class CyclicTiming:
         return np.asarray(shape * np.exp(-2j * math.pi * frequency * late))
 
     def torque(self, frequency_hz: Real) -> Complex:
-        """Gain of a sampled sine that is held, at the motor; shape of `frequency_hz`."""
+        """Gain of a held sampled sine at the motor.
+
+        Shape of `frequency_hz`.
+        """
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         late = 1.5 * self.sync_period_s + self.delay_s
         return np.asarray(np.sinc(frequency * self.sync_period_s) * np.exp(-2j * math.pi * frequency * late))
@@ -88,7 +96,10 @@ class CyclicTiming:
 
 @dataclass(frozen=True)
 class InnerTiming:
-    """Delays inside a drive that computes the addition itself: it acts in the control period in which the angle is measured."""
+    """Delays inside a drive that computes the addition itself.
+
+    The addition acts in the control period in which the drive measures the angle.
+    """
 
     control_period_s: float
 
@@ -97,7 +108,10 @@ class InnerTiming:
         return np.ones_like(np.asarray(frequency_hz, dtype=np.complex128))
 
     def torque(self, frequency_hz: Real) -> Complex:
-        """Gain at the motor: the hold over the drive's own period; shape of `frequency_hz`."""
+        """Gain at the motor: the hold over the control period.
+
+        Shape of `frequency_hz`.
+        """
         frequency = np.asarray(frequency_hz, dtype=np.float64) * self.control_period_s
         return np.asarray(np.sinc(frequency) * np.exp(-1j * math.pi * frequency))
 
@@ -105,7 +119,9 @@ class InnerTiming:
 def reference_per_motor_angle(
     loop: Loop, frequency_hz: Real, actuation: Actuation = "reference", speed_rps: float = 0.0, torque_lag_s: float = 0.0
 ) -> Complex:
-    """Gain Δθ_ref/Δθ_m at the law's input with which the gear feels nothing; shape of `frequency_hz`.
+    """Gain Δθ_ref/Δθ_m at which the gear feels no error.
+
+    The gain is taken at the law's input; shape of `frequency_hz`.
 
     Args:
         loop: Law and motor.
@@ -119,7 +135,7 @@ def reference_per_motor_angle(
     """
     gains = loop.cascade
     if gains.position_gain_per_s <= 0.0 or gains.velocity_gain_nm_s_rad + gains.velocity_integral_gain_nm_rad <= 0.0:
-        raise ValueError("a loop without gain follows no set-point")
+        raise ValueError("the loop has no position gain or no velocity gain; a cancellation needs both")
     s = _backward(loop, frequency_hz)
     corner = 2.0 * math.pi * gains.lowpass_hz
     moved = 1.0 + corner * s / (s + corner) / gains.position_gain_per_s
@@ -130,14 +146,19 @@ def reference_per_motor_angle(
 
 
 def _torque_per_motor_angle(loop: Loop, frequency_hz: Real, torque_lag_s: float) -> Complex:
-    """Torque to be asked for where nothing but the motor moves, A (1 + λ s)."""
+    """Torque demand per rad if only the motor moves.
+
+    A (1 + λ s)
+    """
     jw = 2j * math.pi * np.asarray(frequency_hz, dtype=np.float64)
     motor, _, _ = loop.plant.terms(jw)
     return np.asarray(motor * (1.0 + torque_lag_s * jw))
 
 
 def torque_per_reference(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
-    """Torque at the motor for each rad by which the set-point moves, K_pp F_n H C_v; shape of `frequency_hz`.
+    """Torque at the motor per rad of set-point, K_pp F_n H C_v.
+
+    Shape of `frequency_hz`.
 
     Args:
         loop: Law and motor.
@@ -152,14 +173,16 @@ def torque_per_reference(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0)
 
 
 def _backward(loop: Loop, frequency_hz: Real) -> Complex:
-    """The s of the sampled law, by the bilinear rule."""
+    """Laplace variable s of the sampled law, by the bilinear rule."""
     delay = np.exp(-2j * math.pi * np.asarray(frequency_hz, dtype=np.float64) * loop.period_s)
     return np.asarray(2.0 / loop.period_s * (1.0 - delay) / (1.0 + delay))
 
 
 @dataclass(frozen=True)
 class Way:
-    """The way by which the motor is moved: what one rad of its motion, or one N·m at it, asks of set-point and torque offset.
+    """Inputs that move the motor, and the demand on each.
+
+    The methods give set-point and torque offset per rad of motor motion and per N·m at the motor.
 
     Attributes:
         loop: Law, motor and filters.
@@ -192,19 +215,25 @@ class Way:
         return np.asarray(wanted / self.timing.torque(frequency_hz))
 
     def reference_per_torque(self, frequency_hz: Real) -> Complex:
-        """Set-point for each N·m at the motor, where the set-point has to give it; shape (speeds,)."""
+        """Set-point per N·m at the motor; shape (speeds,).
+
+        It is 0 if a torque offset gives the torque.
+        """
         if self.actuation != "reference":
             return np.zeros(len(frequency_hz), dtype=np.complex128)
         return np.asarray(self._lead(frequency_hz) / self._law(frequency_hz) / self.timing.reference(frequency_hz))
 
     def torque_per_torque(self, frequency_hz: Real) -> Complex:
-        """Torque offset for each N·m at the motor, where the offset has to give it; shape (speeds,)."""
+        """Torque offset per N·m at the motor; shape (speeds,).
+
+        It is 0 if the set-point gives the torque.
+        """
         if self.actuation == "reference":
             return np.zeros(len(frequency_hz), dtype=np.complex128)
         return np.asarray(self._lead(frequency_hz) / self.timing.torque(frequency_hz))
 
     def _lead(self, frequency_hz: Real) -> Complex:
-        """What is asked of the current loop for each N·m."""
+        """Demand on the current loop per N·m."""
         return np.asarray(1.0 + 2j * math.pi * self.torque_lag_s * frequency_hz)
 
     def _inverse(self, frequency_hz: Real) -> Complex:
@@ -216,7 +245,7 @@ class Way:
         return np.array([reference_per_motor_angle(loop, np.array([f]), way, float(v), lag_s)[0] for f, v in pairs])
 
     def _law(self, frequency_hz: Real) -> Complex:
-        """Torque for each rad of the set-point with the filters that act at each speed."""
+        """Torque per rad of set-point, with the filters of each speed."""
         if not self.loop.notches:
             return torque_per_reference(self.loop, frequency_hz)
         pairs = zip(frequency_hz, self.speed_rps, strict=True)
@@ -235,7 +264,9 @@ def cancellation_table(
     torque_lag_s: float = 0.0,
     load: MotorLoad | None = None,
 ) -> CancellationTable:
-    """The table of one axis: G(f_m) = c (Δθ_ref/Δθ_m)/(what the bus makes of it) of every wave c of Δθ_m; −N A_k of an order.
+    """Compute the cancellation table of one axis.
+
+    Each wave c of Δθ_m has the gain G(f_m) = c (Δθ_ref/Δθ_m)/(gain of the bus); for an order c = −N A_k.
 
     Args:
         loop: Law, motor and filters.
@@ -253,7 +284,10 @@ def cancellation_table(
         ValueError: There is nothing to cancel, or the loop has no gain.
     """
     if not amplitude_rad or not max_rps > 0.0:
-        raise ValueError(f"nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps} rev/s")
+        raise ValueError(
+            f"nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps:g} rev/s; at least one order and a "
+            "speed above 0 are needed"
+        )
     turning = np.maximum(np.arange(math.ceil(max_rps / STEP_RPS) + 2) * STEP_RPS, LEAST_RPS)
     at_motor = {order: loop.plant.reduction_ratio * size for order, size in amplitude_rad.items()}
     # an order fades towards the highest frequency, and every wave that comes from it
@@ -283,7 +317,9 @@ def cancellation_table(
 
 
 def _chirp(gain: Callable[[Real], Complex], frequency_hz: Real, order: float) -> Complex:
-    """Change of a gain for each rad/s² by which the motor speeds up: −(j/2) k d²G/dω²; shape of `frequency_hz`.
+    """Change of a gain per rad/s² of the motor, −(j/2) k d²G/dω².
+
+    Shape of `frequency_hz`.
 
     The sine e^{jφ(t)} was e^{j(φ − ω τ + k α τ²/2)} a time τ ago, and ∫ g(τ) τ² e^{−jωτ} dτ = −d²G/dω².
     """

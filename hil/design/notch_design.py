@@ -1,4 +1,7 @@
-"""The verdict on a variable notch: margins at every speed, constraint (5), the tip on ramps; and the score of a search."""
+"""Verdict on a variable notch, and the score of a search.
+
+The verdict has the margins at every speed, constraint (5), and the tip peaks on ramps.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -71,7 +74,7 @@ class RequirementCheck:
 
     @property
     def violation(self) -> float:
-        """Fraction of the limit by which the requirement is missed; 0 where it holds."""
+        """Fraction of the limit by which the requirement is missed, else 0."""
         excess = self.value - self.limit if self.is_ceiling else self.limit - self.value
         return max(0.0, excess / max(abs(self.limit), 1e-9)) if not math.isnan(excess) else math.inf
 
@@ -81,7 +84,7 @@ class RequirementCheck:
         return self.violation == 0.0
 
     def __str__(self) -> str:
-        """Say it as a sentence without its verb."""
+        """Requirement, value and limit in words, without a verb."""
         where = "" if self.speed_rps is None else f" at {self.speed_rps:.2f} rev/s"
         bound = "at most" if self.is_ceiling else "at least"
         unit = f" {self.unit}" if self.unit else ""
@@ -89,7 +92,9 @@ class RequirementCheck:
 
 
 class Judge:
-    """Weighs filters of one order quickly: the parts that they share are computed once.
+    """Judge of filters of one order, for a search.
+
+    It computes the parts that the filters share once.
 
     Attributes:
         problem: The axis.
@@ -122,7 +127,10 @@ class Judge:
             self._before_mm.append(bare)
 
     def checks(self, notch: Notch) -> list[RequirementCheck]:
-        """Margins at constant speeds, each at its worst; stability as turns of the Nyquist curve, which must be 0."""
+        """Check the margins at constant speeds, each at its worst.
+
+        Stability is a number of turns of the Nyquist curve, which must be 0.
+        """
         wide = widened(notch)
         top = min(wide.end_rps, self.problem.speed_limit_rps)
         edges = [edge for other in self.problem.fixed for edge in (other.start_rps, other.end_rps)]
@@ -135,7 +143,10 @@ class Judge:
         return found
 
     def _worst(self, margins: SpeedMargins, names: Sequence[str], where: str) -> list[RequirementCheck]:
-        """Margins of some plants, each at its worst, against limits that are a little tighter."""
+        """Check the margins of some plants, each at its worst.
+
+        The limits are tighter than required by the reserve.
+        """
         limits, tighter = self.problem.requirements, 1.0 - self._reserve
 
         def worst(name: str, values: Real, limit: float, unit: str, *, is_ceiling: bool) -> RequirementCheck:
@@ -151,14 +162,19 @@ class Judge:
         ]
 
     def _line_ratio(self, notch: Notch) -> float:
-        """|G_al| on the line over constraint (5), the worst of all plants; in terms of |X| the bound is the same everywhere."""
+        """Ratio of |G_al| on the line to constraint (5), worst plant.
+
+        The ratio is computed from |X|, for which the bound is the same at every speed.
+        """
         speeds = np.linspace(notch.start_rps, notch.end_rps, SEARCH_SPEEDS)
         inside = self._family.gain_on_the_line((notch, *self.problem.fixed), self.order, speeds)
         outside = self._bare_gain[:, (self._bare_rps < notch.start_rps) | (self._bare_rps > notch.end_rps)]
         return float(np.max(np.concatenate([inside, outside], axis=1) / self._bound[:, np.newaxis]))
 
     def score(self, notch: Notch, members: int | None = None) -> float:
-        """Tip peak with a filter over that without, for the worst of the first `members` plants; the smaller the better.
+        """Score a filter by its worst tip peak; smaller is better.
+
+        The score is the tip peak with the filter over that without, for the worst of the first `members` plants.
 
         Above 2 where a filter raises a peak of another order or beside it, and above 10 where it breaks a margin: those are
         ranked by how far they go, the last without a simulation. The limit of the tip in mm has no part in it, constraint (5) a
@@ -203,7 +219,7 @@ class PeakRow:
 
 @dataclass(frozen=True)
 class PostureRow:
-    """Margins on the arm in one posture, each the worst of all motor speeds.
+    """Worst margins on the arm in one posture, over all motor speeds.
 
     Attributes:
         label: The posture, and what the other axes do.
@@ -222,7 +238,9 @@ class PostureRow:
 
 @dataclass(frozen=True)
 class NotchVerdict:
-    """Close check of filters: every f_al/120 in rev/s from rest to the speed limit, closed-loop poles included.
+    """Close check of filters, closed-loop poles included.
+
+    It covers every f_al/120, in rev/s, from rest to the speed limit.
 
     Attributes:
         notches: The filters.
@@ -245,11 +263,17 @@ class NotchVerdict:
 
     @property
     def is_harmless(self) -> bool:
-        """True if the filters keep all margins and raise no peak: whatever is missed, the limits of the tip alone."""
+        """True if the filters keep all margins and raise no peak.
+
+        Only limits of the tip may be missed.
+        """
         return all(check.holds or check.is_tip_limit for check in self.checks)
 
     def worst(self, name: str) -> float:
-        """Worst of a margin, M_s, phase margin or gain margin, of the axis by itself and on the arm."""
+        """Worst M_s, phase margin or gain margin, by its name.
+
+        It covers the axis by itself and on the arm.
+        """
         found = [check for check in self.checks if check.name in (name, f"{name}{ON_THE_ARM}")]
         return (max if found[0].is_ceiling else min)(check.value for check in found)
 
@@ -294,7 +318,10 @@ def verdict(problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[fl
 
 
 def _margins(problem: NotchProblem, wide: Sequence[Notch], speeds: Real) -> dict[str, dict[float, Margins]]:
-    """Margins by plant and speed; poles are computed anew only where a filter changes them."""
+    """Compute margins by plant and speed.
+
+    Poles are computed anew only if a filter changes them.
+    """
     loops = [problem.loop(member, wide) for member in problem.members]
     scanned = LoopFamily(loops, step=VERDICT_FREQUENCY_STEP).margins(wide, speeds)
     by_plant: dict[str, dict[float, Margins]] = {}
@@ -331,7 +358,10 @@ def _margin_checks(requirements: Requirements, margins_by_plant: Mapping[str, Ma
 def _on_the_arm(
     problem: NotchProblem, notches: Sequence[Notch], speeds: Real
 ) -> tuple[list[RequirementCheck], tuple[PostureRow, ...]]:
-    """Margins on the arm, in every posture, and closed-loop poles of all axes together; none for an axis by itself."""
+    """Check margins and closed-loop poles on the arm, in every posture.
+
+    The poles are those of all axes together. An axis by itself has no such checks.
+    """
     if problem.arm is None:
         return [], ()
     notches = [notch for notch in notches if notch.mode != NOTCH_OFF]
@@ -355,14 +385,20 @@ def _on_the_arm(
 def _arm_check(
     family: ArmFamily, speeds: Real, name: str, values: Real, limit: float, unit: str, *, is_ceiling: bool
 ) -> RequirementCheck:
-    """A margin on the arm at its worst, with the posture as the plant that gives it; values of shape (cases, speeds)."""
+    """Check one margin on the arm at its worst.
+
+    The posture takes the place of the plant; `values` have the shape (cases, speeds).
+    """
     at = np.unravel_index(int(np.argmax(values) if is_ceiling else np.argmin(values)), values.shape)
     label = family.cases[int(at[0])].label
     return RequirementCheck(f"{name}{ON_THE_ARM}", float(values[at]), limit, unit, is_ceiling, float(speeds[at[1]]), label)
 
 
 def _rise_checks(problem: NotchProblem, peaks_mm: Mapping[str, Real]) -> list[RequirementCheck]:
-    """Peaks of every order, and beside them, against those without a filter; each at its worst plant."""
+    """Check how far filters raise the tip peaks.
+
+    Each ratio is that of its worst plant. The peaks are those in the speeds of every order and between them.
+    """
     worst: dict[float | None, tuple[Rise, str]] = {}
     for member in problem.members:
         for rise in rises(problem, problem.peaks_mm(member, ()), peaks_mm[member.label]):
@@ -377,7 +413,10 @@ def _rise_checks(problem: NotchProblem, peaks_mm: Mapping[str, Real]) -> list[Re
 
 
 def _line_check(problem: NotchProblem, notches: Sequence[Notch], order: float) -> RequirementCheck:
-    """Constraint (5) on the line; where a switched filter may be in or out, both count."""
+    """Check constraint (5) on the line.
+
+    If a switched filter may be in or out, both states count.
+    """
     family = LoopFamily([problem.loop(member) for member in problem.members])
     step = problem.f_al_hz / BARE_STEPS
     speeds = np.arange(step, problem.speed_limit_rps + 1e-9, step)

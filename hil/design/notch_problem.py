@@ -1,4 +1,7 @@
-"""An axis whose notch is wanted: requirements, ramps on which a filter is judged, speeds in which the tip is looked at."""
+"""Axis for which a notch is to be designed.
+
+The module has the requirements, the ramps on which a filter is judged, and the speeds in which the tip is judged.
+"""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -58,7 +61,7 @@ class Requirements:
             ValueError: A limit is outside its range.
         """
         if not self.max_sensitivity > 1.0:
-            raise ValueError(f"max_sensitivity = {self.max_sensitivity} must be above 1, which only an open loop has")
+            raise ValueError(f"max_sensitivity = {self.max_sensitivity} must be above 1")
         if not 0.0 <= self.phase_margin_deg < 90.0:
             raise ValueError(f"phase_margin_deg = {self.phase_margin_deg} is not within 0 … 90")
         for name in ("gain_margin_db", "tip_mm"):
@@ -68,7 +71,9 @@ class Requirements:
 
 @dataclass(frozen=True)
 class DesignRamp:
-    """Motion from rest up at a constant rate, round a smooth turn, and down at the same rate.
+    """Ramp from rest, up and down at one rate.
+
+    The turn at the top is smooth.
 
     Attributes:
         rate_rps_s: Rate up and down.
@@ -122,14 +127,17 @@ class DesignRamp:
         return cls(rate_rps_s, top, weight, is_own, period_s, rise_end, fall_begin, angle)
 
     def rows(self, motion: RampMotion) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Rows of a simulated motion on this ramp in which the speed rises, and those in which it falls; shapes (n,)."""
+        """Rows in which the speed rises, and rows in which it falls.
+
+        The rows are those of a simulated motion on this ramp; both masks have the shape (n,).
+        """
         time = motion.period_s * np.arange(len(motion.motor_speed_rps))
         return (time >= RAMP_REST_S) & (time < self.rise_end_s), time >= self.fall_begin_s
 
 
 @dataclass(frozen=True)
 class SpeedRange:
-    """Range of motor speeds in which the tip is looked at.
+    """Range of motor speeds in which the tip is judged.
 
     Attributes:
         order: Order k that meets f_al in it; None between the orders' ranges, where a filter may switch.
@@ -143,7 +151,7 @@ class SpeedRange:
 
 
 def speed_ranges(windows_rps: Mapping[float, tuple[float, float]], low_rps: float, top_rps: float) -> tuple[SpeedRange, ...]:
-    """Windows of the orders, and what lies below, between and above them.
+    """Windows of the orders, and the ranges below, between and above them.
 
     >>> [(each.order, each.low_rps, each.high_rps) for each in speed_ranges({2: (4.5, 7.5), 4: (2.2, 3.6)}, 1.5, 11.0)]
     [(2, 4.5, 7.5), (4, 2.2, 3.6), (None, 1.5, 2.2), (None, 3.6, 4.5), (None, 7.5, 11.0)]
@@ -165,7 +173,9 @@ def speed_ranges(windows_rps: Mapping[float, tuple[float, float]], low_rps: floa
 
 
 def peaks_in(ramp: DesignRamp, motion: RampMotion, displacement_mm: Real, ranges: Sequence[SpeedRange]) -> Real:
-    """Largest |displacement| in each range while the speed rises and while it falls; 0 where the ramp does not come there.
+    """Find the largest |displacement| in each range, rising and falling.
+
+    It is 0 if the ramp does not reach the range.
 
     Args:
         ramp: The ramp.
@@ -204,7 +214,7 @@ class NotchProblem:
         fixed: Filters of other orders, which stay as they are.
         friction_nm: Friction against the turning motor.
         gravity_nm: Gravity at the motor, which acts against it or helps it.
-        is_gravity_known: True if it was identified: what the gear makes of it is looked at then as well.
+        is_gravity_known: True if gravity was identified; then the gear's reaction under gravity is judged as well.
         arm: Its loop on the arm that it is part of, where margins are required as well; None for an axis by itself.
     """
 
@@ -240,11 +250,11 @@ class NotchProblem:
         return next(row for row, each in enumerate(self.ranges) if each.order == order)
 
     def loop(self, member: Member, notches: Sequence[Notch] = ()) -> Loop:
-        """The loop around one plant."""
+        """Loop around one plant."""
         return Loop(member.plant, self.cascade, tuple(notches), self.period_s, self.delay_samples)
 
     def peaks_mm(self, member: Member, notches: Sequence[Notch]) -> Real:
-        """Tip peaks of a plant in every range, rising and falling, in each case.
+        """Tip peaks of a plant by case, range and direction.
 
         Cases of the believed plant: every ramp under friction and gravity, the user's own first; that one with gravity's help;
         and where gravity is known, that one with the gear's reaction on the motor, gravity against it and with it. Other plants
@@ -270,7 +280,10 @@ class NotchProblem:
         return [0, *range(len(self.ramps), count)]
 
     def weighted_mm(self, peaks_mm: Real, order: float) -> float:
-        """Largest peak of an order in all cases but the gear's reaction, each by its ramp's weight; peaks of `peaks_mm`."""
+        """Largest weighted tip peak of an order, in mm.
+
+        Each peak of `peaks_mm` is multiplied by the weight of its ramp. Cases with the gear's reaction do not count.
+        """
         weights = np.array([*(ramp.weight for ramp in self.ramps), 1.0])[: len(peaks_mm)]
         return float(np.max(weights[:, np.newaxis] * peaks_mm[: len(weights), self.row(order)]))
 
@@ -291,12 +304,14 @@ class Rise:
 
     @property
     def excess(self) -> float:
-        """Fraction by which it is beyond its limit; 0 where it is not."""
+        """Fraction by which the ratio exceeds its limit, else 0."""
         return max(0.0, self.ratio / self.limit - 1.0)
 
 
 def rises(problem: NotchProblem, before_mm: Real, after_mm: Real) -> list[Rise]:
-    """How much filters raise the peaks of each range, on the user's own motion, and of an order beyond its worst on any ramp.
+    """Compare the tip peaks of each range with and without filters.
+
+    Peaks on the user's own motion are compared case by case. For an order, the largest peak on any ramp is compared as well.
 
     Args:
         problem: The axis.

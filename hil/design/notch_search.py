@@ -1,4 +1,7 @@
-"""The search for a notch: differential evolution, first on the believed plant, then on the worst of all; in parallel."""
+"""Search for a notch by differential evolution, in parallel processes.
+
+The search uses the believed plant first, then the worst of all plants.
+"""
 
 import multiprocessing
 import os
@@ -81,12 +84,14 @@ class Effort:
 
     @classmethod
     def quick(cls, seed: int = 1) -> "Effort":
-        """A search that takes a fifth of the default's time."""
+        """Search that takes a fifth of the default's time."""
         return cls(16, 10, 8, 4, seed)
 
     @classmethod
     def within(cls, evaluations: int, seed: int = 1) -> "Effort":
-        """The largest search of at most so many evaluations for one shape of one order: half of them on the believed plant.
+        """Choose the largest search of at most so many evaluations.
+
+        The number counts for one shape of one order; half of the evaluations are on the believed plant.
 
         >>> Effort.within(500), Effort.within(500).evaluations
         (Effort(population=16, generations=14, robust_population=8, robust_generations=5, seed=1), 480)
@@ -104,13 +109,15 @@ class Effort:
 
     @property
     def evaluations(self) -> int:
-        """Cost of one shape of one order, in units of the time that one plant takes."""
+        """Cost of one shape of one order, in simulations of one plant."""
         return self.population * (self.generations + 1) + 5 * self.robust_population * (self.robust_generations + 1)
 
 
 @dataclass(frozen=True)
 class Space:
-    """The filters of one shape that are tried, as a unit cube; the dampings and the speed's low-pass are logarithmic in it.
+    """Filters of one shape that the search covers, as a unit cube.
+
+    The dampings and the speed's low-pass are logarithmic in it.
 
     Attributes:
         template: Filter that gives shape, order and all parameters that are not searched.
@@ -124,7 +131,9 @@ class Space:
 
     @classmethod
     def around(cls, problem: NotchProblem, order: int, shape: str, f_al_hz: float, template: Notch) -> "Space":
-        """Space of filters that act throughout the window in which the tip is judged, and not at rest.
+        """Build the space of filters that act throughout the judged window.
+
+        No filter of it acts at rest.
 
         Args:
             problem: The axis.
@@ -164,7 +173,7 @@ class Space:
         return len(self.low)
 
     def notch(self, point: Real) -> Notch:
-        """The filter at a point of the unit cube, with the digits that a person would write."""
+        """Filter at a point of the unit cube, with rounded parameters."""
         low, high = np.array(self.low), np.array(self.high)
         values = low + point * (high - low)
         values[LOGARITHMIC] = low[LOGARITHMIC] * (high[LOGARITHMIC] / low[LOGARITHMIC]) ** point[LOGARITHMIC]
@@ -181,7 +190,7 @@ class Space:
         )
 
     def point(self, notch: Notch) -> Real:
-        """The point of the unit cube that stands for a filter, or the nearest to it."""
+        """Point of the unit cube for a filter, or the nearest one."""
         values = np.array(
             [
                 notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, notch.start_rps, notch.end_rps, notch.speed_lowpass_hz,
@@ -203,7 +212,9 @@ def _weigh(judge: Judge, notches: Sequence[Notch], members: int | None) -> list[
 
 @contextmanager
 def workers(jobs: int) -> Iterator[Executor | None]:
-    """Processes to search in; None if `jobs` is 0, for this process alone.
+    """Start the processes of a search; None if `jobs` is 0.
+
+    If `jobs` is 0, the search runs in this process.
 
     They are spawned: a fork of a process with threads, as a progress bar has, may stop for ever. Each has one thread for linear
     algebra: for matrices of ten rows a second one takes forty times as long as the work on a busy machine.
@@ -227,7 +238,7 @@ def workers(jobs: int) -> Iterator[Executor | None]:
 def pooled_verdict(
     problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[int], pool: Executor | None = None
 ) -> NotchVerdict:
-    """Judge filters as `verdict` does, in a worker where there is one.
+    """Judge filters as `verdict` does, in a worker if there is one.
 
     Args:
         problem: The axis.
@@ -249,11 +260,17 @@ class _Scores:
         self.known: dict[Notch, float] = {}
 
     def stage(self, members: int | None) -> None:
-        """Forget the scores, and weigh by the first `members` plants from now on; None for all."""
+        """Forget all scores and select the plants for the next ones.
+
+        These are the first `members` plants; None for all.
+        """
         self.members, self.known = members, {}
 
     def __call__(self, points: Real) -> Real:
-        """Scores of points in the unit cube, shape (dimensions, filters), as scipy wants them."""
+        """Score points of the unit cube, shape (dimensions, filters).
+
+        The shape is the one that scipy gives.
+        """
         notches = [self.space.notch(point) for point in points.T]
         new = list(dict.fromkeys(notch for notch in notches if notch not in self.known))
         chunks = [new[i : i + CHUNK] for i in range(0, len(new), CHUNK)]
@@ -268,7 +285,10 @@ class _Scores:
         return np.array([self.known[notch] for notch in notches])
 
     def evolve(self, start: Real, generations: int, generator: np.random.Generator) -> Real:
-        """Points after some generations of differential evolution, the best first; shape (filters, dimensions)."""
+        """Run some generations of differential evolution.
+
+        Returns the points, the best first; shape (filters, dimensions).
+        """
         weigh: Any = self  # the stubs do not know `vectorized`
         result = scipy.optimize.differential_evolution(
             weigh,
@@ -314,7 +334,9 @@ def search(
     template: Notch | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> SearchResult:
-    """The filter of one order that leaves the smallest tip peak for the worst of all plants, within all requirements.
+    """Search the filter of one order with the smallest worst tip peak.
+
+    The peak is that of the worst of all plants, and the filter has to meet all requirements.
 
     Args:
         problem: The axis; its fixed filters act beside the new one.
@@ -365,7 +387,10 @@ def search(
 def _first_that_holds(
     problem: NotchProblem, order: int, candidates: Mapping[Notch, float], pool: Executor | None
 ) -> NotchVerdict:
-    """Verdict on the best of some filters that meets all requirements, else harms nothing, else misses least."""
+    """Choose the best filter that meets all requirements, and its verdict.
+
+    If there is none, the best that harms nothing is chosen, else the one that misses least.
+    """
     seen: list[NotchVerdict] = []
     orders = sorted({order, *(notch.order for notch in problem.fixed if notch.order in problem.orders)})
     for notch in sorted(candidates, key=lambda each: candidates[each])[:TRIES]:

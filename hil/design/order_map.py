@@ -1,4 +1,4 @@
-"""Vibration by motor speed and order: what turns with the motor, in the angle domain.
+"""Vibration by motor speed and order, in the angle domain.
 
 An error of order k shakes the arm at k θ_m, at whatever speed. In windows of a few turns the vibration a(t) is therefore
 compared with sines of the motor's angle instead of time: in an order map with a sine of every order, one after the other,
@@ -59,7 +59,9 @@ class OrderMap:
 
 @dataclass(frozen=True)
 class OrderTrack:
-    """Components of a vibration at some orders, all at once, along the motor speed.
+    """Components of a vibration at some orders, over the motor speed.
+
+    The orders are fitted all at once.
 
     Attributes:
         speed_rps: Mean |f_m| of each window, rev/s, rising; shape (m,).
@@ -83,7 +85,9 @@ class OrderTrack:
 
 @dataclass(frozen=True)
 class _Window:
-    """Samples of one window: relative angle −1 … 1, Hann weight times |dθ|, motor angle, vibrations, and the window's speed.
+    """Samples and speed of one window along the motor angle.
+
+    `place` is the relative angle −1 … 1, `weight` the Hann weight times |dθ|, `values` the vibrations.
 
     Arrays have shape (n,), `values` (vibrations, n).
     """
@@ -127,7 +131,9 @@ def order_map(motor_angle_rad: Real, values: Real, period_s: float, orders: Real
 def order_track(
     motor_angle_rad: Real, values: Real, period_s: float, orders: Sequence[float], turns: float = TURNS
 ) -> OrderTrack:
-    """Components of a vibration at some orders, by weighted least squares of all of them and a parabola in each window.
+    """Track components of a vibration at some orders.
+
+    In each window all orders and a parabola are fitted at once by weighted least squares.
 
     The standard error of an order is that of noise as strong as what the residual has beside that order, so that it holds for
     noise of any colour. A component that swells within a window is taken for its mean there, and its skirts count as noise.
@@ -140,7 +146,7 @@ def order_track(
         turns: Length of a window in turns of the motor.
 
     Raises:
-        ValueError: As `order_map`, or two orders cannot be told apart in so few turns.
+        ValueError: As `order_map`, or so few turns do not separate two orders.
     """
     return order_tracks(motor_angle_rad, (values,), period_s, orders, turns)[0]
 
@@ -148,7 +154,9 @@ def order_track(
 def order_tracks(
     motor_angle_rad: Real, signals: Sequence[Real], period_s: float, orders: Sequence[float], turns: float = TURNS
 ) -> list[OrderTrack]:
-    """Components of several signals of one motion, each as `order_track` finds them; the windows are solved once for all.
+    """Track several signals of one motion, as `order_track` does one.
+
+    The windows are solved once for all signals.
 
     Args:
         motor_angle_rad: θ_m, unwrapped; shape (n,).
@@ -163,7 +171,10 @@ def order_tracks(
     array = np.asarray(orders, dtype=np.float64)
     gaps = np.diff(np.sort(array))
     if len(gaps) and float(np.min(gaps)) * turns < 1.0:
-        raise ValueError(f"orders {float(np.min(gaps)):g} apart cannot be told apart in windows of {turns:g} turns")
+        raise ValueError(
+            f"orders {float(np.min(gaps)):g} apart cannot be separated in windows of {turns:g} turns; at least "
+            f"{1.0 / turns:g} is needed"
+        )
     made = [(window, *_components(window, array, turns)) for window in _windows(motor_angle_rad, signals, period_s, array, turns)]
     made.sort(key=lambda each: each[0].speed_rps)
     speed = np.array([window.speed_rps for window, _, _ in made])
@@ -173,7 +184,10 @@ def order_tracks(
 
 
 def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np.complex128], Real]:
-    """Complex amplitudes at the orders that the samples show, and their standard errors; NaN elsewhere; (vibrations, orders)."""
+    """Fit the complex amplitudes at some orders, with standard errors.
+
+    They are NaN at orders that the samples do not show; both have the shape (vibrations, orders).
+    """
     component = np.full((len(window.values), len(orders)), complex(math.nan, math.nan))
     error = np.full(component.shape, math.nan)
     shown = np.flatnonzero(_shown(window, orders))
@@ -202,7 +216,10 @@ def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np
 
 
 def _inverse(square: Real) -> Real:
-    """Pseudo-inverse of a symmetric matrix without negative eigenvalues, by these; what is zero but for rounding stays out."""
+    """Pseudo-inverse of a positive semidefinite matrix, by its eigenvalues.
+
+    Eigenvalues that are zero but for rounding are left out.
+    """
     values, vectors = np.linalg.eigh(square)
     kept = values > 1e-15 * values[-1]
     vectors = vectors[:, kept]
@@ -210,7 +227,9 @@ def _inverse(square: Real) -> Real:
 
 
 def _noise(window: _Window, residual: Real, orders: tuple[float, ...], turns: float) -> Real:
-    """Variance of the white noise that would leave what the residual has beside each order; shape (vibrations, orders).
+    """Variance of white noise that explains the residual beside each order.
+
+    Shape (vibrations, orders).
 
     At an order itself nothing is left, by the fit. So the residual is taken at the nearest points between the orders.
     """
@@ -230,7 +249,11 @@ def _noise(window: _Window, residual: Real, orders: tuple[float, ...], turns: fl
 
 @functools.lru_cache(maxsize=64)
 def _beside(orders: tuple[float, ...], turns: float) -> tuple[list[int], NDArray[np.intp]]:
-    """Points beside orders, rising, in halves of a window's order, and which of them are each order's; (orders, neighbours)."""
+    """Choose points beside the orders at which the noise is read.
+
+    Returns the points, rising, in halves of a window's order, and the indices of each order's points, shape (orders,
+    neighbours).
+    """
     between = np.arange(0.5, max(orders) * turns + 12.0, 0.5) / turns
     fitted = np.concatenate([[0.0], orders])
     free = between[np.min(np.abs(between[:, None] - fitted), axis=1) >= BESIDE / turns]
@@ -245,14 +268,20 @@ def _shown(window: _Window, orders: Real) -> NDArray[np.bool_]:
 
 
 def _windows(motor_angle_rad: Real, signals: Sequence[Real], period_s: float, orders: Real, turns: float) -> Iterator[_Window]:
-    """Windows along the angle, in each stretch in which the motor turns one way."""
+    """Cut the motion into windows along the motor angle.
+
+    Windows lie within stretches in which the motor turns one way.
+    """
     angle, signal = np.asarray(motor_angle_rad, dtype=np.float64), [np.asarray(each, dtype=np.float64) for each in signals]
     for each in signal:
         if angle.shape != each.shape or angle.ndim != 1:
-            raise ValueError(f"{angle.shape} motor angles and {each.shape} samples of the vibration are not one recording")
+            raise ValueError(
+                f"{angle.shape} motor angles and {each.shape} samples of the vibration do not match; both must have "
+                "one shape (n,)"
+            )
     together = np.stack(signal)
     if not (len(orders) and float(np.min(orders)) > 0.0 and period_s > 0.0 and turns > 0.0):
-        raise ValueError(f"orders {orders}, a period of {period_s:g} s and {turns:g} turns have to be positive")
+        raise ValueError(f"orders {orders}, a period of {period_s:g} s and {turns:g} turns must all be above 0")
     count = 0
     for begin, end in _stretches(angle, period_s):
         position = np.maximum.accumulate(np.abs(angle[begin:end] - angle[begin])) / (2.0 * math.pi)
@@ -273,12 +302,15 @@ def _windows(motor_angle_rad: Real, signals: Sequence[Real], period_s: float, or
             yield _Window(place, weight, angle[there], together[:, there], speed, direction, period_s)
     if not count:
         raise ValueError(
-            f"the motor never turns {turns:g} turns one way at {SLOWEST_RPS:g} rev/s or more: there is no order to be seen"
+            f"the motor never makes {turns:g} turns in one direction at {SLOWEST_RPS:g} rev/s or more; an order map needs as many"
         )
 
 
 def _stretches(angle: Real, period_s: float) -> list[tuple[int, int]]:
-    """Rows, from and up to, in which the motor turns one way, at no less than the least speed."""
+    """Find the rows in which the motor turns one way.
+
+    Each stretch is (first row, row after the last). Its speed is at least `SLOWEST_RPS`.
+    """
     if len(angle) < 3:
         return []
     width = max(1, round(0.01 / period_s))

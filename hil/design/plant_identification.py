@@ -1,4 +1,6 @@
-"""The plant of one axis from its frequency response: motor angle per torque, measured with a periodic excitation as instrument.
+"""Plant of one axis from its frequency response.
+
+The response is the motor angle per torque, measured with a periodic excitation as instrument.
 
 The motor turns slowly, so that Coulomb friction is a constant, the drive's loop stays closed, and a periodic signal is added
 to its torque (60B2h) or to its reference. Period p gives the spectra Y_p of the motor angle and U_p of the torque on the
@@ -53,7 +55,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class ResponseEstimate:
-    """A frequency response with its uncertainty; all of shape (lines,).
+    """Frequency response with its uncertainty; all of shape (lines,).
 
     Attributes:
         frequency_hz: Frequencies of the lines.
@@ -72,7 +74,7 @@ class ResponseEstimate:
 
 @dataclass(frozen=True)
 class PlantEstimate:
-    """The fitted plant, its standard errors, and the responses that it was fitted to.
+    """Fitted plant with its standard errors and the measured responses.
 
     Attributes:
         plant: The fitted plant; its dampings D_m and D_l may come out below 0, within their errors.
@@ -109,7 +111,9 @@ def fit_plant(
     gravity_nm_rad: float = 0.0,
     near: PlantEstimate | None = None,
 ) -> PlantEstimate:
-    """Fit J_m, J_l, K_g and the dampings by weighted nonlinear least squares on the excited lines.
+    """Fit J_m, J_l, K_g and the dampings on the excited lines.
+
+    The method is weighted nonlinear least squares.
 
     Minimises Σ |Ȳ* − P(jω) Ū*|²/σ²(P) over the lines, with σ from the scatter of both between periods, jointly with the age of
     the reported torque; with an accelerometer also Σ |Ā − g L s² c/(N (B + c)) e^{−jωδ_a} Ȳ*|²/σ_A²: its information on f_a
@@ -150,12 +154,18 @@ def fit_plant(
 
 
 def _left(fit: Any) -> float:
-    """What a fit leaves, for one residual: fits use the tip around f_a, hence not the same number of them."""
+    """Cost of a fit per residual.
+
+    Fits use the tip around f_a, so they have different numbers of residuals.
+    """
     return float(fit.cost) / len(fit.fun)
 
 
 def fitted(problem: PlantProblem, x: Real) -> Any:
-    """Fit from one start: first with times as they are believed, which keeps it from wandering off, then with all unknowns."""
+    """Fit from one start, in three rounds.
+
+    The first round holds the times near the believed values, so that the fit does not wander off; the others fit all unknowns.
+    """
     fit: Any = None
     for evaluations, are_held in ((EVALUATIONS // 4, True), (EVALUATIONS, False), (EVALUATIONS // 4, False)):
         problem.focus(problem.plant(x).antiresonance_hz)
@@ -174,7 +184,7 @@ def fitted(problem: PlantProblem, x: Real) -> Any:
 
 
 def estimate_of(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
-    """The unknowns as parameters with errors."""
+    """Convert the unknowns to parameters with errors."""
     left = problem.residual(x)[: -problem.beliefs]
     misfit = math.sqrt(float(np.sum(left**2)) / max(1, len(left) - len(x)))
     enlarged = max(SMALLEST_MISFIT, misfit) ** 2
@@ -233,7 +243,10 @@ def estimate_of(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate
 
 
 def _torsion(plant: TwoInertia, frequency_hz: Real, angle: Complex) -> float:
-    """Amplitude of the torsion θ_m/N − θ_l that goes with the motor angle, √2 times its root mean square."""
+    """Amplitude of the torsion θ_m/N − θ_l, √2 times its rms.
+
+    It follows from the measured motor angle and the fitted plant.
+    """
     _, b, c = plant.terms(2j * math.pi * frequency_hz)
     torsion = angle.mean(axis=0) / plant.reduction_ratio * b / (b + c)
     return math.sqrt(float(np.sum(np.abs(torsion) ** 2)))

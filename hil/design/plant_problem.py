@@ -1,4 +1,6 @@
-"""The fit of a plant to spectra: what the motor felt and did, the scatter, the unknowns and the residual.
+"""Fit of a plant to spectra.
+
+The module computes what the motor felt and did, the scatter, and the residual as a function of the unknowns.
 
 Y* and U* are what the plant did and felt, made from what was sampled with the SYNC (period T) while the drive's law runs at T_c:
 
@@ -78,7 +80,7 @@ class SamplingTiming:
 
     Attributes:
         sync_s: Time T between two samples and two set-points.
-        control_s: Control period T_c of the drive's law; 0 where it is not known.
+        control_s: Control period T_c of the drive's law; 0 if it is not known.
         kind: Input to which the excitation is added: `torque`, which is held, or `reference`, which is interpolated.
         law: The drive's gains, for the images; None leaves them out.
     """
@@ -95,7 +97,9 @@ J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT = range(
 
 @dataclass(frozen=True)
 class _Folding:
-    """What folds onto the lines, and first the lines themselves; all of shape (1 + images, lines).
+    """Frequencies that fold onto the lines, and the lines themselves.
+
+    The lines come first; every array has the shape (1 + images, lines).
 
     Attributes:
         frequency_hz: Frequencies f + k/T.
@@ -113,7 +117,7 @@ class _Folding:
 
 
 class PlantProblem:
-    """The fit's data and its residual as a function of the unknowns."""
+    """Data of the fit, and its residual by the unknowns."""
 
     def __init__(self, data: Spectra, timing: SamplingTiming, reduction_ratio: float, lever_m: float, gravity: float) -> None:
         self.data, self.timing, self.ratio, self.lever_m = data, timing, reduction_ratio, lever_m
@@ -127,7 +131,7 @@ class PlantProblem:
         self._tip_lines = np.arange(len(self.jw))
 
     def _folding(self) -> "_Folding | None":
-        """What the images take from the law and the times alone."""
+        """Parts of the images that depend on law and times only."""
         law, sync, control = self.timing.law, self.timing.sync_s, self.timing.control_s
         highest = max(1, int(0.5 * sync / control + 1e-9) - 1) if control > 0.0 else 0  # below half the rate of the law
         if law is None or highest == 0:
@@ -153,7 +157,10 @@ class PlantProblem:
     # -- what the plant felt and did -----------------------------------------------------------------------------------
 
     def images(self, x: Real) -> tuple[Complex, Complex, Complex, Complex]:
-        """Images in the torque, F_k, in the motor angle, Y_k, and at the tip, and the motor angle that the law foretells.
+        """Compute the images at the lines, and the predicted motor angle.
+
+        Returns the images in the torque, F_k, in the motor angle, Y_k, and at the tip, and the motor angle that the law
+        predicts.
 
         Images are summed over k; all of shape (lines,). With a SYNC of 4 ms they are as large as what they lie on, so that they
         take part in every step of the fit.
@@ -173,7 +180,10 @@ class PlantProblem:
         return np.asarray(reported), np.asarray(moved[1:].sum(axis=0)), np.asarray(tip), np.asarray(moved[0])
 
     def torque(self, x: Real, torque: Complex, image: Complex) -> Complex:
-        """Torque that was asked of the current loop, from the reported one; shape (…, lines)."""
+        """Torque demand on the current loop, from the reported torque.
+
+        Shape (…, lines).
+        """
         late = np.exp(self.jw * x[AGE])
         corrected = (torque - image) * late
         if self.timing.kind == "reference":
@@ -183,13 +193,16 @@ class PlantProblem:
         return np.asarray(self.excitation * (hold - np.exp(-self.jw * sync) * late) + corrected)
 
     def felt(self, x: Real) -> Complex:
-        """What the current loop leaves of the torque, H_c; shape (lines,)."""
+        """Response of the current loop, H_c; shape (lines,)."""
         return np.asarray(1.0 / (1.0 + self.jw * x[LAG]))
 
     # -- unknowns ------------------------------------------------------------------------------------------------------
 
     def first_guesses(self) -> list[Real]:
-        """Starts of the fit, the likeliest first: from dip and peak of the response, and where images hide those, by trial."""
+        """List the starts of the fit, the likeliest first.
+
+        They come from dip and peak of the response; if images hide those, also from trials.
+        """
         none = np.zeros_like(self.excitation)
         torque = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], none)
         response = self._measured[0] / torque
@@ -202,7 +215,10 @@ class PlantProblem:
         return guesses if self._folded is None else [*guesses[:2], *self._tried()]
 
     def _tried(self) -> list[Real]:
-        """The likeliest of many plants: f_a on a grid, ratios of inertia, and whole inertias about that of the lowest lines."""
+        """Try many plants and return the likeliest one or two.
+
+        The trials have f_a on a grid, some ratios of inertia, and total inertias around that of the lowest lines.
+        """
         low = slice(0, max(2, len(self.jw) // 20))
         unlagged = np.array([0.0] * AGE + [0.5 * self.timing.control_s])
         felt = self.torque(unlagged, self._measured[1], np.zeros_like(self.excitation))
@@ -222,7 +238,9 @@ class PlantProblem:
         return [best[2]] if other is None else [best[2], other[2]]
 
     def beside(self, x: Real) -> list[Real]:
-        """Starts beside a fit, the likeliest first: the same f_a, whole inertia and sensor, another f_r.
+        """List starts beside a fit, the likeliest first.
+
+        They have the same f_a, total inertia and sensor, but another f_r.
 
         Where a slow SYNC's images lie over the peak of the response, f_r has minima of its own; elsewhere there are no starts.
         """
@@ -242,17 +260,23 @@ class PlantProblem:
         return [moved for _, moved in tried[:2]]
 
     def start(self, guess: Real) -> Real:
-        """All unknowns from a guess of the first five."""
+        """Complete the unknowns from a guess of the first five."""
         more = [0.5 * self.timing.control_s, 0.1, 0.5 * LEAST_LAG_S]
         return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0]])
 
     def is_inside(self, x: Real) -> bool:
-        """True if both resonances are in the band, or not far above it: others are made of a slow SYNC's images."""
+        """True if both resonances are in the band, or little above it.
+
+        Resonances further above are made of the images of a slow SYNC.
+        """
         plant, frequency = self.plant(x), self.data.frequency_hz
         return bool(frequency[0] < plant.antiresonance_hz < frequency[-1] and plant.resonance_hz < OUTSIDE * frequency[-1])
 
     def bounds(self, x: Real, *, are_times_held: bool = False) -> tuple[Real, Real]:
-        """Bounds of one round of the fit around x: what physics allows, and no further than it can be trusted."""
+        """Bounds of one round of the fit around x.
+
+        They allow what physics allows, and no change that is too large to be trusted.
+        """
         low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
         for unknown in (J_M, J_L, K_G, DAMPING, LEVER)[: 5 if self.data.tip is not None else 4]:
             low[unknown], high[unknown] = x[unknown] - LARGEST_CHANGE, x[unknown] + LARGEST_CHANGE
@@ -269,17 +293,20 @@ class PlantProblem:
         return low, high
 
     def scale(self, x: Real) -> Real:
-        """Sizes of a change of each unknown that are alike in their effect."""
+        """Step sizes of the unknowns that have similar effects."""
         sizes = [0.1, 0.1, 0.1, 0.3, max(1e-6, 0.3 * math.exp(x[J_M])), 1e-4, 0.1, 1e-4, 0.1, 1e-3, 0.1]
         return np.array(sizes[: len(x)])
 
     def focus(self, f_a: float) -> None:
-        """Use the tip around an anti-resonance only: it tells f_a and ζ, and nothing that a sensor's own response may spoil."""
+        """Restrict the tip's residuals to lines around an antiresonance.
+
+        There the tip shows f_a and ζ; elsewhere the sensor's own response may spoil it.
+        """
         frequency = self.data.frequency_hz
         self._tip_lines = np.flatnonzero((frequency > TIP_BAND[0] * f_a) & (frequency < TIP_BAND[1] * f_a))
 
     def plant(self, x: Real) -> TwoInertia:
-        """The plant of the unknowns."""
+        """Plant of the unknowns."""
         motor, arm, stiffness, damping = np.exp(x[:VISCOUS]).tolist()
         arm_damping = float(x[ARM_PART]) * damping
         return TwoInertia(
@@ -302,7 +329,10 @@ class PlantProblem:
         return tip_response(self.plant(x), frequency_hz, lever_m, float(x[DELAY]), gravity_nm_rad)
 
     def residual(self, x: Real) -> Real:
-        """Residuals in standard deviations, real and imaginary parts, and last those of what was believed (`beliefs`)."""
+        """Residuals in standard deviations, real and imaginary parts.
+
+        The last ones are those of the prior beliefs (`beliefs`).
+        """
         data = self.data
         of_torque, of_angle, of_tip, foretold = self.images(x)
         angle = self._measured[0] - of_angle
@@ -334,7 +364,10 @@ class PlantProblem:
 
 
 def first_guesses(response: Complex, frequency_hz: Real, ratio: float) -> list[Real]:
-    """First guesses of ln J_m, ln J_l, ln K_g, ln D_g, D_m from dips and peaks of |P| ω², the likeliest first."""
+    """Guess the unknowns from dips and peaks of |P| ω².
+
+    Each guess is (ln J_m, ln J_l, ln K_g, ln D_g, D_m); the likeliest comes first.
+    """
     omega = 2.0 * math.pi * frequency_hz
     compliance = np.abs(response) * omega**2
     even = np.exp(np.convolve(np.pad(np.log(compliance), 1, "edge"), np.ones(3) / 3.0, "valid"))
@@ -353,7 +386,7 @@ def first_guesses(response: Complex, frequency_hz: Real, ratio: float) -> list[R
         guess = np.array([math.log(motor), math.log(arm), math.log(stiffness), math.log(0.08 * stiffness / w_a), 0.2 * whole])
         guesses.append((error, dip, guess))
     if not guesses:
-        raise UnidentifiableError("the response has no dip below the end of the band", 0.0, 1.0, "dip")
+        raise UnidentifiableError("dips of the response below the end of the band", 0.0, 1.0)
     apart: dict[int, Real] = {}
     for _, dip, guess in sorted(guesses, key=lambda each: each[0]):
         if all(abs(dip - other) > 2 for other in apart):
@@ -362,7 +395,10 @@ def first_guesses(response: Complex, frequency_hz: Real, ratio: float) -> list[R
 
 
 def angle_response(plant: TwoInertia, frequency_hz: Real, gravity_nm_rad: float = 0.0) -> Complex:
-    """Motor angle per torque, θ_m/τ = (B' + c)/(A (B' + c) + B' c/N²) with B' = B + k; gravity as a spring k on the arm."""
+    """Motor angle per torque, with gravity as a spring on the arm.
+
+    θ_m/τ = (B' + c)/(A (B' + c) + B' c/N²) with B' = B + k
+    """
     a, b, c = plant.terms(2j * math.pi * frequency_hz)
     b = b + gravity_nm_rad
     return np.asarray((b + c) / (a * (b + c) + b * c / plant.reduction_ratio**2))
@@ -371,7 +407,9 @@ def angle_response(plant: TwoInertia, frequency_hz: Real, gravity_nm_rad: float 
 def tip_response(
     plant: TwoInertia, frequency_hz: Real, lever_m: float, delay_s: float = 0.0, gravity_nm_rad: float = 0.0
 ) -> Complex:
-    """Tip acceleration per motor angle, L s² θ_l/θ_m = L s² c/(N (B' + c)) e^{−jωδ}; gravity as in `angle_response`.
+    """Tip acceleration per motor angle.
+
+        L s² θ_l/θ_m = L s² c/(N (B' + c)) e^{−jωδ}, gravity as in `angle_response`
 
     Args:
         plant: The plant.
@@ -386,7 +424,9 @@ def tip_response(
 
 
 def straight_line(frequency_hz: Real, sync_s: float, control_s: float) -> Complex:
-    """Reference of a drive per set-point, which it approaches in a straight line: (sin πfT / (n sin πfT_c))², n T_c = T.
+    """Reference of a drive per set-point, with linear interpolation.
+
+        (sin πfT / (n sin πfT_c))² with n T_c = T
 
     The set-point of a SYNC is reached with the last control period before the next. The line has a step in each control period,
     so that its images are those of its samples; of a line without steps they would be smaller.
@@ -410,7 +450,9 @@ def _reference_path(law: Cascade, jw: AnyComplex, control_s: float) -> Complex:
 
 @dataclass(frozen=True)
 class Scatter:
-    """Covariances of the mean of an output and an input over the periods, smoothed over neighbouring lines; shape (lines,).
+    """Covariances of the mean output and input over the periods.
+
+    They are smoothed over neighbouring lines; shape (lines,).
 
     Attributes:
         output: Variance E|Δy|² of the output.
@@ -424,14 +466,16 @@ class Scatter:
 
     @classmethod
     def of(cls, output: Complex, given: Complex) -> "Scatter":
-        """Compute them from the spectra of the periods, shapes (periods, lines)."""
+        """Compute the covariances from spectra of shape (periods, lines)."""
         out, put = output - output.mean(axis=0), given - given.mean(axis=0)
         count = len(out) * (len(out) - 1)
         power, other = np.sum(np.abs(out) ** 2, axis=0), np.sum(np.abs(put) ** 2, axis=0)
         return cls(smooth(power) / count, smooth(other) / count, smooth(np.sum(out * put.conj(), axis=0)) / count)
 
     def deviation(self, gain: Complex, floor: Real) -> Real:
-        """Standard deviation √(E|Δy − G Δu|² + floor²) for a gain G; shape (lines,).
+        """Standard deviation of Δy − G Δu; shape (lines,).
+
+            √(E|Δy − G Δu|² + floor²)
 
         The deviation must follow the gain while that is fitted: under feedback a smaller G would leave less noise in the
         residual, and would be preferred for it.

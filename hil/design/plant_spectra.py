@@ -1,4 +1,7 @@
-"""Spectra of a periodic excitation and of its answers, period by period, without the slow drifts of gravity."""
+"""Spectra of a periodic excitation and of the responses to it.
+
+Each period has its own spectrum; slow drifts by gravity are removed.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +36,9 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Spectra:
-    """Spectra on the excited lines, period by period; all but the frequency of shape (periods, lines).
+    """Spectra on the excited lines, one per period.
+
+    All but the frequency have the shape (periods, lines).
 
     Attributes:
         frequency_hz: Frequencies of the lines; shape (lines,).
@@ -56,7 +61,9 @@ class Spectra:
 
 
 def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: float) -> Spectra:
-    """Spectra of the periods of some stretches on the excited lines, slow drifts removed.
+    """Compute the spectra of the periods of some stretches.
+
+    They are taken on the excited lines, after slow drifts are removed.
 
     A drift differs from the periodic signal in that it changes from period to period, so its removal leaves the signal whole.
 
@@ -78,7 +85,9 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
                 by_name[name] = None
                 continue
             if len(values) % samples or len(values) < 2 * samples:
-                raise ValueError(f"{len(values)} rows are no whole number of periods of {samples}, at least two")
+                raise ValueError(
+                    f"{len(values)} rows are not a whole number of periods of {samples} rows; at least two periods are needed"
+                )
             steady = values.reshape(-1, samples) if name == "excitation" else _without_trend(values.reshape(-1, samples))
             periods.append(np.fft.rfft(steady, axis=1)[:, lines] * (2.0 / samples))
     whole = {name: None if periods is None else np.concatenate(periods) for name, periods in by_name.items()}
@@ -90,7 +99,10 @@ def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: fl
 
 
 def _without_trend(rows: Real) -> Real:
-    """Rows of periods less a polynomial of the time, fitted to what is not periodic."""
+    """Subtract a polynomial of the time from rows of periods.
+
+    It is fitted to the part that is not periodic.
+    """
     periods, samples = rows.shape
     time = np.linspace(-1.0, 1.0, periods * samples)
     basis = np.stack([time**power for power in range(1, TREND_ORDER + 1)], axis=1)

@@ -1,15 +1,18 @@
-"""Probing: what each of many small settings does to recorded rows, and which settings bring the rows to nothing.
+"""Probing: effects of many small settings on recorded rows.
+
+From the effects follow the settings that bring the rows to zero.
 
 The runs of a design set every unknown high in half of the runs and low in the others, each independently of the rest, so that
-every run tells of every unknown. Its columns are those of a Hadamard matrix: R. L. Plackett and J. P. Burman, The design of
-optimum multifactorial experiments, Biometrika 33 (1946), 305 to 325; built after R. E. A. C. Paley, On orthogonal matrices,
-J. Math. Phys. 12 (1933), 311 to 320. Runs at the level, with all settings at 0, are repeated: their scatter is the noise.
+every run carries information on every unknown. The columns of the design are those of a Hadamard matrix: R. L. Plackett and
+J. P. Burman, The design of optimum multifactorial experiments, Biometrika 33 (1946), 305 to 325; built after R. E. A. C.
+Paley, On orthogonal matrices, J. Math. Phys. 12 (1933), 311 to 320. Runs at the level, with all settings at 0, are repeated:
+their scatter is the noise.
 
-With the rows y = y_0 + Σ c_j b_j of a run with settings c, the settings that leave least are c = −(BᵀB)⁻¹ Bᵀ y_0. Three things
-are told apart there. Noise, known from what equal runs differ by, makes BᵀB larger than it is, by trace(R) (XᵀX)⁻¹, which is
-taken off; a direction of the settings in which hardly more than that is left is not seen, and is left at 0. What no setting
-explains is the motion's own content: it is the same in every run, so no repetition shows it, and it counts as a disturbance with
-the correlation from row to row that it has. And the b_j are known as well only as the noise allows.
+With the rows y = y_0 + Σ c_j b_j of a run with settings c, the settings with the least residual are c = −(BᵀB)⁻¹ Bᵀ y_0. The
+method separates three parts. Noise, known from the scatter of equal runs, enlarges BᵀB by trace(R) (XᵀX)⁻¹, which is
+subtracted; a direction of the settings in which hardly more than that remains is not seen, and stays at 0. The part that no
+setting explains is the motion's own content: it is the same in every run, so no repetition shows it, and it counts as a
+disturbance with its own correlation from row to row. The effects b_j are known only as well as the noise allows.
 """
 
 import math
@@ -32,13 +35,13 @@ LEAST_FREEDOM = 2.0
 
 
 def balanced_signs(settings: int) -> Real:
-    """Signs of a design in which every setting is independent of the others; shape (runs, settings).
+    """Signs of a design with independent settings; shape (runs, settings).
 
     >>> signs = balanced_signs(11)
     >>> signs.shape, bool((signs.T @ signs == 12 * np.eye(11)).all()), signs.sum(axis=0).tolist()
     ((12, 11), True, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
-    Where there are as many settings as runs, the last one is high in all of them: repeated runs at the level tell it.
+    If there are as many settings as runs, the last one is high in all of them; repeated runs at the level show its effect.
 
     Args:
         settings: Number of settings.
@@ -55,7 +58,10 @@ def balanced_signs(settings: int) -> Real:
 
 
 def _hadamard(size: int) -> Real | None:
-    """A Hadamard matrix whose first column is 1; None for a size that neither primes nor doubling reach."""
+    """Build a Hadamard matrix whose first column is 1.
+
+    Returns None for a size that neither primes nor doubling reach.
+    """
     if size == 1:
         return np.ones((1, 1))
     prime = size - 1
@@ -113,7 +119,7 @@ class RunScatter:
     independent: float
 
     def power_error(self, rms: float) -> float:
-        """Standard error of a run's mean square, where that is `rms` squared."""
+        """Standard error of a run's mean square `rms`²."""
         return math.sqrt((4.0 * rms**2 * self.rms**2 + 2.0 * self.rms**4) / self.independent)
 
 
@@ -127,25 +133,29 @@ def scatter_of(rows: Real) -> RunScatter:
         ValueError: There is one run only.
     """
     if len(rows) < 2:
-        raise ValueError("one run has nothing to differ from")
+        raise ValueError("one run shows no scatter; at least 2 equal runs are needed")
     noise = np.sum(autocovariance(rows - np.mean(rows, axis=0)), axis=0) / (len(rows) - 1)
     return RunScatter(math.sqrt(float(np.sum(noise[:, 0]))), max(_independent(noise), 1.0))
 
 
 def effects_of(settings: Real, rows: Real) -> Effects:
-    """Level and effects by least squares over all runs, each row for itself.
+    """Fit level and effects to all runs by least squares.
+
+    Each row is fitted for itself.
 
     Args:
         settings: Settings of each run, repeated runs at the level included; shape (runs, settings).
         rows: What each run has shown; shape (runs, directions, rows).
 
     Raises:
-        ValueError: The runs do not tell the settings apart, or leave nothing to tell the noise from.
+        ValueError: The runs do not separate the settings, or leave no freedom for the noise.
     """
     unknowns = np.concatenate([np.ones((len(settings), 1)), settings], axis=1)
     freedom = len(unknowns) - unknowns.shape[1]
     if np.linalg.matrix_rank(unknowns) < unknowns.shape[1] or freedom < 1:
-        raise ValueError(f"{len(unknowns)} runs do not tell {settings.shape[1]} settings and the noise apart: repeat the level")
+        raise ValueError(
+            f"{len(unknowns)} runs cannot separate {settings.shape[1]} settings and the noise; repeat runs at the level"
+        )
     inverse = np.linalg.inv(unknowns.T @ unknowns)
     solved = np.tensordot(inverse @ unknowns.T, rows, axes=1)
     left = rows - np.tensordot(unknowns, solved, axes=1)
@@ -153,7 +163,10 @@ def effects_of(settings: Real, rows: Real) -> Effects:
 
 
 def autocovariance(values: Real) -> Real:
-    """Autocovariance around 0 by lag, 1/n Σ x(t) x(t + lag), along the last axis; shape of `values`."""
+    """Autocovariance around 0 by lag, along the last axis.
+
+    1/n Σ x(t) x(t + lag), shape of `values`
+    """
     count = values.shape[-1]
     power = np.abs(np.fft.rfft(values, 2 * count, axis=-1)) ** 2
     return np.asarray(np.fft.irfft(power, 2 * count, axis=-1)[..., :count] / count)
@@ -179,17 +192,19 @@ class ProbedStep:
 
     @property
     def left_rms(self) -> float:
-        """Root mean square of what is left, all directions together."""
+        """Root mean square of `left`, all directions together."""
         return math.sqrt(float(np.mean(np.sum(self.left**2, axis=0))))
 
 
 def step_to_nothing(found: Effects, level: Real | None = None, spread: float | Real | None = None) -> ProbedStep:
-    """Settings that bring the rows to nothing, as far as they are seen, with honest standard errors.
+    """Compute the settings that bring the rows to zero.
 
-    In the directions v of the settings that are seen, c = V a, D = Vᵀ(BᵀB less noise)V and M the covariance of what noise and
-    disturbance make of z = Vᵀ Bᵀ y_0: a = −D⁻¹ z. Where the settings have a covariance P before anything is known, the likeliest
-    is c = P Lᵀ (L P Lᵀ + D⁻¹ M D⁻¹)⁻¹ a with a = L c, so that what is hardly seen stays near 0. M follows from what is left,
-    by turns.
+    Directions of the settings that are not seen stay at 0. The standard errors cover noise and disturbance.
+
+    In the directions v of the settings that are seen, c = V a, D = Vᵀ(BᵀB less noise)V, and M is the covariance of z = Vᵀ
+    Bᵀ y_0 by noise and disturbance: a = −D⁻¹ z. If the settings have a prior covariance P, the likeliest settings are c =
+    P Lᵀ (L P Lᵀ + D⁻¹ M D⁻¹)⁻¹ a with a = L c, so that settings that are hardly seen stay near 0. M follows from the
+    residual; both are found by turns.
 
     Args:
         found: What the runs have shown.
@@ -198,7 +213,7 @@ def step_to_nothing(found: Effects, level: Real | None = None, spread: float | R
             None: anything is as likely.
 
     Raises:
-        ValueError: What is left has too few independent samples for so many settings.
+        ValueError: The residual has too few independent samples for so many settings.
     """
     rows = found.level if level is None else level
     noise_power = found.noise.shape[1] * float(np.sum(found.noise[:, 0]))
@@ -226,7 +241,10 @@ def step_to_nothing(found: Effects, level: Real | None = None, spread: float | R
 
 
 def _doubt(found: Effects, left: Real, unknowns: int, *, is_free: bool) -> Real:
-    """Covariance of what is left, and of noise in the effects, in Bᵀ y_0; shape (settings, settings)."""
+    """Covariance of residual and noise in Bᵀ y_0.
+
+    Noise in the effects is included; shape (settings, settings).
+    """
     correlation = autocovariance(left)
     spread = np.array([_correlated(each, correlation) for each in found.effects])
     if not is_free:  # settings that are hardly seen stay near 0, and fit nothing
@@ -241,12 +259,15 @@ def _products(first: Real, second: Real) -> Real:
 
 
 def _correlated(values: Real, correlation: Real) -> Real:
-    """Rows of each direction times the covariance of a disturbance; shape (directions, rows)."""
+    """Multiply the rows of each direction by a disturbance's covariance.
+
+    Shape (directions, rows).
+    """
     return np.stack([_toeplitz(each, one) for each, one in zip(values, correlation, strict=True)])
 
 
 def _toeplitz(values: Real, by_lag: Real) -> Real:
-    """A covariance given by its lags, times a column; shape (rows,)."""
+    """Multiply a covariance, given by its lags, by a column; shape (rows,)."""
     count = len(values)
     circle = np.concatenate([by_lag, [0.0], by_lag[:0:-1]])
     made = np.fft.irfft(np.fft.rfft(circle) * np.fft.rfft(values, 2 * count), 2 * count)
@@ -254,7 +275,10 @@ def _toeplitz(values: Real, by_lag: Real) -> Real:
 
 
 def _independent(correlation: Real) -> float:
-    """Number of independent samples of what is correlated from row to row, (tr R)²/tr R²; 0 where there is nothing."""
+    """Number of independent samples in correlated rows, (tr R)²/tr R².
+
+    It is 0 if there is no disturbance.
+    """
     count = correlation.shape[1]
     weights = 2.0 * (count - np.arange(count))
     weights[0] = count
@@ -263,7 +287,9 @@ def _independent(correlation: Real) -> float:
 
 
 def _inflation(correlation: Real, unknowns: int) -> float:
-    """Factor by which what is left is smaller than the disturbance, since so many unknowns were fitted to it.
+    """Ratio of the disturbance's power to that of the residual.
+
+    The fit of `unknowns` unknowns takes a part of the disturbance away.
 
     Raises:
         ValueError: It has too few independent samples.
@@ -273,7 +299,8 @@ def _inflation(correlation: Real, unknowns: int) -> float:
         return 1.0
     if independent < LEAST_FREEDOM * unknowns:
         raise ValueError(
-            f"{independent:.0f} independent samples for {unknowns} unknowns: the motion is too short, or its band too narrow, "
-            "for so many orders"
+            f"{independent:.0f} independent samples for {unknowns} unknowns, at least "
+            f"{LEAST_FREEDOM * unknowns:.0f} are needed: the motion is too short, or its band too narrow, for so "
+            "many orders"
         )
     return independent / (independent - unknowns)

@@ -1,4 +1,6 @@
-"""A motion in the time domain, without a bus: the arm's motion while the filter follows the motor.
+"""Simulated motion of one axis, without a bus.
+
+The filter follows the motor while the arm moves.
 
 At constant speed the closed form G_al gives the arm's vibration. On a ramp it does not: with the notch the closed loop has a time
 constant of 0.2 s, in which a motor that gains 4 rev/s every second has left the resonance. So a filter is designed on the ramp
@@ -44,7 +46,9 @@ class RampMotion:
 
 
 def _discrete(plant: TwoInertia, period_s: float) -> tuple[Real, Real]:
-    """Discretise the plant over one period, exactly: τ is held, θ_sync goes straight from one sample to the next.
+    """Discretise the plant exactly over one period.
+
+    τ is held; θ_sync changes linearly from one sample to the next.
 
     ẋ = A x + b τ + (g K_g) θ_sync + (g D_g) θ̇_sync with x = (θ_m, θ̇_m, θ_l, θ̇_l) and τ_g acting by −1/(N J_m) on the motor and
     by 1/J_l on the arm.
@@ -68,7 +72,10 @@ def _discrete(plant: TwoInertia, period_s: float) -> tuple[Real, Real]:
 
 
 def _exponential(matrix: Real) -> Real:
-    """Matrix exponential by its series, scaled and squared: for 7 × 7 the threads of LAPACK take a hundred times as long."""
+    """Matrix exponential by its series, with scaling and squaring.
+
+    For 7 × 7 the threads of LAPACK take a hundred times as long.
+    """
     halvings = max(0, math.ceil(math.log2(max(1.0, float(np.max(np.sum(np.abs(matrix), axis=1)))))))
     scaled = matrix / 2.0**halvings
     term = total = np.eye(len(matrix))
@@ -87,7 +94,9 @@ def follow(
     sample_s: float = SAMPLE_S,
     load_nm: tuple[float, float] = (0.0, 0.0),
 ) -> RampMotion:
-    """Simulate the axis along a motion of its motor, from rest, with the drive's own law at the loop's period and delay.
+    """Simulate the axis along a motion of its motor, from rest.
+
+    The drive's own law runs at the loop's period and delay.
 
     Torque limit, encoder steps and the bus are left out; friction and gravity are one constant torque. On the reference robot the
     tip peak of the ramp comes out within a few per cent of the full physics.

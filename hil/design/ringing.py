@@ -1,4 +1,6 @@
-"""Resonance of an arm from one ramp of its own: no model, only the motor's angle, the tip and the motor's torque.
+"""Resonance of an arm from one ramp, without a model.
+
+It needs the motor angle, the tip acceleration and the motor torque.
 
 While the motor speeds up, an error of order k shakes the arm at k θ_m. Whatever its orders, the arm answers all of them with one
 resonance, driven in the angle domain:
@@ -70,7 +72,10 @@ LAW_ERROR, LAW_ERROR_BY_DAMPING = 0.003, 1.2
 
 
 class NoResonanceError(ValueError):
-    """The ramp shows no resonance that is clearly the arm's; the message says why."""
+    """Error: the ramp shows no resonance that is clearly the arm's.
+
+    The message gives the reason.
+    """
 
 
 @dataclass(frozen=True)
@@ -94,7 +99,7 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Ringing:
-    """A resonance of the arm, seen in a ramp.
+    """Resonance of the arm, seen in a ramp.
 
     Attributes:
         peak_hz: Peak of the answer's acceleration, f_al.
@@ -142,27 +147,37 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
     law = LAW_ERROR + LAW_ERROR_BY_DAMPING * tip.damping**2
     error = math.hypot(tip.standard_error_hz, law * tip.peak_hz)
     if not LEAST_DAMPING < tip.damping < MOST_DAMPING:
-        raise NoResonanceError(f"nothing swells as an arm does that rings (a damping ratio of {tip.damping:.2g})")
+        raise NoResonanceError(
+            f"the clearest resonance has a damping ratio of {tip.damping:.2g}; that of an arm lies between "
+            f"{LEAST_DAMPING:g} and {MOST_DAMPING:g}"
+        )
     if error > MOST_UNCERTAINTY * tip.peak_hz:
-        raise NoResonanceError(f"a resonance near {tip.peak_hz:.1f} Hz would be known to {error:.1f} Hz only")
+        raise NoResonanceError(
+            f"a resonance near {tip.peak_hz:.1f} Hz has a standard error of {error:.1f} Hz; at most "
+            f"{MOST_UNCERTAINTY * tip.peak_hz:.1f} Hz is allowed"
+        )
     if tip.explained_fraction < LEAST_TIP_EXPLAINED:
         raise NoResonanceError(
-            f"a resonance near {tip.peak_hz:.1f} Hz explains {100.0 * tip.explained_fraction:.0f} % of the vibration"
+            f"a resonance near {tip.peak_hz:.1f} Hz explains {100.0 * tip.explained_fraction:.0f} % of the "
+            f"vibration; at least {100.0 * LEAST_TIP_EXPLAINED:.0f} % is needed"
         )
     clear = [(each, order) for each, order in zip(tip.significance, orders, strict=True) if each >= LEAST_SIGNIFICANCE]
     met = [order for _, order in sorted(clear, reverse=True) if model.passes(tip.peak_hz / order)]
     if not met:
-        raise NoResonanceError(f"the ramp passes no speed at which an order would meet a resonance near {tip.peak_hz:.1f} Hz")
+        raise NoResonanceError(f"the ramp passes no speed at which an order meets a resonance near {tip.peak_hz:.1f} Hz")
     if not model.is_felt(tip, tip.peak_hz / met[0]):
         raise NoResonanceError(
-            f"the tip rings near {tip.peak_hz:.1f} Hz: that is f_al, or the sensor on its mounting; the motor's torque does not "
-            "tell which"
+            f"the tip rings near {tip.peak_hz:.1f} Hz, which is f_al or the sensor on its mounting; the motor "
+            "torque does not show which"
         )
     return Ringing(tip.peak_hz, error, tip.damping, tuple(met), tip.explained_fraction)
 
 
 class _RampModel:
-    """The model's columns for any ω and ζ; the transforms of the orders are made once."""
+    """Columns of the model for any ω and ζ.
+
+    The orders are transformed once.
+    """
 
     def __init__(self, ramp: Ramp, orders: tuple[float, ...]) -> None:
         period_s, angle = ramp.period_s, np.asarray(ramp.motor_angle_rad, dtype=np.float64)
@@ -183,15 +198,20 @@ class _RampModel:
         self._speed_rps, self._angle_rad, self._orders = speed_rps[self._rows], angle[self._rows], orders
         highest = min(RANGE_HZ[1], 0.4 / period_s, max(orders) * self._top_rps / ROOM)
         if highest < 2.0 * RANGE_HZ[0]:
-            raise NoResonanceError(f"the ramp shows frequencies up to {highest:.1f} Hz only")
+            raise NoResonanceError(
+                f"the ramp shows frequencies up to {highest:.1f} Hz only; at least {2.0 * RANGE_HZ[0]:g} Hz are needed"
+            )
         self._grid = np.exp(np.arange(math.log(RANGE_HZ[0]), math.log(highest), GRID_STEP))
 
     def passes(self, speed_rps: float) -> bool:
-        """True if the ramp goes through a speed with room on both sides."""
+        """True if the ramp passes a speed with room on both sides."""
         return LEAST_MET_RPS <= speed_rps <= self._top_rps / ROOM
 
     def columns(self, resonance_hz: float, damping: float) -> Real:
-        """Columns of the orders, of what rings from the start, and of the slow curve; shape (n, unknowns)."""
+        """Columns of the model; shape (n, unknowns).
+
+        They are the orders, the ringing from the start, and the slow curve.
+        """
         x = self._frequency / resonance_hz
         answer = 1.0 / (1.0 + 2j * damping * x - x**2)
         driven = scipy.fft.irfft(self._spectra * answer, self._length, axis=-1)[:, self._rows].T
@@ -200,7 +220,7 @@ class _RampModel:
         return np.column_stack([driven, decay * np.cos(phase), decay * np.sin(phase), self._slow])
 
     def fitted(self) -> _Fit:
-        """The resonance that leaves least of the tip's vibration."""
+        """Fit the resonance with the least residual of the tip's vibration."""
         powers = np.array([[self._left(float(each), damping) for damping in DAMPINGS] for each in self._grid])
         row, column = np.unravel_index(int(np.argmin(powers)), powers.shape)
         start = np.log([self._grid[row], DAMPINGS[column]])
@@ -216,7 +236,9 @@ class _RampModel:
         return self._fit(self._tip, resonance_hz, damping)
 
     def is_felt(self, tip: _Fit, speed_rps: float) -> bool:
-        """True if the motor's torque shows the tip's resonance, beyond orders that swell and fall without one.
+        """True if the motor torque shows the tip's resonance.
+
+        The resonance has to explain more than orders whose amplitudes change linearly.
 
         Args:
             tip: The tip's resonance.
@@ -245,12 +267,15 @@ class _RampModel:
         return bool(agrees and is_clear and gained >= LEAST_TORQUE_EXPLAINED * float(before @ before))
 
     def _left(self, resonance_hz: float, damping: float) -> float:
-        """Power of the tip's vibration that the model leaves over."""
+        """Power of the tip's vibration that the model does not explain."""
         left = _left_over(self.columns(resonance_hz, damping), self._tip)
         return float(left @ left)
 
     def _fit(self, values: Real, resonance_hz: float, damping: float) -> _Fit:
-        """Standard errors and significances at the best resonance, for noise as strong as what is left beside it."""
+        """Compute standard errors and significances at the best resonance.
+
+        The noise is taken to be as strong as the residual beside the resonance.
+        """
         columns = self.columns(resonance_hz, damping)
         scale = _length(columns)
         scaled = columns / scale
@@ -278,7 +303,7 @@ def _length(columns: Real) -> Real:
 
 
 def _left_over(columns: Real, values: Real) -> Real:
-    """What least squares leave over of a signal; shape (n,).
+    """Residual of a signal after least squares; shape (n,).
 
     By normal equations of scaled columns, without the linear algebra's threads: a decomposition of a tall matrix takes them all,
     which on a busy machine is a hundred times as long.
@@ -290,7 +315,7 @@ def _left_over(columns: Real, values: Real) -> Real:
 
 
 def _noise_near(residual: Real, period_s: float, frequency_hz: float) -> float:
-    """Variance of the white noise that would leave what the residual has around a frequency."""
+    """Variance of white noise that explains the residual around a frequency."""
     power = np.abs(scipy.fft.rfft(residual)) ** 2 / len(residual)
     lines = scipy.fft.rfftfreq(len(residual), period_s)
     near = (lines > 0.5 * frequency_hz) & (lines < 2.1 * frequency_hz)
@@ -298,7 +323,9 @@ def _noise_near(residual: Real, period_s: float, frequency_hz: float) -> float:
 
 
 def _rising(ramp: Ramp) -> tuple[int, int, Real]:
-    """Rows from the first set-point that moves to just before the top speed, and |f_m| in rev/s; shape (n,).
+    """Find the rows of the ramp, and |f_m| in rev/s.
+
+    The rows go from the first set-point that moves to just before the top speed; |f_m| has the shape (n,).
 
     Raises:
         NoResonanceError: The motor never moves.

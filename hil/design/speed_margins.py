@@ -1,4 +1,4 @@
-"""Margins of a loop at many motor speeds and for many plants at once, quickly enough for a search."""
+"""Margins of a loop over motor speeds and plants, for searches."""
 
 import math
 from collections.abc import Sequence
@@ -40,7 +40,10 @@ class SpeedMargins:
 
 
 def widened(notch: Notch) -> Notch:
-    """The filter with its range widened by the hysteresis, within which a switched filter may act too."""
+    """Widen the range of a filter by its hysteresis.
+
+    A switched filter may act within the hysteresis too.
+    """
     if notch.mode != NOTCH_SWITCHED:
         return notch
     h = notch.hysteresis_rps
@@ -48,7 +51,9 @@ def widened(notch: Notch) -> Notch:
 
 
 class OpenLoops:
-    """Open loops of one law around several plants, by their responses; the parts that do not depend on filters are computed once.
+    """Open loops of one law around several plants, by their responses.
+
+    The parts that do not depend on filters are computed once.
 
     Attributes:
         law: The loop that has gains, sampling time and delay; its plant does not count here.
@@ -67,7 +72,10 @@ class OpenLoops:
         self._bare = np.array(bare, dtype=np.complex128)
 
     def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
-        """Margins with the filters frozen at each speed; a switched filter acts within its hysteresis too."""
+        """Compute the margins with the filters frozen at each speed.
+
+        A switched filter acts within its hysteresis too.
+        """
         filters = replace(self.law, notches=tuple(widened(notch) for notch in notches if notch.mode != NOTCH_OFF))
         width = max(1, len(filters.notches))
         coefficients = np.zeros((len(speeds_rps), width, 5))
@@ -85,7 +93,9 @@ class OpenLoops:
 
 
 def looked_at_hz(dips_hz: Sequence[float], period_s: float, step: float, high_hz: float = math.inf) -> Real:
-    """Frequencies at which loops around plants are looked at: finely where filters act on a resonance.
+    """Choose the frequencies at which loops are computed.
+
+    The step is fine in the band in which filters act on a resonance.
 
     Args:
         dips_hz: Resonances of the plants with the motor held; the first gives the step.
@@ -117,13 +127,18 @@ class LoopFamily(OpenLoops):
             ValueError: There is no loop, or the loops have different periods.
         """
         if not loops or len({loop.period_s for loop in loops}) != 1:
-            raise ValueError("a family needs loops, all of one sampling period")
+            raise ValueError(
+                "the loops have no or several sampling periods; at least one loop, and one period for all, are needed"
+            )
         self.loops = [replace(loop, notches=()) for loop in loops]
         frequency = looked_at_hz([loop.plant.antiresonance_hz for loop in self.loops], self.loops[0].period_s, step)
         super().__init__(self.loops[0], frequency, np.array([loop.open_loop(frequency) for loop in self.loops]))
 
     def gain_on_the_line(self, notches: Sequence[Notch], order: float, speeds_rps: Real) -> Real:
-        """Gain |X| = |θ_l/θ_sync| at k f_m for every plant at every speed, filters frozen there; shape (plants, speeds)."""
+        """Gain |X| = |θ_l/θ_sync| at k f_m, for every plant and speed.
+
+        Filters are frozen at each speed; shape (plants, speeds).
+        """
         line = order * np.asarray(speeds_rps, dtype=np.float64)
         base = self.loops[0]
         filters = replace(base, notches=tuple(widened(notch) for notch in notches if notch.mode != NOTCH_OFF))

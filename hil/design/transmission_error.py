@@ -1,4 +1,6 @@
-"""The transmission error from what a robot can measure: motor angle and tip acceleration of a constant-acceleration run.
+"""Transmission error from motor angle and tip acceleration.
+
+Both are recorded in one constant-acceleration run.
 
 Given the measured motor angle θ_m, the arm's motion follows without any knowledge of the controller,
 
@@ -85,7 +87,10 @@ class TransmissionErrorEstimate:
 
 @dataclass(frozen=True)
 class _Arm:
-    """Response H(s) of the arm on its gear; `gear_fraction` is ζ_g/ζ, held while ζ is refined."""
+    """Response H(s) of the arm on its gear.
+
+    `gear_fraction` is ζ_g/ζ, held while ζ is refined.
+    """
 
     omega_rad_s: float
     zeta: float
@@ -105,13 +110,15 @@ class _Arm:
         return np.asarray(through / (s**2 + 2.0 * self.zeta * self.omega_rad_s * s + self.omega_rad_s**2))
 
     def padded(self, count: int, period_s: float) -> int:
-        """A length for the transform that leaves room for the ring-down."""
+        """Length of the transform with room for the ring-down."""
         decay = max(self.zeta * self.omega_rad_s, 0.2)
         return int(scipy.fft.next_fast_len(count + round(RING_DOWN / decay / period_s), real=True))
 
 
 def acceleration_spectrum(angle_rad: Real, period_s: float, length: int) -> tuple[Real, Complex]:
-    """Frequencies, and the transform of the second derivative of sampled angles; shapes (m,) and (..., m).
+    """Spectrum of the second derivative of sampled angles.
+
+    Returns the frequencies, shape (m,), and the transform, shape (..., m).
 
     The second difference of a sampled sine is its second derivative times (sin(ωT/2)/(ωT/2))²; the division by that makes it
     exact for everything below half the sampling rate. A difference, not jω of the angle itself, since the angle of a motor that
@@ -134,7 +141,9 @@ def arm_response(
     resonance_hz: float | None = None,
     damping: float | None = None,
 ) -> Real:
-    """The tip acceleration L a_l in m/s² that the model predicts from a measured motor angle; shape of `motor_angle_rad`.
+    """Predict the tip acceleration L a_l from the motor angle, in m/s².
+
+    Shape of `motor_angle_rad`.
 
     a_l = H(s) [θ_m/N + θ_sync(θ_m)]'' as in the module's docstring; the arm does not vibrate before the first sample. Gravity and
     the other axes are left out: they move slowly, below the band of the resonance.
@@ -159,7 +168,10 @@ def arm_response(
 
 
 class _Problem:
-    """The least-squares problem: the transforms are computed once, then one inverse transform for each ω and ζ."""
+    """Least-squares problem of the fit.
+
+    The transforms are computed once, then one inverse transform for each ω and ζ.
+    """
 
     def __init__(
         self, angle: Real, tip: Real, period_s: float, model: TwoInertia, lever_m: float,
@@ -180,13 +192,19 @@ class _Problem:
         self.independent = float(np.mean(weight**2))
 
     def columns(self, omega: float, zeta: float) -> tuple[Real, Real]:
-        """Tip acceleration from the motor's own motion, shape (n,), and from a unit of each unknown, shape (n, 2·orders)."""
+        """Columns of the tip acceleration.
+
+        Returns that of the motor's own motion, shape (n,), and that per unit of each unknown, shape (n, 2·orders).
+        """
         response = _Arm(omega, zeta, self.arm.gear_fraction).response(self._frequency)
         rows = scipy.fft.irfft(self._spectra * response, self._length)[:, : self._count][:, self._rows]
         return rows[0], rows[1:].T
 
     def solve(self, omega: float, zeta: float) -> tuple[Real, Real]:
-        """The unknowns (2·orders,) in rad, and the residual (n,) in m/s²."""
+        """Solve for the unknowns.
+
+        Returns them in rad, shape (2·orders,), and the residual in m/s², shape (n,).
+        """
         motion, matrix = self.columns(omega, zeta)
         unknowns = np.asarray(np.linalg.lstsq(matrix, self.tip - motion, rcond=None)[0], dtype=np.float64)
         return unknowns, self.tip - motion - matrix @ unknowns
@@ -202,7 +220,7 @@ def fit_transmission_error(
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
     rows: Rows | None = None,
 ) -> TransmissionErrorEstimate:
-    """Fit A_k and φ_k of the transmission error to one constant-acceleration run without a notch.
+    """Fit A_k and φ_k to one constant-acceleration run without a notch.
 
     Minimises Σ (B [tip − L H s² (θ_m/N + Σ A_k cos(k θ_m + φ_k))])² over the rows, with B the same band-pass (2nd-order
     Butterworth, forward and backward) on both sides: linear in A_k cos φ_k and A_k sin φ_k jointly, and in an
@@ -253,7 +271,10 @@ def fit_transmission_error(
 
 
 def _estimate(problem: _Problem, omega: float, zeta: float, orders: tuple[float, ...]) -> TransmissionErrorEstimate:
-    """The unknowns as amplitudes and phases, with errors from the Jacobian of all unknowns, ω and ζ included."""
+    """Convert the unknowns to amplitudes and phases, with errors.
+
+    The errors come from the Jacobian of all unknowns, ω and ζ included.
+    """
     unknowns, left = problem.solve(omega, zeta)
     _, matrix = problem.columns(omega, zeta)
     slopes = []

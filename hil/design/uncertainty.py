@@ -1,4 +1,7 @@
-"""Plants that an axis might have: the believed one, and corners of its uncertainty."""
+"""Plants that an axis might have.
+
+They are the believed plant and corners of its uncertainty.
+"""
 
 import itertools
 import math
@@ -44,7 +47,7 @@ def around(
     standard_error: Mapping[str, float] | None = None,
     amplitude_error_arcsec: Mapping[float, float] | None = None,
 ) -> tuple[Member, ...]:
-    """The believed plant, and four corners around it.
+    """Build the believed plant and four corners around it.
 
     Without standard errors the corners are K_g and J_l, each by `percent` up or down. With them they are f_a and K_g by two
     standard errors, but 3 % at least, J_l following from both: a frequency response gives f_a ten times better than K_g or J_l.
@@ -68,7 +71,10 @@ def around(
         raise ValueError(f"an uncertainty of {percent} % is not within 0 … 50 %")
     if percent is not None and 0.0 < percent < 100.0 * LEAST_SPREAD:
         least = 100.0 * LEAST_SPREAD
-        raise ValueError(f"an uncertainty of {percent} % is less than the {least:g} % by which f_a moves anyway; 0: none at all")
+        raise ValueError(
+            f"an uncertainty of {percent} % is below the {least:g} % by which f_a varies in any case; choose 0 for "
+            f"none, or at least {least:g} %"
+        )
     amplitudes = {
         order: amplitude + SIGMAS * (amplitude_error_arcsec or {}).get(order, 0.0)
         for order, amplitude in error.amplitude_arcsec.items()
@@ -97,7 +103,10 @@ def _by_parts(plant: TwoInertia, error: TransmissionError, fraction: float, sign
 
 
 def _by_frequency(plant: TwoInertia, error: TransmissionError, known: Mapping[str, float], signs: tuple[float, ...]) -> Member:
-    """f_a and K_g by two standard errors, 3 % at least; where f_a has none, it follows from those of K_g and J_l."""
+    """Build the corner with f_a and K_g off by two standard errors.
+
+    The distance is 3 % at least. If f_a has no standard error, it follows from those of K_g and J_l.
+    """
     relative = {
         name: known.get(name, 0.0) / getattr(plant, name)
         for name in ("gear_stiffness_nm_rad", "arm_inertia_kg_m2", "antiresonance_hz")
@@ -119,12 +128,18 @@ def _member(factors: Mapping[str, float], plant: TwoInertia, error: Transmission
 
 
 def plants_words(members: Sequence[Member]) -> str:
-    """The plants of a design in words, with how far apart they are: `5 plants: f_a ±3 %, K_g ±3 %`."""
+    """Describe the plants of a design and how far they differ.
+
+    For example: `5 plants: f_a ±3 %, K_g ±3 %`.
+    """
     return f"{len(members)} plants: {spread_words(members)}" if len(members) > 1 else "the believed plant alone"
 
 
 def spread_words(members: Sequence[Member]) -> str:
-    """Distance of the corners from the believed plant in words: `f_a ±3 %, K_g ±3 %`."""
+    """Describe the distance of the corners from the believed plant.
+
+    For example: `f_a ±3 %, K_g ±3 %`.
+    """
     names = list(dict.fromkeys(name for member in members for name in member.factors))
     reach = {name: max(abs(member.factors.get(name, 1.0) - 1.0) for member in members) for name in names}
     return ", ".join(f"{name} ±{100.0 * distance:.2g} %" for name, distance in reach.items())

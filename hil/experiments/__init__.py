@@ -1,4 +1,4 @@
-"""Experiments on a robot: what moves it, measures it, and judges the recordings.
+"""Experiments on a robot: motions, measurements and verdicts.
 
 `plan` has the paper's experiments with their metrics and claims, and `runner` runs them. `treatment` sets up a treatment of the
 vibration. `plant` and `ate` identify an axis, `notch_design` designs its filter, `cancellation` cancels its transmission error

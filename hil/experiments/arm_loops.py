@@ -1,4 +1,6 @@
-"""The loop of one axis on the arm of its bench: the postures in which its margins are required, and what is known of them.
+"""Loop of one axis on the arm of its bench.
+
+The module chooses the postures in which margins are required, and notes how far the arm is known.
 
 Where the bench file's links have bodies, the arm is frozen at places of its line motion: mass matrix by the links, gears and
 motors by the models of the axes. Where they have none, masses that were identified from several postures serve (`hil identify
@@ -37,7 +39,7 @@ LOOP_SPEEDS = 6
 
 @dataclass(frozen=True)
 class KnownLoops:
-    """The loop of an axis on its arm, and how far that is known.
+    """Loop of an axis on its arm, with notes on its validity.
 
     Attributes:
         loops: The loop; None if nothing is known of the arm but the axis by itself.
@@ -50,20 +52,20 @@ class KnownLoops:
 
 @dataclass(frozen=True)
 class _Posture:
-    """A posture, with a name for messages."""
+    """Posture with a name for messages."""
 
     label: str
     joints_rad: Real
 
 
 def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], identified: Identified | None = None) -> KnownLoops:
-    """The loop of an axis on its arm.
+    """Find the loop of an axis on its arm.
 
     Args:
         bench: The bench, with the models of its axes.
         axis: Axis number.
         law: Gains, sampling time and delay of its loop; its plant does not count.
-        members: Plants that the axis by itself might have, which tell how far the arm's frequencies are known.
+        members: Plants that the axis by itself might have; their spread is the uncertainty of the arm's frequencies.
         identified: The model file, if there is one.
     """
     if bench.arm is None:
@@ -81,7 +83,7 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
         masses = _Masses.identified(bench, known, identified_axes)
         if all(masses.is_known_at(posture.joints_rad) for posture in _postures(bench, bench.arm, axis)[0]):
             return _by_masses(masses, bench, axis, law, [1.0, 1.0 - away, 1.0 + away])
-        lacking = "the masses of the model file are none in some posture of the line"
+        lacking = "the masses of the model file make no valid mass matrix in some posture of the line"
     own = identified_axes.get(axis, IdentifiedAxis()).plant
     if own is None or not own.modes:
         note = f"axis {axis}: {lacking}, so margins are those of the axis by itself; on the arm they are not known"
@@ -92,14 +94,14 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
     label = "where its plant was identified, other motors held"
     cases = tuple(ArmCase(label + _factor_words(factor), whole.stiffened(factor), 0) for factor in factors)
     note = (
-        f"axis {axis}: {lacking}; margins on the arm hold for the modes of the model file, in the posture in which they were "
-        "identified and with other motors held; elsewhere on the line they are not known"
+        f"axis {axis}: {lacking}; margins on the arm hold in the posture in which the modes of the model file "
+        "were identified, with other motors held; elsewhere on the line they are not known"
     )
     return KnownLoops(ArmLoops(law, cases), (note,))
 
 
 def _lacking_masses(arm: ArmTable) -> str | None:
-    """What keeps an arm's mass matrix from being known; None if it is known."""
+    """Reason why an arm's mass matrix is not known, or None."""
     if all(link.body is None for link in arm.link) and arm.payload is None:
         return "the links of the bench's arm have no bodies"
     try:
@@ -111,7 +113,9 @@ def _lacking_masses(arm: ArmTable) -> str | None:
 
 @dataclass(frozen=True)
 class _Masses:
-    """Masses of an arm, by its bodies or as they were identified, and its gears and motors.
+    """Masses of an arm with its gears and motors.
+
+    The masses are those of the links' bodies, or identified ones.
 
     Attributes:
         arm: The arm.
@@ -125,7 +129,10 @@ class _Masses:
 
     @classmethod
     def identified(cls, bench: Bench, known: IdentifiedArm, axes: Mapping[int, IdentifiedAxis]) -> "_Masses":
-        """Masses and gears as they were identified; motors and dampings by the models of the axes."""
+        """Take masses and gears from an identified arm.
+
+        Motors and dampings come from the models of the axes.
+        """
         assert bench.arm is not None  # noqa: S101 - or there were no masses of it
         joints: dict[int, TwoInertia | None] = dict.fromkeys(bench.arm.axes)
         for number, stiffness in zip(known.axes, known.stiffness_nm_rad, strict=True):
@@ -139,7 +146,10 @@ class _Masses:
         return {number: joint for number, joint in self.joints.items() if joint is not None}
 
     def is_known_at(self, joints_rad: Real) -> bool:
-        """True if the mass matrix is one: identified masses far from where they were identified may make none."""
+        """True if the mass matrix is positive definite in a posture.
+
+        Identified masses may fail this far from the postures in which they were identified.
+        """
         return bool(np.all(np.linalg.eigvalsh(self.matrix(joints_rad)) > 0.0))
 
     def matrix(self, joints_rad: Real) -> Real:
@@ -155,7 +165,7 @@ class _Masses:
 
 
 def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Sequence[float]) -> KnownLoops:
-    """The loop on an arm whose masses are known."""
+    """Build the loop on an arm with known masses."""
     elastic, numbers = masses.elastic, list(masses.elastic)
     postures, notes = _postures(bench, masses.arm, axis)
     if masses.known is not None:
@@ -163,11 +173,14 @@ def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Seq
         notes.append(f"axis {axis}: masses were identified from {known}")
     rigid = [number for number in masses.arm.axes if number not in elastic]
     if rigid:
-        notes.append(f"axis {axis}: without a model {_axes_words(rigid)} counted as rigid: the arm rings lower than reckoned")
+        notes.append(
+            f"axis {axis}: for lack of a model {_axes_words(rigid)} taken as rigid; the arm rings at lower "
+            "frequencies than computed"
+        )
     laws = _laws(bench, [number for number in numbers if number != axis], elastic, law)
     if len(laws) < len(numbers) - 1:
         unknown = [number for number in numbers if number != axis and number not in laws]
-        notes.append(f"axis {axis}: {_axes_words(unknown)} of unknown gains, so other loops closed are not looked at")
+        notes.append(f"axis {axis}: {_axes_words(unknown)} of unknown gains, so margins with other loops closed are not computed")
     cases: list[ArmCase] = []
     filtered: list[ArmCase] = []
     for posture in postures:
@@ -180,7 +193,10 @@ def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Seq
 
 
 def _joint(table: AxisTable, known: IdentifiedAxis | None) -> TwoInertia | None:
-    """Motor and gear of a joint: of several modes the sums that belong to all of them, else the gear as the bench file has it."""
+    """Motor and gear of a joint.
+
+    If the plant has several modes, the gear has their sums; otherwise it is the gear of the bench file.
+    """
     plant = table.plant()
     if plant is None:
         return None
@@ -195,7 +211,10 @@ def _joint(table: AxisTable, known: IdentifiedAxis | None) -> TwoInertia | None:
 
 
 def gear_of(plant: IdentifiedPlant) -> tuple[float, float]:
-    """Stiffness in N·m/rad and damping in N·m·s/rad of the gear: Σ J_i ω_i² and Σ 2 ζ_i ω_i J_i over the modes."""
+    """Stiffness in N·m/rad and damping in N·m·s/rad of the gear.
+
+    Σ J_i ω_i² and Σ 2 ζ_i ω_i J_i over the modes
+    """
     if not plant.modes:
         return plant.values.gear_stiffness_nm_rad, plant.values.gear_damping_nm_s_rad
     damping = sum(2.0 * mode.damping * mode.inertia_kg_m2 * 2.0 * math.pi * mode.antiresonance_hz for mode in plant.modes)
@@ -203,7 +222,10 @@ def gear_of(plant: IdentifiedPlant) -> tuple[float, float]:
 
 
 def _postures(bench: Bench, arm: ArmTable, axis: int) -> tuple[list[_Posture], list[str]]:
-    """Places of the line motion, or home where there is none; and for which postures the margins hold."""
+    """Postures in which margins are computed, and notes on them.
+
+    They are places of the line motion, or home if there is no line motion. The notes say in which postures the margins hold.
+    """
     if bench.line_motion is not None:
         try:
             fractions, walked = arm_line(arm, bench.line_motion).line.walked
@@ -222,7 +244,10 @@ def _postures(bench: Bench, arm: ArmTable, axis: int) -> tuple[list[_Posture], l
 
 
 def _laws(bench: Bench, numbers: Sequence[int], joints: dict[int, TwoInertia], law: Loop) -> dict[int, Loop]:
-    """Loops of other axes whose gains are known, with their filters; sampled as the axis' own."""
+    """Loops of the other axes whose gains are known.
+
+    They have the axes' own filters, but sampling time and delay of the judged loop.
+    """
     made = {}
     for number in numbers:
         table = bench.axis[number]
@@ -233,7 +258,10 @@ def _laws(bench: Bench, numbers: Sequence[int], joints: dict[int, TwoInertia], l
 
 
 def _cases(label: str, whole: Structure, numbers: Sequence[int], axis: int, laws: dict[int, Loop], more: str) -> list[ArmCase]:
-    """The other motors held, and the other loops closed where all their gains are known."""
+    """Cases of one posture: other motors held, other loops closed.
+
+    The second case needs the gains of all other axes.
+    """
     own = numbers.index(axis)
     found = [ArmCase(f"{label}, other motors held{more}", whole, own)]
     if laws and len(laws) == len(numbers) - 1:
@@ -243,7 +271,10 @@ def _cases(label: str, whole: Structure, numbers: Sequence[int], axis: int, laws
 
 
 def _filtered(label: str, whole: Structure, numbers: Sequence[int], axis: int, laws: dict[int, Loop]) -> list[ArmCase]:
-    """The other loops closed, while the filters of one of them act at some speed."""
+    """Cases in which the filters of one other axis act.
+
+    All other loops are closed; there is one case per speed.
+    """
     found: list[ArmCase] = []
     if len(laws) < len(numbers) - 1:
         return found

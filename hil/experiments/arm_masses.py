@@ -1,4 +1,7 @@
-"""Masses of an arm from the plants of its axes in several postures, and the dips that they predict; nothing is sent."""
+"""Masses of an arm from the plants of its axes.
+
+The plants are those of several postures; the dips in other postures follow. Nothing is sent to the robot.
+"""
 
 import datetime
 import math
@@ -49,13 +52,15 @@ POOR_PERCENT = 2.0
 
 
 class ArmNotIdentifiedError(HilError):
-    """The postures do not determine the masses of the arm."""
+    """Error: the postures do not determine the masses of the arm."""
 
     exit_code: ClassVar[int] = 9
 
 
 def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
-    """Fit the masses of a bench's arm to what its axes have felt in several postures.
+    """Fit the masses of a bench's arm to measured modes.
+
+    The modes are those that the axes show in several postures.
 
     Raises:
         NotPossibleError: The bench has no arm, the model file is another robot's, or it has too few postures.
@@ -70,7 +75,8 @@ def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
     count = max((sum(number == axis for number, _ in postures) for axis in axes), default=0)
     if count < FEWEST_POSTURES:
         raise NotPossibleError(
-            f"the model file has {count} postures of an axis, {FEWEST_POSTURES} are the fewest: hil identify plant --posture-deg"
+            f"the model file has {count} postures of an axis; at least {FEWEST_POSTURES} are needed; add some "
+            "with hil identify plant --posture-deg"
         )
     fitted = _Arm(bench, bench.arm, axes, np.radians([each.joints_deg for _, each in postures]))
     felt = [
@@ -85,7 +91,7 @@ def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
 
 
 class _Arm:
-    """The arm of a bench, with the axes that have felt it."""
+    """Arm of a bench, with the axes whose modes are measured."""
 
     def __init__(self, bench: Bench, arm: ArmTable, axes: tuple[int, ...], joints_rad: Real) -> None:
         self.bench, self.arm, self.axes, self.joints_rad = bench, arm, axes, joints_rad
@@ -118,7 +124,7 @@ class _Arm:
             raise ArmNotIdentifiedError(_misfit_words(error.misfit, rigid)) from None
         except TooFewPosturesError as error:
             there = _posture_words(self._posture_of(around[error.best]))
-            raise ArmNotIdentifiedError(f"{error}: measure one posture more, such as --posture-deg {there}") from None
+            raise ArmNotIdentifiedError(f"{error}; measure one more posture, such as --posture-deg {there}") from None
         following = self._posture_of(around[fit.best])
         line, notes = self._line(fit, following)
         worst = max((e / hz for each in line for hz, e in zip(each.dips_hz, each.standard_error_hz, strict=True)), default=0.0)
@@ -126,8 +132,8 @@ class _Arm:
             notes.append(_misfit_words(fit.misfit, rigid))
         if 100.0 * worst > POOR_PERCENT:
             notes.append(
-                f"dips along the line are known to {100.0 * worst:.1f} % only: one posture more, such as --posture-deg "
-                f"{_posture_words(following)}, tells most"
+                f"dips along the line are known to {100.0 * worst:.1f} % only; measure one more posture, best "
+                f"--posture-deg {_posture_words(following)}"
             )
         measured = self._measured(fit, felt, at)
         notes += _bodies_words(measured)
@@ -157,7 +163,10 @@ class _Arm:
         return {number: round(math.degrees(joints_rad[row])) for number, row in zip(self.axes, self.rows, strict=True)}
 
     def _by_bodies(self, fit: MassFit, joints_rad: Real) -> tuple[float, ...]:
-        """Dips of the bench file's bodies on the fitted gears; none where it has no bodies."""
+        """Dips of the bench file's bodies on the fitted gears.
+
+        The result is empty if the bench file has no bodies.
+        """
         if all(link.body is None for link in self.arm.link):
             return ()
         inertia = mass_matrix(self.arm, joints_rad)[np.ix_(self.rows, self.rows)]
@@ -178,7 +187,7 @@ class _Arm:
         )  # fmt: skip
 
     def _walked(self) -> tuple[Real, Real]:
-        """Fractions of the way along the bench's line, and the joint angles there.
+        """Fractions of the way along the bench's line, with joint angles.
 
         Raises:
             LineError: The arm cannot follow the line.
@@ -208,13 +217,13 @@ class _Arm:
         away = np.degrees(np.abs(walked[:, others] - self.joints_rad[0, others]).max(axis=0, initial=0.0))
         turning = [str(self.arm.axes[row]) for row, deg in zip(others, away, strict=True) if deg > STAYS_DEG]
         if turning:
-            words = f"the line turns axis {', '.join(turning)}, of which nothing was identified"
+            words = f"the line turns axis {', '.join(turning)}, which has no identified modes"
             return [], [f"dips along the line are not predicted: {words}"]
         at = [int(np.argmin(np.abs(fractions - each))) for each in np.linspace(0.0, 1.0, ALONG_LINE)]
         values, errors = fit.dips_hz(self.regressors(walked[at]))
         if not (np.all(np.isfinite(values)) and np.all(np.isfinite(errors))):
-            words = "dips along the line are not predicted: these postures tell too little of the masses there"
-            return [], [f"{words}: one posture more, such as --posture-deg {_posture_words(following)}, tells most"]
+            words = "dips along the line are not predicted: these postures do not determine the masses there"
+            return [], [f"{words}; measure one more posture, best --posture-deg {_posture_words(following)}"]
         return [
             LineDips(
                 way_fraction=float(fractions[row]), dips_hz=tuple(dips.tolist()), standard_error_hz=tuple(off.tolist()),
@@ -225,7 +234,10 @@ class _Arm:
 
 
 def _bodies_words(measured: Sequence[MeasuredDip]) -> list[str]:
-    """How far the bench file's bodies are from what was measured, where it has any: the dip that is farthest."""
+    """Describe how far the bench file's bodies are from the measurement.
+
+    The words name the dip that is farthest; the list is empty without bodies.
+    """
     with_bodies = [(row, row.bodies_hz) for row in measured if row.bodies_hz is not None]
     if not with_bodies:
         return []
@@ -233,16 +245,22 @@ def _bodies_words(measured: Sequence[MeasuredDip]) -> list[str]:
     sigmas = [away / math.hypot(error, LEAST_FREQUENCY_ERROR) for away, error in off]
     at = int(np.argmax(sigmas))
     (worst, _), (away, _) = with_bodies[at], off[at]
-    words = f"the bench file's bodies: a dip of {worst.measured_hz:.2f} Hz measured, {worst.bodies_hz:.2f} Hz by them"
-    found = f"{words}, is the farthest: {100.0 * away:.1f} %, {sigmas[at]:.1f} standard errors"
-    return [found + ("" if away < BODIES_OFF else ". Do they, and the payload, fit this robot?")]
+    words = (
+        f"the bench file's bodies: the dip that is farthest off was measured at {worst.measured_hz:.2f} Hz, and is "
+        f"{worst.bodies_hz:.2f} Hz by them"
+    )
+    found = f"{words}: {100.0 * away:.1f} %, {sigmas[at]:.1f} standard errors"
+    return [found + ("" if away < BODIES_OFF else "; check that the bodies and the payload are those of this robot")]
 
 
 def _misfit_words(misfit: float, rigid: Sequence[int]) -> str:
     """Sentence on postures that no masses explain."""
-    words = f"no masses explain what was felt, misfit {misfit:.1f} standard errors. Was a load changed, or a posture not kept"
+    words = (
+        f"no masses explain the measured modes: the misfit is {misfit:.1f} standard errors; check that no load was "
+        "changed and every posture was kept"
+    )
     if rigid:
-        words += f", or do axes {', '.join(map(str, rigid))}, which were not identified and count as rigid, swing along"
+        words += f", and that axes {', '.join(map(str, rigid))}, which were not identified and count as rigid, do not swing along"
     return f"{words}?"
 
 

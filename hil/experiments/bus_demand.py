@@ -1,4 +1,4 @@
-"""Demand of a motion on the bus between two SYNCs, and the check that the bus carries it."""
+"""Bus load of a motion between two SYNCs, and its check."""
 
 from dataclasses import dataclass
 
@@ -32,7 +32,9 @@ class BusDemand:
 
 
 def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
-    """Refuse a motion whose frames do not fit between two SYNCs, where the bit rate is known.
+    """Refuse a motion whose frames do not fit between two SYNCs.
+
+    Without a known bit rate nothing is checked.
 
     Returns:
         True if there is room for the state of the drives' filters as well.
@@ -58,7 +60,10 @@ def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
 
 
 def takes_torque_offset(profile: Profile) -> bool:
-    """True if the drives of a family add a torque offset (60B2h) to the torque of their loop, in the mode of a run."""
+    """True if drives of a family add a torque offset (60B2h).
+
+    The drive has to add it to the torque of its loop in the mode of a run.
+    """
     capabilities = profile.capabilities
     if mode_of("drive", profile) is not CSP:
         return False

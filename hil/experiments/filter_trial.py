@@ -1,11 +1,12 @@
-"""Trial of designed filters on the robot: the motion without them and with them, before it is run for its own sake.
+"""Trial of designed filters on the robot.
 
-A filter is designed on a model, and on an axis that is a little other than it an order may rise, most of all where the gear is
-no spring. Every order that the gear has is looked at, each at the speeds at which it meets f_al. Filters that raise the tip's
-peak in any window are not used, nor are those that lower it in none: what cannot be seen to help is no remedy. Runs are repeated
-until every rise stands out of the sensor's noise or is excluded beyond it; where the most runs do not tell, their mean decides.
-At the foot of an order whose resonance the ramp does not pass nothing is judged: what switching on and off leaves there is a
-harm only above the motion's own largest peak.
+The motion runs without the filters and with them before the filters are used.
+
+A filter is designed on a model. On an axis that differs a little from it an order may rise, most of all if the gear is no
+spring. Every order of the gear is judged, at the speeds at which it meets f_al. Filters that raise the tip's peak in any
+window are not used, nor are filters that lower it in none. Runs are repeated until every rise exceeds the sensor's noise or
+is excluded by it; if the largest number of runs does not decide, their mean does. An order whose resonance the ramp does not
+pass is not judged: the peak there by switching the filter counts only above the motion's own largest peak.
 """
 
 from collections.abc import Callable, Collection
@@ -25,7 +26,7 @@ MOST_RUNS = 4
 
 
 def with_orders(scale: TipScale, orders: Collection[float]) -> TipScale:
-    """Scale of an axis with windows of whole orders beside its own."""
+    """Add windows of other integer orders to the scale of an axis."""
     more = {int(k): order_window_rps(scale.f_al_hz, k) for k in orders if k == int(k) and int(k) not in scale.windows_rps}
     return replace(scale, windows_rps={**scale.windows_rps, **more}) if scale.windows_rps else scale
 
@@ -33,7 +34,9 @@ def with_orders(scale: TipScale, orders: Collection[float]) -> TipScale:
 def try_filters(
     bench: Bench, scale: TipScale, run: Callable[[bool], Recording], orders: Collection[float] = (), reporter: Reporter = SILENT
 ) -> FilterTrial:
-    """Try filters: the motion without them and with them, and again until every rise is seen or excluded.
+    """Try filters until every rise is seen or excluded.
+
+    Each round runs the motion without the filters and with them.
 
     Args:
         bench: The bench file.
@@ -60,7 +63,10 @@ def try_filters(
 
 
 def _that_count(changes: list[PeakChange], judged: Collection[float]) -> list[PeakChange]:
-    """Changes in the windows that are judged, and in others where the tip goes beyond all that it did before."""
+    """Select the changes that decide on the filters.
+
+    These are the judged windows, and others in which the tip exceeds the largest peak without the filters.
+    """
     largest_mm = max(change.before_mm for change in changes)
     found = [change for change in changes if change.order in judged or change.after_mm > largest_mm]
     return found if any(change.order in judged for change in found) else changes

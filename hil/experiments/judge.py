@@ -1,4 +1,6 @@
-"""Scale by which a bench's runs are judged: f_al of the axes that move, from a model or from what a ramp shows of itself.
+"""Scale by which a bench's runs are judged.
+
+The scale needs f_al of the axes that move, from a model or from a ramp.
 
 A model, of the bench file or identified, comes first. Without one, a ramp on which nothing acts against the vibration may show
 the resonance by itself (`hil.design.ringing`); with one, what it shows has to agree. A run without an f_al is not judged. The
@@ -44,7 +46,7 @@ class FoundScale:
         words: f_al and where it comes from, as a line; without a scale, why there is none.
         doubt: Reason why nothing may be judged by it, or None.
         remark: Sentence on what else the run shows, or None.
-        most_factor: Factor by which a displacement may be larger, by what is known of f_al.
+        most_factor: Factor by which a displacement may be larger, by the uncertainty of f_al.
     """
 
     scale: TipScale | None
@@ -57,16 +59,25 @@ class FoundScale:
 
 
 class RunJudge:
-    """Scales of the runs on a bench; what the ramps without treatment show of their axes is kept for the runs that follow."""
+    """Scales of the runs on a bench.
+
+    It keeps the resonances that ramps without treatment show, for the runs that follow.
+    """
 
     def __init__(self, bench: Bench, identified: Identified | None = None) -> None:
-        """Begin without any run; of an arm that rings with several modes the model file tells them."""
+        """Begin without any run.
+
+        For an arm with several modes, the model file has the modes.
+        """
         self.bench, self._identified = bench, identified
         self._own: dict[int, Ringing] = {}
         self._why: dict[int, str] = {}
 
     def look(self, recording: Recording, axis: int) -> None:
-        """Look for the resonance of an axis in a ramp on which nothing acts against the vibration."""
+        """Look for the resonance of an axis in a ramp.
+
+        The ramp must be one without a treatment.
+        """
         try:
             self._own[axis] = own_ringing(recording, axis)
         except NoResonanceError as error:
@@ -74,15 +85,20 @@ class RunJudge:
             self._why[axis] = str(error)
 
     def rates(self, axis: int) -> Complex:
-        """Rates of an axis whose loop holds the motor: what can ring after its stop.
+        """Closed-loop rates of an axis that its loop holds at standstill.
+
+        These are what can ring after a stop.
 
         Raises:
-            NotPossibleError: Nobody knows its plant or its gains.
+            NotPossibleError: The plant or the gains of the axis are not known.
         """
         return rates_of(self.bench, axis, self._identified)
 
     def found(self, axis: int | None) -> FoundScale:
-        """Scale of a ramp of one axis, or of the line motion (None)."""
+        """Scale of a ramp of one axis, or of the line motion.
+
+        `axis` is None for the line motion.
+        """
         return self._line() if axis is None else self._axis(axis)
 
     def _axis(self, axis: int) -> FoundScale:
@@ -95,7 +111,7 @@ class RunJudge:
             return FoundScale(ramp_scale((low_hz, high_hz)), words=words)
         if own is None:
             why = self._why.get(axis)
-            rest = "" if why is None else f". The ramp by itself does not tell f_al: {why}"
+            rest = "" if why is None else f". The ramp by itself does not show f_al: {why}"
             return FoundScale(None, words=missing_words([axis]) + rest)
         factor = (own.peak_hz / (own.peak_hz - 2.0 * own.standard_error_hz)) ** 2
         return FoundScale(
@@ -122,7 +138,7 @@ class RunJudge:
 
 
 def _compared(known: TipScale, own: Ringing | None, who: str) -> FoundScale:
-    """Scale of a model, held against what the ramp shows."""
+    """Compare the scale of a model with the resonance of the ramp."""
     words = f"f_al {known.f_al_hz:.2f} Hz, from the model"
     if own is None:
         return FoundScale(known, "model", words=words)
@@ -133,19 +149,19 @@ def _compared(known: TipScale, own: Ringing | None, who: str) -> FoundScale:
     remark = f"{who}: the model says f_al = {known.f_al_hz:.2f} Hz, the ramp itself shows {own_words(own)}"
     doubt = None
     if abs(difference) > MOST_DIFFERENCE * known.f_al_hz:
-        doubt = f"{remark}: the model is another robot's, or the robot has changed: hil identify plant"
+        doubt = f"{remark}: the model is another robot's, or the robot has changed; repeat hil identify plant"
     return FoundScale(known, "model", None, words, doubt, remark, max(1.0, (known.f_al_hz / own.peak_hz) ** 2))
 
 
 def own_words(own: Ringing) -> str:
-    """A resonance that a ramp shows of its own, with its standard error and its orders."""
+    """Describe a ramp's own resonance with standard error and orders."""
     orders = " and ".join(f"{order:g}" for order in own.orders)
     many = "order" if len(own.orders) == 1 else "orders"
     return f"f_al {own.peak_hz:.2f} ± {own.standard_error_hz:.2f} Hz, from the run's own {many} {orders}"
 
 
 def own_ringing(recording: Recording, axis: int) -> Ringing:
-    """Resonance that a ramp shows of its own.
+    """Find the resonance that a ramp itself shows.
 
     Raises:
         NoResonanceError: It shows none that is clearly the arm's.
@@ -158,7 +174,9 @@ def own_ringing(recording: Recording, axis: int) -> Ringing:
 
 
 def own_scale(bench: Bench, axis: int, recording: Recording) -> TipScale:
-    """Scale of an axis without a model, from a ramp on which nothing acts against the vibration.
+    """Scale of an axis without a model, from a ramp.
+
+    The ramp must be one without a treatment.
 
     Raises:
         NotPossibleError: The ramp does not show the resonance.
@@ -178,7 +196,9 @@ def shown_rps(bench: Bench) -> float:
 
 
 def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Sentences on the orders that meet f_al beyond the end of the bench's ramp: within the axis' limits, and beyond them.
+    """Describe the orders that meet f_al beyond the ramp's end.
+
+    Returns the orders within the axis' limits, and those beyond them.
 
     What the limits allow is reckoned for a ramp from the middle of the travel, at the bench's accelerations.
     """
@@ -195,9 +215,10 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
             continue
         if ramp.end_rps > resonant_rps:
             within.append(
-                f"axis {axis}: order {order} is not judged: the ramp meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} "
-                f"rev/s, less than {1e3 * BRAKING_S:g} ms before it brakes: of constant_acceleration lower acceleration_rps_s, "
-                f"{ramp.acceleration_rps_s:g} rev/s², or raise end_rps, {ramp.end_rps:g} rev/s"
+                f"axis {axis}: order {order} is not judged: the ramp meets f_al = {scale.f_al_hz:.2f} Hz at "
+                f"{resonant_rps:.2f} rev/s, less than {1e3 * BRAKING_S:g} ms before it brakes; in "
+                f"[constant_acceleration] lower acceleration_rps_s, {ramp.acceleration_rps_s:g} rev/s², or raise "
+                f"end_rps, {ramp.end_rps:g} rev/s"
             )
             continue
         text = (
@@ -205,14 +226,17 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
             f"ramp ends at {ramp.end_rps:g} rev/s, and from the middle of the travel the limits allow"
         )
         if last_rps(most_rps, ramp.acceleration_rps_s) >= resonant_rps:
-            within.append(f"{text} {most_rps:.3g}: raise end_rps of constant_acceleration")
+            within.append(f"{text} {most_rps:.3g} rev/s; raise end_rps in [constant_acceleration]")
         else:
-            beyond.append(f"{text} no more than {most_rps:.3g}")
+            beyond.append(f"{text} no more than {most_rps:.3g} rev/s")
     return tuple(within), tuple(beyond)
 
 
 def peak_hz(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S) -> float | None:
-    """f_al of an axis in Hz: the peak of |G_al| of its model with the P-PI in the drive; None without a model."""
+    """Frequency f_al of an axis in Hz; None without a model.
+
+    It is the peak of |G_al| of the model with the P-PI in the drive.
+    """
     loop = bench.axis[axis].loop(control_period_s, with_notch=False)
     return None if loop is None else loop.peak_hz()
 
@@ -226,13 +250,16 @@ def scale_at(bench: Bench, axis: int, f_al_hz: float) -> TipScale:
 
 
 def axis_scale(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S) -> TipScale | None:
-    """Scale of an axis; None if the bench has no model of it."""
+    """Scale of an axis; None without a model."""
     f_al_hz = peak_hz(bench, axis, control_period_s)
     return None if f_al_hz is None else scale_at(bench, axis, f_al_hz)
 
 
 def line_scale(bench: Bench, control_period_s: float = CONTROL_PERIOD_S) -> TipScale | None:
-    """Scale of the line motion: the bench's band, or from all of its axes with a model; None without any."""
+    """Scale of the line motion, or None if nothing is known.
+
+    It comes from the bench's band, or from all axes with a model; for the paper's robot from axis 2.
+    """
     if bench.specification.band_hz is not None:
         return band_scale(bench.specification.band_hz)
     scales = {axis: axis_scale(bench, axis, control_period_s) for axis in bench.chain_axes}
@@ -253,7 +280,9 @@ def missing_words(axes: Iterable[int]) -> str:
 
 
 def vibration_scale(bench: Bench, axes: Iterable[int], identified: Identified | None = None) -> TipScale:
-    """Scale for vibrations that are only compared with each other: f_al, or what was identified of the arm on its gear.
+    """Scale for vibrations that are only compared with each other.
+
+    It comes from f_al, or from the identified resonance of the arm on its gear.
 
     Args:
         bench: The bench file.

@@ -1,4 +1,7 @@
-"""Measurement on a bench, the same for all commands: bus, load check, log of frames, session, recordings and result."""
+"""Measurement on a bench, shared by all commands.
+
+It covers bus, load check, frame log, session, recordings and result.
+"""
 
 import datetime
 from collections.abc import Callable, Iterator, Sequence
@@ -40,12 +43,12 @@ class MeasurementOutcome(Generic[R]):
 
     @property
     def not_restored(self) -> tuple[str, ...]:
-        """Objects that could not be put back in the nodes; empty when all were."""
+        """Objects that could not be restored in the nodes, or empty."""
         return self.result.not_restored or ()
 
 
 class Measurement(Generic[R]):
-    """A bench on which something is measured, and the directory of its files.
+    """Bench under measurement, and the directory of its files.
 
     Within its context the bus is open; within that of `session` the nodes are brought up. Once a recording has been saved or a
     run was stopped, the result is written at the end. An error that ends the measurement is then noted in the result and in
@@ -88,7 +91,7 @@ class Measurement(Generic[R]):
         self.started = datetime.datetime.now(datetime.UTC)
 
     def __enter__(self) -> Self:
-        """Make the directory, check that it can be written, and open the bus.
+        """Make the directory, check write access, and open the bus.
 
         Raises:
             OSError: The directory cannot be made.
@@ -103,7 +106,10 @@ class Measurement(Generic[R]):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> bool:
-        """Close the bus and write the result; an error is noted instead of raised where something has been measured."""
+        """Close the bus and write the result.
+
+        If something has been measured, an error is noted in the result instead of raised.
+        """
         if self._given is None:
             self._channel.close()
         if error is not None:
@@ -116,7 +122,9 @@ class Measurement(Generic[R]):
         return self.failure is not None
 
     def check_clock(self, wanted: ClockName | None) -> None:
-        """Refuse a bus with another clock than the wanted one; None accepts either.
+        """Refuse a bus whose clock is not the wanted one.
+
+        None accepts either clock.
 
         Raises:
             NotPossibleError: The bus has the other clock; nothing has been sent.
@@ -141,7 +149,9 @@ class Measurement(Generic[R]):
         overload: bool = False,
         reset_faults: bool = False,
     ) -> Iterator[Session]:
-        """Bring up a session whose every frame is logged, on a bus that carries the motions.
+        """Bring up a session that logs every frame.
+
+        The bus must carry the motions of `demands`.
 
         Args:
             demands: Demands of the motions to come.
@@ -175,7 +185,9 @@ class Measurement(Generic[R]):
         return Session(self._bench, channel, BusLog(self._out / LOG_FILE, log_label(channel)), progress)
 
     def keep(self, recording: Recording, name: str) -> str:
-        """Save a recording as `runs/name.csv`; from now on the result is written whatever happens.
+        """Save a recording as `runs/name.csv`.
+
+        From now on the result is written, whatever happens.
 
         Returns:
             Its path, relative to the directory.
@@ -188,7 +200,9 @@ class Measurement(Generic[R]):
 
 
 def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], *, overload: bool = False) -> list[bool]:
-    """Refuse motions for which the profiles lack something, or whose frames do not fit on the bus; nothing is sent.
+    """Refuse motions that the profiles or the bus do not allow.
+
+    Nothing is sent.
 
     Args:
         bench: The bench file.
@@ -211,5 +225,8 @@ def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], 
 
 
 def log_label(channel: Channel) -> str:
-    """The bus' name in a candump log: that of its interface in the system, so that the log can be played back to it."""
+    """Name of the bus in a candump log.
+
+    For SocketCAN it is the interface of the system, so that the log can be replayed to it.
+    """
     return channel.address.channel if channel.address.interface == "socketcan" else channel.address.interface

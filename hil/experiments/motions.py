@@ -1,4 +1,7 @@
-"""The motions of the bench file: the paper's constant acceleration and line of the tip, and a move from point to point."""
+"""Motions of the bench file.
+
+These are the paper's constant acceleration, the paper's line of the tip, and a move from point to point.
+"""
 
 import math
 
@@ -18,7 +21,9 @@ CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT = "constant-acceleration", "l
 
 
 def constant_acceleration(bench: Bench, axis: int, period_s: float) -> Motion:
-    """One motor through the resonant speeds and back to rest, from its present position (the paper, sections 3.2 and 5.1).
+    """Turn one motor through the resonant speeds and back to rest.
+
+    The motion begins at the present position. Source: the paper, sections 3.2 and 5.1.
 
     Raises:
         NotPossibleError: The bench file has no such motion or axis.
@@ -30,7 +35,7 @@ def constant_acceleration(bench: Bench, axis: int, period_s: float) -> Motion:
 
 
 def point_to_point(bench: Bench, axis: int, period_s: float) -> Motion:
-    """One motor from rest to rest, from its present position on.
+    """Move one motor from rest to rest, from its present position.
 
     Raises:
         NotPossibleError: The bench file has no such motion or axis.
@@ -52,7 +57,9 @@ def _of_one_axis(bench: Bench, axis: int, trajectory: ConstantAcceleration | Poi
 
 
 def line_motion(bench: Bench, period_s: float) -> Motion:
-    """The tip along a straight line: by the axes of the geometry (the paper, section 5.2), or by those of an arm that it moves.
+    """Move the tip along a straight line.
+
+    The line is that of an arm, or of the chain of the geometry table (the paper, section 5.2).
 
     Raises:
         NotPossibleError: The bench file has no such motion.
@@ -75,7 +82,10 @@ def line_motion(bench: Bench, period_s: float) -> Motion:
 
 
 def _arm_motion(bench: Bench, arm: ArmTable, motion: LineMotion, period_s: float) -> Motion:
-    """The line of an arm; axes that it does not turn stay where they are, with their brakes closed."""
+    """Motion of an arm along its line.
+
+    Axes that the line does not turn stay where they are, with their brakes closed.
+    """
     wanted = arm_line(arm, motion)
     limits = [
         _joint_limits(bench.axis[link.axis], link, home) for link, home in zip(arm.link, arm.home_rad().tolist(), strict=True)
@@ -87,7 +97,10 @@ def _arm_motion(bench: Bench, arm: ArmTable, motion: LineMotion, period_s: float
 
 
 def _joint_limits(axis: AxisTable, link: ArmLink, home_rad: float) -> JointLimits:
-    """Limits of a joint: those of its axis at the motor, and those of the link, the closer ones."""
+    """Limits of a joint: the closer ones of axis and link.
+
+    The limits of the axis are those at its motor.
+    """
     turn = 2.0 * math.pi / axis.reduction_ratio
     low, high = home_rad + axis.limits.position_min_rev * turn, home_rad + axis.limits.position_max_rev * turn
     speed = axis.limits.speed_rps * turn

@@ -1,4 +1,4 @@
-"""The motor's inertia that a cancellation is made of: as it was given, and the words where nobody knows it."""
+"""Motor inertia for a cancellation, and the words if it is unknown."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,9 @@ from hil.errors import NotPossibleError
 
 
 def given_inertia(bench: Bench, identified: Identified | None, number: int, given_kg_m2: float | None) -> float | None:
-    """J_m as it was given; None if a file has a plant, which then holds.
+    """Motor inertia J_m from bench file or data sheet.
+
+    It is None if a file has a plant, whose inertia then holds.
 
     Args:
         bench: The bench file.
@@ -17,7 +19,7 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
         given_kg_m2: J_m of a data sheet; None: as the bench file gives it.
 
     Raises:
-        NotPossibleError: Nobody knows it.
+        NotPossibleError: The inertia is not known.
     """
     known = None if identified is None else identified.axis.get(number)
     if bench.axis[number].model is not None or (known is not None and known.plant is not None):
@@ -25,15 +27,17 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
     found = bench.axis[number].motor_inertia_kg_m2 if given_kg_m2 is None else given_kg_m2
     if found is None:
         raise NotPossibleError(
-            f"the motor inertia of axis {number} is not known, and a cancellation needs it: --plant model.toml of hil identify "
-            f"plant, [axis.{number}.model] in the bench file, or from the motor's data sheet motor_inertia_kg_m2 in "
-            f"[axis.{number}] or --motor-inertia-kg-m2"
+            f"the motor inertia of axis {number} is not known, and a cancellation needs it; give --plant "
+            f"model.toml of hil identify plant, [axis.{number}.model] in the bench file, or, from the motor's "
+            f"data sheet, motor_inertia_kg_m2 in [axis.{number}] or --motor-inertia-kg-m2"
         )
     return found
 
 
 def nothing_known(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> str:
-    """Words for axes that cannot be cancelled: no transmission error, or no motor inertia, is known of them.
+    """Describe why axes cannot be cancelled.
+
+    Either the transmission error or the motor inertia is not known.
 
     Args:
         bench: The bench file.

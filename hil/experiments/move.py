@@ -1,4 +1,7 @@
-"""A slow move of one axis to a position: from wherever a stop, a fault or a master that died has left the arm."""
+"""Slow move of one axis to a position.
+
+It starts from wherever a stop, a fault or a lost master has left the arm.
+"""
 
 import math
 from collections.abc import Iterator
@@ -34,7 +37,9 @@ The way of a quick stop, v²/(2 a), is then a sixteenth of that from the speed l
 
 
 def way_of(number: int, way_rad: float, speed_rps: float, period_s: float, most_rps_s: float | None = None) -> Motion:
-    """A smooth way of one motor from where it stands, at the end of which it stays.
+    """Plan a smooth move of one motor from its present position.
+
+    The motor stays at the end of it.
 
     Args:
         number: Number of the axis.
@@ -56,7 +61,7 @@ class MoveRequest:
     Attributes:
         axis: Number of the axis.
         to_rev: Motor position as the drive counts, rev; None if a way is given.
-        by_rev: Way of the motor from where it stands, rev; None if a position is given.
+        by_rev: Way of the motor from its present position, rev; None if a position is given.
         loop: Side that closes the loop, the drive or the host.
     """
 
@@ -66,7 +71,7 @@ class MoveRequest:
     loop: LoopName = "drive"
 
     def check(self, bench: Bench) -> None:
-        """Refuse what can be refused without the robot.
+        """Refuse a request that is wrong whatever the robot's state.
 
         Raises:
             NotPossibleError: The bench has no such axis, or a number is none.
@@ -95,15 +100,15 @@ def check_position(axis: int, to_rev: float, limits: Limits, remedy: str = "") -
 
 @dataclass(frozen=True)
 class Move:
-    """A move that has been planned from where the axis stands.
+    """Move that is planned from the axis' present position.
 
     Attributes:
         request: The request.
-        from_rev: Where the motor stands.
-        to_rev: Where it goes.
+        from_rev: Present position of the motor.
+        to_rev: Target of the motor.
         speed_rps: Largest speed of the motor.
         fault: Fault that the drive is in, in words; None if it is in none.
-        bench: The bench file; of an axis that stands outside of its position limits with room to turn back.
+        bench: The bench file; the limits of an axis outside of them leave room to turn back.
     """
 
     request: MoveRequest
@@ -115,11 +120,11 @@ class Move:
 
     @property
     def is_there(self) -> bool:
-        """True if the axis stands where it is wanted."""
+        """True if the axis is at its target already."""
         return abs(self.to_rev - self.from_rev) <= AWAY_REV
 
     def motion(self) -> Motion:
-        """The motion of the axis."""
+        """Motion of the axis."""
         bus = self.bench.bus
         period_s = bus.host_sync_period_s if self.request.loop == "host" else bus.sync_period_s
         most_rps_s = self.bench.axis[self.request.axis].limits.acceleration_rps_s
@@ -127,7 +132,7 @@ class Move:
 
     @property
     def sentences(self) -> list[str]:
-        """What will happen, for whoever is asked."""
+        """Describe the move for the question to the user."""
         number, limits = self.request.axis, self.bench.axis[self.request.axis].limits
         said = [f"axis {number} is {self.fault}: the fault is reset first"] if self.fault else []
         return [
@@ -143,7 +148,7 @@ class MoveOutcome:
     """End of a move.
 
     Attributes:
-        stands_rev: Where the motor stands; None after a stop, which says it.
+        stands_rev: Position of the motor after the move; None after a stop.
         stopped: Reason why the move was stopped, or None.
         not_restored: Objects that could not be put back in the nodes.
     """
@@ -154,7 +159,9 @@ class MoveOutcome:
 
 
 def plan_move(bench: Bench, request: MoveRequest, *, channel: Channel | None = None) -> Move:
-    """Look at the robot and plan a move; nothing is written or enabled.
+    """Read the robot's state and plan a move.
+
+    Nothing is written or enabled.
 
     Args:
         bench: The bench file.
@@ -171,7 +178,9 @@ def plan_move(bench: Bench, request: MoveRequest, *, channel: Channel | None = N
 
 
 def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = None, reporter: Reporter = SILENT) -> MoveOutcome:
-    """Reset the fault of the drive where it is in one, and move the axis as planned.
+    """Move the axis as planned, after a reset of its fault.
+
+    The fault is reset only if the drive has one.
 
     Args:
         move: The move.
@@ -180,7 +189,7 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
         reporter: Listener of progress.
 
     Raises:
-        NodeError: The axis stands elsewhere than when the move was planned, or its fault does not go.
+        NodeError: The axis has moved since the move was planned, or its fault stays.
         SafetyStopError: The move was stopped before the axis moved.
         HilError: Robot or limits do not allow it.
         ChannelError: The bus cannot be opened, or is lost.
@@ -206,7 +215,10 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
 def _session(
     bench: Bench, request: MoveRequest, log: Path | None, given: Channel | None, reporter: Reporter
 ) -> Iterator[Session]:
-    """A session on the bus whose nodes have been found; the drive of the axis may be in fault."""
+    """Open a session whose nodes have been found.
+
+    The drive of the axis may be in fault.
+    """
     channel = open_channel(parse_address(bench.bus.address)) if given is None else given
     try:
         period_s = bench.bus.host_sync_period_s if request.loop == "host" else bench.bus.sync_period_s
@@ -220,7 +232,7 @@ def _session(
 
 
 def _planned(session: Session, request: MoveRequest) -> Move:
-    """The move from where the axis stands.
+    """Plan the move from the axis' present position.
 
     Raises:
         UnsafeRequestError: It would end beyond the limits.
@@ -235,10 +247,10 @@ def _planned(session: Session, request: MoveRequest) -> Move:
 
 
 def sag_rev(table: AxisTable) -> float:
-    """Turn by which a load may push a motor away from where it is enabled, before its loop holds it.
+    """Largest turn of a motor under load until its loop holds.
 
-    A load that the torque limit holds pushes with τ_max at most, and the loop against it with K_pp K_vp per radian, and more in
-    time. Where nobody knows the gains, and never further than that, it is what the motor may be away from its set-point.
+    A load that the torque limit can hold pushes with τ_max at most. The loop pushes back with K_pp K_vp per radian, and
+    with more over time. The following error limit bounds the turn, also if the gains are not known.
     """
     if isinstance(table.control, Control):
         stiffness_nm_rad = table.control.position_gain_per_s * table.control.velocity_gain_nm_s_rad
@@ -248,7 +260,10 @@ def sag_rev(table: AxisTable) -> float:
 
 
 def with_room(bench: Bench, number: int, stands_rev: float) -> Bench:
-    """A bench on which an axis that stands outside of its position limits may turn back; else the same bench."""
+    """Widen the limits of an axis that is outside of them.
+
+    The axis may then turn back. Within the limits, the bench stays the same.
+    """
     table = bench.axis[number]
     limits = table.limits
     update = {}

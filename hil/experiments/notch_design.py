@@ -1,4 +1,7 @@
-"""`hil design notch`: filters from a bench file and an identified model, and the parameter set of a drive."""
+"""Design of notch filters for `hil design notch`.
+
+The design uses a bench file and an identified model, and gives the parameter set of a drive.
+"""
 
 import time
 from collections.abc import Sequence
@@ -38,7 +41,10 @@ class InfeasibleError(HilError):
     exit_code: ClassVar[int] = 9
 
     def __init__(self, axis: int, what: str, missed: Sequence[RequirementCheck]) -> None:
-        """Keep the axis, the sentence on the search, and the checks that the closest filter misses."""
+        """Keep the axis, a sentence, and the missed checks.
+
+        The sentence describes the search; the checks are those that the closest filter misses.
+        """
         self.axis, self.what, self.missed = axis, what, tuple(missed)
         super().__init__(f"axis {axis}: {what}{': ' if self.missed else ''}{'; '.join(map(str, self.missed))}")
 
@@ -51,12 +57,12 @@ class NotchDesignOutcome:
         bench: Bench file as it was used, with the identified model.
         source: Source of the plant, in words.
         request: Request of the design.
-        problem: NotchProblem that was solved.
+        problem: Problem that was solved.
         f_al_hz: Peak of |G_al| of the believed plant without a filter.
-        none: NotchVerdict without filters.
-        given: NotchVerdict on the bench file's filters; None without them.
-        designed: NotchVerdict on the best filters, or those that miss least; None if only the given ones were judged.
-        failure: Error where no filter meets the requirements; None if one does.
+        none: Verdict without filters.
+        given: Verdict on the bench file's filters; None without them.
+        designed: Verdict on the best filters, or those that miss least; None if only the given ones were judged.
+        failure: Error if no filter meets the requirements, else None.
         seconds: Duration of the design.
         emulated: Parts of the model file that were identified on an emulated robot, of `plant` and `ate`.
         notes: Orders that were asked for and got no filter, with the reason; for which postures of an arm the margins hold.
@@ -77,7 +83,10 @@ class NotchDesignOutcome:
 
     @property
     def is_usable(self) -> bool:
-        """True if the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm."""
+        """True if the best filters keep all margins and raise no peak.
+
+        They may miss a limit of the tip in mm.
+        """
         return bool(self.best.notches) and self.best.is_harmless
 
     @property
@@ -92,7 +101,10 @@ class NotchDesignOutcome:
 
     @property
     def best(self) -> NotchVerdict:
-        """Verdict of the report: on the designed filters, or else on the given ones."""
+        """Verdict of the report.
+
+        It is on the designed filters, or else on the given ones.
+        """
         verdict = self.designed or self.given
         assert verdict is not None  # noqa: S101 - one of them was requested
         return verdict
@@ -108,7 +120,9 @@ def design(
     identified: Identified | None = None,
     reporter: Reporter = SILENT,
 ) -> NotchDesignOutcome:
-    """Design the filters of one axis; where none meets all requirements, the outcome names those that the closest misses.
+    """Design the filters of one axis.
+
+    If no filter meets all requirements, the outcome names those that the closest misses.
 
     Args:
         bench: The bench file.
@@ -163,7 +177,10 @@ def design(
 
 
 def _bare_failure(axis: int, none: NotchVerdict) -> InfeasibleError | None:
-    """Error where margins are missed without any filter: no filter can mend them at speeds where it does not act."""
+    """Error if margins are missed without any filter, else None.
+
+    No filter can mend margins at speeds at which it does not act.
+    """
     missed = [check for check in none.missed if not check.is_tip_limit]
     if not missed:
         return None
@@ -172,7 +189,10 @@ def _bare_failure(axis: int, none: NotchVerdict) -> InfeasibleError | None:
 
 @dataclass
 class _Series:
-    """Filters of several orders, searched one after the other; filters of other orders stay as they are given."""
+    """Search of filters for several orders, one after the other.
+
+    Filters of other orders stay as they are given.
+    """
 
     problem: NotchProblem
     request: NotchDesignRequest
@@ -185,7 +205,7 @@ class _Series:
     notes: list[str] = field(default_factory=list)
 
     def run(self, given: Sequence[Notch]) -> "_Series":
-        """Search them."""
+        """Search the filters of all orders."""
         axis = self.request.axis
         fixed = tuple(notch for notch in given if notch.order not in self.orders and notch.mode != NOTCH_OFF)
         if len(fixed) + len(self.orders) > NOTCHES:
@@ -221,7 +241,10 @@ class _Series:
         )  # fmt: skip
 
     def _reason_against(self, order: int, result: SearchResult) -> InfeasibleError | None:
-        """Reason why an order gets no filter; the closest is kept for the report where it misses a margin."""
+        """Reason why an order gets no filter, or None.
+
+        The closest filter is kept for the report if it misses a margin.
+        """
         shapes = " or ".join(self.request.shapes)
         margins = [check for check in result.best.missed if not check.is_tip_limit and not check.is_rise]
         if margins:
@@ -244,12 +267,14 @@ class _Series:
 
 
 def parameter_set(bench: Bench, axis: int, verdict: NotchVerdict, f_al_hz: float) -> ParameterSet:
-    """Filters as a parameter set for `drive-profiles upload`; the drive's other filters are switched off.
+    """Convert filters to a parameter set for `drive-profiles upload`.
+
+    The drive's other filters are switched off.
 
     Args:
         bench: The bench file.
         axis: Axis number.
-        verdict: NotchVerdict on the filters.
+        verdict: Verdict on the filters.
         f_al_hz: Peak of |G_al| without a filter.
 
     Raises:
@@ -327,7 +352,10 @@ def designed_axis(outcome: NotchDesignOutcome) -> DesignedAxis:
 
 
 def result_of(outcome: NotchDesignOutcome) -> NotchDesignResult:
-    """Result of a design for `design.json`: SI units, None for values without a bound."""
+    """Result of a design for `design.json`.
+
+    Values are in SI units; values without a bound are None.
+    """
     problem = outcome.problem
     return NotchDesignResult(
         bench=outcome.bench.name,

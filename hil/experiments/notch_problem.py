@@ -1,4 +1,7 @@
-"""The problem of a notch design, from a bench file and an identified model: plants, ramps, judged speeds."""
+"""Problem of a notch design.
+
+The module builds plants, ramps and judged speeds from a bench file and an identified model.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -39,7 +42,9 @@ LARGEST_ORDER = 8
 
 @dataclass(frozen=True)
 class TipDisplacement:
-    """Tip displacement of a simulated run, by the metric of measured ones (`hil.analysis`).
+    """Tip displacement of a simulated run.
+
+    The metric is that of measured runs (`hil.analysis`).
 
     Attributes:
         lever_m: Distance from the arm's axis to the tip.
@@ -84,7 +89,9 @@ class NotchDesignRequest:
 
 
 def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: IdentifiedAxis | None = None) -> tuple[NotchProblem, float]:
-    """Build the design problem of a request, and f_al in Hz; `arm_loops` has it on an arm.
+    """Build the design problem of a request, and f_al in Hz.
+
+    `arm_loops` adds the loop on an arm.
 
     Orders of the request that the axis does not reach within its speed limit are not among the problem's.
 
@@ -129,7 +136,10 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
 
 
 def _loads(table: AxisTable, axis_model: IdentifiedAxis | None) -> dict[str, Any]:
-    """Friction and gravity at the motor, from the model file where it knows them."""
+    """Friction and gravity at the motor.
+
+    They come from the model file if it has them, else they are fractions of the torque limit.
+    """
     plant = None if axis_model is None else axis_model.plant
     friction = FRICTION_FRACTION * table.limits.torque_nm
     gravity, is_known = GRAVITY_FRACTION * table.limits.torque_nm, False
@@ -150,25 +160,29 @@ def unreached_words(axis: int, orders: Sequence[int], f_al_hz: float, limit_rps:
         limit_rps: Speed limit of the axis.
     """
     meets = ", ".join(f"order {order} meets f_al = {f_al_hz:.2f} Hz at {f_al_hz / order:.2f} rev/s" for order in orders)
-    return f"axis {axis}: {meets}, beyond the reach of the speed limit of {limit_rps:g} rev/s: there is nothing to suppress"
+    return f"axis {axis}: {meets}, beyond its speed limit of {limit_rps:g} rev/s: there is nothing to suppress"
 
 
 def _check_orders(axis: int, orders: Sequence[int], amplitudes_arcsec: Mapping[float, float]) -> None:
-    """Refuse orders that no filter follows, or of which the error is not known."""
+    """Refuse orders without a filter or without a known error."""
     if len(set(orders)) > NOTCHES:
         raise NotPossibleError(f"{len(set(orders))} orders; an axis has {NOTCHES} filters")
     for order in orders:
         if not 1 <= order <= LARGEST_ORDER:
             raise NotPossibleError(f"no filter of order {order} follows the motor; those of order 1 to {LARGEST_ORDER} do")
         if not amplitudes_arcsec.get(order, 0.0) > 0.0:
-            raise NotPossibleError(f"axis {axis}: the transmission error of order {order} is not known: hil identify ate")
+            raise NotPossibleError(
+                f"axis {axis}: the transmission error of order {order} is not known; find it with hil identify ate"
+            )
 
 
 def _ramps(
     bench: Bench, request: NotchDesignRequest, plant: TwoInertia, f_al_hz: float, scale: TipScale, orders: Sequence[float],
     period_s: float,
 ) -> tuple[tuple[DesignRamp, ...], dict[float, tuple[float, float]]]:  # fmt: skip
-    """The user's own ramp, a slower and a faster one, and the windows of the orders that the first one reaches.
+    """Build the ramps, and the windows of the reached orders.
+
+    The ramps are the user's own, a slower and a faster one. The windows are those of orders that the user's own ramp reaches.
 
     All lead as far as f_al and the axis' speed limit let them, wherever the user's motion ends.
     """

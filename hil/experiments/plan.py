@@ -1,4 +1,7 @@
-"""Experiments, and the entries of `result.json` for their runs: metrics, comparisons and the paper's claims."""
+"""Experiments and their entries in `result.json`.
+
+The entries are metrics, comparisons and the paper's claims.
+"""
 
 import math
 from collections.abc import Sequence
@@ -57,7 +60,7 @@ class Experiment:
 
     @property
     def is_stop(self) -> bool:
-        """True if it is judged by what rings after the stop."""
+        """True if the ringing after the stop is judged."""
         return self.name == POINT_TO_POINT
 
     @property
@@ -69,16 +72,16 @@ class Experiment:
 
     @property
     def file_name(self) -> str:
-        """File name of its recording."""
+        """File name of the recording."""
         axis = f"-axis{self.axis}" if self.axis is not None else ""
         return f"{self.name}{axis}-{self.loop}-{self.treatment}.csv"
 
     def period_s(self, bench: Bench) -> float:
-        """SYNC period of its loop, s."""
+        """SYNC period of the loop, s."""
         return bench.bus.host_sync_period_s if self.loop == "host" else bench.bus.sync_period_s
 
     def motion(self, bench: Bench) -> Motion:
-        """Motion of the robot, from the bench file, as nothing has shaped it."""
+        """Motion of the robot from the bench file, without a shaper."""
         period = self.period_s(bench)
         if self.axis is not None and self.is_stop:
             return point_to_point(bench, self.axis, period)
@@ -87,7 +90,7 @@ class Experiment:
         return line_motion(bench, period)
 
     def bus_demand(self, motion: Motion) -> BusDemand:
-        """Demand of its motion on the bus."""
+        """Demand of the motion on the bus."""
         return BusDemand(
             self.title,
             motion.axes,
@@ -99,7 +102,11 @@ class Experiment:
 
 
 def demo_experiments(bench: Bench) -> list[Experiment]:
-    """Both axes and the line without, with the paper's notch and with cancellation; and axis 2 host-closed, as in the paper."""
+    """List the experiments of the demo.
+
+    These are axes 2 and 3 and the line, each without treatment, with the paper's notch and with cancellation; and axis 2
+    host-closed, without and with the notch, as in the paper.
+    """
     both: tuple[Literal["none"], Literal["notch"]] = ("none", "notch")
     axes = [number for number in (2, 3) if number in bench.axis]
     all_three: tuple[TreatmentName, ...] = (*both, "cancellation")
@@ -113,7 +120,7 @@ def demo_experiments(bench: Bench) -> list[Experiment]:
 
 @dataclass(frozen=True)
 class TrialVerdict:
-    """End of a treatment's trial, for the entries of the run that follows.
+    """Result of a treatment's trial, for the entries of its run.
 
     Attributes:
         trial: Runs of a cancellation's trial; None without one.
@@ -142,7 +149,9 @@ def entries(
     repeated: int = 1,
     judge: RunJudge | None = None,
 ) -> list[RunEntry]:
-    """Make the entries of one run: one per order's window, or one for the line motion.
+    """Make the entries of one run.
+
+    There is one per order's window, or one for the line motion.
 
     Args:
         bench: The bench file.
@@ -190,7 +199,10 @@ def entries(
 def _stop_entry(
     judge: RunJudge, experiment: Experiment, result: RunResult, recording: str, repeated: int, trial: TrialVerdict
 ) -> RunEntry:
-    """Entry of a point-to-point move: what rings after its stop; the arguments are those of `entries`."""
+    """Make the entry of a point-to-point move.
+
+    It judges what rings after the stop; the arguments are those of `entries`.
+    """
     axis = experiment.axis or 0
     found = judge.found(axis)
     stop = judged_stop(judge.bench, axis, result, found, judge.rates(axis))
@@ -215,7 +227,7 @@ def _stop_entry(
 def _entry(
     bench: Bench, experiment: Experiment, result: RunResult, found: FoundScale, order: int | None, window: JudgedWindow
 ) -> RunEntry:
-    """Entry of one window, with all that the run itself says."""
+    """Entry of one window, with the data of the run."""
     scale = found.scale
     return RunEntry(
         experiment=experiment.name,
@@ -247,12 +259,18 @@ def _entry(
 
 
 def timing_of(result: RunResult) -> RunTiming | None:
-    """Punctuality of a run's cycles as an entry of the result file; None in lock-step."""
+    """Timing of a run's cycles for the result file.
+
+    It is None in lock-step.
+    """
     return None if result.timing is None else RunTiming(dropped_cycles=result.dropped_cycles, **vars(result.timing))
 
 
 def comparisons(runs: Sequence[RunEntry]) -> list[TreatmentComparison]:
-    """Compare each treatment with none, in every pair that was run; a ramp by the window that speaks for it."""
+    """Compare each treatment with none, in every pair of runs.
+
+    Of a ramp the leading window is compared.
+    """
     pairs = []
     leads = leading(runs)
     for run in leads:
@@ -303,7 +321,9 @@ def _claim(claim: str, source: str, paper: Number, bench: Number, unit: str, hol
 
 
 def claims(bench: Bench, runs: Sequence[RunEntry], pairs: Sequence[TreatmentComparison]) -> list[PaperClaim]:
-    """Claims of the paper beside the numbers of its robot, as far as the runs concern them.
+    """Check the paper's claims that the runs concern.
+
+    Each claim has the paper's number beside that of its robot here.
 
     Args:
         bench: The bench file of the paper's robot.
@@ -314,12 +334,18 @@ def claims(bench: Bench, runs: Sequence[RunEntry], pairs: Sequence[TreatmentComp
 
 
 def outside(runs: Sequence[RunEntry]) -> list[RunEntry]:
-    """Runs with a treatment that is meant to keep the specification, and did not; each ramp by the window that speaks for it."""
+    """Runs with a remedy that do not keep the specification.
+
+    Of a ramp the leading window decides.
+    """
     return [run for run in leading(runs) if run.treatment in REMEDIES and run.within_spec is False]
 
 
 def _design_claims(bench: Bench) -> list[PaperClaim]:
-    """Section 3.1, Table 1, section 4.2: computed from the bench file's model, as the paper computed them."""
+    """Check the claims of section 3.1, Table 1 and section 4.2.
+
+    The numbers are computed from the bench file's model, as the paper computed them.
+    """
     rows = []
     for axis, (f_al, f_m2, f_m4) in TABLE_1.items():
         table = bench.axis.get(axis)

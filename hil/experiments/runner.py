@@ -1,4 +1,7 @@
-"""Runs of experiments on a bench, one after the other: recordings, the bus log and `result.json`."""
+"""Runs of experiments on a bench, one after the other.
+
+They leave recordings, the bus log and `result.json`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +39,7 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
 
     @property
     def stopped(self) -> SafetyStopError | None:
-        """The stop that ended them early, or None."""
+        """Stop that ended the runs early, or None."""
         return self.failure if isinstance(self.failure, SafetyStopError) else None
 
     @property
@@ -46,12 +49,18 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
 
     @property
     def unjudged(self) -> bool:
-        """True if a run, or an order that its axis can reach within its limits, was not judged."""
+        """True if a run or a reachable order was not judged.
+
+        An order is reachable if its axis meets it within its limits.
+        """
         return any(run.invalid is not None or run.unjudged_orders for run in self.result.runs)
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on treatments, what cancellations leave, f_al's source, models that a run contradicts, orders not judged."""
+        """Sentences on treatments, cancellations, models and unjudged orders.
+
+        They tell what cancellations leave, where f_al comes from, and which models a run contradicts.
+        """
         on_arm = [arm_remark(self.result.bench.file, run.treatment) for run in self.result.runs]
         sentences = [remark for remark in on_arm if remark is not None]
         for run in self.result.runs:
@@ -98,7 +107,9 @@ def run_experiments(
     channel: Channel | None = None,
     reporter: Reporter = SILENT,
 ) -> ExperimentsOutcome:
-    """Run experiments on one bus; once a run has been recorded, its files and `result.json` are written, also after a failure.
+    """Run experiments on one bus.
+
+    Once a run has been recorded, its files and `result.json` are written, also after a failure.
 
     Args:
         bench: The bench file.
@@ -149,7 +160,7 @@ def run_experiments(
 
 
 def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
-    """The bench with all that was identified of it.
+    """Add the identified models to a bench.
 
     Raises:
         ValueError: It is to be the paper's robot, and is not.
@@ -168,7 +179,7 @@ def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
 def _set_up(
     bench: Bench, experiments: Sequence[Experiment], knowledge: Knowledge
 ) -> tuple[list[TreatmentSetup], list[tuple[Motion, ShaperEntry | None]]]:
-    """Set-up of each run, and its motion with the shaper that has shaped it.
+    """Set up each run, and its motion with its shaper.
 
     Raises:
         NotPossibleError: A treatment lacks its file, or has no meaning there.
@@ -183,7 +194,9 @@ def _set_up(
 
 
 class _ExperimentRuns:
-    """Runs of one experiment with its treatment: after a trial, where it cancels.
+    """Runs of one experiment with its treatment.
+
+    A cancellation or a designed filter has a trial first.
 
     Attributes:
         results: Results of the runs; where one was stopped, that one alone.
@@ -207,7 +220,10 @@ class _ExperimentRuns:
         self.count = 0
 
     def perform(self, repeat: int) -> None:
-        """Make the trial, then run the motion `repeat` times, up to the first run that is stopped."""
+        """Make the trial, then run the motion `repeat` times.
+
+        The first run that is stopped is the last.
+        """
         self._session.check_interrupt()
         self._session.adopt(self._setup.bench)
         self._try()
@@ -223,7 +239,7 @@ class _ExperimentRuns:
             self._session.check_interrupt()
 
     def _try(self) -> None:
-        """Try the cancellation of the treatment; where its trial refuses it, the runs are made without."""
+        """Try the treatment; if refused, run without it."""
         session, setup, motion = self._session, self._setup, self._motion
         if setup.is_cancelled:
             with_notch = setup.filters == "notch"
@@ -249,7 +265,10 @@ class _ExperimentRuns:
             self._try_filters()
 
     def _try_following(self, following: FollowingSetUp) -> None:
-        """Try what follows beside what has passed; where the tip is louder with it, the cancellation alone is used."""
+        """Try a cancellation that follows beside the one that has passed.
+
+        If the tip is louder with it, the cancellation alone is used.
+        """
         cancellation = following.cancellation
 
         def run(follows: bool) -> FollowRun:
@@ -269,7 +288,10 @@ class _ExperimentRuns:
         self.trial = replace(self.trial, following=entry)
 
     def _try_filters(self) -> None:
-        """Try designed filters; where they raise the tip's peak, the runs are made without. An axis without f_al is not tried."""
+        """Try designed filters.
+
+        If they raise the tip's peak, the runs are made without them. An axis without f_al has no trial.
+        """
 
         def run(acts: bool) -> Recording:
             self._session.check_interrupt()
@@ -335,7 +357,10 @@ def _enter(
 
 
 def _keep(measurement: Measurement[ExperimentsResult], results: list[RunResult], file_name: str) -> tuple[RunResult, str]:
-    """Save the runs of one motion, of several each beside their mean; return the result that is judged, and its path."""
+    """Save the runs of one motion, and choose the judged result.
+
+    Several runs are saved beside their mean, which is judged. Returns the result and the path of its recording.
+    """
     stem = Path(file_name).stem
     result = results[0] if len(results) == 1 else mean_of(results)
     for number, each in enumerate(results if len(results) > 1 else (), start=1):
@@ -344,7 +369,10 @@ def _keep(measurement: Measurement[ExperimentsResult], results: list[RunResult],
 
 
 def mean_of(results: list[RunResult]) -> RunResult:
-    """Result of several runs of the same motion: the mean of the recordings, and the largest count of each fault."""
+    """Average several runs of the same motion.
+
+    The recordings are averaged; of each count of faults the largest counts.
+    """
     return replace(
         results[-1],
         recording=averaged([result.recording for result in results]),
@@ -366,7 +394,7 @@ def check_bands(bench: Bench, experiments: Sequence[Experiment], motions: Sequen
 
 
 def check_band(bench: Bench, experiment: Experiment, motion: Motion) -> None:
-    """Refuse a SYNC period at which the vibration could not be judged afterwards.
+    """Refuse a SYNC period that is too long to judge vibration.
 
     Raises:
         NotPossibleError: The period is too long.

@@ -1,4 +1,7 @@
-"""Input shapers of a run: fitted to the modes that ring while the loops hold the motors, and what they cost."""
+"""Input shapers of a run, and their cost.
+
+A shaper is fitted to the modes that ring while the loops hold the motors.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +30,7 @@ def rates_of(bench: Bench, axis: int, identified: Identified | None) -> Complex:
     """Rates of an axis whose loop holds the motor; see `closed_loop_rates`.
 
     Raises:
-        NotPossibleError: Nobody knows its plant or its gains.
+        NotPossibleError: The plant or the gains of the axis are not known.
     """
     loop = bench.axis[axis].loop(CONTROL_PERIOD_S, with_notch=False)
     if loop is None:
@@ -43,7 +46,7 @@ def rates_of(bench: Bench, axis: int, identified: Identified | None) -> Complex:
 
 @dataclass(frozen=True)
 class FittedShaper:
-    """A shaper that is fitted to a robot.
+    """Shaper that is fitted to a robot.
 
     Attributes:
         name: Its name.
@@ -58,17 +61,20 @@ class FittedShaper:
     left: tuple[SwingingMode, ...] = ()
 
     def shaped(self, motion: Motion) -> Motion:
-        """The motion with its set-points shaped; longer by the shaper's duration."""
+        """Shape the set-points of a motion, which adds the shaper's duration."""
         rows = self.shaper.shaped(motion.motor_angle_rad, motion.period_s)
         times = motion.time_s[0] + (motion.time_s[1] - motion.time_s[0]) * np.arange(len(rows), dtype=np.float64)
         return replace(motion, time_s=times, motor_angle_rad=rows)
 
     def remaining(self, factor: float) -> float:
-        """Largest remaining vibration of its modes where all their frequencies are so many times what was believed."""
+        """Largest remaining vibration if the frequencies are off by a factor.
+
+        All frequencies are `factor` times the believed ones.
+        """
         return max(float(self.shaper.remaining(factor * mode.frequency_hz, mode.damping)) for mode in self.modes)
 
     def entry(self, path_error_mm: float | None) -> ShaperEntry:
-        """The shaper as an entry of the result file."""
+        """Entry of the shaper for the result file."""
         return ShaperEntry(
             name=self.name,
             modes=tuple(ShapedMode(frequency_hz=mode.frequency_hz, damping=mode.damping) for mode in self.modes),
@@ -85,7 +91,9 @@ class FittedShaper:
 
 
 def fitted_shaper(name: ShaperName, bench: Bench, axes: Sequence[int], identified: Identified | None) -> FittedShaper:
-    """A shaper for the modes of the axes that move, from the lowest; what takes a lower one away may take a higher one along.
+    """Fit a shaper to the modes of the axes that move.
+
+    The modes count from the lowest; a shaper for a lower one may remove a higher one too.
 
     Args:
         name: Name of the shaper.
@@ -116,7 +124,7 @@ def _leaves(made: Shaper, mode: SwingingMode) -> bool:
 
 
 def shaper_of(bench: Bench, name: str, axes: Sequence[int], identified: Identified | None) -> FittedShaper | None:
-    """The shaper of a treatment, fitted to the axes that move; None for a treatment without one.
+    """Shaper of a treatment, fitted to the moving axes, or None.
 
     Args:
         bench: The bench file, with identified models where there are any.
@@ -132,7 +140,9 @@ def shaper_of(bench: Bench, name: str, axes: Sequence[int], identified: Identifi
 
 
 def shaped_motion(bench: Bench, name: str, motion: Motion, identified: Identified | None) -> tuple[Motion, ShaperEntry | None]:
-    """The motion with a treatment's shaper, and what that is and costs; as it is where the treatment has none.
+    """Shape a motion by a treatment, with the shaper's entry.
+
+    A treatment without a shaper leaves the motion as it is, and has no entry.
 
     Args:
         bench: The bench file, with identified models where there are any.
@@ -151,7 +161,7 @@ def shaped_motion(bench: Bench, name: str, motion: Motion, identified: Identifie
 
 
 def check_stop(is_stop: bool, name: str, loop: LoopName) -> None:
-    """Refuse what has no meaning for a stop.
+    """Refuse a treatment or loop that cannot act on a stop.
 
     Raises:
         NotPossibleError: The treatment acts on a motor that turns, or the host closes the loop.
@@ -160,15 +170,17 @@ def check_stop(is_stop: bool, name: str, loop: LoopName) -> None:
         return
     if name != "none" and treatment(name).shaper is None:
         raise NotPossibleError(
-            f"{name} acts while a motor turns; after a stop the arm rings all the same, which is a shaper's to prevent, "
-            "alone or beside a cancellation (cancellation+shaper-ei)"
+            f"{name} acts only while a motor turns, and the arm rings after the stop; choose a shaper, alone or "
+            "beside a cancellation (cancellation+shaper-ei)"
         )
     if loop == "host":
-        raise NotPossibleError("a point-to-point move is judged where the drives close the loop (--loop drive)")
+        raise NotPossibleError("a point-to-point move is judged only with loops that the drives close; choose --loop drive")
 
 
 def path_error_mm(bench: Bench, motion: Motion, shaped: Motion) -> float | None:
-    """Largest distance of a shaped line's tip from the path without; None if a single axis moves, whose path is its own.
+    """Largest distance of a shaped line from the path without shaper.
+
+    It is in mm at the tip; None if a single axis moves, whose path stays the same.
 
     A mean of earlier points of a curved path in the joints lies inside the curve.
     """
@@ -185,7 +197,10 @@ def path_error_mm(bench: Bench, motion: Motion, shaped: Motion) -> float | None:
 
 
 def tip_m(bench: Bench, motion: Motion) -> Real:
-    """Places of the tip on a line motion's set-points; shape (n, 2) of a planar chain, (n, 3) of an arm."""
+    """Positions of the tip on a line motion's set-points.
+
+    Shape (n, 2) for a planar chain, (n, 3) for an arm.
+    """
     ratios = np.array([bench.axis[axis].reduction_ratio for axis in motion.axes])
     turned = motion.motor_angle_rad / ratios
     if bench.arm is not None:

@@ -1,4 +1,7 @@
-"""Set-up of a treatment in a run: the bench file and the switches, from the knowledge of the robot."""
+"""Set-up of a treatment in a run.
+
+The module builds the bench and the switches of a run from the knowledge of the robot.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -30,26 +33,29 @@ HOST_CLOSED: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if
 
 
 NO_FOLLOWING_ON_ARM = (
-    "cancellation-following reads one direction of the tip with a lever for each axis, and on a bench with an arm the tip is a "
-    "vector: choose --treatment cancellation, or learn on the line anew (hil learn --motion line-motion)"
+    "cancellation-following reads one direction of the tip with a lever for each axis, but on a bench with an "
+    "arm the tip is a vector; choose --treatment cancellation, or learn on the line anew (hil learn --motion "
+    "line-motion)"
 )
 
 NO_FOLLOWING_BY_ENCODERS = (
-    "cancellation-following takes the encoder of a joint in place of an accelerometer where that axis moves alone: choose "
-    "--treatment cancellation, or an accelerometer for a motion of several axes"
+    "cancellation-following can replace the accelerometer by a joint's encoder only if that axis moves alone; "
+    "choose --treatment cancellation, or take an accelerometer for a motion of several axes"
 )
 
 
 def arm_remark(bench: Bench, name: str) -> str | None:
-    """Why a treatment leaves more on an arm than its cancellation alone would; None if it does not, or there is no arm.
+    """Remark on a treatment that is worse than cancellation on an arm.
+
+    It is None if there is no arm, or if the treatment does not combine filters with a cancellation.
 
     The reference arm's line is left at 0.012 mm by both, at 0.009 mm by the cancellation alone.
     """
     if bench.arm is None or not treatment(name).is_combined:
         return None
     return (
-        f"{name}: on an arm the filters beside a cancellation leave more than the cancellation alone: they open the loops, and "
-        "the torques with which other axes react move the motors; --treatment cancellation is the better one"
+        f"{name}: on an arm the filters beside a cancellation leave more vibration than the cancellation alone, "
+        "since they open the loops to the torques of the other axes; choose --treatment cancellation"
     )
 
 
@@ -113,7 +119,7 @@ class TreatmentSetup:
         cancel_with: Model of the cancellation; None for the bench file's.
         fixed: Filters that do not follow the speed, by axis; host-closed only.
         shows_filter: True if the drives report their filters' state; it takes room on the bus.
-        follows: True if the cancellation follows what is left of the vibration.
+        follows: True if the cancellation follows the remaining vibration.
     """
 
     bench: Bench
@@ -171,27 +177,32 @@ def _check_loop(row: Treatment, loop: str) -> None:
     if loop in row.loops:
         return
     if row.shaper is not None:
-        raise NotPossibleError(f"{row.name}: a shaper is fitted to the loop that the drives close (--loop drive)")
+        raise NotPossibleError(f"{row.name} needs loops that the drives close, to which a shaper is fitted; choose --loop drive")
     if row.cancels:
-        raise NotPossibleError(f"{row.name}: cancellation acts where the drives close the loop (--loop drive)")
-    raise NotPossibleError(f"{row.name}: the drives' own filters follow the speed; this one acts with --loop host")
+        raise NotPossibleError(f"{row.name}: a cancellation needs loops that the drives close; choose --loop drive")
+    raise NotPossibleError(f"{row.name} acts in the loop that the host closes; choose --loop host")
 
 
 def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
-    """Model of a cancellation; None for the bench file's, or without a cancellation.
+    """Model of a cancellation, or None for the bench file's.
+
+    It is None without a cancellation too.
 
     Raises:
         NotPossibleError: It needs a learnt model, and there is none.
     """
     if row.needs == "learnt" and knowledge.learnt is None:
-        raise NotPossibleError(f"{row.name} needs what has been learnt: --learnt learnt.toml, from hil learn")
+        raise NotPossibleError(f"{row.name} needs what has been learnt; give --learnt learnt.toml, from hil learn")
     if not row.cancels:
         return None
     return knowledge.learnt if row.needs == "learnt" else knowledge.identified
 
 
 def with_scaled_gains(bench: Bench, factor: float) -> Bench:
-    """Return the bench with all gains multiplied by a factor; the low-pass filters stay."""
+    """Multiply all gains of a bench by a factor.
+
+    The low-pass filters stay.
+    """
     axes = {}
     for number, table in bench.axis.items():
         control = table.gains(f"axis {number} with lower gains")
@@ -201,7 +212,9 @@ def with_scaled_gains(bench: Bench, factor: float) -> Bench:
 
 
 def fixed_filters(bench: Bench, knowledge: Knowledge, period_s: float) -> dict[int, FixedFilter]:
-    """Fixed filters by axis: the notch of each axis with a model, held at the peak of |G_al| at every speed.
+    """Fixed filters by axis.
+
+    The notch of each axis with a model is held at the peak of |G_al|, at every speed.
 
     Raises:
         NotPossibleError: No axis has a notch and a model.
@@ -215,5 +228,5 @@ def fixed_filters(bench: Bench, knowledge: Knowledge, period_s: float) -> dict[i
         notch, peak = table.notch[0], loop.peak_hz()
         filters[number] = FixedFilter(*notch_coefficients(peak, peak + notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, period_s))
     if not filters:
-        raise NotPossibleError("fixed-notch needs an axis with a notch and a model (hil identify plant)")
+        raise NotPossibleError("fixed-notch needs an axis with a notch and a model; identify it with hil identify plant")
     return filters

@@ -1,4 +1,7 @@
-"""One window of a run: its metrics and the verdict on it, or the reason why there is none."""
+"""Metrics of one window of a run, and the verdict on it.
+
+A window without a verdict has the reason.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -56,7 +59,9 @@ class JudgedWindow:
 
 
 def judged_window(bench: Bench, axis: int | None, result: RunResult, order: int | None, found: FoundScale) -> JudgedWindow:
-    """Metrics and verdict of one window; a window that cannot be judged has the reason, and is never within the limits.
+    """Compute metrics and verdict of one window.
+
+    A window that cannot be judged has the reason, and is never within the limits.
 
     Args:
         bench: The bench file.
@@ -82,14 +87,19 @@ def judged_window(bench: Bench, axis: int | None, result: RunResult, order: int 
 
 @dataclass(frozen=True)
 class JudgedStop:
-    """What rings after a stop, and the verdict on it; without a ring-down there is none."""
+    """Ringing after a stop, and the verdict on it.
+
+    Without a ring-down there is no verdict.
+    """
 
     window: JudgedWindow
     ringing: RingDown | None = None
 
 
 def judged_stop(bench: Bench, axis: int, result: RunResult, found: FoundScale, rates: Complex) -> JudgedStop:
-    """Verdict on a stop: by the displacement of the tip with which the arm rings where the set-points stand still.
+    """Judge a stop by the ringing of the tip.
+
+    The ringing is the tip's displacement from the instant at which the set-points stop.
 
     Args:
         bench: The bench file.
@@ -120,7 +130,9 @@ def judged_stop(bench: Bench, axis: int, result: RunResult, found: FoundScale, r
 
 
 def stop_row(recording: Recording, axis: int) -> int:
-    """The row of a recording at which an axis' set-points have come to rest: the drive reaches a set-point one cycle later.
+    """Row of a recording at which an axis has come to rest.
+
+    The drive reaches the last set-point one cycle after it is sent.
 
     Raises:
         ValueError: They move up to the end, or not at all.
@@ -128,22 +140,22 @@ def stop_row(recording: Recording, axis: int) -> int:
     reference = recording.axis(axis, "reference_rad")
     moving = np.flatnonzero(reference != reference[-1])
     if not len(moving) or moving[-1] + 2 >= len(reference):
-        raise ValueError("the set-points do not come to rest: nothing is seen after a stop")
+        raise ValueError("the set-points do not come to rest, so a stop cannot be judged")
     return int(moving[-1]) + 2
 
 
 def _verdict(metrics: Metrics, peak_mm: float, limit_mm: float, found: FoundScale) -> JudgedWindow:
-    """The verdict, unless it would hang on the error of f_al or on the sensor's noise."""
+    """Judge a peak, unless f_al or noise leaves it open."""
     if peak_mm <= limit_mm < peak_mm * found.most_factor:
         reason = (
-            f"the tip's peak of {peak_mm:.4f} mm keeps ±{limit_mm:g} mm, but as {found.remark or found.words} it may be up to "
-            f"{peak_mm * found.most_factor:.4f} mm"
+            f"the tip's peak of {peak_mm:.4f} mm is within ±{limit_mm:g} mm, but may be up to "
+            f"{peak_mm * found.most_factor:.4f} mm, since f_al is uncertain: {found.remark or found.words}"
         )
         return JudgedWindow(metrics, invalid=reason)
     if peak_mm > limit_mm and metrics.is_noise:
         reason = (
-            f"the tip's peak of {peak_mm:.4f} mm is not told apart from the sensor's noise, which alone shows up to "
-            f"{metrics.noise_mm:.4f} mm: --repeat runs it several times and judges the mean"
+            f"the tip's peak of {peak_mm:.4f} mm may be the sensor's noise, which alone shows up to "
+            f"{metrics.noise_mm:.4f} mm; repeat the run with --repeat, which judges the mean"
         )
         return JudgedWindow(metrics, invalid=reason)
     return JudgedWindow(metrics, is_within=bool(peak_mm <= limit_mm))
@@ -158,14 +170,17 @@ def _check_cycles(bench: Bench, result: RunResult) -> None:
     if result.timing is not None and result.dropped_cycles + result.missed_cycles > MAX_LATE * result.cycles:
         raise ValueError(
             f"of {result.cycles} cycles {result.dropped_cycles} were not sent in time and {result.missed_cycles} "
-            f"lack an answer, more than {100.0 * MAX_LATE:g} %; docs/realtime.md"
+            f"lack an answer, more than {100.0 * MAX_LATE:g} %; see docs/realtime.md"
         )
     if result.sensor_missed > MAX_SENSOR_MISSED * result.cycles:
-        raise ValueError(f"the {bench.accelerometer.title} was missing in {result.sensor_missed} of {result.cycles} cycles")
+        raise ValueError(
+            f"the {bench.accelerometer.title} was missing in {result.sensor_missed} of {result.cycles} cycles; at "
+            f"most {100.0 * MAX_SENSOR_MISSED:g} % may lack it"
+        )
 
 
 def check_range(bench: Bench, recording: Recording) -> None:
-    """Refuse a recording in which the accelerometer was at the end of its range, or is not believed.
+    """Refuse a recording with a saturated or doubtful accelerometer.
 
     Raises:
         ValueError: It was, or is not; the message has the number of samples, or the reason.
@@ -180,7 +195,7 @@ def check_range(bench: Bench, recording: Recording) -> None:
         count = int(np.count_nonzero(values >= AT_RANGE * limit))
         if count:
             raise ValueError(
-                f"the accelerometer was at the end of its range of {limit:g} m/s² in {count} samples of {name}: "
+                f"the accelerometer was at the end of its range of {limit:g} m/s² in {count} samples of {name}; "
                 "move more slowly, or take one with a wider range"
             )
 
@@ -193,7 +208,10 @@ def _metrics(bench: Bench, axis: int | None, recording: Recording, order: int | 
 def _with_vector(
     bench: Bench, metrics: Metrics, recording: Recording, axis: int | None, order: int | None, scale: TipScale | None
 ) -> Metrics:
-    """Metrics of the tip as a vector: those of the worst direction, and those of all beside them."""
+    """Metrics of the tip as a vector.
+
+    They are those of the worst direction; those of all directions are kept beside them.
+    """
     acceleration, period = tip_acceleration(recording), recording.period_s
     judged = moving = np.ones(len(acceleration), dtype=np.bool_)
     line = bench.line_motion
@@ -229,9 +247,11 @@ def _one_direction(bench: Bench, axis: int | None, recording: Recording, order: 
 
 
 def _with_order_and_noise(metrics: Metrics, recording: Recording, axis: int, order: int, scale: TipScale) -> Metrics:
-    """Metrics with an order's amplitude where it is largest in its window, its standard error, and the peak of noise alone.
+    """Add an order's largest amplitude and the peak of noise.
 
-    No amplitude where the motor makes too few turns in the window for an order to be told from its neighbours.
+    The amplitude has its standard error.
+
+    There is no amplitude if the motor makes too few turns in the window to separate the order from its neighbours.
     """
     tip, to_mm = recording.felt_m_s2, 1e3 / (2.0 * math.pi * scale.f_al_hz) ** 2
     passed = min(1.0, 2.0 * recording.period_s * (scale.band_hz[1] - scale.band_hz[0]))
@@ -253,7 +273,9 @@ def _with_order_and_noise(metrics: Metrics, recording: Recording, axis: int, ord
 
 
 def noise_variance(values: Real) -> float:
-    """Variance of the white noise of a sensor, from the median of its spectrum's upper half, above all that the motor drives.
+    """Variance of a sensor's white noise.
+
+    It comes from the median of the spectrum's upper half, above all that the motor excites.
 
     Args:
         values: Samples; shape (n,).

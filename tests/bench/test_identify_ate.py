@@ -181,7 +181,7 @@ def test_another_axis_moves(reference_bench: Bench, reference_robot: Robot) -> N
     # the drive at axis 2's place is that of axis 3
     wrong = bench.axis[3].model_copy(update={"reduction_ratio": 120.0, "tip_lever_m": 0.7})
     bench = bench.model_copy(update={"axis": {2: wrong, 5: bench.axis[5]}})
-    with pytest.raises(AteNotIdentifiedError, match=r"is this the axis that moved, and .* factor is 0\.6"):
+    with pytest.raises(AteNotIdentifiedError, match=r"check that this is the axis that moved.* factor is 0\.6"):
         identified(bench, noisy(reference_robot, 0.002, 1), AteRequest(2))
 
 

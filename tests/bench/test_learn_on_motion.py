@@ -119,7 +119,11 @@ def test_a_probe_beyond_a_limit_is_refused_with_what_to_do(tmp_path: Path) -> No
     ("pace", "error", "words"),
     [
         (0.5, LineError, "duration_s"),
-        (0.78, UnsafeRequestError, r"needs the rest of its limit: --pace 0\.8\d"),  # it can be followed, but without any room
+        (
+            0.78,
+            UnsafeRequestError,
+            r"needs the rest of the limit; choose --pace 0\.8\d",
+        ),  # it can be followed, but without any room
     ],
 )
 def test_a_pace_without_room_is_refused_before_anything_moves(

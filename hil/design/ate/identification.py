@@ -1,4 +1,6 @@
-"""The transmission error from ramps in both directions, with the arm, the sensor's delay and the confidence in each.
+"""Transmission error, arm and sensor delay from ramps in both directions.
+
+Every value has a standard error.
 
 The model is that of `hil.design.transmission_error`, seen by a sensor that lags the motor angle by Δ,
 
@@ -54,7 +56,7 @@ BAND = (0.5, 2.1)
 
 @dataclass(frozen=True)
 class Agreement:
-    """One number as either direction alone gives it, at the arm and delay of both together.
+    """Value from each direction alone, with arm and delay of both.
 
     Attributes:
         name: `a2_arcsec`, `phi2_deg` …
@@ -101,7 +103,7 @@ class JointEstimate:
         band_hz: Pass band of the fit.
         own_arms: Arms of those orders whose vibration showed another resonance than the strongest order's: a gear that is softer,
             or stiffer, for a small vibration than for a large one.
-        misfit: What is left beside noise, over the part of each order, by order.
+        misfit: Residual above the noise over the part of each order, by order.
         is_spring: False if the gear bends the strongest order visibly (hysteresis, a soft wind-up), or the directions differ
             by more than noise.
         structured: Fraction of the signal without the motor's own motion that neither θ_sync nor noise explains.
@@ -127,7 +129,10 @@ class JointEstimate:
 
     @property
     def is_bent(self) -> bool:
-        """Whether the gear bends the strongest order by itself, whatever the directions say of each other."""
+        """True if the gear itself bends the strongest order.
+
+        Differences between the directions do not count here.
+        """
         strongest = max(self.error.amplitude_arcsec, key=lambda order: self.error.amplitude_arcsec[order])
         return BEND * self.misfit.get(strongest, 0.0) >= APART_FROM
 
@@ -141,7 +146,9 @@ def identify(
     *,
     is_near: bool = False,
 ) -> JointEstimate:
-    """A_k and φ_k, the arm and the sensor's delay from ramps in both directions.
+    """Estimate A_k, φ_k, arm and sensor delay from ramps.
+
+    The ramps are in both directions.
 
     Args:
         sweeps: Recordings with at least one ramp in each direction, through the resonance with every order.
@@ -206,7 +213,10 @@ def _model_around(
 def _search(
     sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, orders: tuple[float, ...], start: Arm | None
 ) -> Arm:
-    """The arm and the delay over a grid, the directions apart; then the delay more finely, the directions together."""
+    """Search arm and delay over a grid.
+
+    Each direction is fitted alone at first; then the delay is searched more finely with the directions together.
+    """
     top = 0.3 / max(sweep.period_s for sweep in sweeps)
     low, high = SEARCH_HZ[0], min(SEARCH_HZ[1], top)
     model = RampsModel(sweeps, reduction_ratio, sensing, orders, (0.8 * low, min(1.2 * high, 1.2 * top)))
@@ -231,7 +241,10 @@ def _search(
 
 
 def _least_apart(model: RampsModel, arms: Sequence[Arm], delays_s: Real) -> Arm:
-    """The arm and the delay that leave least where either direction has its own error."""
+    """Choose arm and delay with the least residual, directions apart.
+
+    Each direction has a transmission error of its own.
+    """
     delays = [float(delay) for delay in delays_s]
     powers = np.array([model.powers_apart(arm, delays) for arm in arms])
     row, column = divmod(int(np.argmin(powers)), len(delays))
@@ -241,7 +254,7 @@ def _least_apart(model: RampsModel, arms: Sequence[Arm], delays_s: Real) -> Arm:
 def _moved(
     model: RampsModel, before: tuple[Arm, Mapping[float, Arm]], after: tuple[Arm, Mapping[float, Arm]]
 ) -> dict[float, float]:
-    """How far the unknowns of each order, as a fraction of them, went with the arms."""
+    """Relative change of each order's unknowns when the arms change."""
     first, second = (model.solve(*arms)[0].reshape(-1, 2) for arms in (before, after))
     return {
         order: float(np.linalg.norm(second[row] - first[row]) / max(float(np.linalg.norm(second[row])), 1e-30))
@@ -252,7 +265,10 @@ def _moved(
 def _estimate(
     model: RampsModel, arm: Arm, own: Mapping[float, Arm], factor: tuple[float, float], moved: Mapping[float, float]
 ) -> JointEstimate:
-    """The unknowns as amplitudes and phases, with errors from the Jacobian of all unknowns."""
+    """Convert the unknowns to amplitudes and phases, with errors.
+
+    The errors come from the Jacobian of all unknowns.
+    """
     unknowns, left = model.solve(arm, own)
     motion, matrix = model.columns(arm, own)
     jacobian = np.column_stack([matrix, *slopes_by_arms(model, arm, own, unknowns)])
@@ -298,7 +314,9 @@ def _estimate(
 
 
 def _borrowed(order: float, amplitude: Mapping[float, float], arm: Arm, own: Mapping[float, Arm]) -> float:
-    """Relative error of an amplitude too small for an arm of its own, on a gear that gives others one: theirs differ by as much.
+    """Relative error of an amplitude too small for its own arm.
+
+    If other orders have arms of their own, this order's arm may differ by as much.
 
     The amplitude is in proportion to ζ of the arm that it is fitted with, which is that of the strongest order.
     """

@@ -1,7 +1,9 @@
-"""What a fit leaves that is not noise: a gear that is no spring leaves it where the arm resonates, noise is left everywhere.
+"""Part of a fit's residual that is not noise.
+
+A gear that is no spring leaves such a part where the arm resonates; noise is everywhere.
 
 The level of the noise is read in the quiet parts of the residual, block by block. What is above it is misfit. How far it can bend
-an order's amplitude and phase follows from where it lies: what is left while the order itself is large counts against it.
+an order's amplitude and phase follows from where it lies: a residual while the order itself is large counts against it.
 """
 
 import math
@@ -49,7 +51,9 @@ def noise_power(powers: Real, freedom: float) -> float:
 
 
 def misfit(residual: Sequence[Real], part: Sequence[Real], whole: Sequence[Real], length: int, freedom: float) -> float:
-    """Size of what is left beside noise, over the size of one order's part of the signal, at the instants at which that is large.
+    """Misfit of one order: residual beside noise over the order's part.
+
+    Both are weighted towards the instants at which the order's part is large.
 
     Args:
         residual: What the fit leaves, by recording; each of shape (n,).
@@ -68,11 +72,11 @@ def misfit(residual: Sequence[Real], part: Sequence[Real], whole: Sequence[Real]
 
 
 def structured_power(residual: Sequence[Real], length: int, freedom: float) -> float:
-    """Mean power of what is left beside noise, of all recordings."""
+    """Mean power of the residual above the noise, over all recordings."""
     return float(np.mean(np.concatenate([_above_noise(each, length, freedom) for each in residual])))
 
 
 def _above_noise(residual: Real, length: int, freedom: float) -> Real:
-    """Power of what a recording leaves beside noise; shape (blocks,)."""
+    """Power of the residual above the noise; shape (blocks,)."""
     left = block_powers(residual, length)
     return np.maximum(0.0, left - CHANCE * noise_power(left, freedom))

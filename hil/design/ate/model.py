@@ -1,4 +1,6 @@
-"""The model of ramps with a transmission error, as a sensor sees them that lags the motor angle; see `identification`.
+"""Model of ramps with a transmission error, as a sensor sees them.
+
+The sensor lags the motor angle; see `identification`.
 
 For given ω, ζ and Δ it is linear in A_k cos φ_k and A_k sin φ_k: `SweepModel` and `RampsModel` give its columns.
 """
@@ -55,7 +57,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Sensing:
-    """The kind of signal that the ramps hold.
+    """Kind of signal in the ramps.
 
     Attributes:
         gain: g: the tip lever in m, or J_l/N in kg·m² for the motor torque.
@@ -73,7 +75,9 @@ class Sensing:
 
 @dataclass(frozen=True)
 class OtherMode:
-    """A mode of a coupled arm beside the one that is fitted, as its plant has it.
+    """Mode of a coupled arm beside the one that is fitted.
+
+    Its values are those of the plant.
 
     Attributes:
         resonance_hz: Its frequency, with the motor held.
@@ -88,7 +92,7 @@ class OtherMode:
 
 @dataclass(frozen=True)
 class Arm:
-    """The arm on its gear and the sensor's delay.
+    """Arm on its gear, with the sensor's delay.
 
     Attributes:
         resonance_hz: Resonance ω/2π.
@@ -120,7 +124,10 @@ class Arm:
         return np.asarray(made * np.exp(-2j * math.pi * frequency_hz * self.delay_s) if self.delay_s else made)
 
     def _follows(self, over_resonance: Real, damping: float) -> Complex:
-        """Motion of a mode on a moving base, by frequency over its own."""
+        """Motion of a mode on a moving base.
+
+        It is a function of the frequency over the mode's own.
+        """
         x = over_resonance
         return np.asarray((1.0 + 2j * self.gear_fraction * damping * x) / (1.0 + 2j * damping * x - x**2))
 
@@ -133,7 +140,9 @@ _Arms = tuple[Arm, Mapping[float, Arm]]
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise of a signal: the sensor's, and what an encoder's rounding becomes behind an arm.
+    """Noise of a signal, from sensor and encoder rounding.
+
+    The rounding passes through the arm.
 
     Attributes:
         arm: The arm.
@@ -144,12 +153,18 @@ class Noise:
     sensor_variance: float
 
     def seen_with(self, weight: float) -> "Noise":
-        """Noise of a recording that counts with a weight: the weighted residuals of all are alike."""
+        """Noise of a recording that has a weight.
+
+        The weighted residuals of all recordings have similar sizes.
+        """
         return replace(self, sensor_variance=self.sensor_variance / weight**2)
 
 
 class SweepModel:
-    """Model of one recording: the transforms are computed once, then one inverse transform for each arm."""
+    """Model of one recording.
+
+    The transforms are computed once; then each arm takes one inverse transform.
+    """
 
     def __init__(
         self,
@@ -197,7 +212,7 @@ class SweepModel:
         self.signal = self._samples(self._seen)
 
     def ahead(self, delay_s: float) -> Real:
-        """The signal, earlier by a delay, in the rows that count."""
+        """Signal advanced by a delay, in the rows that count."""
         return self._samples(self._seen * np.exp(2j * math.pi * self._frequency * delay_s))
 
     def _samples(self, spectra: Complex) -> Real:
@@ -206,7 +221,11 @@ class SweepModel:
         return np.asarray(samples[..., : self._count][..., self._rows], dtype=np.float64)
 
     def columns(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
-        """Signal from the motor's motion alone, shape (n,), and from a unit of each linear unknown, shape (n, unknowns)."""
+        """Columns of the linear model.
+
+        Returns the signal of the motor's motion alone, shape (n,), and that per unit of each linear unknown, shape (n,
+        unknowns).
+        """
         spectra = self._spectra * arm.response(self._frequency)
         for order, other in own.items():
             row = 1 + 2 * self._orders.index(order)
@@ -216,7 +235,10 @@ class SweepModel:
         return rows[0], rows[1:].T
 
     def difference(self, more: "_Arms", less: "_Arms", unknowns: Real) -> Real:
-        """What the signal with given unknowns has more with some arms than with others; shape (n,)."""
+        """Difference of the signals with two sets of arms; shape (n,).
+
+        The unknowns are the same in both.
+        """
         shared, own = self._driven(unknowns, tuple(more[1]))
         total = np.zeros_like(shared)
         if more[0] != less[0]:
@@ -231,7 +253,11 @@ class SweepModel:
         return self._samples(total)
 
     def _driven(self, unknowns: Real, lone: tuple[float, ...]) -> tuple[Complex, dict[float, Complex]]:
-        """Spectrum that drives the arm, and those of orders with arms of their own; kept, since all slopes need the same."""
+        """Spectra that drive the arms.
+
+        Returns that of the shared arm, and those of orders with arms of their own. They are kept, since all slopes need the
+        same ones.
+        """
         key = unknowns.tobytes(), lone
         if self._kept is None or self._kept[0] != key:
             rows = {order: 1 + 2 * self._orders.index(order) for order in lone}
@@ -248,20 +274,26 @@ class SweepModel:
         return self._white
 
     def rounding_power(self, arm: Arm) -> float:
-        """Power that the encoder's rounding is expected to leave in the rows that count, summed over them."""
+        """Expected power of the encoder's rounding, summed over the counted rows."""
         passed = np.abs(self._rounding * arm.response(self._all_frequency)) ** 2
         return float(np.mean(passed)) * int(np.count_nonzero(self._rows))
 
 
 def resolution_rad(angle_rad: Real) -> float:
-    """Step of an encoder, as its readings show it: the smallest difference of two of them; 0 for none."""
+    """Step of an encoder in its readings; 0 for none.
+
+    It is the smallest difference of two readings.
+    """
     steps = np.diff(np.unique(angle_rad))
     steps = steps[steps > 1e-9]
     return float(steps.min()) if len(steps) else 0.0
 
 
 def levelled(values: Real, edge: int = 16) -> Real:
-    """Subtract the straight line from beginning to end: gravity's part, which would be a step where a recording is cut off."""
+    """Subtract the straight line from beginning to end.
+
+    The line is gravity's part, which would be a step at the ends of a recording.
+    """
     few = min(edge, len(values))
     return np.asarray(values - np.linspace(float(np.mean(values[:few])), float(np.mean(values[-few:])), len(values)))
 
@@ -297,13 +329,16 @@ class RampsModel:
         return np.concatenate([motion for motion, _ in parts]), np.concatenate([matrix for _, matrix in parts])
 
     def solve(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
-        """The linear unknowns, and the residual."""
+        """Solve for the linear unknowns, and return them and the residual."""
         motion, matrix = self.columns(arm, own)
         unknowns = least_squares(matrix, self.signal - motion)
         return unknowns, self.signal - motion - matrix @ unknowns
 
     def difference(self, more: _Arms, less: _Arms, unknowns: Real) -> Real:
-        """What all recordings with given unknowns have more with some arms than with others, of the same orders' own; shape (n,).
+        """Difference of all recordings with two sets of arms; shape (n,).
+
+        Both sets have own arms for the same orders. It takes one transform instead of one per unknown; slopes by the arms are
+        made of such differences.
 
         One transform instead of one for each unknown: what slopes by the arms are made of.
         """
@@ -314,17 +349,20 @@ class RampsModel:
         return max(4, round(periods / frequency_hz / self._parts[0].sample_s))
 
     def rounding_power(self, arm: Arm) -> float:
-        """Power that the encoder's rounding is expected to leave, summed over all rows."""
+        """Expected power of the encoder's rounding, summed over all rows."""
         return sum(part.rounding_power(arm) for part in self._parts)
 
     def noise(self, arm: Arm) -> Noise:
-        """The noise that a residual shows, less the part of it that rounding explains."""
+        """Noise of the residual, less the part that rounding explains."""
         left = self.power(arm)
         sensor = max(left - self.rounding_power(arm), LEAST_SENSOR_NOISE * left) / len(self.signal)
         return Noise(arm, sensor / float(np.mean([part.white for part in self._parts])))
 
     def weights(self, arm: Arm) -> tuple[float, ...] | None:
-        """Weight of each recording, by what it leaves; mean square 1. None if all leave about the same."""
+        """Weights of the recordings, by their residuals; mean square 1.
+
+        None if all residuals have about the same size.
+        """
         left = self.split(self.solve(arm)[1])
         sizes = np.array([math.sqrt(float(np.mean(each**2))) + 1e-300 for each in left])
         if len(sizes) < 2 or float(np.max(sizes)) < EVEN * float(np.min(sizes)):
@@ -338,7 +376,9 @@ class RampsModel:
         return [np.asarray(each) for each in np.split(values, ends)]
 
     def powers_apart(self, arm: Arm, delays_s: Sequence[float]) -> list[float]:
-        """Power of the residual by delay, where each direction may have its own amplitudes and phases.
+        """Power of the residual by delay, directions apart.
+
+        Each direction may have its own amplitudes and phases.
 
         The signal is put forward instead of the model back, so the columns are made once for all delays.
         """
@@ -358,13 +398,16 @@ class RampsModel:
         return [float(total) for total in totals]
 
     def _rows_of(self, direction: int) -> NDArray[np.intp]:
-        """The rows of a direction."""
+        """Rows of a direction."""
         if direction not in self._direction_rows:
             self._direction_rows[direction] = np.flatnonzero(self.directions == direction)
         return self._direction_rows[direction]
 
     def _ahead(self, direction: int, delays_s: tuple[float, ...]) -> Real:
-        """The signal as it would have been without each delay, in the rows of a direction; shape (rows, delays)."""
+        """Signal advanced by each delay; shape (rows, delays).
+
+        The rows are those of one direction.
+        """
         key = direction, delays_s
         if key not in self._put_forward:
             whole = [np.concatenate([part.ahead(delay) for part in self._parts]) for delay in delays_s]
@@ -378,7 +421,10 @@ class RampsModel:
 
 
 def least_squares(matrix: Real, wanted: Real) -> Real:
-    """Solve by normal equations on scaled columns: few well-separated unknowns, many thousand rows, one or more right sides."""
+    """Solve a least-squares problem by normal equations on scaled columns.
+
+    It suits few well-separated unknowns and many thousand rows, with one or more right sides.
+    """
     scale = np.sqrt(np.einsum("ij,ij->j", matrix, matrix)) + 1e-300
     scaled = matrix / scale
     found = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) @ (scaled.T @ wanted)
@@ -386,7 +432,9 @@ def least_squares(matrix: Real, wanted: Real) -> Real:
 
 
 def modelled(sweep: Sweep, reduction_ratio: float, sensing: Sensing, arm: Arm, error: TransmissionError) -> Real:
-    """The signal that the model predicts over a whole recording, without gravity's part; shape (n,).
+    """Predict the signal of a whole recording; shape (n,).
+
+    Gravity's part is left out.
 
     Args:
         sweep: The recording; its signal is not used.

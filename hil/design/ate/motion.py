@@ -1,4 +1,6 @@
-"""The motor's own motion in the accelerometer's signal: its factor is 1 where lever and reduction ratio are right.
+"""Motor's own motion in the accelerometer's signal.
+
+Its factor is 1 if lever and reduction ratio are right.
 
 Below the resonance the arm follows its motor, whatever the gear is like: neither soft wind-up nor hysteresis bends the motion
 there. So the factor is fitted to beginnings and ends of the ramps in a band far below the resonance, over the whole recording.
@@ -27,7 +29,7 @@ BLOCK_PERIODS = 2.0
 def motion_factor(
     sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, orders: Sequence[float], arm: Arm
 ) -> tuple[float, float]:
-    """Factor of the motor's own motion in the signal, and its standard error.
+    """Estimate the factor of the motor's motion and its standard error.
 
     Least squares of the signal on g H(s) e^{−sΔ} θ̈_m/N and the columns of every order, all in a band below the resonance, less
     the encoder's noise. The standard error comes from the scatter between blocks of time, since the residual is not white.
@@ -59,7 +61,10 @@ def motion_factor(
 def _below(
     sweep: Sweep, reduction_ratio: float, sensing: Sensing, orders: Sequence[float], arm: Arm
 ) -> tuple[Real, Real, float, int]:
-    """Columns, signal and variance of the first column's noise in the band, every n-th sample, and n."""
+    """Columns and signal in the band below the resonance.
+
+    Returns every n-th sample of both, the noise variance of the first column, and n.
+    """
     angle, period_s = sweep.motor_angle_rad, sweep.period_s
     band_hz = (BELOW_RESONANCE[0] * arm.resonance_hz, BELOW_RESONANCE[1] * arm.resonance_hz)
     every = max(1, int(0.5 / period_s / (4.0 * band_hz[1])))

@@ -1,4 +1,6 @@
-"""The transmission error from several passes: all at once, or, where the gear is no spring, each alone and then their mean.
+"""Transmission error from several passes.
+
+If the gear is a spring, one fit takes all passes at once; otherwise each pass is fitted alone and the mean counts.
 
 A slow pass shakes the arm more than a fast one, so a gear with hysteresis or a soft wind-up has another stiffness in each. Then
 one arm for all passes bends A_k by more than any of them alone would, and the scatter of the passes is the honest standard error.
@@ -28,7 +30,9 @@ def identify_passes(
     *,
     is_near: bool = False,
 ) -> JointEstimate:
-    """A_k and φ_k, the arm and the sensor's delay from passes, each with ramps in both directions.
+    """Estimate A_k, φ_k, arm and sensor delay from passes.
+
+    Each pass has ramps in both directions.
 
     Args:
         sweeps: Recordings, one for each pass.
@@ -51,7 +55,9 @@ def identify_passes(
 
 
 def mean_of(passes: Sequence[JointEstimate], joint: JointEstimate) -> JointEstimate:
-    """The estimate with the weighted mean of A_k e^{jφ_k} of some passes; its standard errors contain their scatter.
+    """Replace A_k e^{jφ_k} of an estimate by the passes' weighted mean.
+
+    The standard errors contain the scatter of the passes.
 
     Args:
         passes: Estimates of one pass each.
@@ -82,7 +88,9 @@ def mean_of(passes: Sequence[JointEstimate], joint: JointEstimate) -> JointEstim
 
 
 def _scattered(off: np.ndarray, errors: np.ndarray, weights: np.ndarray) -> float:
-    """Standard error of a mean of numbers that a gear bends alike: the best one's, or their scatter, whichever is more.
+    """Standard error of a mean of values that one gear bends.
+
+    It is the larger of the best value's error and the scatter.
 
     The scatter has the weights of the mean: a pass whose vibration was cancelled knows the error better than the first one.
     """

@@ -1,4 +1,6 @@
-"""The reaction of a gear's torque on its motor through the transmission error, from the motor's torque and angle.
+"""Reaction of a gear's torque on its motor.
+
+It is measured from motor torque and motor angle, and is due to the transmission error.
 
 What goes into a gear as power comes out, so a gear whose output turns with θ_m/N + θ_sync(θ_m) loads its motor with
 
@@ -42,7 +44,7 @@ ARM_MISFIT = 0.05
 
 @dataclass(frozen=True)
 class MotorSide:
-    """What is known of a motor and the arm that it moves.
+    """Known values of a motor and the arm that it moves.
 
     Attributes:
         reduction_ratio: N.
@@ -67,7 +69,7 @@ class MotorSide:
 
 @dataclass(frozen=True)
 class Turning:
-    """A motion of the motor.
+    """Motion of the motor.
 
     Attributes:
         motor_angle_rad: θ_m, equally spaced; shape (n,).
@@ -82,7 +84,7 @@ class Turning:
 
 @dataclass(frozen=True)
 class Reaction:
-    """r and its standard error."""
+    """Reaction r with its standard error."""
 
     value: float
     standard_error: float
@@ -95,18 +97,26 @@ class Reaction:
 
     @property
     def is_absent(self) -> bool:
-        """True if the gear does not react on its motor, for certain: 0 may be it, and what a gear does cannot."""
+        """True if the gear certainly does not react on its motor.
+
+        The value agrees with 0 and is too small for a real gear's reaction.
+        """
         return abs(self.value) <= FAR_SIGMAS * self.standard_error and self.value + BELIEVED_SIGMAS * self.standard_error < 0.5
 
     @property
     def believed(self) -> "Reaction":
-        """What is measured and what a gear does, each by its standard error."""
+        """Mean of the measured reaction and a gear's known one.
+
+        Each is weighted by its standard error.
+        """
         measured, known = self.standard_error**-2, LOSSLESS_ERROR**-2
         return Reaction((measured * self.value + known) / (measured + known), 1.0 / math.sqrt(measured + known))
 
 
 def gear_reaction(motions: Sequence[Turning], known: MotorSide, error: TransmissionError) -> Reaction | None:
-    """R with its standard error; None if no motion turns slowly enough for it to be seen.
+    """Estimate the reaction r with its standard error.
+
+    Returns None if no motion turns slowly enough to show it.
 
     Args:
         motions: Motions without a cancellation.
@@ -129,7 +139,7 @@ def gear_reaction(motions: Sequence[Turning], known: MotorSide, error: Transmiss
 
 @dataclass(frozen=True)
 class _Windows:
-    """Windows of one order in one direction of one motion, by their speed.
+    """Windows of one order, direction and motion, by speed.
 
     Torque that is left, slow load times slope, and the arm's part, in N·m at the motor; standard error; row of the order.
     """
@@ -142,9 +152,11 @@ class _Windows:
 
 
 def _fitted(parts: Sequence[_Windows], count: int) -> Reaction:
-    """R by weighted least squares, a complex factor of the arm's part for each order beside it.
+    """Fit r by weighted least squares.
 
-    What is left is no white noise, and windows overlap: the standard error is that of blocks of them, each as it is.
+    Each order has a complex factor of the arm's part beside it.
+
+    The residual is no white noise, and windows overlap, so the standard error is that of blocks of windows.
     """
     blocks, matrices, values = [], [], []
     for part in parts:
@@ -184,7 +196,10 @@ def _windows(motion: Turning, known: MotorSide, error: TransmissionError, orders
         back = torque.direction < 0.0
 
         def in_time(values: Complex, back: NDArray[np.bool_] = back) -> Complex:
-            """A sine of the angle as one of time: backwards it is its own conjugate."""
+            """Convert components by angle to components by time.
+
+            If the motor turns backwards, the component is conjugated.
+            """
             return np.asarray(np.where(back, values.conj(), values), dtype=np.complex128)
 
         seen = in_time(torque.component[:, row]) / (1.0 + known.torque_lag_s * jw)

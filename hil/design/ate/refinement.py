@@ -1,4 +1,7 @@
-"""The arm of a fit: ω, ζ and delay by Gauss-Newton, arms of some orders' own, and without the bias of the encoder's rounding."""
+"""Refinement of the arm of a fit.
+
+Gauss-Newton refines ω, ζ and delay, fits own arms of some orders, and removes the bias of the encoder's rounding.
+"""
 
 import math
 from collections.abc import Callable, Mapping
@@ -33,13 +36,15 @@ def refine(model: RampsModel, start: Arm) -> Arm:
 
 
 def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: float) -> tuple[Arm, dict[float, Arm]]:
-    """Gauss-Newton in ω, ζ, Δ, the mounting's bend, and ω and ζ of every order's own arm.
+    """Refine the arm and the own arms by Gauss-Newton.
+
+    The unknowns are ω, ζ, Δ, the mounting's bend, and ω and ζ of every own arm.
 
     Args:
         model: Model of the ramps.
         start: Arm to start from.
         own: Arms of some orders' own, to start from.
-        bend_row: Weight of the bend (`bend_weight`); 0 where it stays what it is.
+        bend_row: Weight of the bend (`bend_weight`); 0 if the bend is held.
     """
     step_s = 1.0 / (2.0 * math.pi * start.resonance_hz)
     has_bend = bend_row > 0.0
@@ -90,13 +95,18 @@ def _sizes(own: Mapping[float, Arm]) -> list[float]:
 
 
 def bend_weight(model: RampsModel, arm: Arm, left: Real) -> float:
-    """Weight of what is known of the mounting beside a residual: its bend is 0 ± (f/110 Hz)²."""
+    """Weight of the prior on the mounting's bend beside a residual.
+
+    The bend is 0 ± (f/110 Hz)².
+    """
     variance = float(np.sum(left**2)) / max(1.0, len(left) * model.independent)
     return math.sqrt(variance) / (arm.resonance_hz / MOUNTING_HZ) ** 2
 
 
 def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> tuple[Arm, dict[float, Arm]]:
-    """Arms less the bias of the encoder's rounding: the resonance amplifies its noise, so least squares damp the resonance.
+    """Remove the bias of the encoder's rounding from the arms.
+
+    The resonance amplifies the noise of the rounding, so that least squares overestimate the damping.
 
     The expected power of that noise P(ω, ζ) is known, and what is minimised is the residual's power less P: steps
     −(JᵀJ)⁻¹ (Jᵀr − ∇P/2), with J the slopes of the residual r by the unknowns of the arms, the linear unknowns projected out.
@@ -127,7 +137,7 @@ def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> t
 
 
 def is_rounding_felt(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> bool:
-    """True if the encoder's rounding is a part of what a fit leaves."""
+    """True if the encoder's rounding is a visible part of the residual."""
     return model.rounding_power(arm) >= ROUNDING_FELT * float(np.sum(model.solve(arm, own)[1] ** 2))
 
 
@@ -159,7 +169,10 @@ def shifted(arm: Arm, hz: float = 0.0, damping: float = 0.0, late_s: float = 0.0
 
 
 def own_arms(model: RampsModel, arm: Arm) -> tuple[Arm, dict[float, Arm]]:
-    """Arms of some orders' own, where they leave clearly less: a large vibration feels another gear than a small one."""
+    """Fit own arms to some orders, if they clearly lower the residual.
+
+    A large vibration may see another gear stiffness than a small one.
+    """
     unknowns, left = model.solve(arm)
     sizes = {order: math.hypot(*unknowns[2 * row : 2 * row + 2]) for row, order in enumerate(model.orders)}
     strongest = max(sizes, key=lambda order: sizes[order])
@@ -173,7 +186,9 @@ def own_arms(model: RampsModel, arm: Arm) -> tuple[Arm, dict[float, Arm]]:
 
 
 def slopes_by_arms(model: RampsModel, arm: Arm, own: Mapping[float, Arm], unknowns: Real) -> list[Real]:
-    """Slopes of the model by ω/2π, ζ, Δ and the bend of all, then by ω/2π and ζ of each order's own arm.
+    """Slopes of the model by the arms' parameters.
+
+    These are ω/2π, ζ, Δ and the bend of all, then ω/2π and ζ of each own arm.
 
     Args:
         model: Model of the ramps.
@@ -199,7 +214,9 @@ def slopes_by_arms(model: RampsModel, arm: Arm, own: Mapping[float, Arm], unknow
 
 
 def projected_slopes(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> Real:
-    """`slopes_by_arms` less what the linear unknowns make up for: the residual's slopes with the other sign, at its minimum.
+    """Slopes by the arms after projection on the linear unknowns.
+
+    At the minimum they are the residual's slopes with the opposite sign.
 
     That of the linear unknowns themselves is left out, which is of second order; the gradient of the power is exact.
 

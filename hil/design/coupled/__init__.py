@@ -1,1 +1,4 @@
-"""An arm behind several motors, frozen in a posture: `structure` is its dynamics, `loops` the margins of one axis' loop on it."""
+"""Arm behind several motors, frozen in a posture.
+
+`structure` has its dynamics, `loops` the margins of one axis' loop on it.
+"""

@@ -1,4 +1,6 @@
-"""The loop of one axis on an arm: its margins in every posture, with the other axes' motors held and under their own loops.
+"""Loop of one axis on an arm, with its margins by posture.
+
+The motors of the other axes are held, or are under their own loops.
 
 A margin belongs to one loop, cut at its motor's torque, while the others stay closed: 1 + L = det(1 + P C)/det(1 + P C'), C'
 without this axis. No scale of torques enters, as it would into the largest singular value of the whole sensitivity. While an axis
@@ -28,7 +30,7 @@ class Other:
     Attributes:
         motor: Its motor in the structure.
         loop: Its law, filters included; its plant does not count.
-        speed_rps: Motor speed at which its filters are frozen; 0 where none acts.
+        speed_rps: Motor speed at which its filters are frozen; 0 if none acts.
     """
 
     motor: int
@@ -38,7 +40,7 @@ class Other:
 
 @dataclass(frozen=True, eq=False)
 class ArmCase:
-    """A posture, and what the other axes do.
+    """Posture, with the state of the other axes.
 
     Attributes:
         label: Both in words: `at the end of the line, other motors held`.
@@ -53,7 +55,10 @@ class ArmCase:
     others: tuple[Other, ...] = ()
 
     def pole_radius(self, law: Loop, speed_rps: float) -> float:
-        """Largest |z| of all loops closed, the own filters frozen at a motor speed."""
+        """Largest |z| with all loops closed.
+
+        The own filters are frozen at a motor speed.
+        """
         laws = {other.motor: other.loop.law_block(other.speed_rps) for other in self.others}
         laws[self.own] = law.law_block(speed_rps)
         free = {row: laws[motor] for row, motor in enumerate(sorted(laws))}
@@ -65,7 +70,9 @@ class ArmCase:
         return [motor for motor in range(self.structure.motors) if motor not in turning]
 
     def angle_per_torque(self, frequency_hz: Real, receptance: Complex | None = None) -> Complex:
-        """Angle of the own motor over its torque, the others held or under their laws.
+        """Angle of the own motor per torque.
+
+        The other motors are held or under their laws.
 
         Args:
             frequency_hz: Frequencies; shape (m,).
@@ -81,7 +88,7 @@ class ArmCase:
 
 @dataclass(frozen=True, eq=False)
 class ArmLoops:
-    """The loop of one axis on an arm.
+    """Loop of one axis on an arm.
 
     Attributes:
         law: The loop without filters; its plant does not count.
@@ -94,11 +101,11 @@ class ArmLoops:
     filtered: tuple[ArmCase, ...] = ()
 
     def family(self, step: float, *, with_filtered: bool) -> "ArmFamily":
-        """Open loops of its cases.
+        """Compute the open loops of the cases.
 
         Args:
             step: Frequency step where filters act, in units of the lowest mode.
-            with_filtered: Whether cases in which filters of other axes act are among them.
+            with_filtered: True to include the cases in which filters of other axes act.
         """
         return ArmFamily(self.law, self.cases + (self.filtered if with_filtered else ()), step)
 
@@ -122,11 +129,16 @@ class ArmFamily:
         self._open = OpenLoops(law, frequency, law.controller(frequency) * np.array(angles))
 
     def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
-        """Margins of every case with the own filters frozen at each speed; rows are those of `cases`."""
+        """Compute the margins of every case.
+
+        The own filters are frozen at each speed; rows are those of `cases`.
+        """
         return self._open.margins(notches, speeds_rps)
 
     def worst_pole(self, notches: Sequence[Notch], limit_rps: float) -> tuple[float, float, str]:
-        """Largest |z| of all closed loops, the speed and the case of it: at rest, and where no other filter acts within the own.
+        """Find the largest |z| of all closed loops, its speed and case.
+
+        The speeds are rest, and those within the own filters' ranges in cases without another acting filter.
 
         Together with the turns of the Nyquist curve, which say whether the own filters change it, this is every speed.
 

@@ -1,4 +1,6 @@
-"""Masses of an arm from the modes that its motors have felt in some postures: base parameters, gears, and the dips elsewhere.
+"""Masses of an arm from the modes that its motors feel.
+
+From modes in some postures follow base parameters and gear stiffnesses, and the dips in other postures.
 
 With all motors held an arm on gears K rings at ω_i: K φ_i = ω_i² H φ_i, φ_iᵀ H φ_i = 1. Motor k feels mode i with the effective
 inertia J_ki = (H φ_i)_k². H(q) = Y(q) θ is linear in the links' masses θ, of which only some combinations show in any posture:
@@ -42,7 +44,7 @@ FAR_OFF = 1e3
 
 @dataclass(frozen=True)
 class FeltMode:
-    """A mode that a motor has felt in a posture.
+    """Mode that a motor shows in a posture.
 
     Attributes:
         posture: Number of the posture.
@@ -67,7 +69,7 @@ class TooFewPosturesError(ValueError):
     Attributes:
         known: Number of combinations that they determine.
         needed: Number that show somewhere in the workspace, gears included.
-        best: Row of the posture of the workspace that would tell most.
+        best: Row of the posture of the workspace that would add most information.
     """
 
     def __init__(self, known: int, needed: int, best: int) -> None:
@@ -84,7 +86,10 @@ class NoMassesError(ValueError):
 
     def __init__(self, misfit: float) -> None:
         self.misfit = misfit
-        super().__init__(f"no masses explain what was felt, misfit {misfit:.1f} standard errors")
+        super().__init__(
+            f"no masses explain the measured modes: the misfit is {misfit:.1f} standard errors; at most "
+            f"{MOST_MISFIT:g} is allowed"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +103,7 @@ class MassFit:
         covariance: Covariance of the unknowns.
         misfit: Root mean square of the residuals over their degrees of freedom, in standard errors.
         residuals: Residuals of dips and inertias in turn, in standard errors; shape (2 modes,).
-        best: Row of the posture of the workspace that would tell most, were it measured as well.
+        best: Row of the posture of the workspace that would add most information.
     """
 
     basis: Real
@@ -111,7 +116,10 @@ class MassFit:
 
     @property
     def masses(self) -> Real:
-        """θ with these base parameters, and no part that shows nowhere: no masses that a body need have; shape (parameters,)."""
+        """Masses θ with these base parameters; shape (parameters,).
+
+        They have no part that shows in no posture, and need not be masses of real bodies.
+        """
         return np.asarray(self.basis @ (self.size * self.unknowns[: self.basis.shape[1]]))
 
     @property
@@ -125,7 +133,9 @@ class MassFit:
         return np.asarray(self.stiffness_nm_rad * np.sqrt(np.diag(self.covariance)[self.basis.shape[1] :]))
 
     def dips_hz(self, regressors: Real) -> tuple[Real, Real]:
-        """Frequencies at which the arm rings in some postures, motors held, and their standard errors; shapes (postures, n).
+        """Predict the dips in some postures, with standard errors.
+
+        Dips are the frequencies at which the arm rings with all motors held; both results have the shape (postures, n).
 
         Args:
             regressors: Y of the postures; shape (postures, n, n, parameters).
@@ -142,7 +152,10 @@ class MassFit:
 
 
 def dips_of(mass_matrix_kg_m2: Real, stiffness_nm_rad: Real) -> Real:
-    """Frequencies in Hz at which an arm on its gears rings with all motors held, from the lowest; shape (n,)."""
+    """Dips of an arm on its gears in Hz, from the lowest.
+
+    All motors are held; shape (n,).
+    """
     squares = scipy.linalg.eigh(np.diag(stiffness_nm_rad), mass_matrix_kg_m2, eigvals_only=True)
     return np.asarray(np.sqrt(squares) / (2.0 * math.pi))
 
@@ -190,7 +203,10 @@ def fit_masses(regressors: Real, felt: Sequence[FeltMode], workspace: Real, made
 
 
 def _best_fit(reduced: Real, felt: Sequence[FeltMode], basis: Real, made_up: Real) -> tuple[Any, float]:
-    """The best of some fits, from the made-up masses and from others like them, and the size of β in it."""
+    """Choose the best of some fits, and its size of β.
+
+    The fits start from the made-up masses and from variations of them.
+    """
     generator, found = np.random.default_rng(1), []
     for number in range(MOST_STARTS):
         links = np.exp(START_SPREAD * generator.standard_normal(len(made_up) // PER_BODY)) if number else np.ones(1)
@@ -209,7 +225,10 @@ def _best_fit(reduced: Real, felt: Sequence[FeltMode], basis: Real, made_up: Rea
 
 
 def _modes(x: Real, reduced: Real, size: float) -> tuple[Real, Real]:
-    """Dips in Hz, shape (n,), and effective inertias by joint and mode, shape (n, n); not a number where H is no mass matrix."""
+    """Dips in Hz, and effective inertias by joint and mode.
+
+    Shapes (n,) and (n, n); NaN if H is no mass matrix.
+    """
     n = reduced.shape[0]
     inertia, gears = reduced @ (size * x[:-n]), np.exp(x[-n:])
     try:
@@ -220,7 +239,10 @@ def _modes(x: Real, reduced: Real, size: float) -> tuple[Real, Real]:
 
 
 def _residuals(x: Real, reduced: Real, felt: Sequence[FeltMode], size: float) -> Real:
-    """What is left of each felt mode, dip and effective inertia, in standard errors; shape (2 modes,)."""
+    """Residuals of dip and effective inertia of each felt mode.
+
+    They are in standard errors; shape (2 modes,).
+    """
     modes = [_modes(x, each, size) for each in reduced]
     whole = [[sum(mode.inertia_kg_m2 for mode in felt if (mode.posture, mode.joint) == (p, k)) for k in range(reduced.shape[1])]
              for p in range(len(reduced))]  # fmt: skip
@@ -241,7 +263,9 @@ def _residuals(x: Real, reduced: Real, felt: Sequence[FeltMode], size: float) ->
 
 
 def _start(reduced: Real, felt: Sequence[FeltMode], made_up: Real) -> tuple[Real, float]:
-    """Unknowns to begin with, and the size of β: made-up masses, as heavy as the joints' inertias ask, and gears by their modes.
+    """Unknowns to begin with, and the size of β.
+
+    The made-up masses are scaled to the joints' inertias; the gear stiffnesses follow from the modes.
 
     A linear fit of the joints' inertias would come nearer to these, and may end in masses that no arm has, beside the right ones.
     """
@@ -264,7 +288,10 @@ def _slopes(function: Callable[[Real], Real], x: Real) -> Real:
 
 
 def _most_telling(x: Real, around: Real, size: float, information: Real) -> int:
-    """Row of the posture that would add most to what is known, were all its modes measured with their least errors."""
+    """Find the posture whose modes would add most information.
+
+    All its modes are assumed to be measured with their least errors. Returns its row.
+    """
 
     def told(y: Real) -> Real:
         values = []

@@ -1,4 +1,6 @@
-"""A linear structure behind motors: an arm on elastic joints frozen in a posture, or the modes that one motor feels.
+"""Linear structure behind motors.
+
+It is an arm on elastic joints, frozen in a posture, or the modes that one motor feels.
 
     M ẍ + D ẋ + K x = τ,      x = (θ_1 … θ_m; the rest),      P = (M s² + D s + K)⁻¹ of the motors
 
@@ -18,7 +20,11 @@ from hil.design.frequency import Block, Complex, Real, TwoInertia
 
 
 def closed(receptance: Complex, motor: int, law: Complex | None) -> Complex:
-    """A receptance after one motor's loop has been closed, R − R e eᵀ R/(1/C + eᵀ R e); the motor is held where C is None.
+    """Close one motor's loop in a receptance.
+
+        R − R e eᵀ R/(1/C + eᵀ R e)
+
+    If `law` is None, the motor is held.
 
     Args:
         receptance: R; shape (motors, motors, m).
@@ -32,7 +38,7 @@ def closed(receptance: Complex, motor: int, law: Complex | None) -> Complex:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """A linear structure behind motors.
+    """Linear structure behind motors.
 
     Attributes:
         mass: M; shape (n, n).
@@ -48,7 +54,7 @@ class Structure:
 
     @classmethod
     def of_arm(cls, mass_matrix_kg_m2: Real, joints: Sequence[TwoInertia]) -> "Structure":
-        """An arm on its gears.
+        """Build an arm on its gears.
 
         Args:
             mass_matrix_kg_m2: H of the posture; shape (n, n).
@@ -69,7 +75,7 @@ class Structure:
 
     @classmethod
     def of_modes(cls, motor: TwoInertia, modes: Sequence[tuple[float, float, float]]) -> "Structure":
-        """A motor with the modes that it feels, all other motors held.
+        """Build a motor with its modes, all other motors held.
 
         Args:
             motor: The motor; of the rest only the reduction ratio counts.
@@ -88,23 +94,29 @@ class Structure:
         return cls(mass, damping, stiffness, 1)
 
     def stiffened(self, factor: float) -> "Structure":
-        """The same with all frequencies multiplied by a factor, motors aside: K by its square, D by itself."""
+        """Structure with all frequencies multiplied by a factor, motors aside.
+
+        K is multiplied by its square, D by the factor itself.
+        """
         return Structure(self.mass, factor * self.damping, factor**2 * self.stiffness, self.motors)
 
     def held(self, motors: Sequence[int]) -> "Structure":
-        """The same with some of its motors held."""
+        """Structure with some of its motors held."""
         free = [i for i in range(len(self.mass)) if i not in motors]
         at = np.ix_(free, free)
         return Structure(self.mass[at], self.damping[at], self.stiffness[at], self.motors - len(set(motors)))
 
     def dips_hz(self) -> Real:
-        """Frequencies at which it rings with all motors held, from the lowest."""
+        """Dips of the structure in Hz, ascending, with all motors held."""
         rest = slice(self.motors, None)
         squares = scipy.linalg.eigh(self.stiffness[rest, rest], self.mass[rest, rest], eigvals_only=True)
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi))
 
     def receptance(self, frequency_hz: Real) -> Complex:
-        """Angles of the motors over their torques, all motors free; shape (motors, motors, m) for frequencies of shape (m,)."""
+        """Angles of the motors per torque, all motors free.
+
+        Shape (motors, motors, m) for frequencies of shape (m,).
+        """
         s = 2j * math.pi * frequency_hz[:, np.newaxis, np.newaxis]
         dynamic: Any = self.mass * s**2 + self.damping * s + self.stiffness
         n = self.motors
@@ -116,7 +128,9 @@ class Structure:
         return float(np.max(np.abs(self.poles(laws, period_s))))
 
     def poles(self, laws: Mapping[int, Block], period_s: float) -> Complex:
-        """Poles in z of the closed loops, all motors under their laws; the structure is discretised exactly, by a hold.
+        """Closed-loop poles in z with all motors under their laws.
+
+        The structure is discretised exactly, with a hold.
 
         Args:
             laws: τ = −law(θ) of each motor, as a discrete system; motors without one are free.

@@ -1,1 +1,4 @@
-"""Several modes of a coupled arm behind one motor: `problem` is a fit with them, `fit` says how many there are."""
+"""Several modes of a coupled arm behind one motor.
+
+`problem` is a fit with them, `fit` chooses their number.
+"""

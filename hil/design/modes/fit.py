@@ -1,4 +1,4 @@
-"""How many modes of an arm the data of a plant ask for, and the plant with them.
+"""Number of an arm's modes that the data support, and the plant.
 
 Starts are found on a grid: with frequencies and a damping given, 1/P is linear in J_m, D_m and the effective inertias, none of
 which is below 0. Then all unknowns are fitted, with one mode more as long as that lowers the misfit by more than its unknowns
@@ -51,7 +51,9 @@ def fit_modes(
     single: PlantEstimate,
     most: int = 3,
 ) -> PlantEstimate:
-    """The plant with as many modes as the data ask for; the given one where a single one does.
+    """Fit the plant with as many modes as the data support.
+
+    If one mode is enough, the result is the given plant.
 
     With several, the plant is the motor with the leading mode: the lowest that carries a good part of the tip's motion.
 
@@ -79,7 +81,7 @@ def fit_modes(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A fit that was made.
+    """Completed fit.
 
     Attributes:
         problem: Its problem.
@@ -97,7 +99,7 @@ class _Fit:
 
     @classmethod
     def of(cls, problem: ModalProblem, start: Real) -> "_Fit":
-        """Fit from a start."""
+        """Fit the unknowns from a start."""
         fit: Any = fitted(problem, start)
         return cls(problem, fit.x, np.asarray(fit.jac), float(fit.cost), len(fit.fun))
 
@@ -109,7 +111,7 @@ class _Fit:
 
 
 def _are_there(fit: _Fit) -> bool:
-    """True if each mode's inertia is beyond its error, and no two modes lie together."""
+    """True if each mode is significant and no two lie together."""
     covariance, modes = fit.covariance(), fit.problem.modes(fit.x)
     spots = [J_L, *(slot + INERTIA for slot in fit.problem.slots(fit.x))]
     known = all(THERE_SIGMAS * math.sqrt(max(0.0, covariance[spot, spot])) < 1.0 for spot in spots)
@@ -144,7 +146,7 @@ def _starts(problem: ModalProblem, most: int) -> dict[int, list[Real]]:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """A linear fit with some of many columns.
+    """Linear fit with some of many columns.
 
     Attributes:
         columns: The columns; shape (n, columns).
@@ -159,31 +161,37 @@ class _Linear:
     delay_s: float = 0.0
 
     def chosen(self, each: tuple[int, ...]) -> Real:
-        """The columns of some modes."""
+        """Columns of some modes."""
         return self.columns[:, [*range(self.always), *(self.always + i for i in each)]]
 
     def positive(self, each: tuple[int, ...]) -> tuple[float, Real]:
-        """What some modes leave, and their sizes, none below 0."""
+        """Residual of a fit with some modes, and their sizes, none negative."""
         chosen = self.chosen(each)
         sizes = np.linalg.norm(chosen, axis=0)
         solved, left = scipy.optimize.nnls(chosen / sizes, self.wanted)
         return float(left), np.asarray(solved / sizes)
 
     def signed(self, each: tuple[int, ...]) -> tuple[float, Real]:
-        """The same with sizes of either sign."""
+        """Residual of a fit with some modes, and their signed sizes."""
         chosen = self.chosen(each)
         solved = np.linalg.solve(chosen.T @ chosen, chosen.T @ self.wanted)
         return float(np.linalg.norm(self.wanted - chosen @ solved)), np.asarray(solved)
 
 
 def _weighted(columns: Complex, wanted: Complex, weight: Real, always: int = 0, delay_s: float = 0.0) -> _Linear:
-    """A linear fit of complex numbers; shapes (lines, columns), (lines,) and (lines,)."""
+    """Linear fit of complex numbers.
+
+    Shapes (lines, columns), (lines,) and (lines,).
+    """
     rows, right = columns * weight[:, np.newaxis], wanted * weight
     return _Linear(np.concatenate([rows.real, rows.imag]), np.concatenate([right.real, right.imag]), always, delay_s)
 
 
 def _motor_fit(problem: ModalProblem, grid: Real) -> _Linear:
-    """1/P by J_m, D_m and the effective inertia of a mode at each frequency of a grid."""
+    """Linear fit of 1/P.
+
+    Its columns are J_m, D_m and the effective inertia of a mode at each frequency of a grid.
+    """
     data, jw = problem.data, problem.jw
     unlagged = np.array([0.0] * AGE + [0.5 * problem.timing.control_s])
     torque = problem.torque(unlagged, data.torque.mean(axis=0), np.zeros_like(problem.excitation))
@@ -195,7 +203,10 @@ def _motor_fit(problem: ModalProblem, grid: Real) -> _Linear:
 
 
 def _tip_fits(problem: ModalProblem, grid: Real) -> list[_Linear]:
-    """The tip's motion by its parts in a mode at each frequency of a grid, for some delays; none without an accelerometer."""
+    """Linear fits of the tip's motion, one per delay.
+
+    The columns are the tip parts of a mode at each frequency of a grid. Without an accelerometer there are none.
+    """
     data, scatter, lines = problem.data, problem.tip_scatter, problem.tip_lines
     if data.tip is None or scatter is None:
         return []
@@ -212,13 +223,13 @@ def _tip_fits(problem: ModalProblem, grid: Real) -> list[_Linear]:
 
 
 def _left(motor: _Linear, tips: list[_Linear], each: tuple[int, ...]) -> float:
-    """What some modes leave of motor and tip."""
+    """Residual of motor and tip with some modes."""
     tip = min((fit.signed(each)[0] for fit in tips), default=0.0)
     return math.hypot(motor.positive(each)[0], tip)
 
 
 def _start(problem: ModalProblem, grid: Real, each: tuple[int, ...], motor: _Linear, tips: list[_Linear]) -> Real:
-    """All unknowns from a linear fit, the mode with the largest inertia first."""
+    """Unknowns from a linear fit, the mode with most inertia first."""
     _, solved = motor.positive(each)
     whole = float(np.sum(solved[2:]))
     sizes = np.maximum(solved[2:], 0.005 * whole)
@@ -236,7 +247,9 @@ def _start(problem: ModalProblem, grid: Real, each: tuple[int, ...], motor: _Lin
 
 
 def resonances_hz(motor_inertia_kg_m2: float, reduction_ratio: float, modes: list[ArmMode]) -> list[float]:
-    """Peaks of the motor's response: eigenfrequencies of motor and modes, one above each mode.
+    """Peaks of the motor's response, one above each mode, in Hz.
+
+    They are eigenfrequencies of motor and modes together.
 
     Args:
         motor_inertia_kg_m2: J_m.

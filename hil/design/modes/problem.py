@@ -1,4 +1,4 @@
-"""The fit of a plant behind which an arm rings with several modes.
+"""Fit of a plant whose arm has several modes.
 
 With the motors of all other axes held, an arm is a structure that this motor shakes by its gear. Its modes with the motor held,
 at ω_i, have effective inertias J_i about the joint, which add up to the whole one:
@@ -48,7 +48,7 @@ SMALLEST_ZETA, LARGEST_ZETA = 0.002, 0.4
 
 @dataclass(frozen=True)
 class ArmMode:
-    """A mode of the arm with the motor held.
+    """Mode of the arm with the motor held.
 
     Attributes:
         inertia_kg_m2: Effective inertia J_i about the joint.
@@ -64,7 +64,7 @@ class ArmMode:
 
     @classmethod
     def of(cls, mode: EstimatedMode) -> "ArmMode":
-        """The mode as it was estimated."""
+        """Take the values of an estimated mode."""
         part = None if mode.tip_part is None else mode.tip_part.value
         return cls(mode.inertia_kg_m2.value, mode.antiresonance_hz.value, mode.damping.value, part)
 
@@ -91,7 +91,7 @@ def modal_angle(motor: TwoInertia, modes: Sequence[ArmMode], frequency_hz: Real)
 
 
 def modal_tip(motor: TwoInertia, modes: Sequence[ArmMode], frequency_hz: Real, lever_m: float, delay_s: float) -> Complex:
-    """Tip acceleration per motor angle of a motor with several modes behind it.
+    """Tip acceleration per motor angle, with several modes.
 
     Args:
         motor: The motor; of it only the reduction ratio counts.
@@ -106,7 +106,10 @@ def modal_tip(motor: TwoInertia, modes: Sequence[ArmMode], frequency_hz: Real, l
 
 
 class ModalProblem(PlantProblem):
-    """The fit's residual with further modes beside the first, whose unknowns follow those of the plant."""
+    """Residual of a fit with several modes.
+
+    The unknowns of the further modes follow those of the plant.
+    """
 
     def __init__(self, data: Spectra, timing: SamplingTiming, reduction_ratio: float, lever_m: float, gravity: float) -> None:
         super().__init__(data, timing, reduction_ratio, lever_m, gravity)
@@ -115,10 +118,15 @@ class ModalProblem(PlantProblem):
         self.each = PART if data.tip is None else PART + 1
 
     def focus(self, f_a: float) -> None:
-        """Use the tip wherever a mode may be, and a sensor does not resonate itself."""
+        """Use the tip at all frequencies at which modes may be.
+
+        Frequencies at which a sensor itself resonates are left out.
+        """
 
     def start_with(self, motor: Real, modes: list[ArmMode]) -> Real:
-        """All unknowns from ln J_m and D_m, and from modes, the first of which has J_l, K_g and the dampings.
+        """Build all unknowns from the motor's values and some modes.
+
+        The first mode gives J_l, K_g and the dampings.
 
         Args:
             motor: J_m and D_m + D_l/N²; shape (2,).
@@ -144,7 +152,7 @@ class ModalProblem(PlantProblem):
         return list(range(self.first, len(x), self.each))
 
     def modes(self, x: Real) -> list[ArmMode]:
-        """The modes, the first one first."""
+        """Modes of the unknowns, in their order."""
         plant, has_tip = self.plant(x), self.data.tip is not None
         stiffness, inertia = plant.gear_stiffness_nm_rad, plant.arm_inertia_kg_m2
         damping = 0.5 * math.exp(x[DAMPING]) / math.sqrt(stiffness * inertia)
@@ -187,6 +195,6 @@ class ModalProblem(PlantProblem):
         return low, high
 
     def scale(self, x: Real) -> Real:
-        """Sizes of a change of each unknown that are alike in their effect."""
+        """Step sizes of the unknowns that have similar effects."""
         more = [0.1, 0.03, 0.3, 0.1][: self.each]
         return np.concatenate([super().scale(x[: self.first]), more * len(self.slots(x))])

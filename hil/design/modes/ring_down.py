@@ -1,12 +1,13 @@
-"""What rings while a motor's loop holds it, and how much of it rings after a stop.
+"""Ringing of an arm while a loop holds its motor.
 
-When its set-points stand still a drive, its gear and its arm are left to themselves, and all that moves is a sum of the closed
-loop's poles: decays of the following, and the waves of the arm. So the tip's acceleration after a stop is linear in their
-amplitudes,
+The module computes the modes that ring, and how much each of them rings after a stop.
 
-    a(t) = c + Σ c_i e^{−r_i t} + Σ Re(b_j e^{s_j t}),      t from where the set-points stand still
+While the set-points rest, nothing drives the arm, and its motion is a sum over the poles of the closed loop: decays of the
+following error, and waves of the arm. So the tip's acceleration after a stop is linear in their amplitudes,
 
-and what the motor's following leaves is told from what rings, which no band pass does: both lie in the same band.
+    a(t) = c + Σ c_i e^{−r_i t} + Σ Re(b_j e^{s_j t}),      t from the end of the set-points' motion
+
+and the fit separates the following error from the ringing. A band-pass cannot do that, since both lie in the same band.
 """
 
 import math
@@ -32,7 +33,9 @@ LONGEST_S = 1.0
 
 
 def closed_loop_rates(loop: Loop, modes: Sequence[ArmMode] = ()) -> Complex:
-    """Rates s of the closed loop at standstill, in rad/s, up to `FASTEST_POLE_HZ`: one of each pair, those that ring last.
+    """Closed-loop rates s at standstill, in rad/s, up to `FASTEST_POLE_HZ`.
+
+    There is one of each pair; those that ring come last.
 
     Args:
         loop: The loop; without modes its plant is the arm.
@@ -54,7 +57,10 @@ def _rings(rate: complex) -> bool:
 
 
 def modes_of(rates: Complex) -> list[SwingingMode]:
-    """The modes that ring, from the lowest: a pole with more than `MOST_SHAPED_DAMPING` does not."""
+    """List the modes that ring, from the lowest.
+
+    A pole with more damping than `MOST_SHAPED_DAMPING` does not ring.
+    """
     return [SwingingMode(abs(rate) / (2.0 * math.pi), -rate.real / abs(rate)) for rate in rates.tolist() if _rings(rate)]
 
 
@@ -104,10 +110,10 @@ def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
     """
     modes = modes_of(rates)
     if not modes:
-        raise ValueError("the closed loop has no mode that rings: nothing is left to be told after a stop")
+        raise ValueError("the closed loop has no mode that rings, so a stop cannot be judged")
     count = min(len(tip_m_s2), round(LONGEST_S / period_s))
     if count < FEWEST_SAMPLES:
-        raise ValueError(f"{count} samples after the stop, {FEWEST_SAMPLES} are needed: a longer tail_s shows what rings")
+        raise ValueError(f"the recording has {count} samples after the stop; at least {FEWEST_SAMPLES} are needed; raise tail_s")
     time: Real = period_s * np.arange(count, dtype=np.float64)
     values = np.asarray(tip_m_s2, dtype=np.float64)[:count]
     ringing = rates[len(rates) - len(modes) :]
@@ -132,7 +138,10 @@ def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
 
 
 def _columns(rates: Complex, time_s: Real) -> list[Real]:
-    """Decays and waves of poles over the time: one column for a real pole, two for a pair."""
+    """Decays and waves of poles over time.
+
+    A real pole has one column, a pair has two.
+    """
     found: list[Real] = []
     for rate in rates.tolist():
         wave = np.exp(rate * time_s)

@@ -1,4 +1,6 @@
-"""Transmission errors from recordings that others have made: stretches, slow parts, orders of the motor's angle, a blind scan.
+"""Transmission errors from recordings of foreign robots.
+
+The package has stretches, slow parts, orders of the motor's angle, and a blind scan.
 
 Time stamps may jitter and samples may lie unevenly: all is fitted in the motor's angle.
 

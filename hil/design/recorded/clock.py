@@ -1,4 +1,7 @@
-"""The instants at which a motor's angle was sampled: those of the stamps, or even ones where the stamps alone jitter."""
+"""Instants at which a motor's angle was sampled.
+
+They are those of the time stamps, or even ones if only the stamps jitter.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -48,7 +51,10 @@ def clock_of(stamps_s: Real, motor_angle_rad: Real) -> SampledInstants:
 
 
 def _roughness_s(time_s: Real, angle_rad: Real) -> float:
-    """Time by which samples are off the cubic through their four neighbours, where the motor moves."""
+    """Rms time by which samples miss a cubic through their neighbours.
+
+    The cubic has four neighbours; only rows in which the motor moves count.
+    """
     t = [time_s[i : len(time_s) - 4 + i] for i in range(5)]
     a = [angle_rad[i : len(angle_rad) - 4 + i] for i in range(5)]
     others = (0, 1, 3, 4)

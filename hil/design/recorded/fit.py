@@ -1,4 +1,6 @@
-"""Fit of A_k and φ_k to stretches of a recording, in the motor's angle.
+"""Fit of A_k and φ_k to stretches of a recording.
+
+The fit is made in the motor's angle.
 
 Each stretch has a slow part of its own. Standard errors come from blocks of what the fit leaves, put together anew at random
 and fitted again, the slow part's degree chosen again each time: they hold under that choice, and where neighbours are alike.
@@ -27,7 +29,7 @@ LEAST_PASSES = 2.0
 
 @dataclass(frozen=True)
 class AngleSection:
-    """One stretch as it is fitted.
+    """One stretch for the fit.
 
     Attributes:
         angle_rad: Motor angle θ_m; shape (n,).
@@ -40,11 +42,17 @@ class AngleSection:
     waves: Callable[[Sequence[float]], Real]
 
     def averaged(self, most: int) -> "AngleSection":
-        """The same with so many samples at most: each the mean of a few neighbours, in the signal as in its waves."""
+        """Section with at most so many samples.
+
+        Each is the mean of a few neighbours, in the signal as in its waves.
+        """
         return self.averaged_by(-(-len(self.signal) // most))
 
     def averaged_by(self, few: int) -> "AngleSection":
-        """The same with the means of so many neighbours each; what is over at the end is left out."""
+        """Section with means of `few` neighbours each.
+
+        Samples that are left at the end are dropped.
+        """
         if few == 1:
             return self
 
@@ -83,7 +91,10 @@ class SectionFit:
 
 
 def waves_of_angle(angle_rad: Real) -> Callable[[Sequence[float]], Real]:
-    """Waves of a signal that is the joint's angle itself: A cos(kθ + φ) = (A cos φ) cos kθ − (A sin φ) sin kθ."""
+    """Waves of a signal that is the joint's angle itself.
+
+    A cos(kθ + φ) = (A cos φ) cos kθ − (A sin φ) sin kθ
+    """
 
     def waves(orders: Sequence[float]) -> Real:
         return np.column_stack([wave for k in orders for wave in (np.cos(k * angle_rad), -np.sin(k * angle_rad))])
@@ -92,7 +103,9 @@ def waves_of_angle(angle_rad: Real) -> Callable[[Sequence[float]], Real]:
 
 
 def least_turns(orders: Sequence[float]) -> float:
-    """Revolutions of the motor from which a stretch tells some orders apart, from each other and from the slow part.
+    """Least motor revolutions of a stretch that separates some orders.
+
+    They are separated from each other and from the slow part.
 
     >>> least_turns((1, 2, 4))
     2.0
@@ -119,9 +132,9 @@ def fit_section(section: AngleSection, orders: Sequence[float], repeats: int = R
     degrees = degrees_for(section.turns, min(orders)) if degree is None else (degree,)
     needed, enough = least_turns(orders), 3 * (max(degrees) + 1 + waves.shape[1])
     if section.turns < needed:
-        raise ValueError(f"{section.turns:.2f} revolutions do not tell these orders apart: at least {needed:g} do")
+        raise ValueError(f"{section.turns:.2f} revolutions do not separate these orders; at least {needed:g} are needed")
     if len(section.signal) < enough:
-        raise ValueError(f"{len(section.signal)} samples are too few for them: at least {enough} are needed")
+        raise ValueError(f"{len(section.signal)} samples are too few for these orders; at least {enough} are needed")
     scale = float(np.std(section.signal)) or 1.0
     size = np.sqrt(np.mean(waves**2, axis=0)) + 1e-300
     choice = DegreeChoice(section.angle_rad, waves / size, degrees)
@@ -140,7 +153,10 @@ def fit_section(section: AngleSection, orders: Sequence[float], repeats: int = R
 
 
 def _bootstrapped(angle_rad: Real, choice: DegreeChoice, fitted: Real, residual: Real, repeats: int) -> Real:
-    """Unknowns of the waves in signals whose residual is blocks of the real one, at random; shape (repeats, waves)."""
+    """Unknowns of the waves in resampled signals; shape (repeats, waves).
+
+    The residual of such a signal is made of random blocks of the real one.
+    """
     random = np.random.default_rng(BLOCK_SEED)
     turns = float(np.ptp(angle_rad)) / (2.0 * math.pi)
     count = len(residual)

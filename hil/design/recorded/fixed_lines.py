@@ -1,4 +1,7 @@
-"""Lines of a fixed frequency in a recorded signal: of the sampling, the mains or another machine, not of the gear."""
+"""Lines of a fixed frequency in a recorded signal.
+
+They come from the sampling, the mains or another machine, not from the gear.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -54,7 +57,9 @@ class Cleaned:
 
 
 def without_lines(section: AngleSection, look: OrderColumns, orders: Real, time_s: Real) -> Cleaned:
-    """A stretch without the lines that keep their frequency rather than their order while the speed changes.
+    """Remove the lines of a fixed frequency from a stretch.
+
+    These keep their frequency, not their order, while the speed changes.
 
     Only a stretch whose speed changes can tell: at one speed a frequency is an order. An order is put through the arm where there
     is one: what rings at the arm's own frequency while an order passes is that order.
@@ -104,7 +109,9 @@ def without_lines(section: AngleSection, look: OrderColumns, orders: Real, time_
 
 
 def _of_lines(look: OrderColumns, rows: list[int], averaged: AngleSection, found: list[tuple[float, float]]) -> tuple[Real, Real]:
-    """Unknowns of some lines, fitted beside the slow part and some orders, and their waves; shapes (2·lines,) and (n,).
+    """Fit some lines beside the slow part and some orders.
+
+    Returns the unknowns and the waves of the lines; shapes (2·lines,) and (n,).
 
     Args:
         look: Waves of the orders.
@@ -120,7 +127,10 @@ def _of_lines(look: OrderColumns, rows: list[int], averaged: AngleSection, found
 
 
 def _lasts(signal: Real, waves: Real) -> bool:
-    """True if a line is there all the time: a resonance rings at its frequency too, but only while an order passes it."""
+    """True if a line is present all the time.
+
+    A resonance rings at its own frequency too, but only while an order passes it.
+    """
     pieces = []
     for part in np.array_split(np.arange(len(signal)), PIECES):
         x, y = np.linalg.lstsq(waves[part], signal[part], rcond=1e-9)[0]
@@ -130,7 +140,7 @@ def _lasts(signal: Real, waves: Real) -> bool:
 
 
 def _frequencies(section: AngleSection, elapsed_s: Real, order: float) -> Real:
-    """Frequencies at which a line may be that stands at an order."""
+    """Frequencies of a line that the scan shows at an order."""
     speed_rps = section.turns / max(float(elapsed_s[-1]), 1e-9)
     busiest = _busiest_speed(section.angle_rad, elapsed_s)
     fine = 1.0 / max(float(elapsed_s[-1]), 1e-9)

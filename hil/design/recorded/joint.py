@@ -1,4 +1,7 @@
-"""All stretches of a recording together: A_k and φ_k with standard errors, and where they change from stretch to stretch."""
+"""Joint fit of all stretches of a recording.
+
+It has A_k and φ_k with standard errors, and the changes from stretch to stretch.
+"""
 
 import cmath
 import math
@@ -71,7 +74,10 @@ class JointFit:
 
 
 def value_of(x: float, y: float, covariance: Real) -> RecordedValue:
-    """Amplitude and phase of A cos φ = x and A sin φ = y in rad, with errors from their covariance; shape (2, 2)."""
+    """Amplitude and phase of an order from its cosine and sine parts.
+
+    A cos φ = x and A sin φ = y are in rad. The errors follow from the covariance of both, shape (2, 2).
+    """
     size = math.hypot(x, y)
     along, across = np.array([x, y]) / max(size, 1e-30), np.array([-y, x]) / max(size, 1e-30)
     radial = math.sqrt(max(0.0, float(along @ covariance @ along)))
@@ -92,7 +98,9 @@ def _pair(fit: SectionFit, row: int) -> tuple[float, float, Real]:
 
 
 def joined(fits: Sequence[SectionFit], moves: Sequence[Real] | None = None) -> JointFit:
-    """Mean of some fits of the same orders, each weighted by its covariance, widened where they differ by more than noise.
+    """Average some fits of the same orders, weighted by their covariances.
+
+    The errors are widened if the fits differ by more than noise.
 
     Args:
         fits: The fits.
@@ -102,7 +110,7 @@ def joined(fits: Sequence[SectionFit], moves: Sequence[Real] | None = None) -> J
         ValueError: There is no fit.
     """
     if not fits:
-        raise ValueError("no stretch has been fitted")
+        raise ValueError("no stretch has been fitted; at least 1 is needed")
     values: dict[float, RecordedValue] = {}
     changes: dict[float, Change] = {}
     for row, order in enumerate(fits[0].orders):
@@ -127,7 +135,9 @@ def joined(fits: Sequence[SectionFit], moves: Sequence[Real] | None = None) -> J
 
 
 def widened_by(whole: JointFit, parts: JointFit) -> JointFit:
-    """A fit whose standard errors are widened where its orders change from part to part of its stretches: no one value holds.
+    """Widen the standard errors of orders that change between parts.
+
+    No single value holds for such an order.
 
     So it is where a motion passes the arm's resonance, of which the encoders see the arm's answer and not the gear's error.
     """
@@ -143,7 +153,9 @@ def widened_by(whole: JointFit, parts: JointFit) -> JointFit:
 
 
 def moves_of(section: AngleSection, moved: Sequence[AngleSection], orders: Sequence[float], degree: int) -> Real:
-    """Move of the unknowns of one stretch for each standard error of what is believed of it; shape (2·orders, errors).
+    """Change of the unknowns per standard error of each belief.
+
+    The stretch is the same; shape (2·orders, errors).
 
     Args:
         section: The stretch.

@@ -1,4 +1,7 @@
-"""Waves of all orders of a scan beside the slow part of a stretch, made once: what each of them explains of any signal."""
+"""Waves of all orders of a scan beside a stretch's slow part.
+
+They are made once, and show how much of any signal each order explains.
+"""
 
 from collections.abc import Sequence
 
@@ -55,11 +58,13 @@ class OrderColumns:
         self.per_strength[rows] = np.sqrt(0.25 * count * np.trace(inverse, axis1=1, axis2=2))
 
     def beside_slow(self, signal: Real) -> Real:
-        """A signal without its slow part; shape (n,)."""
+        """Signal without its slow part; shape (n,)."""
         return np.asarray(signal - self.basis @ (self.basis.T @ signal))
 
     def powers(self, left: Real) -> Real:
-        """Square of the strength of each order: of the amplitude of a plain wave that explains as much; shape (orders,).
+        """Squared strength of each order; shape (orders,).
+
+        The strength is the amplitude of a plain wave that explains as much.
 
         Args:
             left: Signal without its slow part; shape (n,).
@@ -83,7 +88,10 @@ class OrderColumns:
         return np.asarray(np.interp(orders, orders[probed], 1.0 / (ORDER_STEP * np.sum(alike, axis=1))))
 
     def without(self, signal: Real, rows: Sequence[int]) -> Real:
-        """A signal without its slow part and the waves of some orders, fitted together; shape (n,)."""
+        """Signal without its slow part and some orders; shape (n,).
+
+        All are fitted together.
+        """
         left = self.beside_slow(signal)
         if not rows:
             return left
@@ -92,7 +100,9 @@ class OrderColumns:
 
 
 def columns_of(sections: Sequence[AngleSection], degrees: Sequence[int], orders: Real) -> list[OrderColumns | None]:
-    """Waves of each stretch; None for the shorter ones of more than can be held.
+    """Make the waves of each stretch.
+
+    If memory does not suffice for all, the shorter stretches have None.
 
     Args:
         sections: The stretches.

@@ -1,4 +1,6 @@
-"""Blind scan of a recorded signal for orders of the motor: which there are, before any is asked for.
+"""Blind scan of a recorded signal for orders of the motor.
+
+It finds the orders that are there, without a list of expected ones.
 
 Each order is fitted alone beside the slow part, through the arm where a sensor sits behind one. What it explains is held against
 what its neighbours explain, so that noise of any strength makes a false alarm as rarely as is stated.
@@ -37,7 +39,7 @@ APART_TURNS = 1.5
 
 @dataclass(frozen=True)
 class Peak:
-    """An order that stands above the false-alarm level.
+    """Order above the false-alarm level.
 
     Attributes:
         order: Order.
@@ -72,19 +74,24 @@ class BlindScan:
 
     @property
     def highest(self) -> Peak:
-        """Highest amplitude above the level; where there is none, that which comes nearest to it."""
+        """Highest peak above the level, or the one nearest to it."""
         above = self.amplitude >= self.level
         row = int(np.argmax(np.where(above, self.amplitude, 0.0) if np.any(above) else self.amplitude / self.level))
         return Peak(float(self.order[row]), float(self.amplitude[row]), float(self.level[row]))
 
 
 def amplitudes_over_order(section: AngleSection, degree: int, orders: Real) -> Real:
-    """Amplitude of a plain wave of each order alone beside the slow part, in the unit of the signal; shape of `orders`."""
+    """Amplitude of each order alone beside the slow part.
+
+    It is that of a plain wave in the unit of the signal; shape of `orders`.
+    """
     return plain_amplitudes(section.signal, slow_columns(section.angle_rad, degree), section.angle_rad, orders)
 
 
 def plain_amplitudes(signal: Real, slow: Real, phase_rad: Real, multiples: Real) -> Real:
-    """Amplitude of a wave of each multiple of a phase alone beside slow columns; shape of `multiples`.
+    """Amplitude of each multiple of a phase beside slow columns.
+
+    Each multiple is fitted alone; shape of `multiples`.
 
     Args:
         signal: Signal; shape (n,).
@@ -106,7 +113,9 @@ def plain_amplitudes(signal: Real, slow: Real, phase_rad: Real, multiples: Real)
 
 
 def order_scan(looks: Sequence[OrderColumns], signals: Sequence[Real], orders: Real) -> BlindScan:
-    """Scan of all stretches together: the root of the mean square of their strengths, by their revolutions.
+    """Scan all stretches together.
+
+    The strength is the root of the mean square of the stretches' strengths, weighted by their revolutions.
 
     Args:
         looks: Waves of the stretches.
@@ -149,7 +158,9 @@ def order_scan(looks: Sequence[OrderColumns], signals: Sequence[Real], orders: R
 
 
 def level_over_floor(weight: Real, seen_turns: Real) -> Real:
-    """Strength that noise reaches anywhere in the scan with the probability `FALSE_ALARM`, by the median of its neighbours.
+    """False-alarm level over the median of the neighbours.
+
+    Noise reaches it anywhere in the scan with the probability `FALSE_ALARM`.
 
     A power of noise that is summed over stretches with weights w has ν = 2/Σw² degrees of freedom, and so many independent orders
     there are as revolutions within which an order shows; between them it rises above them, about √ln(orders/p) times as often as
@@ -171,17 +182,26 @@ def level_over_floor(weight: Real, seen_turns: Real) -> Real:
 
 
 def floor_reach(seen_turns: Real) -> NDArray[np.int64]:
-    """Rows to either side of an order whose median is its floor; shape of the revolutions within which it shows."""
+    """Rows to either side of an order for its floor.
+
+    The floor is their median; shape of `seen_turns`.
+    """
     return np.round(floor_width(seen_turns) / ORDER_STEP).astype(np.int64)
 
 
 def floor_width(seen_turns: Real) -> Real:
-    """Orders to either side of an order among which its floor is the median; shape of the revolutions within which it shows."""
+    """Orders to either side of an order for its floor.
+
+    The floor is the median among them; shape of `seen_turns`.
+    """
     return np.minimum(np.maximum(FLOOR_WIDTH, FLOOR_CELLS / seen_turns), SCAN_TO - SCAN_FROM)
 
 
 def _beside(orders: Real, taken: Sequence[int], seen_turns: Real) -> NDArray[np.bool_]:
-    """Orders that some that were taken out have not taken along: one over the revolutions away; shape (orders,)."""
+    """True at orders that the removed ones do not influence.
+
+    They lie at least one over the revolutions away; shape (orders,).
+    """
     free = np.ones(len(orders), dtype=np.bool_)
     for row in taken:
         free &= np.abs(orders - orders[row]) > min(1.0 / float(seen_turns[row]), MOST_TAKEN)
@@ -189,7 +209,9 @@ def _beside(orders: Real, taken: Sequence[int], seen_turns: Real) -> NDArray[np.
 
 
 def floor_of(strength: Real, reach: NDArray[np.int64], free: NDArray[np.bool_] | None = None) -> Real:
-    """Median of the neighbours of each order, held against the slope of all; shape of `strength`.
+    """Median of the neighbours of each order, relative to a slope.
+
+    The slope is that of the whole scan; shape of `strength`.
 
     Noise is seldom white: a parabola over the order and its logarithm, through the logarithms by least absolute deviations, is
     the slope, so that a wide neighbourhood does not make its low end an alarm.

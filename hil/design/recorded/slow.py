@@ -1,4 +1,7 @@
-"""Slow parts of a recorded signal: a polynomial in the angle, whose degree blocks that are left out choose."""
+"""Slow part of a recorded signal.
+
+It is a polynomial in the angle, whose degree is chosen by cross-validation on blocks.
+"""
 
 import math
 from collections.abc import Sequence
@@ -18,14 +21,16 @@ WAVES_BELOW = 1.2
 
 
 def slow_columns(angle_rad: Real, degree: int) -> Real:
-    """Chebyshev polynomials up to a degree over the range of an angle; shape (n, degree + 1)."""
+    """Chebyshev polynomials over an angle's range; shape (n, degree + 1)."""
     low, high = float(np.min(angle_rad)), float(np.max(angle_rad))
     scaled = (2.0 * angle_rad - low - high) / max(high - low, 1e-12)
     return np.asarray(np.polynomial.chebyshev.chebvander(np.clip(scaled, -1.0, 1.0), degree))
 
 
 def degrees_for(turns: float, lowest_order: float) -> tuple[int, ...]:
-    """Degrees among which blocks choose: none that could pass for the lowest order.
+    """List the degrees to choose from.
+
+    None is so high that the polynomial could pass for the lowest order.
 
     >>> degrees_for(6.9, 1)
     (1, 2, 4, 6, 8)
@@ -35,14 +40,19 @@ def degrees_for(turns: float, lowest_order: float) -> tuple[int, ...]:
 
 
 def fold_of(angle_rad: Real) -> NDArray[np.intp]:
-    """Fold of each row: blocks of an angle, dealt out in turn; shape (n,)."""
+    """Fold of each row, in blocks of the angle; shape (n,).
+
+    Successive blocks belong to the folds in turn.
+    """
     turned = np.abs(angle_rad - angle_rad[0]) / (2.0 * math.pi)
     block = max(LEFT_OUT_TURNS, float(np.max(turned)) / 200.0)
     return np.asarray((turned / block).astype(np.intp) % FOLDS)
 
 
 class DegreeChoice:
-    """Choice of the degree for any signals of one stretch: what does not depend on them is computed once.
+    """Choice of the degree for any signals of one stretch.
+
+    Everything that does not depend on the signals is computed once.
 
     One orthogonal basis serves all degrees: the waves come first, then the slow columns, degree by degree.
     """
@@ -64,7 +74,10 @@ class DegreeChoice:
         self._grams = [self._basis[rows].T @ self._basis[rows] for rows in self._folds]
 
     def missed(self, signals: Real) -> Real:
-        """Mean square of what each degree misses of the blocks that are left out; shape (degrees, signals)."""
+        """Mean square of each degree's error on the left-out blocks.
+
+        Shape (degrees, signals).
+        """
         whole = self._basis.T @ signals
         total = np.zeros((len(self.degrees), signals.shape[1]))
         for rows, gram in zip(self._folds, self._grams, strict=True):
@@ -82,11 +95,17 @@ class DegreeChoice:
         return np.asarray(np.asarray(self.degrees, dtype=np.intp)[np.argmin(self.missed(signals), axis=0)], dtype=np.intp)
 
     def solve(self, degree: int, signals: Real) -> Real:
-        """Unknowns of the waves, then of the slow columns; shape (m + degree + 1, signals)."""
+        """Solve for the unknowns; shape (m + degree + 1, signals).
+
+        Those of the waves come first, then those of the slow columns.
+        """
         m = self.waves + degree + 1
         return np.asarray(scipy.linalg.solve_triangular(self._triangle[:m, :m], self._basis[:, :m].T @ signals))
 
     def parts(self, degree: int, unknowns: Real) -> tuple[Real, Real]:
-        """Waves and slow part of one signal with these unknowns; each of shape (n,)."""
+        """Waves and slow part of one signal with given unknowns.
+
+        Each has the shape (n,).
+        """
         m = self.waves
         return self._design[:, :m] @ unknowns[:m], self._design[:, m : m + degree + 1] @ unknowns[m:]

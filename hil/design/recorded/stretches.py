@@ -1,4 +1,7 @@
-"""Stretches of a recording: rows in which the motor turns one way, without a stop."""
+"""Stretches of a recording in which the motor turns one way.
+
+A stretch has no stop.
+"""
 
 import math
 from dataclasses import dataclass
@@ -39,7 +42,10 @@ class MotionStretch:
 
 
 def speed_of(motor_angle_rad: Real, time_s: Real, across: int = ACROSS) -> Real:
-    """Speed of the motor in rev/s across some samples to either side, so that jitter of the stamps is not seen; shape (n,)."""
+    """Speed of the motor in rev/s; shape (n,).
+
+    It is taken across some samples to either side, so that jitter of the stamps has no effect.
+    """
     count = len(time_s)
     row = np.arange(count)
     before, behind = np.maximum(row - across, 0), np.minimum(row + across, count - 1)
@@ -48,7 +54,7 @@ def speed_of(motor_angle_rad: Real, time_s: Real, across: int = ACROSS) -> Real:
 
 
 def stretches(motor_angle_rad: Real, time_s: Real, least_turns: float = 0.0) -> list[MotionStretch]:
-    """All stretches of at least so many revolutions, in their order.
+    """Find all stretches of at least so many revolutions, in their order.
 
     Raises:
         ValueError: The shapes differ.
@@ -72,7 +78,9 @@ def stretches(motor_angle_rad: Real, time_s: Real, least_turns: float = 0.0) -> 
 
 
 def parts_of(stretch: MotionStretch, motor_angle_rad: Real, time_s: Real, turns: float, most: int) -> list[MotionStretch]:
-    """A stretch in equal parts of at least so many revolutions, itself where it is too short for two.
+    """Divide a stretch into equal parts of at least `turns` revolutions.
+
+    A stretch that is too short for two parts stays whole.
 
     Args:
         stretch: The stretch.

@@ -1,7 +1,9 @@
-"""Swing of a joint behind its gear: an arm on a spring goes wider than its gear drives it, the more so the faster it passes.
+"""Swing of a joint behind its gear.
+
+An arm on a spring moves wider than its gear drives it, and more so at higher speed.
 
 Behind a motor at f_m order k passes with k f_m. Well below the arm's resonance f_a two encoders see it wider by
-1/(1 − (k f_m/f_a)²) ≈ 1 + c (k f_m)² with c = 1/f_a². At one speed nobody can tell that from a larger error; where the
+1/(1 − (k f_m/f_a)²) ≈ 1 + c (k f_m)² with c = 1/f_a². At one speed this looks like a larger error; where the
 speed changes the recording can.
 """
 
@@ -40,7 +42,10 @@ class JointSwing:
 
     @property
     def is_told(self) -> bool:
-        """True if the recordings tell it from a larger error, and it can be one."""
+        """True if the recordings separate the swing from a larger error.
+
+        Its value also has to be possible for a swing.
+        """
         at_most = self.highest_hz**2
         return (
             self.error_per_hz2 * at_most < TOLD_WITHIN
@@ -49,7 +54,9 @@ class JointSwing:
 
 
 def swung_waves(angle_rad: Real, speed_rps: Real, per_hz2: float) -> Callable[[Sequence[float]], Real]:
-    """Waves of a joint's angle that goes wider by 1 + c (k f_m)².
+    """Waves of a joint's angle with the swing of the arm.
+
+    The angle is wider by 1 + c (k f_m)².
 
     Args:
         angle_rad: Motor angle; shape (n,).
@@ -68,7 +75,9 @@ def swung_waves(angle_rad: Real, speed_rps: Real, per_hz2: float) -> Callable[[S
 def swing_of(
     sections_at: Sequence[Callable[[float], AngleSection]], orders: Sequence[float], highest_hz: float
 ) -> JointSwing | None:
-    """Swing that some stretches show together; None if none of them can be fitted.
+    """Estimate the swing that some stretches show together.
+
+    Returns None if no stretch can be fitted.
 
     Each is fitted with one column more, what c = 1 s² changes; its standard error is that of the blocks, as for all unknowns.
 

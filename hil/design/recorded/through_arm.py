@@ -1,4 +1,6 @@
-"""A sensor behind the arm on its gear: the tip's acceleration or the motor's torque that a motion and an error of it make.
+"""Sensor behind the arm on its gear.
+
+The module predicts the tip acceleration or motor torque of a motion with a transmission error.
 
 The motor's angle is a spline over its samples; the arm answers to it on a grid fine enough for the highest order, from rest or
 from a steady turning. For a given arm the signal is linear in A_k cos φ_k and A_k sin φ_k.
@@ -47,7 +49,10 @@ class ArmBelief:
     delay_error_s: float
 
     def moved(self, by: Sequence[float]) -> Arm:
-        """The arm with resonance, damping and delay moved by so many of their standard errors."""
+        """Arm with its parameters moved by some standard errors.
+
+        The parameters are resonance, damping and delay.
+        """
         return replace(
             self.arm,
             resonance_hz=self.arm.resonance_hz * math.exp(self.resonance_fraction * by[0]),
@@ -57,7 +62,7 @@ class ArmBelief:
 
 
 class ThroughArm:
-    """One recording as a sensor behind the arm has seen it, on an even grid.
+    """Recording of a sensor behind the arm, on an even grid.
 
     Attributes:
         time_s: The grid; shape (n,).
@@ -82,11 +87,15 @@ class ThroughArm:
         period = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
         if period > 0.2 / arm_hz:
             least = 200.0 / arm_hz
-            raise ValueError(f"samples every {1e3 * period:.3g} ms do not show an arm at {arm_hz:.3g} Hz; {least:.3g} ms do")
+            raise ValueError(
+                f"samples every {1e3 * period:.3g} ms do not show an arm at {arm_hz:.3g} Hz; at most {least:.3g} ms is allowed"
+            )
         self._ratio, self._sensing = ratio, sensing
         self._every = max(1, math.ceil(period / FINE_S))
         if len(time_s) * self._every > MOST_FINE:
-            raise ValueError(f"{len(time_s)} samples are too many; {MOST_FINE // self._every} can be fitted through an arm")
+            raise ValueError(
+                f"{len(time_s)} samples are too many; at most {MOST_FINE // self._every} can be fitted through an arm"
+            )
         self.time_s = time_s[0] + period * np.arange(len(time_s))
         self._fine_s = time_s[0] + period / self._every * np.arange((len(time_s) - 1) * self._every + 1)
         self._fine_rad = scipy.interpolate.CubicSpline(time_s, motor_rad)(self._fine_s)
@@ -108,7 +117,10 @@ class ThroughArm:
         return self._shown(felt, arm)
 
     def waves(self, arm: Arm, orders: Sequence[float]) -> Real:
-        """Signal that A cos φ = 1 rad and A sin φ = 1 rad of each order make; shape (n, 2·orders)."""
+        """Signal per unit of each linear unknown; shape (n, 2·orders).
+
+        The unknowns are A cos φ and A sin φ of each order, in rad.
+        """
         key = arm, tuple(orders)
         if key not in self._made:
             if len(self._made) >= MOST_KEPT:
@@ -118,7 +130,7 @@ class ThroughArm:
         return self._made[key]
 
     def _answer(self, driven: Real, arm: Arm) -> Real:
-        """Acceleration of the arm in rad/s² when its gear is driven so."""
+        """Acceleration of the arm in rad/s² for a motion of its gear."""
         step = float(self._fine_s[1] - self._fine_s[0])
         modes = [(1.0 - sum(each.part for each in arm.others), arm.resonance_hz, arm.damping)]
         modes += [(each.part, each.resonance_hz, each.damping) for each in arm.others]
@@ -142,7 +154,12 @@ class ThroughArm:
 
 @functools.lru_cache(maxsize=64)
 def _discrete(omega: float, damping: float, of_gear: float, step: float) -> tuple[Real, Real]:
-    """(2 ζ_g ω s + ω²)/(s² + 2 ζ ω s + ω²) between samples on straight lines: numerator and denominator in z."""
+    """Discretise the arm's response for linear input between samples.
+
+        (2 ζ_g ω s + ω²)/(s² + 2 ζ ω s + ω²)
+
+    Returns numerator and denominator in z.
+    """
     system = (np.array([2.0 * of_gear * omega, omega**2]), np.array([1.0, 2.0 * damping * omega, omega**2]))
     above, below, _ = scipy.signal.cont2discrete(system, step, "foh")
     return np.asarray(above, dtype=np.float64).ravel(), np.asarray(below, dtype=np.float64).ravel()
@@ -166,12 +183,14 @@ class RefinedArm:
 
 
 def refined_arm(rows: Rows, orders: Sequence[float], belief: ArmBelief) -> RefinedArm:
-    """Resonance, damping and delay that fit the stretches best, by what is believed of them.
+    """Refine resonance, damping and delay on some stretches.
+
+    Beliefs on the arm count with their standard errors.
 
     Args:
         rows: The stretches.
         orders: Orders of the transmission error.
-        belief: What is believed of the arm.
+        belief: Beliefs about the arm.
     """
     bases = []
     for through, inside in rows:
@@ -213,7 +232,10 @@ def refined_arm(rows: Rows, orders: Sequence[float], belief: ArmBelief) -> Refin
 
 
 def arm_section(through: ThroughArm, inside: slice, arm: Arm) -> AngleSection:
-    """Rows of a recording for a given arm: the signal less that of the motor's own motion."""
+    """Section of a recording for a given arm.
+
+    Its signal is without that of the motor's own motion.
+    """
 
     def waves(orders: Sequence[float]) -> Real:
         return through.waves(arm, orders)[inside]

@@ -1,4 +1,7 @@
-"""Checks of a fitted transmission error; each failure names the number that is wrong and the number needed."""
+"""Checks of a fitted transmission error.
+
+Each failure names the number that is wrong and the number needed.
+"""
 
 import math
 
@@ -43,7 +46,7 @@ MISWIRED: tuple[RefusalCause, ...] = ("wrong axis or wiring",)
 
 
 class AteNotIdentifiedError(HilError):
-    """The runs do not identify the transmission error."""
+    """Error: the runs do not identify the transmission error."""
 
     exit_code = 9
 
@@ -84,7 +87,7 @@ def check_run(result: RunResult, *, sensorless: bool, sensor: str = "acceleromet
     Args:
         result: The pass.
         sensorless: True if the motor torque is fitted.
-        sensor: What tells the tip, in words.
+        sensor: Name of the tip's sensor.
 
     Raises:
         AteNotIdentifiedError: Too many cycles lack something.
@@ -104,7 +107,9 @@ def check_run(result: RunResult, *, sensorless: bool, sensor: str = "acceleromet
 
 
 def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
-    """Check that a tip acceleration, shape (n,), comes from a live sensor within its range; `sensor` is its name in words.
+    """Check that a tip acceleration comes from a live, unsaturated sensor.
+
+    The acceleration has the shape (n,); `sensor` is the sensor's name in words.
 
     Raises:
         AteNotIdentifiedError: It never changes, or comes back to the very same largest value as only a saturated sensor does.
@@ -113,7 +118,12 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
     if len(levels) < 8:
         what = f"different values of the {sensor} in {len(tip)} samples"
         raise AteNotIdentifiedError(
-            what, len(levels), 8, "", "is it powered, does it sit on the arm, is its resolution fine enough?", causes=MISWIRED
+            what,
+            len(levels),
+            8,
+            "",
+            "check that it is powered, sits on the arm, and has a fine enough resolution",
+            causes=MISWIRED,
         )
     step = float(np.min(np.diff(levels)))
     for end, count, beside in ((levels[0], counts[0], counts[1:4]), (levels[-1], counts[-1], counts[-4:-1])):
@@ -123,12 +133,14 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
         is_pile = count > PILE * int(beside.max()) and abs(end - float(np.median(tip))) > FLAT_STEPS * step
         if stretches >= FLAT_STRETCHES and is_pile:
             what = f"times that the {sensor} saturates at {end:.3g} m/s²"
-            remedy = f"a range beyond {abs(end):.3g} m/s² or a faster ramp is needed"
+            remedy = f"take a sensor with a range beyond {abs(end):.3g} m/s², or a faster ramp"
             raise AteNotIdentifiedError(what, stretches, FLAT_STRETCHES - 1, "", remedy, at_most=True)
 
 
 def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0, has_acted: bool = False) -> None:
-    """Check that a fit belongs to this axis, and that it is significant or can become so.
+    """Check that a fit belongs to this axis and is significant.
+
+    A fit that further passes may make significant passes too.
 
     Args:
         estimate: The fit.
@@ -148,10 +160,8 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
     if of_vibration < LEAST_EXPLAINED:
         signal = "motor torque's" if sensorless else "tip's"
         orders = ", ".join(f"{order:g}" for order in estimate.error.amplitude_arcsec)
-        what = (
-            f"the fraction of the {signal} vibration, noise left out, that a transmission error of the orders {orders} explains"
-        )
-        remedy = "does another order ring (the order map of a run shows it), another axis, or a loose sensor?"
+        what = f"the fraction of the {signal} vibration beyond noise that the orders {orders} explain"
+        remedy = "look for another order (in the order map of a run), another vibrating axis, or a loose sensor"
         raise AteNotIdentifiedError(
             what, of_vibration, LEAST_EXPLAINED, "", remedy, is_of_orders=True, causes=("another source of vibration",)
         )
@@ -160,12 +170,15 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
         bound = DELAY_S[1] - 1e-3 if delay > 0.0 else -DELAY_S[0] - 1e-3
         what = "the delay between motor angle and sensor"
         raise AteNotIdentifiedError(
-            what, 1e3 * abs(delay), 1e3 * bound, "ms", "beyond it φ cannot be told from φ + 180°", at_most=True
+            what, 1e3 * abs(delay), 1e3 * bound, "ms", "with a longer delay φ looks like φ + 180°", at_most=True
         )
 
 
 def _check_factor(estimate: JointEstimate) -> None:
-    """Refuse a signal that the motor's own motion shows to be another axis', or none."""
+    """Refuse a signal that does not fit the motor's own motion.
+
+    Such a signal comes from another axis, or from a sensor that feels nothing.
+    """
     factor, error = estimate.motion_scale, estimate.motion_scale_error
     off, allowed = abs(factor - 1.0), max(SCALE_TOLERANCE, SCALE_SIGMAS * estimate.motion_scale_error)
     if off <= allowed:
@@ -174,15 +187,17 @@ def _check_factor(estimate: JointEstimate) -> None:
     if factor < -FEELS_NOTHING:
         remedy = "the tip moves against the motor: the encoder counts backwards (607Eh), or the accelerometer sits upside down"
     elif factor < FEELS_NOTHING:
-        remedy = "the sensor does not feel this axis: is it alive, does it sit on this arm, is the arm coupled and free?"
+        remedy = (
+            "the sensor does not feel this axis: check that it works and sits on this arm, and that the arm is coupled and free"
+        )
     else:
-        remedy = "is this the axis that moved, and are its reduction ratio and lever right?"
-    remedy += f" The factor is {factor:.3f} ± {error:.3f}"
+        remedy = "check that this is the axis that moved, and check its reduction ratio and lever"
+    remedy += f"; the factor is {factor:.3f} ± {error:.3f}"
     raise AteNotIdentifiedError(what, off, allowed, "", remedy, at_most=True, causes=MISWIRED)
 
 
 def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_left: int) -> None:
-    """Refuse an error that is not seen, and that further passes would not show."""
+    """Refuse an error that further passes would not make significant."""
     errors = estimate.amplitude_error_arcsec
     ratios = {k: amplitude / max(errors[k], 1e-30) for k, amplitude in estimate.error.amplitude_arcsec.items()}
     order = max(ratios, key=lambda k: ratios[k])
@@ -190,26 +205,31 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
     hope = GAIN_OF_PASSES if passes_left and not sensorless else 1.0
     if hope * ratios[order] >= LEAST_SIGMAS:
         return
-    remedy = f"no A_k is seen, and none is above {most:.2g}″: if that is too much, a slower ramp or a better sensor shows more"
+    remedy = f"no A_k is seen, and none is above {most:.2g}″; to see a smaller one, take a slower ramp or a better sensor"
     what = f"the largest amplitude over its standard error (A_{order:g})"
     is_of_orders = estimate.structured > VIBRATES
     raise AteNotIdentifiedError(what, ratios[order], LEAST_SIGMAS, "", remedy, is_of_orders=is_of_orders, causes=("noise",))
 
 
 def factor_remark(estimate: JointEstimate) -> str | None:
-    """Note on a factor of the motor's motion that is neither 1 nor certainly wrong; None if there is nothing to say."""
+    """Describe a doubtful factor of the motor's motion, or None.
+
+    The factor is neither 1 nor certainly wrong.
+    """
     off = abs(estimate.motion_scale - 1.0)
     if off <= max(SCALE_REMARK, SCALE_REMARK_SIGMAS * estimate.motion_scale_error):
         return None
     return (
-        f"the motor's own motion shows at the tip {estimate.motion_scale:.3f} ± {estimate.motion_scale_error:.3f} times as "
-        "tip_lever_m / reduction_ratio of the bench file says: A_k is wrong by as much, or the gear is no spring; the trial of "
-        "the cancellation decides"
+        f"the tip follows the motor {estimate.motion_scale:.3f} ± {estimate.motion_scale_error:.3f} times as far "
+        "as tip_lever_m / reduction_ratio of the bench file says; A_k is wrong by as much, or the gear is no "
+        "spring; the trial of the cancellation shows which"
     )
 
 
 def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> None:
-    """Check that the motor made its motion; where it was stopped on the way, whether the arm is held.
+    """Check that the motor made its motion.
+
+    If the motor was stopped on the way, check whether the arm is held.
 
     Args:
         motion: Ramps that were asked for.
@@ -231,9 +251,12 @@ def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> 
     torque_nm = float(np.max(np.abs(recording.axis(axis, "torque_nm"))))
     pressed = torque_nm >= HELD_TORQUE_FRACTION * limits.torque_nm
     remedy = (
-        f"the motor pressed with {torque_nm:.3g} N·m of {limits.torque_nm:g}: is a brake closed, or the arm blocked?"
+        f"the motor pressed with {torque_nm:.3g} N·m of {limits.torque_nm:g}; check that the brake is open and the arm free"
         if pressed
-        else f"its torque was {torque_nm:.3g} N·m: is the motor coupled, does its encoder count, are the gains this axis'?"
+        else (
+            f"its torque was {torque_nm:.3g} N·m; check that the motor is coupled, its encoder counts, and the gains "
+            "are those of this axis"
+        )
     )
     what = f"the distance that the motor of axis {axis} turned, of {asked_rev:.2f} rev asked,"
     raise AteNotIdentifiedError(what, made_rev, HELD_TRAVEL_FRACTION * asked_rev, "rev", remedy, causes=MISWIRED)

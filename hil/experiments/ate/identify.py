@@ -1,4 +1,6 @@
-"""Identification of the transmission error of one axis: ramps in both directions until it is known as well as requested.
+"""Identification of the transmission error of one axis.
+
+Passes with ramps in both directions go on until the error is known as well as requested.
 
 For the accuracy on the reference robot see docs/theory-transmission-error.md.
 """
@@ -84,7 +86,7 @@ SATURATED_TORQUE_FRACTION = 0.99
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass that was made.
+    """One completed pass.
 
     Attributes:
         ramps: Motion that was requested.
@@ -134,7 +136,10 @@ class Identification:
 
     @property
     def is_good(self) -> bool:
-        """True if what was requested is known, or is usable (`Miss`); an order out of the ramps' reach is not counted."""
+        """True if what was requested is known or usable (`Miss`).
+
+        An order out of the ramps' reach does not count.
+        """
         return all(miss.is_usable or not self.is_reached(miss.order) for miss in self.misses)
 
 
@@ -145,7 +150,7 @@ def identify_on(
     keep: PassKeeper = keep_nothing,
     reporter: Reporter = SILENT,
 ) -> Identification:
-    """Run passes on a session that has been brought up, until the goal is met or no pass is left.
+    """Run passes until the goal is met or none is left.
 
     Args:
         session: Session that has been brought up.
@@ -193,7 +198,10 @@ def identify_on(
 
 
 def _reaction(identification: Identification, axis: int, knowledge: AxisKnowledge) -> Reaction | None:
-    """Reaction of the gear on its motor, from the torque of all passes."""
+    """Estimate the gear's reaction on its motor.
+
+    It comes from the torque of all passes; None if the knowledge has no motor side.
+    """
     if knowledge.side is None:
         return None
     made = [each.recording for each in identification.passes]
@@ -204,7 +212,7 @@ def _reaction(identification: Identification, axis: int, knowledge: AxisKnowledg
 
 
 def _watch(identification: Identification, bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> OrderWatch:
-    """The passes so far, to be looked through for orders."""
+    """Passes so far, to be scanned for orders."""
     sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
     last = identification.passes[-1].ramps.trajectory.acceleration_rps_s
     return OrderWatch(bench, request.axis, sensing, [each.sweep for each in identification.passes], last)
@@ -218,7 +226,7 @@ def _fitted(
     motion: Ramps,
     recording: Recording,
 ) -> Pass:
-    """The pass with the estimate from all passes so far.
+    """Fit all passes so far, and return the new pass.
 
     Raises:
         AteNotIdentifiedError: The accelerometer is dead or saturated.
@@ -249,11 +257,11 @@ def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool
         recording: Recording of the pass.
         axis: Axis number.
         sensorless: True to fit the motor torque instead of the tip acceleration.
-        sensor: What tells the tip, in words.
+        sensor: Name of the tip's sensor.
 
     Raises:
         AteNotIdentifiedError: The sensor is dead or saturated.
-        NotPossibleError: It is not mounted as the bench file says.
+        NotPossibleError: The sensor is not mounted as in the bench file.
     """
     angle = recording.axis(axis, "position_rad")
     if sensorless:
@@ -292,7 +300,10 @@ def _is_through(bench: Bench, axis: int, made: Pass, passes_left: int) -> bool:
 
 
 def _curable(identification: Identification, before: list[Miss], bench: Bench, axis: int) -> list[Miss]:
-    """Misses that another pass may cure: those of orders that can yet go through the resonance, and noise's, not the gear's.
+    """Select the misses that another pass may cure.
+
+    These are orders that can yet pass the resonance, and misses by noise, not by the gear. A usable number that the last pass
+    hardly improved is not among them.
 
     A usable number that the last pass hardly made better is not among them.
     """
@@ -314,7 +325,10 @@ def _curable(identification: Identification, before: list[Miss], bench: Bench, a
 
 
 def _next_ramp(bench: Bench, axis: int, identification: Identification, acceleration_rps_s: float) -> tuple[float, float]:
-    """Acceleration and end of the next pass: half as fast as the last, through f_m2, or through f_a where order 1 asks for it."""
+    """Choose acceleration and end speed of the next pass.
+
+    It has half the acceleration of the last, and goes through f_m2, or through f_a if order 1 needs it.
+    """
     arm_hz = identification.estimate.arm.resonance_hz
     ends = [
         further
@@ -330,7 +344,10 @@ def _next_ramp(bench: Bench, axis: int, identification: Identification, accelera
 
 
 def _with_inertia_error(estimate: JointEstimate, fraction: float) -> JointEstimate:
-    """Widen the standard errors of A_k by that of J_l, on which they depend without an accelerometer."""
+    """Widen the standard errors of A_k by that of J_l.
+
+    Without an accelerometer A_k depends on J_l.
+    """
     if fraction <= 0.0:
         return estimate
     wider = {k: math.hypot(estimate.amplitude_error_arcsec[k], fraction * a) for k, a in estimate.error.amplitude_arcsec.items()}
@@ -338,7 +355,7 @@ def _with_inertia_error(estimate: JointEstimate, fraction: float) -> JointEstima
 
 
 def _remark(identification: Identification, bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> None:
-    """Note what the engineer should know of a result that passed its checks."""
+    """Add notes for the engineer to a result that passed."""
     estimate, table = identification.estimate, bench.axis[request.axis]
     apart = [each for each in estimate.agreement if each.sigma > AGREEMENT_SIGMAS]
     identification.notes += [
@@ -358,26 +375,27 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         )
     if request.sensorless:
         fraction = knowledge.arm_inertia_fraction
-        error = f"whose standard error of {100.0 * fraction:.2g} % is in A_k's" if fraction else "whose error nobody has stated"
+        error = f"whose standard error of {100.0 * fraction:.2g} % is in A_k's" if fraction else "whose error is not stated"
         identification.notes.append(f"sensorless: A_k is as wrong as J_l from {knowledge.source}, {error}; {SENSORLESS_BIAS}")
     shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
     identification.notes += [miss.sentence for miss in shown]
     if not estimate.is_spring and not estimate.is_bent:
         identification.notes.append(
-            "the directions differ by more than noise: the arm's resonance is another where the arm stands otherwise (gravity), "
-            "or there is friction in the arm, backlash or hysteresis; the standard errors contain it"
+            "the directions differ by more than noise: gravity gives the arm another resonance in each posture, "
+            "or the arm has friction, backlash or hysteresis; the standard errors contain the difference"
         )
     elif not estimate.is_spring:
         arms = ", ".join(f"{arm.resonance_hz:.2f} Hz at order {order:g}" for order, arm in estimate.own_arms.items())
         also = f", {arms}" if arms else ""
         identification.notes.append(
-            f"the gear is nonlinear (hysteresis or soft wind-up): its resonance shifts with the amplitude of the vibration "
-            f"({estimate.arm.resonance_hz:.2f} Hz{also}), which the standard errors contain and more passes do not change"
+            "the gear is nonlinear (hysteresis or soft wind-up): its resonance shifts with the amplitude of the "
+            f"vibration ({estimate.arm.resonance_hz:.2f} Hz{also}); the standard errors contain the shift, and "
+            "more passes do not change it"
         )
 
 
 def standard_errors(estimate: JointEstimate) -> dict[str, float]:
-    """Standard errors of A_k and φ_k, by the names that the model file has for them."""
+    """Standard errors of A_k and φ_k, by the model file's names."""
     errors = {}
     for order in estimate.error.amplitude_arcsec:
         errors[amplitude_key(order)] = estimate.amplitude_error_arcsec[order]
@@ -386,7 +404,9 @@ def standard_errors(estimate: JointEstimate) -> dict[str, float]:
 
 
 def delay_of(estimate: JointEstimate, gear_fraction_error: float, plant_damping: float | None = None) -> EstimatedParameter:
-    """The sensor's delay; its standard error has noise, what the gear's fraction of the damping leaves open, and a gear's blur.
+    """Estimate the sensor's delay with its standard error.
+
+    The error contains noise, the uncertainty of the gear's part of the damping, and the blur of a gear that is no spring.
 
     The gear's part of the damping leads by 2 ζ_g/ω, which no ramp tells from a sensor that is quicker by as much. A gear that is
     no spring rings at another frequency at each instant of a ramp, which looks like damping and leads by nothing: what the fit
@@ -413,7 +433,9 @@ def as_part(
     reaction: Reaction | None = None,
     plant_damping: float | None = None,
 ) -> IdentifiedError:
-    """Transmission error as an entry of the model file; an order that is not seen is 0 in it.
+    """Convert an estimate to an entry of the model file.
+
+    An order that is not seen has the amplitude 0 in it.
 
     Args:
         estimate: The estimate.

@@ -1,4 +1,6 @@
-"""The motion from which the transmission error is identified: one ramp forwards, one back, within the bench file's limits.
+"""Ramps from which the transmission error is identified.
+
+One ramp goes forwards, one back, within the bench file's limits.
 
 On an arm a ramp turns the joint by no more than `identification_travel_deg` to either side, since further on it rings at other
 frequencies; it accelerates as fast as that takes, and ends where it began.
@@ -59,7 +61,10 @@ class Ramps:
     high_rev: float
 
     def direction(self, skip: float = 0.0) -> NDArray[np.int8]:
-        """+1 and −1 in the rows in which the speed rises, less the first fraction `skip` of each ramp, else 0; shape (n,)."""
+        """Direction of each row of a rising speed; shape (n,).
+
+        It is +1 and −1 in the rows of the ramps without their first fraction `skip`, else 0.
+        """
         signs = np.zeros(len(self.motion.time_s), dtype=np.int8)
         period, ramp = self.motion.period_s, self.trajectory.ramp_s
         for rows, sign in ((self.forward, 1), (self.backward, -1)):
@@ -74,7 +79,10 @@ def travel_rev(acceleration_rps_s: float, deceleration_rps_s: float, end_rps: fl
 
 
 def room_rev(bench: Bench, axis: int) -> float:
-    """Motor revolutions that a ramp may take: between the position limits, and within the travel of an arm's joint."""
+    """Motor revolutions that a ramp may take.
+
+    They lie between the position limits and within the travel of an arm's joint.
+    """
     return min(_between_limits_rev(bench.axis[axis]), bench.travel_rev(axis))
 
 
@@ -83,18 +91,21 @@ def _between_limits_rev(table: AxisTable) -> float:
 
 
 def _is_held_by_arm(bench: Bench, axis: int) -> bool:
-    """True if the travel of an arm's joint leaves less room than the position limits do."""
+    """True if the arm's joint limits a ramp more than the axis.
+
+    The travel of the joint then leaves less room than the position limits.
+    """
     return bench.travel_rev(axis) < _between_limits_rev(bench.axis[axis])
 
 
 def room_words(bench: Bench, axis: int) -> str:
-    """Sentence on what leaves a ramp its room, and how much."""
+    """Describe the room of a ramp and its limit."""
     what = f"±{bench.travel_deg:g}° of the joint leave" if _is_held_by_arm(bench, axis) else "the position limits leave"
     return f"{what} {room_rev(bench, axis):.1f}"
 
 
 def binding_limit(bench: Bench, axis: int, acceleration_rps_s: float, end_rps: float) -> str:
-    """The limit that a ramp uses up, in words; empty where none.
+    """Name the limit that a ramp uses up; empty if none.
 
     Args:
         bench: The bench file.
@@ -112,19 +123,27 @@ def binding_limit(bench: Bench, axis: int, acceleration_rps_s: float, end_rps: f
 
 
 def binding_limit_of(bench: Bench, axis: int, motion: Ramps) -> str:
-    """The limit that a pass uses up, as the end of a sentence; empty where none."""
+    """Name the limit that a pass uses up.
+
+    The words end a sentence; they are empty if no limit is used up.
+    """
     bound = binding_limit(bench, axis, motion.trajectory.acceleration_rps_s, motion.trajectory.end_rps)
-    return f"; what binds is {bound}" if bound else ""
+    return f"; the limit is {bound}" if bound else ""
 
 
 def slowest(bench: Bench, axis: int, end_rps: float) -> float:
-    """The smallest acceleration in rps/s with which a ramp to a speed has room; inf where not even the braking has."""
+    """Smallest acceleration in rps/s with room for a ramp.
+
+    The ramp ends at `end_rps`; infinite if not even the braking has room.
+    """
     left = 2.0 * room_rev(bench, axis) / end_rps**2 - 1.0 / deceleration(bench)
     return 1.0 / left if left > 0.0 else math.inf
 
 
 def acceleration_for(bench: Bench, arm_hz: float | None) -> float:
-    """Acceleration of a first pass in rev/s²: as many periods in the resonance whatever f_a is; 4 where it is not known.
+    """Acceleration of a first pass in rev/s².
+
+    It gives the same number of periods in the resonance at any f_a; without an f_a it is 4.
 
     It is no larger than the deceleration with which every ramp ends.
     """
@@ -135,7 +154,9 @@ def acceleration_for(bench: Bench, arm_hz: float | None) -> float:
 
 
 def with_room(bench: Bench, axis: int, acceleration_rps_s: float, end_rps: float) -> float:
-    """An acceleration with which a ramp to a speed has room: the given one, or more, up to the deceleration.
+    """Raise an acceleration until the ramp has room.
+
+    It is raised no further than the deceleration.
 
     Args:
         bench: The bench file.
@@ -148,7 +169,9 @@ def with_room(bench: Bench, axis: int, acceleration_rps_s: float, end_rps: float
 
 
 def unknown_end(bench: Bench, axis: int) -> float:
-    """End speed of a ramp on an arm of which no resonance is known: what passes f_m2 of one of `ACCELERATION_AT_HZ`.
+    """End speed of a ramp on an arm without known resonance.
+
+    It passes f_m2 of a resonance at `ACCELERATION_AT_HZ`.
 
     Args:
         bench: The bench file.
@@ -158,7 +181,9 @@ def unknown_end(bench: Bench, axis: int) -> float:
 
 
 def further_end(bench: Bench, axis: int, arm_hz: float, order: float) -> float | None:
-    """End speed of a ramp in which a low order passes the resonance; None if speed limit or travel do not allow it.
+    """End speed at which a low order passes the resonance, or None.
+
+    It is None if speed limit or travel do not allow it.
 
     Args:
         bench: The bench file.
@@ -179,7 +204,9 @@ def deceleration(bench: Bench) -> float:
 
 
 def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float | None) -> float:
-    """End speed of a ramp in rev/s: beyond f_m2 = f_a/2 where f_a is known, else as far as the limits allow.
+    """Choose the end speed of a ramp in rev/s.
+
+    It lies beyond f_m2 = f_a/2 if f_a is known, else as far as the limits allow.
 
     Args:
         bench: The bench file.
@@ -206,15 +233,17 @@ def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float 
     if reached < 0.5:
         wider = "a wider identification_travel_deg is" if _is_held_by_arm(bench, axis) else "wider position limits are"
         raise NotPossibleError(
-            f"axis {axis} has {room:.2f} rev to move in, which at {acceleration_rps_s:g} rev/s² ends at {reached:.2f} rev/s: "
-            f"{wider} needed",
+            f"axis {axis} has {room:.2f} rev of travel and reaches {reached:.2f} rev/s at {acceleration_rps_s:g} "
+            f"rev/s²; at least 0.5 rev/s is needed: {wider} needed",
             ("limits",),
         )
     return reached
 
 
 def furthest_end(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float | None) -> float:
-    """End speed of a ramp as `end_speed` gives it, or as near to f_m2 as the limits allow.
+    """End speed of `end_speed`, or as near to it as possible.
+
+    The limits may keep the ramp from passing f_m2.
 
     Args:
         bench: The bench file.
@@ -238,7 +267,7 @@ def furthest_end(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: flo
 
 
 def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float, reached_rps: float) -> str:
-    """Sentence on why f_m2 is not passed, and what would be needed for it.
+    """Describe why f_m2 is not passed and what is needed.
 
     Args:
         bench: The bench file.
@@ -259,12 +288,15 @@ def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float,
     taken_at = f"{taken:.1f} rev at {acceleration_rps_s:g} rev/s²"
     if _is_held_by_arm(bench, axis):
         within = f"within ±{bench.travel_deg:g}° of the joint"
-        return f"{head}: {taken_at}, {within} are {room:.1f}; {remedy}raise identification_travel_deg"
-    return f"{head}: {taken_at}, between its position limits are {room:.1f}; {remedy}widen them"
+        return f"{head}: that takes {taken_at}, {within} are {room:.1f}; {remedy}raise identification_travel_deg"
+    return f"{head}: that takes {taken_at}, between its position limits are {room:.1f}; {remedy}widen them"
 
 
 def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, end_rps: float, period_s: float) -> Ramps:
-    """One pass from the present position: to the ramp's beginning, forwards, back; centred there as far as the limits allow.
+    """Plan one pass from the present position.
+
+    The motor moves to the ramp's beginning, then forwards and back. The ramp is centred at the present position as far as the
+    limits allow.
 
     On an arm it ends where it began, so that the next one, and those of other axes, find it in the same posture.
 
@@ -285,7 +317,8 @@ def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, 
     room = room_rev(bench, axis)
     if travel > room + 1e-6:
         raise NotPossibleError(
-            f"a ramp to {end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² takes {travel:.1f} rev; axis {axis} has {room:.1f}",
+            f"a ramp to {end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² takes {travel:.1f} rev; axis {axis} "
+            f"has {room:.1f} rev of travel",
             ("limits",),
         )
     lowest = table.limits.position_min_rev + MARGIN_REV

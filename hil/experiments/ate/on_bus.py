@@ -1,4 +1,7 @@
-"""`hil identify ate` on a bench: passes on the bus, with their recordings and their result."""
+"""Run of `hil identify ate` on a bench.
+
+It makes passes on the bus, with their recordings and their result.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +41,9 @@ def identify_ate(
     overload: bool = False,
     reporter: Reporter = SILENT,
 ) -> AteOutcome:
-    """Run passes on the bus, and write recordings, bus log and result.json, also where the identification fails.
+    """Identify a transmission error on the bus and write its files.
+
+    These are recordings, bus log and result.json, also if the identification fails.
 
     Args:
         bench: The bench file.
@@ -84,7 +89,7 @@ def identify_ate(
 
 
 class _Keeper:
-    """Saves each pass of an axis, and enters it into the result."""
+    """Keeper of an axis' passes in the result."""
 
     def __init__(self, measurement: Measurement[AteResult], axis: int) -> None:
         self._measurement, self._axis = measurement, axis

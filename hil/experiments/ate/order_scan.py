@@ -1,11 +1,11 @@
-"""Which orders a ramp shows: those that are asked for, and others that nobody asked for.
+"""Orders that a ramp shows, requested or not.
 
-An order k meets the arm where the motor turns f_a/k times a second. Order 1 does so at f_a, which many axes cannot reach: there
-only the foot of its resonance is seen, and what is fitted of it is as good as its standard error, or nothing. Such an order is
-left out of the fit where it is not significant, so that it takes nothing from the others; its amplitude is told all the same.
+An order k meets the arm if the motor turns f_a/k times a second. Order 1 does so at f_a, which many axes cannot reach: their
+ramps show only the foot of its resonance. Such an order is left out of the fit if it is not significant, so that it takes
+nothing from the others; its amplitude is reported all the same.
 
-An order that is not in the set is looked for in what the fit leaves: least squares of its sine through the arm, order by order,
-against the same at the orders beside it, which are noise.
+The residual of the fit is scanned for orders that are not in the set: the sine of each order is fitted through the arm by
+least squares, and compared with the orders beside it, which are noise.
 """
 
 import math
@@ -46,7 +46,7 @@ LEAST_OWN = 0.1
 
 @dataclass(frozen=True)
 class SeenOrder:
-    """An order that the ramps show, and that is not in the set.
+    """Order that the ramps show and that was not requested.
 
     Attributes:
         order: Order k.
@@ -83,7 +83,9 @@ def identify_orders(
     *,
     is_near: bool = False,
 ) -> JointEstimate:
-    """`identify_passes` of those orders that the ramps show; A_k and φ_k of the others with their errors.
+    """Identify the requested orders that the ramps show.
+
+    The others have A_k and φ_k with their errors too; see `identify_passes`.
 
     An order whose resonance no ramp passes, and whose amplitude is below `SIGNIFICANT_SIGMAS` standard errors, is fitted once,
     for its amplitude and errors, and left out of the fit that gives everything else.
@@ -121,12 +123,12 @@ def identify_orders(
 
 
 def is_significant(estimate: JointEstimate, order: float) -> bool:
-    """Whether an order's amplitude is more than noise makes."""
+    """True if an order's amplitude exceeds the noise."""
     return estimate.error.amplitude_arcsec[order] >= SIGNIFICANT_SIGMAS * estimate.amplitude_error_arcsec[order]
 
 
 def is_passed(sweeps: Sequence[Sweep], arm_hz: float, order: float) -> bool:
-    """Whether a ramp passes the speed at which an order meets the arm."""
+    """True if a ramp passes the speed of an order's resonance."""
     return max(_top_rps(sweep) for sweep in sweeps) >= arm_hz / order
 
 
@@ -139,7 +141,9 @@ def _top_rps(sweep: Sweep, over_s: float = 0.05) -> float:
 
 
 def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, estimate: JointEstimate) -> OrderScan:
-    """Orders of the vibration that an estimate is made from: how much each carries, and which are there beside them.
+    """Find the orders of the vibration behind an estimate.
+
+    The result has the power of each fitted order, and other orders that are seen.
 
     What is left over is taken off everything that the fitted orders could leave with another arm, each with its own, to first
     order in its frequency, damping and delay: a gear that is softer for small vibrations is not another order. What stands out
@@ -175,7 +179,7 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
 
 @dataclass(frozen=True)
 class _Scan:
-    """Recordings that are looked through."""
+    """Recordings that are scanned for orders."""
 
     sweeps: Sequence[Sweep]
     reduction_ratio: float
@@ -186,19 +190,22 @@ class _Scan:
         return RampsModel(self.sweeps, self.reduction_ratio, self.sensing, tuple(orders), estimate.band_hz)
 
     def with_order(self, estimate: JointEstimate, order: float) -> JointEstimate:
-        """The fit with one order more, which is its last."""
+        """Fit one more order, which is the last of the fit."""
         is_near, orders = estimate.explained_by_error >= LITTLE_EXPLAINED, (*estimate.error.amplitude_arcsec, order)
         start = estimate.arm if is_near else None
         return identify(self.sweeps, self.reduction_ratio, self.sensing, start, orders, is_near=is_near)
 
     def last_of(self, estimate: JointEstimate) -> SeenOrder:
-        """The last order of a fit."""
+        """Last order of a fit."""
         order, size = list(estimate.error.amplitude_arcsec.items())[-1]
         sigmas = size / max(estimate.amplitude_error_arcsec[order], 1e-30)
         return SeenOrder(order, size, self.fractions(estimate)[order], sigmas)
 
     def fractions(self, estimate: JointEstimate) -> dict[float, float]:
-        """Fraction of the vibration's power that each order has: what the tip does beyond the motor's own motion."""
+        """Fraction of the vibration's power that each order has.
+
+        The vibration is the tip's motion beyond that of the motor.
+        """
         orders = list(estimate.error.amplitude_arcsec)
         model = self.model(estimate, orders)
         motion, columns = model.columns(estimate.arm)
@@ -209,7 +216,7 @@ class _Scan:
         return {order: float(np.sum(part**2)) / total for order, part in zip(orders, parts, strict=True)}
 
     def standing_out(self, estimate: JointEstimate) -> float | None:
-        """The order that stands out of what an estimate leaves; None if none does."""
+        """Order that stands out of an estimate's residual, or None."""
         fitted = list(estimate.error.amplitude_arcsec)
         grid = np.arange(LOOKED_AT[0], LOOKED_AT[1] + 1e-9, SCAN_STEP)
         model = self.model(estimate, (*fitted, *map(float, grid)))
@@ -230,7 +237,10 @@ class _Scan:
         return self._named(estimate, basis, float(grid[best]))
 
     def _named(self, estimate: JointEstimate, basis: Real, order: float) -> float:
-        """An order more finely than the grid; a whole number where that does nearly as well."""
+        """Refine an order beyond the grid of the scan.
+
+        It becomes a whole number if that explains nearly as much.
+        """
         fine = [float(each) for each in order + np.arange(-1.2 * SCAN_STEP, 1.2 * SCAN_STEP + 1e-9, FINE_STEP)]
         whole = max(1, round(order))
         model = self.model(estimate, (*fine, whole))
@@ -240,7 +250,10 @@ class _Scan:
 
 
 def _slopes(model: RampsModel, arm: Arm, count: int) -> list[Real]:
-    """Slopes of the motor's motion and of the first columns of a model by the arm's frequency, damping and delay."""
+    """Slopes of a model's first columns by the arm's parameters.
+
+    The parameters are frequency, damping and delay; the column of the motor's motion is included.
+    """
     slopes = []
     for changes in (
         {"resonance_hz": 0.01 * arm.resonance_hz},
@@ -256,7 +269,10 @@ def _slopes(model: RampsModel, arm: Arm, count: int) -> list[Real]:
 
 
 def _powers(basis: Real, signal: Real, candidates: Real) -> Real:
-    """Power that each pair of candidates explains beyond a basis; NaN where the basis explains it itself; shape (pairs,)."""
+    """Power that each candidate explains beyond a basis; shape (pairs,).
+
+    A candidate is a pair of columns; NaN if the basis itself explains it.
+    """
     scale = np.sqrt(np.sum(basis**2, axis=0)) + 1e-300
     vectors, sizes, _ = np.linalg.svd(basis / scale, full_matrices=False)
     span = vectors[:, sizes > 1e-6 * sizes[0]]

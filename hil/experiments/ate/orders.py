@@ -1,4 +1,7 @@
-"""Orders in the passes of an axis, in words: what each carries, which is seen and not in the set, which is out of reach."""
+"""Sentences on the orders in the passes of an axis.
+
+They name orders that are seen but not in the set, and orders out of reach.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,7 +16,7 @@ from hil.experiments.ate.order_scan import OrderScan, SeenOrder, is_passed, scan
 
 @dataclass
 class OrderWatch:
-    """The passes of one axis, looked through for orders.
+    """Passes of one axis, to be scanned for orders.
 
     Attributes:
         bench: The bench file.
@@ -30,11 +33,14 @@ class OrderWatch:
     acceleration_rps_s: float = 0.0
 
     def scan(self, estimate: JointEstimate) -> OrderScan:
-        """Orders of the vibration that an estimate of these passes was made from."""
+        """Scan these passes for the orders of an estimate's vibration."""
         return scan_orders(self.sweeps, self.bench.axis[self.axis].reduction_ratio, self.sensing, estimate)
 
     def notes(self, estimate: JointEstimate, scan: OrderScan) -> list[str]:
-        """Sentences on orders that are seen and not in the set, and on those whose resonance the ramps do not reach."""
+        """Sentences on orders that are seen or out of reach.
+
+        Seen orders are those that are not in the set.
+        """
         orders = tuple(estimate.error.amplitude_arcsec)
         return [*seen_words(scan.seen, orders), *self._out_of_reach(estimate, orders)]
 
@@ -70,8 +76,8 @@ def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
         return []
     names = ",".join(f"{order:g}" for order in sorted({*orders, *(each.order for each in seen)}))
     return [
-        f"order {each.order:g} is seen and not in the set: {each.amplitude_arcsec:.2g}″, {100.0 * each.fraction:.0f} % of the "
-        f"vibration: --orders {names}"
+        f"order {each.order:g} is seen but is not in the set: {each.amplitude_arcsec:.2g}″, "
+        f"{100.0 * each.fraction:.0f} % of the vibration; add it with --orders {names}"
         for each in seen
     ]
 
@@ -79,7 +85,9 @@ def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
 def checked(
     watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0, has_acted: bool = False
 ) -> None:
-    """`check_estimate`, whose error tells the orders that are seen and not in the set, if there are any.
+    """Check an estimate; a failure names the unrequested orders seen.
+
+    See `check_estimate`.
 
     Args:
         watch: The passes.

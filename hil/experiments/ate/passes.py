@@ -10,7 +10,10 @@ class PassKeeper(Protocol):
     """Keeper of the passes of one axis."""
 
     def __call__(self, number: int, result: RunResult, motion: Ramps) -> None:
-        """Keep a pass, counted from 1, with the ramps that were requested; it may have been stopped."""
+        """Keep a pass with the ramps that were requested.
+
+        `number` counts from 1; the pass may have been stopped.
+        """
 
 
 def keep_nothing(number: int, result: RunResult, motion: Ramps) -> None:

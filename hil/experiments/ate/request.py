@@ -1,4 +1,7 @@
-"""Request of an identification of the transmission error, and the knowledge of the axis that it starts from."""
+"""Request of an identification of the transmission error.
+
+The module also has the knowledge of the axis from which the identification starts.
+"""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +30,7 @@ GEAR_FRACTION_AT_MOST, GEAR_PHASE_DEG_AT_MOST = 0.15, 10.0
 
 @dataclass(frozen=True)
 class Miss:
-    """A number that is known less well than asked.
+    """Value that is less accurate than requested.
 
     Attributes:
         name: Its name, `A_2` or `φ_2`.
@@ -46,7 +49,9 @@ class Miss:
 
 @dataclass(frozen=True)
 class Goal:
-    """Standard errors at which the passes end: a quarter of what is asked of A_2 (2 %), φ_2 (2°), A_4 (3 %), φ_4 (3°).
+    """Standard errors at which the passes end.
+
+    They are a quarter of the accuracy required of A_2 (2 %), φ_2 (2°), A_4 (3 %) and φ_4 (3°).
 
     Attributes:
         amplitude_fraction: Standard error of A_k as a fraction of A_k, by order; `AMPLITUDE_FRACTION` for others.
@@ -57,7 +62,7 @@ class Goal:
     phase_deg: dict[float, float] = field(default_factory=lambda: {2: 0.5, 4: 0.75})
 
     def missed(self, estimate: JointEstimate) -> list[Miss]:
-        """What is not known well enough; empty when the goal is reached.
+        """List the values that miss the goal; empty if it is reached.
 
         The phase of an amplitude that is no larger than its error is not asked for.
         """
@@ -123,12 +128,12 @@ class AxisKnowledge:
     Attributes:
         start: Arm from which the fit starts; None to search for it.
         plant: Plant for the sensorless variant.
-        arm_inertia_fraction: Standard error of J_l as a fraction of J_l; 0 where J_l is only believed.
+        arm_inertia_fraction: Standard error of J_l as a fraction of J_l; 0 if J_l is only believed.
         source: Source of this knowledge, in words.
         resonance_error_hz: Standard error of the arm's resonance; None if it is not known.
         damping_error: Standard error of the arm's damping ratio, likewise.
         gear_fraction_error: Standard error of the gear's fraction of the arm's damping.
-        side: Motor and arm as identified, by which the gear's reaction on the motor is told; None without them.
+        side: Identified motor and arm, from which the gear's reaction on the motor follows; None without them.
         delay_s: Delays of the accelerometer that are searched, from and to.
     """
 
@@ -144,7 +149,9 @@ class AxisKnowledge:
 
 
 def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, sensorless: bool) -> AxisKnowledge:
-    """Knowledge from the model file; the bench file's own model only serves the sensorless variant.
+    """Collect what the model file knows of an axis.
+
+    The bench file's own model serves the sensorless variant only.
 
     Args:
         bench: The bench file.
@@ -186,7 +193,10 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
 
 
 def _other_modes(plant: IdentifiedPlant) -> tuple[OtherMode, ...]:
-    """Modes of a coupled arm beside the leading one, where the plant says what they carry of the tip's motion."""
+    """Modes of a coupled arm beside the leading one.
+
+    Only modes with a known part of the tip's motion count.
+    """
     leading = min((abs(mode.antiresonance_hz - plant.antiresonance_hz) for mode in plant.modes), default=0.0)
     return tuple(
         OtherMode(mode.antiresonance_hz, mode.damping, mode.tip_part)
@@ -196,7 +206,10 @@ def _other_modes(plant: IdentifiedPlant) -> tuple[OtherMode, ...]:
 
 
 def modal_arm(plant: IdentifiedPlant) -> Arm | None:
-    """The leading mode of a coupled arm with the others beside it; None if its plant has one mode."""
+    """Leading mode of a coupled arm, with the others beside it.
+
+    None if the plant has one mode.
+    """
     others = _other_modes(plant)
     return Arm(plant.antiresonance_hz, plant.damping, others=others) if others else None
 
@@ -217,7 +230,9 @@ def _motor_side(reduction_ratio: float, plant: IdentifiedPlant) -> MotorSide:
 
 
 def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
-    """Delays of the accelerometer that are searched, from and to: `DELAY_S`, or the one branch of it that a plant tells.
+    """Range of the accelerometer's delay that is searched.
+
+    It is `DELAY_S`, or the one branch of it that a plant determines.
 
     A delay of half a period of the resonance less, with φ_k turned by 180°, explains the arm's ringing nearly as well: what tells
     both apart is its envelope and the motor's own motion. The plant's excitation has many frequencies: there the delay
@@ -236,7 +251,10 @@ def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
 
 
 def _gear_fraction_error(damping_nm_s_rad: float, errors: Mapping[str, float]) -> float:
-    """Standard error of D_g/(D_g + D_l); what a plant hardly tells is no more open than the whole range from 0 to 1."""
+    """Standard error of D_g/(D_g + D_l).
+
+    It is never larger than that of a value anywhere between 0 and 1.
+    """
     error = errors.get("arm_damping_nm_s_rad")
     if error is None or not damping_nm_s_rad > 0.0:
         return GEAR_FRACTION_ERROR
@@ -244,7 +262,9 @@ def _gear_fraction_error(damping_nm_s_rad: float, errors: Mapping[str, float]) -
 
 
 def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless: bool) -> Sensing:
-    """Signal that is fitted: the tip acceleration, or the motor torque without an accelerometer.
+    """Choose the signal that is fitted.
+
+    It is the tip acceleration, or the motor torque without an accelerometer.
 
     Args:
         bench: The bench file.
@@ -259,12 +279,14 @@ def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless:
     if not sensorless:
         return Sensing(table.felt_lever_m(f"identify ate --axis {axis}"), 0.0, *knowledge.delay_s)
     if knowledge.plant is None:
-        raise NotPossibleError("without an accelerometer a plant is needed")
+        raise NotPossibleError("without an accelerometer a plant is needed, and none is known; find it with hil identify plant")
     return Sensing(knowledge.plant.arm_inertia_kg_m2 / table.reduction_ratio, knowledge.plant.motor_inertia_kg_m2)
 
 
 def first_acceleration(bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> float:
-    """Acceleration of the first pass, rev/s²: what is asked for, else as f_a wants it and the travel allows it.
+    """Acceleration of the first pass, in rev/s².
+
+    It is the requested one, else one that suits f_a and the travel.
 
     On an arm of which nothing is known it is as fast as its travel takes it.
     """

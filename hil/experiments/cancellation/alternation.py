@@ -1,4 +1,7 @@
-"""Runs of a motion without a treatment and with it, in turn, and the tip's peaks in them: what a trial compares."""
+"""Runs of a motion without a treatment and with it.
+
+A trial compares the tip's peaks of these alternating runs.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,13 +24,13 @@ TOP_SPEED = 0.98
 
 @dataclass
 class Alternation:
-    """Collects the vibration of such runs.
+    """Collector of the tip's vibration in alternating runs.
 
     Attributes:
         bench: The bench file.
         scale: Scale of the axes that move.
         run: Runs the motion, with the treatment or without.
-        titles: What is told of a run without it, and of one with it.
+        titles: Titles of a run without the treatment, and of one with it.
         reporter: Listener of each run.
         period_s: Sampling period, once something has run.
     """
@@ -49,7 +52,7 @@ class Alternation:
         return len(self._bands[True])
 
     def once_more(self) -> None:
-        """Run it without and with it.
+        """Run the motion once without and once with the treatment.
 
         Raises:
             NotPossibleError: The motion does not excite the arm.
@@ -72,14 +75,19 @@ class Alternation:
             self._bands[acts].append(band_passed(recording.felt_m_s2, recording.period_s, self.scale.band_hz))
 
     def seen(self) -> list[PeakChange]:
-        """What the treatment makes of the peaks where orders are read, by the means of all runs; the worst rise first."""
+        """Compare the peaks in the rows in which orders are read.
+
+        The means of all runs count; the worst rise comes first.
+        """
         if self._seen is None:
             raise ValueError("nothing has run")
         without, with_it = ([band[self._rows[: len(band)]] for band in self._bands[acts]] for acts in (False, True))
         return self._seen.compared(without, with_it)
 
     def everywhere(self, shown: Callable[[Real], Real] | None = None, noise_mm: float | None = None) -> list[PeakChange]:
-        """The same in the windows of the whole motion and in all of it, with its last braking and rest, and without them.
+        """Compare the peaks over the whole motion.
+
+        The spans are the whole motion and its windows, with and without the last braking and rest.
 
         Args:
             shown: What is made of a vibration in m/s² before it is compared, in mm; over (2π f_al)² unless given.

@@ -1,4 +1,6 @@
-"""Cancellation of the transmission error in a run, by additions to the set-points or inside the drives.
+"""Cancellation of the transmission error in a run.
+
+It acts by additions to the set-points, or inside the drives.
 
 What is added is bounded by its table, and checked with the motion against every limit before anything moves. No cancellation is
 trusted before its trial at the tip: `hil.experiments.cancellation.trial`.
@@ -38,7 +40,9 @@ FOLLOWING_PART = 0.05
 
 @dataclass
 class CancellationAdder:
-    """The `hil.master.set_point_adder.SetPointAdder` of a cancellation; each run needs a new one.
+    """Set-point adder of a cancellation.
+
+    It is a `hil.master.set_point_adder.SetPointAdder`; each run needs a new one.
 
     Attributes:
         uses_torque: True if torque offsets (60B2h) are mapped.
@@ -51,7 +55,9 @@ class CancellationAdder:
     def step(
         self, references_rad: Sequence[float], positions_rad: Sequence[float], torques_nm: Sequence[float]
     ) -> tuple[Sequence[float], Sequence[float]]:
-        """Additions of the next cycle, from the measured angles and torques of the last.
+        """Compute the additions of the next cycle.
+
+        They follow from the measured angles and torques of the last cycle.
 
         Args:
             references_rad: Not used: the cancellation follows the measured angles.
@@ -103,7 +109,7 @@ class Cancellation:
         return tuple(Part(number, order) for number, table in self.tables.items() for order in table.orders)
 
     def without(self, parts: Collection[Part]) -> "Cancellation":
-        """The cancellation with some orders of some axes left out."""
+        """Copy of the cancellation without some orders of some axes."""
         left = {
             number: table.without([part.order for part in parts if part.axis == number]) for number, table in self.tables.items()
         }
@@ -121,7 +127,7 @@ class Cancellation:
         return CancellationAdder(self.uses_torque, CancellationLaw(wanted, self.period_s, steps))
 
     def check(self, bench: Bench, motion: Motion, starts_rad: Sequence[float] | None = None) -> None:
-        """Check the motion, and the approach to its start, with the largest possible additions against the limits.
+        """Check motion and approach with the largest additions against all limits.
 
         Raises:
             UnsafeRequestError: A limit could be exceeded.
@@ -134,7 +140,7 @@ class Cancellation:
             angle = motion.motor_angle_rad[:, column] + (0.0 if starts_rad is None else starts_rad[column])
             peak_rps = pace_of(bench, motion, column).peak_rps
             reach_rev = own.largest_reference_rad(peak_rps) / turn
-            remedy, allowed_rev = "is this its transmission error?", allowed_reference_rev(limits)
+            remedy, allowed_rev = "check the transmission error in the model file", allowed_reference_rev(limits)
             if reach_rev > allowed_rev:
                 where = f"limits.cancellation_rev of {name} in the bench file sets it, else it is {FOLLOWING_PART:g} of "
                 where += f"following_error_rev; {remedy}"
@@ -157,7 +163,10 @@ class Cancellation:
 
 
 def allowed_reference_rev(limits: Limits) -> float:
-    """Largest addition to a set-point, motor revolutions: as the bench file says, else a part of the following error."""
+    """Largest addition to a set-point, in motor revolutions.
+
+    The bench file states it, or it is a part of the following error.
+    """
     if limits.cancellation_rev is not None:
         return limits.cancellation_rev
     return FOLLOWING_PART * limits.following_error_rev
@@ -229,13 +238,19 @@ def _is_probed(identified: Identified | None, number: int) -> bool:
 
 
 def measured_delay_s(identified: Identified | None, number: int) -> float:
-    """Delay of an axis' set-points as measured in the model file, s; 0 without one."""
+    """Measured delay of an axis' set-points in s, from the model file.
+
+    It is 0 without one.
+    """
     part = None if identified is None or number not in identified.axis else identified.axis[number].ate
     return 0.0 if part is None else part.set_point_delay_s
 
 
 def known_lag_s(identified: Identified | None, number: int) -> float:
-    """Lag of an axis' current loop as identified; 0 where it was not, or is no more than its error."""
+    """Identified lag of an axis' current loop.
+
+    It is 0 if it is not identified, or not significant.
+    """
     part = None if identified is None or number not in identified.axis else identified.axis[number].plant
     if part is None or part.torque_lag_s < LAG_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
         return 0.0
@@ -243,12 +258,14 @@ def known_lag_s(identified: Identified | None, number: int) -> float:
 
 
 def motor_load(bench: Bench, identified: Identified | None, model: Model, number: int, most_rad_s2: float) -> MotorLoad | None:
-    """How an axis' gear torque is told from its motor's, where it reacts on it; None if that is not known.
+    """Parameters of the gear torque that reacts on a motor, or None.
+
+    With them the gear torque follows from the motor's torque; None if no reaction is known.
 
     Args:
         bench: The bench file.
         identified: The model file; None without one.
-        model: What is known of the axis.
+        model: Model of the axis.
         number: Axis number.
         most_rad_s2: Largest acceleration of the motor.
     """
@@ -277,7 +294,9 @@ def cancellation_of(
     torque_steps_nm: Mapping[int, float] | None = None,
     delay_s: float = 0.0,
 ) -> Cancellation:
-    """Cancellation of a motion at its pace, with torque offsets where set-points do not do and drives and bus take them.
+    """Make the cancellation of a motion at its pace.
+
+    It uses torque offsets if set-points do not suffice and drives and bus support them.
 
     Args:
         bench: The bench file.
@@ -309,7 +328,7 @@ def cancellation_of(
 
 
 def _takes_torque(bench: Bench, motion: Motion, channel: Channel | None, *, with_notch: bool) -> bool:
-    """True if all drives of a motion add torque offsets, and the bus has room for them."""
+    """True if drives and bus support torque offsets in a motion."""
     if not all(takes_torque_offset(Profile.load(bench.axis[number].profile)) for number in motion.axes):
         return False
     demand = BusDemand("the motion", motion.axes, motion.period_s, with_notch=with_notch, with_torque_offset=True)
@@ -328,7 +347,9 @@ def cancellation_on(
     with_notch: bool = False,
     delay_s: float = 0.0,
 ) -> Cancellation:
-    """Cancellation of a motion on a session that has been brought up: periods and scales from the drives, limits checked.
+    """Make the cancellation of a motion on a session.
+
+    Control periods and scales come from the drives; the limits are checked.
 
     Args:
         session: Session that has been brought up.
@@ -363,12 +384,14 @@ def cancellation_on(
 def cancelled_orders(
     bench: Bench, identified: Identified | None, cancellation: Cancellation | None
 ) -> tuple[CancelledOrder, ...]:
-    """Orders of a cancellation by set-points with the values of their model; none without a cancellation.
+    """Orders of a cancellation by set-points, with their model's values.
+
+    The result is empty without a cancellation.
 
     Args:
         bench: The bench file.
         identified: The model file; None for the bench file's own model.
-        cancellation: The cancellation that is made of it.
+        cancellation: The cancellation made from the model.
     """
     found = []
     for part in () if cancellation is None else cancellation.parts:
@@ -380,7 +403,7 @@ def cancelled_orders(
 
 
 def treated_model(bench: Bench, identified: Identified | None, number: int) -> Model | None:
-    """Model of an axis; None if it has no transmission error to cancel.
+    """Model of an axis; None without a transmission error to cancel.
 
     Raises:
         NotPossibleError: The model file is another robot's, or the bench has no such axis.
@@ -397,7 +420,9 @@ def treated_model(bench: Bench, identified: Identified | None, number: int) -> M
 
 
 def believed_model(table: AxisTable, error: IdentifiedError) -> Model | None:
-    """Model of an axis of which nothing but J_m and its error are known; None without a J_m.
+    """Model of an axis with known J_m and error only.
+
+    None without a J_m.
 
     A cancellation is made of J_m alone: the one with which the error was learnt, else that of the data sheet in the bench file.
     The rest gives the arm the error's resonance and damping, with as much inertia as the motor has behind its gear; from it only

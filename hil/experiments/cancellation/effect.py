@@ -1,4 +1,6 @@
-"""Effect of each order of each axis on the tip, read from recordings of the vibration.
+"""Effect of each order of each axis on the tip.
+
+It is read from recordings of the vibration.
 
 An order k of an axis shakes the tip by L X(s) [A_k cos(k θ_m + φ_k)]'', where X = θ_l/θ_sync is the response of arm and loop.
 A cancellation of that order is the same wave with another amplitude and phase, whatever X is. So a recording is fitted with the
@@ -48,7 +50,7 @@ REFINED_EVALUATIONS = 120
 
 
 class Part(NamedTuple):
-    """An order of an axis: what is cancelled, or not, as one.
+    """Order of an axis, the unit that is cancelled or left out.
 
     Attributes:
         axis: Axis number.
@@ -66,7 +68,9 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Response:
-    """Response X of the arm to its transmission error, seen by the accelerometer.
+    """Response X of the arm to its transmission error.
+
+    It is seen by the accelerometer.
 
     Attributes:
         known: The loop around the model; or, where nothing but the arm on its gear is known, that.
@@ -81,7 +85,10 @@ class Response:
     delay_s: float = 0.0
 
     def at(self, frequency_hz: Real) -> Complex:
-        """X(jω) e^{−jωΔ}; 0 at frequencies that are too low to matter; shape of `frequency_hz`."""
+        """Response X(jω) e^{−jωΔ}; shape of `frequency_hz`.
+
+        It is 0 at frequencies that are too low to matter.
+        """
         response = np.zeros(len(frequency_hz), dtype=np.complex128)
         inside = frequency_hz > LOWEST_HZ
         frequency = frequency_hz[inside]
@@ -103,7 +110,10 @@ class Response:
         return response
 
     def varied(self, steps: Real) -> "Response":
-        """The response with resonance, damping and delay changed by as many of their `LIKELY` deviations; shape (3,)."""
+        """Change the response by some of its `LIKELY` deviations.
+
+        The steps are those of resonance, damping and delay; shape (3,).
+        """
         stretch, damping, delay = (float(step) * likely for step, likely in zip(steps, LIKELY, strict=True))
         return replace(
             self,
@@ -151,18 +161,27 @@ class Sighting:
     waves: Mapping[Part, Real]
 
     def wave(self, part: Part, amplitude: complex) -> Real:
-        """Vibration that a part makes with an amplitude in arcsec, m/s²; shape (rows,)."""
+        """Vibration of a part with an amplitude in arcsec.
+
+        The result is in m/s²; shape (rows,).
+        """
         return np.asarray(self.waves[part] @ np.array([amplitude.real, amplitude.imag]))
 
     def variance(self, part: Part) -> float:
-        """Variance of either component of a part's amplitude, by what the waves leave, and by what others may leak into it."""
+        """Variance of either component of a part's amplitude.
+
+        It contains the residual, and the leakage from other parts.
+        """
         noise = max(float(np.mean(self.residual**2)), LEAST_NOISE_M_S2**2)
         leaks = sum(abs(size) ** 2 / self.unit_variance[other] for other, size in self.amplitude.items() if other != part)
         return self.unit_variance[part] * (noise + LEAK**2 * leaks)
 
 
 class _Spectra:
-    """Transforms of one recording and of its waves, from which the columns of any response follow."""
+    """Transforms of one recording and of its waves.
+
+    The columns of any response follow from them.
+    """
 
     def __init__(self, recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> None:
         period, self._count = recording.period_s, len(recording.time_s)
@@ -187,14 +206,20 @@ class _Spectra:
         return np.asarray(whole[..., self._rows])
 
     def columns(self, axis: AxisWaves, response: Response) -> Real:
-        """Two columns for each order, and those of the planned motion; shape (rows, 2 orders + 2)."""
+        """Columns of an axis; shape (rows, 2 orders + 2).
+
+        There are two for each order, then those of the planned motion.
+        """
         made = self._samples(self._waves[axis.number] * (self._weight * response.at(self.frequency)))
         lever = axis.lever_m if np.ndim(axis.lever_m) == 0 else axis.lever_m[: self._count][self._rows]
         return np.asarray(made * lever).T
 
 
 def _weight(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
-    """Gain of the band of a vibration, forward and backward; shape of `frequency_hz`."""
+    """Gain of the band-pass of a vibration, forward and backward.
+
+    Shape of `frequency_hz`.
+    """
     top = min(band_hz[1], TOP_FRACTION / period_s)
     band = scipy.signal.butter(2, (band_hz[0], top), "bandpass", fs=1.0 / period_s, output="sos")
     return np.asarray(np.abs(scipy.signal.sosfreqz(band, frequency_hz, fs=1.0 / period_s)[1]) ** 2)
@@ -203,7 +228,9 @@ def _weight(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -
 def acceleration_of(
     values: Real, period_s: float, band_hz: tuple[float, float], angle_per_value: Callable[[Real], Complex]
 ) -> Real:
-    """Acceleration, in a band, of the angle that sampled values make; shape of `values`.
+    """Acceleration in a band of the angle that samples cause.
+
+    Shape of `values`.
 
     Args:
         values: Samples, of a torque for example; shape (n,).
@@ -224,7 +251,10 @@ def _level(values: Real) -> Real:
 
 
 def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
-    """Unknowns of a least-squares problem, their variances for a residual of variance 1, and the residual."""
+    """Solve a least-squares problem.
+
+    Returns the unknowns, their variances for a residual of variance 1, and the residual.
+    """
     scale = np.sqrt(np.sum(columns**2, axis=0)) + LEAST_COLUMN
     scaled = columns / scale
     # what the rows do not show, or cannot tell from another, has a huge variance so, and not none
@@ -234,7 +264,9 @@ def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
 
 
 def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> Sighting:
-    """Read the complex amplitude of every order of every axis from one recording.
+    """Read the complex amplitudes of all orders from one recording.
+
+    The orders are those of all axes.
 
     Args:
         recording: The recording.
@@ -260,7 +292,9 @@ def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: 
 def refined(
     recordings: Sequence[Recording], axes: Sequence[AxisWaves], rows: Sequence[Rows], band_hz: tuple[float, float]
 ) -> tuple[AxisWaves, ...]:
-    """The axes with responses that fit the recordings best, one axis after the other.
+    """Refine the responses of the axes on some recordings.
+
+    The axes are refined one after the other.
 
     Each recording has amplitudes of its own, so a cancellation in it, right or wrong, does not matter. What is believed of a
     model (`LIKELY`) counts as much as the noise allows.
@@ -288,7 +322,10 @@ def refined(
 
 
 class _Refinement:
-    """The residual power of some recordings by the response of one axis, in units of the noise, and what is believed of it."""
+    """Cost of one axis' response over some recordings.
+
+    It is the residual power in units of the noise, plus the prior's part.
+    """
 
     def __init__(self, spectra: Sequence[_Spectra], axis: AxisWaves, others: Sequence[Sequence[Real]]) -> None:
         self._spectra, self._axis, self._others = spectra, axis, others
@@ -303,5 +340,5 @@ class _Refinement:
         return total
 
     def cost(self, steps: Real) -> float:
-        """Residual power over the noise at the start, and the steps' own squares."""
+        """Residual power over the noise at the start, plus squared steps."""
         return self._power(steps) / self._noise + float(steps @ steps)

@@ -1,4 +1,7 @@
-"""A cancellation that follows: its additions to the set-points in a run, and what it has made of each order."""
+"""Cancellation that follows the vibration in a run.
+
+The module makes its additions to the set-points, and records what becomes of each order.
+"""
 
 import math
 from collections.abc import Sequence
@@ -37,7 +40,7 @@ MOST_SHOWN = 200
 
 @dataclass(frozen=True)
 class FollowingSetUp:
-    """All that a cancellation needs beside itself to follow.
+    """Set-up of a cancellation that follows.
 
     Attributes:
         cancellation: The cancellation.
@@ -70,7 +73,7 @@ class FollowingSetUp:
         return FollowingAdder(plain.uses_torque, plain.laws, law, self, difference)
 
     def beginning(self, parts: BeginParts) -> "FollowingSetUp":
-        """The same, each order followed from a part of it on.
+        """Copy of the set-up with the part at which each order begins.
 
         Args:
             parts: The parts, by axis and order; 0 for what is not named.
@@ -82,7 +85,7 @@ class FollowingSetUp:
         return replace(self, orders=orders)
 
     def listening(self) -> "FollowingSetUp":
-        """The same, which observes and never follows."""
+        """Copy of the set-up that observes and never follows."""
         return self.beginning(
             {(number, each.order): NEVER for number, own in zip(self.axes, self.orders, strict=True) for each in own}
         )
@@ -90,7 +93,9 @@ class FollowingSetUp:
 
 @dataclass
 class FollowingAdder:
-    """The `hil.master.set_point_adder.SensingAdder` of a cancellation that follows; each run needs a new one.
+    """Set-point adder of a cancellation that follows.
+
+    It is a `hil.master.set_point_adder.SensingAdder`; each run needs a new one.
 
     Attributes:
         uses_torque: True if torque offsets (60B2h) are mapped.
@@ -111,13 +116,15 @@ class FollowingAdder:
         self._columns = [self._set_up.cancellation.axes.index(number) for number in self._set_up.axes]
 
     def sense(self, sensed: Sensed) -> None:
-        """Take what the last cycle has brought."""
+        """Take the measured values of the last cycle."""
         self._sensed = sensed
 
     def step(
         self, references_rad: Sequence[float], positions_rad: Sequence[float], torques_nm: Sequence[float]
     ) -> tuple[Sequence[float], Sequence[float]]:
-        """Additions of the next cycle, from the measured angles and torques of the last, and from the tip's acceleration.
+        """Compute the additions of the next cycle.
+
+        They follow from the measured angles and torques of the last cycle, and from the tip's acceleration.
 
         Args:
             references_rad: Motor angles of the motion in the next cycle.
@@ -138,14 +145,17 @@ class FollowingAdder:
         return self._cancellation.step(positions_rad, torques_nm)
 
     def _felt_m_s2(self) -> float | None:
-        """Acceleration of the tip by the sensor, or by the joint's own encoder; None if it is not known."""
+        """Acceleration of the tip; None if it is not known.
+
+        It comes from the sensor, or from the joint's own encoder.
+        """
         tip, turned = self._sensed.tip_m_s2, self._sensed.load_rad
         if self._difference is not None:
             return self._difference(None if turned is None else turned[self._columns[0]])
         return None if tip is None else tip[Z]
 
     def _tell(self) -> None:
-        """Multiply the cancellation by the factors of now."""
+        """Multiply the cancellation by the present factors."""
         by_axis = [self._law.factors(row) for row in range(len(self._columns))]
         now = [factor for factors in by_axis for factor in factors.values()]
         if self._told and max(abs(new - old) for new, old in zip(now, self._told, strict=True)) < LEAST_CHANGE:
@@ -155,7 +165,7 @@ class FollowingAdder:
             self._cancellation.multiply(column, factors)
 
     def watched(self) -> tuple[HeardOrder, ...]:
-        """What the observer has seen of each order up to now."""
+        """Observation of each order so far."""
         found, at = [], 0
         for row, (number, orders) in enumerate(zip(self._set_up.axes, self._set_up.orders, strict=True)):
             nearest = self._law.nearest(row)
@@ -166,7 +176,10 @@ class FollowingAdder:
         return tuple(found)
 
     def followed(self) -> tuple[FollowedOrder, ...]:
-        """What was made of each order of each axis over the motion; none before it began."""
+        """List how each order of each axis changed over the motion.
+
+        The result is empty before the motion began.
+        """
         if not self._rows:
             return ()
         found, at, set_up = [], 0, self._set_up
@@ -197,7 +210,7 @@ class FollowingAdder:
 
 
 def following_of(bench: Bench, identified: Identified | None, cancellation: Cancellation, motion: Motion) -> FollowingSetUp:
-    """What a cancellation needs to follow on a motion.
+    """Make the set-up of a cancellation that follows on a motion.
 
     Args:
         bench: The bench file.
@@ -223,11 +236,14 @@ def following_of(bench: Bench, identified: Identified | None, cancellation: Canc
         response, scale, table = cancellation.responses.get(number), cancellation.scales.get(number), bench.axis[number]
         model = treated_model(bench, identified, number)
         if response is None or scale is None or model is None:
-            raise NotPossibleError(f"cancellation-following needs the arm of axis {number}: --model of hil identify ate")
+            raise NotPossibleError(
+                f"cancellation-following needs the arm of axis {number}, which is not known; give a model file of hil "
+                "identify ate with --model"
+            )
         try:
             resonance = resonance_of(replace(response, delay_s=0.0).at, scale.f_al_hz)
         except ValueError as error:
-            raise NotPossibleError(f"axis {number}: {error}: hil identify plant measures it anew") from error
+            raise NotPossibleError(f"axis {number}: {error}; measure it again with hil identify plant") from error
         arms.append(arm_model(resonance, table.reduction_ratio, motion.period_s, response.delay_s + late_s))
         sizes, phases = amplitudes_rad(model.ate), phases_deg(model.ate)
         own = [order for order in cancellation.tables[number].orders if order in sizes]

@@ -1,11 +1,12 @@
-"""Trial of a cancellation that follows: it follows only where the tip is quieter for it, and keeps still elsewhere.
+"""Trial of a cancellation that follows.
 
-In the runs with the cancellation alone its observer listens: the largest d_k by which it would have moved w_k is known.
-Where w_k stays 1 in the runs in which it may follow, both are one and the same. Where w_k moves, the tip has to be quieter in
-some window, beyond the noise, and louder in none, by its acceleration and by its displacement: what cannot be seen to help is
-no remedy. Where it is not, d_k is of the motion's own making: jolts, friction, an arm that is not quite as it was identified.
-Then an order begins to follow only from a multiple of that d_k on, so that it keeps still on this motion unless the gear
-changes.
+It follows only if the tip is quieter with it.
+
+In the runs with the cancellation alone the observer runs too, and shows the largest d_k by which it would have moved w_k. If
+w_k stays 1 in the runs in which it may follow, both kinds of run are the same. If w_k moves, the tip has to be quieter in
+some window, beyond the noise, and louder in none, by its acceleration and by its displacement. If it is not, d_k comes from
+the motion itself: jolts, friction, or an arm that differs a little from the identified one. Then an order begins to follow
+only from a multiple of that d_k on, so that it does not move on this motion unless the gear changes.
 """
 
 import math
@@ -41,7 +42,7 @@ BeginParts = Mapping[tuple[int, float], float]
 
 @dataclass(frozen=True)
 class HeardOrder:
-    """What the observer saw of an order in a run.
+    """Observation of an order in a run.
 
     Attributes:
         axis: Axis number.
@@ -58,7 +59,7 @@ class HeardOrder:
 
 @dataclass(frozen=True)
 class FollowRun:
-    """A run of the trial.
+    """Run of the trial.
 
     Attributes:
         recording: Its recording.
@@ -72,7 +73,9 @@ class FollowRun:
 def try_following(
     bench: Bench, scale: TipScale, run: Callable[[bool], FollowRun], reporter: Reporter = SILENT
 ) -> tuple[FollowingEntry, BeginParts]:
-    """Try it; the entry, and the part of each order from which on it is to follow.
+    """Try a cancellation that follows.
+
+    Returns the entry, and the part of each order from which it is to follow.
 
     Args:
         bench: The bench file.
@@ -111,12 +114,15 @@ def try_following(
     worst = max(changes, key=lambda each: each.after_mm - each.before_mm)
     why = worst.words if is_louder else "the tip's peak falls in no window"
     if min(begins.values()) > MOST_BEGIN:
-        return _entry(changes, f"the cancellation does not follow: where it does, {why}"), begins
+        return _entry(changes, f"the cancellation does not follow, because with it {why}"), begins
     return _entry(changes, begins=begins), begins
 
 
 def _changes(runs: Alternation, scale: TipScale) -> list[PeakChange]:
-    """Changes of the peaks by acceleration, where orders are read and everywhere, and by displacement."""
+    """Changes of the peaks by acceleration and by displacement.
+
+    Accelerations are compared in the rows of the orders and everywhere.
+    """
     low, high = scale.band_hz
 
     def displaced(band: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -133,18 +139,24 @@ def _rise_mm(change: PeakChange) -> float:
 
 
 def _is_louder(changes: Sequence[PeakChange]) -> bool:
-    """Whether a peak rises by more than the noise explains, or than is little beside what the largest fall gains."""
+    """True if a peak rises too much.
+
+    A rise counts if it exceeds the noise, or `LITTLE` times the largest fall.
+    """
     gained = max(change.before_mm - change.after_mm for change in changes)
     return any(_rise_mm(each) > min(LAST_SIGMAS * each.error_mm, LITTLE * max(gained, 0.0)) for each in changes)
 
 
 def _helps(change: PeakChange) -> bool:
-    """Whether a peak falls by more than a trifle and than the noise explains."""
+    """True if a peak falls beyond the noise and a small tolerance."""
     return change.before_mm - change.after_mm > max(WORSE_MM, WORSE_FRACTION * change.before_mm, RISE_SIGMAS * change.error_mm)
 
 
 def _begin_parts(runs: Sequence[Sequence[HeardOrder]]) -> dict[tuple[int, float], float]:
-    """What each order has to leave so that it begins: more than it left in these runs, where it was not to begin."""
+    """Remainder of each order from which it begins to follow.
+
+    It is larger than the one that the order left in these runs.
+    """
     found: dict[tuple[int, float], float] = {}
     for each in (each for watched in runs for each in watched):
         key = each.axis, each.order

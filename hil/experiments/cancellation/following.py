@@ -1,4 +1,6 @@
-"""How a motor makes the motion that a cancellation asks of it: factor and delay, and what learning believes of the delay.
+"""Motor motion of a cancellation: its factor and delay.
+
+The module also decides which delay learning believes.
 
 A ramp's own start, friction and the gear's pull on the motor are in the band too, the more so the lower f_al is. So a delay
 counts only beyond its standard error, where the motor has made the motion, and as long as the next pass vibrates less with it.
@@ -38,7 +40,7 @@ LEAST_INDEPENDENT = 12.0
 
 
 class Following(NamedTuple):
-    """The motor's motion over the intended one.
+    """Factor and delay of the motor's motion over the intended one.
 
     Attributes:
         factor: Factor of the motion; 1 where the motor follows.
@@ -53,7 +55,7 @@ class Following(NamedTuple):
     least_s: float = LEAST_DELAY_S
 
     def is_believed(self, helped_s: float) -> bool:
-        """Whether the delay is one, and not what else moves the motor.
+        """True if the delay is significant and the motor follows.
 
         Args:
             helped_s: Delay that has helped in this pass: the rest of it may be smaller.
@@ -64,7 +66,7 @@ class Following(NamedTuple):
 
 @dataclass
 class DelaySearch:
-    """The set-points' delay, from pass to pass.
+    """Search of the set-points' delay from pass to pass.
 
     Attributes:
         delay_s: Delay with which the next pass is made.
@@ -75,7 +77,9 @@ class DelaySearch:
     _is_over: bool = False
 
     def take(self, following: Following | None, vibration_m_s2: float, *, is_last: bool) -> float | None:
-        """Take in what a pass has shown; a delay after which the tip did not vibrate less is taken back.
+        """Take the result of a pass into account.
+
+        If the tip did not vibrate less with a delay, that delay is taken back.
 
         Args:
             following: Motor's motion in the pass; None if it was not measured.
@@ -107,7 +111,9 @@ def motor_following(
     error: TransmissionError,
     band_hz: tuple[float, float],
 ) -> Following | None:
-    """Factor and delay with which a motor made the intended motion Δθ_m = −N θ_sync(θ_m).
+    """Measure factor and delay of a motor's motion.
+
+    The intended motion is Δθ_m = −N θ_sync(θ_m).
 
     Least squares of the measured angle on the intended motion and its derivative, g Δθ_m − g δ Δθ̇_m, both band-passed around
     f_al. What they leave is not noise, and as wide as the band: it has two independent values for each hertz and second.

@@ -1,4 +1,7 @@
-"""Cancellation by the drives themselves, in their own loops, where their family can: nothing goes over the bus in a cycle."""
+"""Cancellation by the drives themselves, in their own loops.
+
+The drive family must support it; the bus carries no additions in a cycle.
+"""
 
 import math
 import re
@@ -20,7 +23,9 @@ from hil.results.acted import CancelledOrder
 def cancel_inside(
     session: Session, identified: Identified | None, axes: Sequence[int], gain: float = 1.0, without: Collection[Part] = ()
 ) -> tuple[CancelledOrder, ...]:
-    """Let the drives cancel the error in their own loops, where their family can, in the next run; it puts everything back.
+    """Let the drives cancel the error in the next run.
+
+    The drive family must support it. The run restores everything.
 
     Nothing more goes over the bus in a cycle, and no delay has to be known.
 
@@ -63,7 +68,7 @@ def cancel_inside(
 
 
 def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> dict[int, Model]:
-    """Models of the axes whose drives are to cancel the error by themselves, by axis number.
+    """Models of the axes whose drives cancel, by axis number.
 
     Raises:
         NotPossibleError: A drive family cannot cancel, or no transmission error is known of any axis.
@@ -72,12 +77,15 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
     for number, model in models.items():
         profile = Profile.load(bench.axis[number].profile)
         if "cancellation.mode" not in profile.parameters:
-            raise NotPossibleError(f"axis {number}: drive family {profile.label} cancels nothing by itself")
+            raise NotPossibleError(
+                f"axis {number}: drive family {profile.label} has no cancellation of its own; choose --treatment cancellation"
+            )
         able, known = _orders_inside(profile), model.ate.amplitudes_arcsec()
         if not able >= known.keys():
             own, others = (", ".join(f"{order:g}" for order in sorted(each)) for each in (able, known.keys() - able))
             raise NotPossibleError(
-                f"axis {number}: the drive cancels orders {own} only, the model has order {others}: cancel by the set-points"
+                f"axis {number}: the drive cancels orders {own} only, the model has order {others}; choose "
+                "--treatment cancellation"
             )
     if not models:
         raise NotPossibleError(nothing_known(bench, identified, axes))
@@ -85,7 +93,7 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
 
 
 def inside_parts(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> tuple[Part, ...]:
-    """Each order of each axis that the drives are to cancel by themselves.
+    """List each order of each axis that the drives cancel.
 
     Raises:
         NotPossibleError: As `inside_models`.

@@ -1,11 +1,13 @@
-"""Orders of a transmission error that were known before it is learnt: which of them learning keeps.
+"""Known orders of a transmission error before it is learnt.
 
-A learning's ramps may end below an order's resonance, or show it worse than an identification has. What was known of such an
-order holds until a pass has shown it to be wrong: what is learnt is never worse than what it began with.
+The module decides which of them learning keeps.
 
-What a pass learns of an order is the fit of all passes, or what the pass itself has shown of the cancellation that acted: by
-which factor and angle it is off. Whichever is known better counts. On a gear that is no spring it is the latter, for it needs no
-model of the gear, and it becomes the more exact the less vibration is left.
+The ramps of a learning may end below an order's resonance, or show it worse than an identification did. The known value of
+such an order holds until a pass has shown it to be wrong: a learnt value is never worse than the value at the start.
+
+The learnt value of an order comes from the fit of all passes, or from a pass in which its cancellation acted, by the factor
+and angle of the error there. The value that is known better counts. On a gear that is no spring this is the latter: it needs
+no model of the gear, and it becomes more exact as less vibration is left.
 """
 
 import cmath
@@ -57,13 +59,13 @@ class OrderValue:
 
     @property
     def sigma_arcsec(self) -> float:
-        """Standard error of the phasor; without bound where none is known."""
+        """Standard error of the phasor; infinite if none is known."""
         if self.amplitude_error is None or self.phase_error is None:
             return math.inf
         return math.hypot(self.amplitude_error, self.amplitude_arcsec * math.radians(self.phase_error))
 
     def agrees(self, other: "OrderValue") -> bool:
-        """Whether both may be the same."""
+        """True if two values agree within their standard errors."""
         return abs(self.phasor - other.phasor) <= AGREE_SIGMAS * math.hypot(self.sigma_arcsec, other.sigma_arcsec)
 
     def words(self, order: float) -> str:
@@ -92,7 +94,7 @@ class KnownOrders:
 
     @classmethod
     def of(cls, part: IdentifiedError | None) -> "KnownOrders":
-        """What a part of a model file knows."""
+        """Known orders of a part of a model file."""
         if part is None:
             return cls()
         table, errors = significant(part), part.standard_error
@@ -106,7 +108,7 @@ class KnownOrders:
 
     @classmethod
     def of_axis(cls, identified: Identified | None, axis: int) -> "KnownOrders":
-        """What a model file knows of an axis; nothing without one."""
+        """Known orders of an axis in a model file; none without one."""
         return cls.of(None if identified is None or axis not in identified.axis else identified.axis[axis].ate)
 
     def acted_error(self) -> TransmissionError:
@@ -114,7 +116,9 @@ class KnownOrders:
         return error_of(self.acted)
 
     def choices(self, estimate: JointEstimate, passed: Collection[float]) -> dict[float, OrderValue]:
-        """Value of each order that is to be cancelled, and stored: the learnt one, or the one that was known.
+        """Choose the value of each order to cancel and store.
+
+        It is the learnt value, or the one that was known.
 
         Args:
             estimate: Estimate from the passes.
@@ -138,12 +142,18 @@ class KnownOrders:
         return None if value is None or (order, value.source) in self.refused else value
 
     def _learnt(self, order: float, estimate: JointEstimate) -> OrderValue | None:
-        """Value of an order by the fit of the passes, or by what a pass has shown of it; None if the order was not fitted."""
+        """Learnt value of an order; None if it was not fitted.
+
+        It comes from the fit of the passes, or from a pass with a cancellation of it.
+        """
         fitted, shown = _fitted(order, estimate), self.shown.get(order)
         return shown if fitted is not None and shown is not None and shown.sigma_arcsec < fitted.sigma_arcsec else fitted
 
     def _show(self, verdict: PartVerdict, acted: OrderValue) -> None:
-        """Keep the value that a pass shows, where its cancellation was right enough to tell."""
+        """Keep the value that a pass shows.
+
+        The pass's cancellation must have been accepted and its errors known.
+        """
         self.shown.pop(verdict.part.order, None)
         factor_error, turn_error_deg = verdict.factor_error, verdict.turn_error_deg
         if verdict.verdict != "accepted" or verdict.ratio is None or factor_error is None or turn_error_deg is None:
@@ -158,14 +168,17 @@ class KnownOrders:
         )
 
     def _is_better_learnt(self, order: float, estimate: JointEstimate) -> bool:
-        """Whether the passes know an order that was known before, agree with that, and know it better."""
+        """True if the passes know an order better than before.
+
+        They must agree with the value that was known.
+        """
         known, learnt = (self._open(order, each) for each in (self.values.get(order), self._learnt(order, estimate)))
         return known is not None and learnt is not None and known.agrees(learnt) and learnt.sigma_arcsec < known.sigma_arcsec
 
     def judged(
         self, verdicts: Sequence[PartVerdict], estimate: JointEstimate, passed: Collection[float], *, is_last: bool
     ) -> dict[float, PartVerdict]:
-        """Take in what a pass has shown.
+        """Judge the known orders by a pass.
 
         Args:
             verdicts: Verdicts on the orders that it cancelled.
@@ -204,13 +217,16 @@ class KnownOrders:
 
 
 def error_of(values: Mapping[float, OrderValue]) -> TransmissionError:
-    """The error that the values of some orders make up."""
+    """Transmission error of the values of some orders."""
     amplitudes = {order: value.amplitude_arcsec for order, value in values.items()}
     return TransmissionError(amplitudes, {order: value.phase_deg for order, value in values.items()})
 
 
 def _fitted(order: float, estimate: JointEstimate) -> OrderValue | None:
-    """Value of an order by the fit of the passes; None if it was not fitted."""
+    """Value of an order by the fit of the passes, or None.
+
+    None if the order was not fitted.
+    """
     error = estimate.error
     if order not in error.amplitude_arcsec:
         return None
@@ -221,7 +237,10 @@ def _fitted(order: float, estimate: JointEstimate) -> OrderValue | None:
 def _better(
     order: float, known: OrderValue, learnt: OrderValue, estimate: JointEstimate, passed: Collection[float]
 ) -> tuple[Source, str]:
-    """The better of two values before a pass has compared them, and why it is the known one."""
+    """Choose the better of two values before a pass has compared them.
+
+    Returns also the reason if it is the known one.
+    """
     if order not in passed:
         return "known", "the ramps end below its resonance"
     if not is_significant(estimate, order):
@@ -232,13 +251,16 @@ def _better(
 
 
 def _left(value: OrderValue, acted: OrderValue, verdict: PartVerdict) -> float | None:
-    """Fraction of an order that a value's cancellation would leave, by what a pass has shown of another's; None: nothing."""
+    """Fraction of an order that a value's cancellation would leave.
+
+    It follows from a pass with another value; None if that pass shows nothing.
+    """
     if verdict.ratio is None or acted.amplitude_arcsec <= 0.0:
         return None
     return abs(verdict.ratio - value.phasor / acted.phasor) / max(abs(verdict.ratio), 1e-30)
 
 
 def _would_pass(value: OrderValue, acted: OrderValue, verdict: PartVerdict) -> bool:
-    """Whether another value than the refused one may be tried."""
+    """True if another value than the refused one may be tried."""
     left = _left(value, acted, verdict)
     return not value.agrees(acted) if left is None else left <= MOST_LEFT

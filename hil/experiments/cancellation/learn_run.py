@@ -1,4 +1,7 @@
-"""`hil learn`: adaptive cancellation of some axes on the bus, with recordings of its passes and estimates in the model file."""
+"""Run of `hil learn`: adaptive cancellation of some axes.
+
+It records passes on the bus, and writes the estimates to the model file.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -70,13 +73,15 @@ def learn_on_bus(
     overload: bool = False,
     reporter: Reporter = SILENT,
 ) -> LearningOutcome:
-    """Learn axis by axis; the estimate of each is written to the model file before the next axis begins.
+    """Learn axis by axis.
+
+    The estimate of each axis is written to the model file before the next axis begins.
 
     Args:
         bench: The bench file.
         request: Axes and passes.
         out: Directory for recordings, bus log and result.json; made where it is missing.
-        model: The model file: read for the motors' inertia and what is known of the orders, where it exists, and written.
+        model: The model file; if it exists, it is read for the motors' inertia and the known orders; it is written.
         plant: Model file with the plants of the axes, which are taken over into the model file; None: it has them, or the bench.
             Of a transmission error in it, those orders are kept that the passes do not better.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.
@@ -134,7 +139,7 @@ def _demands(bench: Bench, request: LearnRequest, identified: Identified | None)
 
 
 def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | None:
-    """What is known of the axes: the model file, with the plants of another where there is one.
+    """Load the model file, with the plants of another file.
 
     Args:
         bench: The bench file.
@@ -156,7 +161,10 @@ def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | N
 
 
 def _with_plants(identified: Identified, plants: Identified | None) -> Identified:
-    """A model file with the plants of another, and with its transmission error of an axis that has none."""
+    """Add the plants of another file to a model file.
+
+    An axis without a transmission error takes that of the other file too.
+    """
     for number, known in ({} if plants is None else plants.axis).items():
         if known.plant is not None:
             identified = identified.with_part(number, known.plant)
@@ -166,7 +174,7 @@ def _with_plants(identified: Identified, plants: Identified | None) -> Identifie
 
 
 class _Keeper:
-    """Saves each pass of an axis, and enters it into the result."""
+    """Keeper of an axis' passes in the result."""
 
     def __init__(self, measurement: Measurement[LearningResult], axis: int) -> None:
         self._measurement, self._axis = measurement, axis

@@ -1,4 +1,6 @@
-"""Adaptive cancellation: an axis goes to and fro, and its transmission error is learnt from pass to pass, then frozen.
+"""Adaptive cancellation of one axis.
+
+The axis moves to and fro; its transmission error is learnt from pass to pass, then frozen.
 
 The first pass is without cancellation, the second with half of it, every later one with all of it. After each pass each order
 of it is judged as in a trial (`verdict`), and one whose cancellation is wrong is left out from there on. And the fit is made anew
@@ -83,7 +85,7 @@ class LearntPass:
     verdicts: tuple[PartVerdict, ...] = ()
 
     def entry(self) -> LearningPass:
-        """The pass as a result file has it."""
+        """Entry of the pass for the result file."""
         error = self.estimate.error
         return LearningPass(
             gain=self.gain,
@@ -202,7 +204,7 @@ class AxisLearning:
         return update_file(path, robot, self.axis, self.part(note, on))
 
     def entry(self, note: str = "", on: datetime.date | None = None) -> LearntAxis:
-        """The axis as a result file has it."""
+        """Entry of the axis for the result file."""
         return LearntAxis(
             axis=self.axis,
             reduction_fraction=self.reduction_fraction,
@@ -283,7 +285,7 @@ def _pass_words(bench: Bench, axis: int, motion: Ramps, gain: float) -> str:
 
 
 def _sensing(table: AxisTable, identified: Identified | None, axis: int) -> Sensing:
-    """The accelerometer, with the delays that a plant leaves it."""
+    """Signal of the accelerometer, with the delays that the plant allows."""
     return Sensing(table.felt_lever_m(f"learn --axis {axis}"), 0.0, *searched_delay_s(_known_plant(identified, axis)))
 
 
@@ -299,14 +301,16 @@ def _known_plant(identified: Identified | None, axis: int) -> IdentifiedPlant | 
 
 
 def _begun(bench: Bench, identified: Identified | None, axis: int, inertia_kg_m2: float | None) -> AxisLearning:
-    """A learning before its first pass, with what is known of the axis."""
+    """Begin a learning with the known values of the axis."""
     part = None if identified is None or axis not in identified.axis else identified.axis[axis].ate
     reaction = ReactionWatch.of(bench, identified, axis, part)
     return AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, known=KnownOrders.of_axis(identified, axis), reaction=reaction)
 
 
 def _further_end(bench: Bench, learning: AxisLearning) -> float:
-    """End of ramps through the resonance of each lower order; 0 where there is none.
+    """End speed of ramps through the resonance of lower orders.
+
+    It is 0 without such an order.
 
     Only of those that the bench's own motion meets, and as far as limits let it.
     """
@@ -318,14 +322,17 @@ def _further_end(bench: Bench, learning: AxisLearning) -> float:
 
 
 def _low_end(end_rps: float, estimate: JointEstimate) -> float:
-    """End of the next pass' ramps for an order below 2 that is there and was reached; 0 where there is none."""
+    """End speed of the next ramps for a reached order below 2.
+
+    It is 0 if there is no such order.
+    """
     arm_hz = estimate.arm.resonance_hz
     low = [k for k in estimate.error.amplitude_arcsec if k < LOWEST and end_rps >= arm_hz / k and is_significant(estimate, k)]
     return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
 
 
 def _ramps_from_here(session: Session, axis: int, acceleration_rps_s: float, end_rps: float) -> Ramps:
-    """Ramps from where the axis stands."""
+    """Ramps from the present position of the axis."""
     session.check_interrupt()
     here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
     acceleration_rps_s = with_room(session.bench, axis, acceleration_rps_s, end_rps)
@@ -333,7 +340,10 @@ def _ramps_from_here(session: Session, axis: int, acceleration_rps_s: float, end
 
 
 def _kept(number: int, result: RunResult, motion: Ramps, axis: int, bench: Bench, keep: PassKeeper) -> Recording:
-    """Recording of a pass, once it is kept; what stopped the pass, or what it lacks, is raised."""
+    """Keep a pass, check it, and return its recording.
+
+    An error that stopped the pass, or missing data, is raised.
+    """
     keep(number, result, motion)
     check_moved(motion, result, axis, bench.axis[axis].limits)
     if result.stopped is not None:
@@ -345,7 +355,10 @@ def _kept(number: int, result: RunResult, motion: Ramps, axis: int, bench: Bench
 def _following(
     learning: AxisLearning, gain: float, recording: Recording, motion: Ramps, table: AxisTable, scale: TipScale | None
 ) -> Following | None:
-    """How the motor has followed in a pass with the whole cancellation; None in others."""
+    """Measure how the motor followed in a pass.
+
+    None in a pass without the whole cancellation.
+    """
     if gain < 1.0 or scale is None:
         return None
     error = learning.known.acted_error()
@@ -353,7 +366,9 @@ def _following(
 
 
 def _settle(learning: AxisLearning, number: int, recording: Recording, *, is_last: bool) -> None:
-    """Leave out the orders whose cancellation is wrong, after the last those too that could not be judged; tell the reaction.
+    """Leave out the orders whose cancellation is wrong.
+
+    After the last pass, orders that could not be judged are left out too. The watch of the gear's reaction takes in the pass.
 
     Raises:
         CancellationRefusedError: None is left.
@@ -367,13 +382,13 @@ def _settle(learning: AxisLearning, number: int, recording: Recording, *, is_las
 
 
 def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
-    """The table of the axis that is to be learnt in so many passes.
+    """Table of the axis that is to be learnt.
 
     Raises:
         NotPossibleError: The passes are too few, or there is no such axis.
     """
     if passes < 2:
-        raise NotPossibleError(f"{passes} pass cannot learn: the first is without cancellation, so 2 are needed at least")
+        raise NotPossibleError(f"{passes} passes are too few to learn; at least 2 are needed, the first without cancellation")
     if axis not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
     return bench.axis[axis]
@@ -387,7 +402,7 @@ def _cancellation(
     motion: Ramps,
     actuation: Actuation,
 ) -> Cancellation | None:
-    """Cancellation of what has been learnt so far; None before the first pass."""
+    """Cancellation of what has been learnt; None before the first pass."""
     if not learning.passes:
         return None
     so_far = _with_estimate(session, identified, learning, delay_s)
@@ -399,7 +414,9 @@ def _cancellation(
 def _fitted(
     watch: OrderWatch, table: AxisTable, learning: AxisLearning, orders: Sequence[float], plant: IdentifiedPlant | None
 ) -> JointEstimate:
-    """The transmission error from all passes so far; of an arm with several modes beside those of its plant.
+    """Fit the transmission error to all passes so far.
+
+    For an arm with several modes, those of its plant count beside it.
 
     Raises:
         NotPossibleError: The passes do not carry a fit.

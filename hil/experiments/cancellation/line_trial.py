@@ -1,9 +1,11 @@
-"""Trial of a cancellation on an arm's line, by the tip as a vector: what raises its peak along x, y or z is not used.
+"""Trial of a cancellation on an arm's line.
 
-What was learnt on a motion is known as a whole: its orders are those with which that motion is quiet, and no model of the arm
-tells them apart. So the trial takes it as a whole: without, with a fraction, with all of it, the latter two and the first again
-while the sensor's noise leaves it open. What was identified axis by axis is read order by order first (`trial`), and then held
-against the vector as well: that reading knows one direction.
+The tip is judged as a vector: a cancellation that raises its peak along x, y or z is not used.
+
+A cancellation that was learnt on a motion is judged as a whole: that motion is quiet with all its orders together, and no
+model of the arm separates them. The trial runs without it, with a fraction, and with all of it, and repeats the first and the
+last while the sensor's noise leaves the result open. Orders that were identified axis by axis are read one by one first
+(`trial`), and then judged by the vector as well, since that reading covers one direction only.
 """
 
 import math
@@ -74,7 +76,7 @@ def verify_on_line(bench: Bench, parts: Sequence[Part], gain: float, run: LineRu
 
 
 def refused_by_vector(bench: Bench, found: Verification) -> Verification:
-    """A trial of which nothing is used where what it uses makes the tip's peak larger in any direction.
+    """Refuse a cancellation that raises the tip's peak in any direction.
 
     Args:
         bench: The bench file.
@@ -130,7 +132,7 @@ def _rms(trials: Sequence[Trial]) -> float | None:
 
 
 def _worst(changes: Sequence[PeakChange]) -> str | None:
-    """The rise that counts, in words; None if there is none."""
+    """Rise that counts, in words; None if there is none."""
     risen = [
         f"the tip's peak along {way} {each.change}" for way, each in zip(WAYS, changes, strict=True) if each.stands(LAST_SIGMAS)
     ]
@@ -138,7 +140,7 @@ def _worst(changes: Sequence[PeakChange]) -> str | None:
 
 
 def _changes(bench: Bench, without: Sequence[Trial], with_it: Sequence[Trial]) -> list[PeakChange]:
-    """What becomes of the tip's peak along x, y and z, and in the worst direction."""
+    """Changes of the tip's peak along x, y, z and worst direction."""
     before, after = (_peaks_mm(bench, trials) for trials in (without, with_it))
     error_mm = _noise_mm(bench, without[:1]) * np.sqrt(1.0 / len(without) + 1.0 / len(with_it))
     return [PeakChange(None, one, other, float(error_mm)) for one, other in zip(before, after, strict=True)]
@@ -150,7 +152,10 @@ def _peaks_mm(bench: Bench, trials: Sequence[Trial]) -> list[float]:
 
 
 def _noise_mm(bench: Bench, trials: Sequence[Trial]) -> float:
-    """Root mean square of the displacement that the sensor's noise shows in the mean of some runs."""
+    """Noise of the displacement in the mean of some runs.
+
+    It is the root mean square that the sensor's noise causes.
+    """
     recording = trials[0].recording
     variances = [noise_variance(column) / len(trials) for column in tip_acceleration(recording).T]
     return noise_rms_mm(variances, recording.period_s, _band_hz(bench))

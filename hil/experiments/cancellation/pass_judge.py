@@ -1,4 +1,7 @@
-"""Verdicts on the orders that a pass of the learning has cancelled, against its first pass, which was without."""
+"""Verdicts on the orders that a pass of the learning cancelled.
+
+They compare the pass with the first one, which has no cancellation.
+"""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -25,7 +28,7 @@ class PassJudge:
     """
 
     def __init__(self, bench: Bench, identified: Identified | None, axis: int, known: Collection[float] = ()) -> None:
-        """Keep the bench, the axis and the orders that are known of it.
+        """Keep the bench, the axis and its known orders.
 
         The response is that of the model file, or of the first pass' arm.
         """
@@ -87,5 +90,5 @@ class PassJudge:
         return found
 
     def _orders(self, orders: Sequence[float]) -> set[float]:
-        """Orders that are fitted: those of the pass, and those of the first."""
+        """Orders that are fitted: those of this and the first pass."""
         return {*orders, *(part.order for part in self._without)}

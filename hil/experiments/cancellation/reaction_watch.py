@@ -1,4 +1,6 @@
-"""The reaction of a gear on its motor, from the passes of a learning: with the error cancelled, little else is in the torque.
+"""Reaction of a gear on its motor, from passes of a learning.
+
+With the error cancelled, the torque has little else.
 
 Without a cancellation the arm's own part of the motor's torque, which rises towards its resonance, may be taken for a reaction,
 or hide it. A pass with the whole cancellation leaves next to nothing of it, and the torque that is left is the reaction's.
@@ -34,7 +36,7 @@ class ReactionWatch:
 
     @classmethod
     def of(cls, bench: Bench, identified: Identified | None, axis: int, known: IdentifiedError | None) -> "ReactionWatch":
-        """A watch that begins with what is known.
+        """Begin a watch with the known reaction.
 
         Args:
             bench: The bench file.
@@ -48,7 +50,7 @@ class ReactionWatch:
         return cls(axis, side, known.gear_reaction, known.standard_error.get("gear_reaction"))
 
     def take(self, recording: Recording, error: TransmissionError) -> None:
-        """Take in a pass with the whole cancellation.
+        """Add a pass with the whole cancellation.
 
         Args:
             recording: Recording of the pass.

@@ -1,14 +1,17 @@
-"""What a cancellation leaves of the vibration, and why: the causes that the trial's own recordings show, or none.
+"""Remainder of a vibration with a cancellation, and its cause.
 
-A cause is named only where its own vibration, reckoned without looking at what is left, is found in it: taken away, it leaves no
-more than was asked, or half of what is above that at most. Where none is, it says so. The causes:
+The causes are those that the trial's own recordings show.
 
-- `speed limit`: what the set-points had no room for, by the tables of the cancellation.
-- `frequency limit`: the same, where it is the highest frequency of the cancellation that binds.
+A cause is named only if its own vibration, predicted independently of the remainder, is found in it: without that vibration
+the remainder must meet the goal, or at least half of its excess must vanish. If no cause qualifies, the result says so. The
+causes:
+
+- `speed limit`: the part for which the set-points had no room, by the tables of the cancellation.
+- `frequency limit`: the same, if the highest frequency of the cancellation is the limit.
 - `order left out`: an order that is not cancelled: not known, or not passed by the trial.
 - `gear reaction`: the gear's torque moves the motor through its own error, by τ_g dθ_sync/dθ_m.
 - `estimate`: the orders themselves, turned or scaled alike at all speeds: their values are not known well enough.
-- `sensor noise`: more than was asked may hide in it.
+- `sensor noise`: a remainder above the goal may hide in the noise.
 """
 
 import math
@@ -49,20 +52,20 @@ UNKNOWN: frozenset[RemainderCause] = frozenset({"sensor noise", "not explained"}
 """Causes that are none of the robot's, and are said of the worst window alone."""
 
 REMEDIES: Mapping[RemainderCause, str] = {
-    "speed limit": "raise limits.speed_rps where the axis allows it, or move more slowly",
+    "speed limit": "raise limits.speed_rps if the axis allows it, or move more slowly",
     "frequency limit": "the cancellation ends at a highest frequency: move more slowly, or, where it is that of the bus, at a "
     "shorter SYNC period",
     "order left out": "repeat the identification of that order: hil identify ate, hil learn",
-    "gear reaction": "it grows with the gear's torque: a smaller load, or less acceleration",
-    "estimate": "repeat hil identify ate or hil learn with --plant, warm, at the load of the work",
-    "sensor noise": "a better accelerometer, or --repeat",
-    "not explained": "nothing that was measured shows why",
+    "gear reaction": "reduce the load or the acceleration, since it grows with the gear's torque",
+    "estimate": "repeat hil identify ate or hil learn with --plant, with the robot warm and at its working load",
+    "sensor noise": "take a better accelerometer, or repeat the run with --repeat",
+    "not explained": "the measurements do not show why",
 }
 
 
 @dataclass(frozen=True)
 class TrialView:
-    """All that a trial has seen, for what is left.
+    """Data of a trial for the account of the remainder.
 
     Attributes:
         looks: All runs.
@@ -91,11 +94,13 @@ class TrialView:
 
 
 def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float) -> CancellationRemainder | None:
-    """What is left, and why; None if no run has shown it.
+    """Find the remainder of the vibration and its cause.
+
+    Returns None if no run has shown the remainder.
 
     Args:
         seen: The trial.
-        tables: Tables of the cancellation by axis; empty where the drives cancel.
+        tables: Tables of the cancellation by axis; empty if the drives cancel.
         quiet_mm: Tip that is asked for.
     """
     with_them, without = alike(seen.looks, seen.used), alike(seen.looks, ())
@@ -105,7 +110,7 @@ def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm
 
 
 class _Account:
-    """Account of what is left in the worst window."""
+    """Account of the remainder in the worst window."""
 
     def __init__(
         self, seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float, after: list[Look], before: list[Look]
@@ -122,7 +127,7 @@ class _Account:
         self._look_at(max(self._peaks, key=lambda order: self._peaks[order]))
 
     def _look_at(self, order: float | None) -> None:
-        """Take a window for that of which a cause is looked for."""
+        """Select the window whose cause is searched."""
         self._order, self._left_mm = order, self._peaks[order]
         self._is_seen = self._left_mm > self._asked_mm
         self._rows = self._seen.windows.rows[order][: self._count]
@@ -136,7 +141,7 @@ class _Account:
         return max(power - self._noise_mm**2, 0.0)
 
     def _peak_mm(self, order: float | None) -> float:
-        """The peak in a window, by the fraction of its power that is no noise."""
+        """Peak in a window, reduced by the noise's part of the power."""
         rows = self._seen.windows.rows[order][: self._count]
         tip = self._seen.windows.to_mm * self._left[rows]
         power = float(np.mean(tip**2))
@@ -144,7 +149,7 @@ class _Account:
         return float(np.max(np.abs(tip))) * math.sqrt(part)
 
     def entry(self) -> CancellationRemainder:
-        """What is left, as a result file has it."""
+        """Entry of the remainder for the result file."""
         hidden_mm = NOISE_SIGMAS * self._noise_mm
         causes: list[RemainderCause] = []
         if self._is_seen:
@@ -177,7 +182,7 @@ class _Account:
         return f"the cancellation leaves {self._left_mm:.4f} mm{where}, {asked}; {remedies}"
 
     def _cause(self) -> RemainderCause:
-        """The cause that takes away most, of those that explain what is left."""
+        """Cause that removes most of the remainder, if it explains it."""
         kept = {name: self._after_removal(vibration) for name, vibration in self._reckoned().items()}
         best = min(kept, key=lambda name: kept[name])
         if self._explains(kept[best]):
@@ -189,7 +194,10 @@ class _Account:
         return "not explained"
 
     def _hidden_cause(self) -> RemainderCause:
-        """The cause of what the noise hides: one whose own vibration is above what was asked, or the noise itself."""
+        """Cause of a remainder that the noise hides.
+
+        Its own vibration exceeds what was requested; otherwise the noise itself is the cause.
+        """
         largest: dict[RemainderCause, float] = {}
         for name, vibration in self._reckoned().items():
             peaks = self._seen.windows.peaks_mm(vibration)
@@ -210,7 +218,10 @@ class _Account:
         }
 
     def _bound(self) -> RemainderCause:
-        """What binds the set-points: the speed of the axis, or the highest frequency of the cancellation."""
+        """Limit that binds the set-points.
+
+        It is the speed of the axis, or the highest frequency of the cancellation.
+        """
         for number, table in self._tables.items():
             peak_rps = float(np.max(np.abs(motor_speed_rps(self._seen.recording, number))))
             if table.largest_speed_rps(peak_rps) > BINDS * self._seen.speed_rps.get(number, math.inf):
@@ -218,15 +229,15 @@ class _Account:
         return "frequency limit"
 
     def _explains(self, fraction: float) -> bool:
-        """Whether what a cause leaves, as a fraction, is little enough."""
+        """True if the fraction that a cause leaves is small enough."""
         return self._left_mm * fraction <= self._left_mm - HALF * (self._left_mm - self._asked_mm)
 
     def _after_removal(self, vibration: Real) -> float:
-        """Fraction of what is left that stays without a vibration."""
+        """Fraction of the remainder that stays after a vibration is removed."""
         return math.sqrt(self._power(self._left - vibration) / max(self._power(self._left), 1e-30))
 
     def _waves(self, parts: Sequence[Part], looks: Sequence[Look]) -> Real:
-        """Vibration of parts in some runs, of those that are there for certain."""
+        """Vibration of the significant parts in some runs."""
         total = np.zeros(self._count)
         for part in parts:
             size, look = self._amplitude(looks, part), looks[0].sighting
@@ -255,7 +266,10 @@ class _Account:
         return total
 
     def _found_reaction(self) -> Real:
-        """Vibration by the gear's reaction, where it is found as it was reckoned; nothing elsewhere."""
+        """Vibration by the gear's reaction.
+
+        It is zero unless the reaction is found about as predicted.
+        """
         reckoned, none = np.zeros(self._count), np.zeros(self._count)
         for axis in self._seen.axes:
             if axis.number in self._tables and isinstance(axis.response.known, Loop):
@@ -273,7 +287,10 @@ class _Account:
         return np.asarray(both @ found)
 
     def _reaction(self, axis: AxisWaves, loop: Loop, table: CancellationTable) -> Real:
-        """Vibration by the torque −τ_g dθ_sync/dθ_m at the motor, of the whole error."""
+        """Vibration by the torque −τ_g dθ_sync/dθ_m at the motor.
+
+        The whole error counts.
+        """
         recording, ratio = self._seen.recording, loop.plant.reduction_ratio
         angle, period_s = recording.axis(axis.number, "position_rad"), recording.period_s
         corner = min(0.25 * self._seen.scale.f_al_hz, 0.2 / period_s)
@@ -293,7 +310,10 @@ class _Account:
 
 
 def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.complex128]:
-    """θ_l/τ at the motor, X/(N (A + C)), seen by the sensor; 0 where X is."""
+    """Response θ_l/τ at the motor, X/(N (A + C)), at the sensor.
+
+    It is 0 where X is 0.
+    """
     response = axis.response.at(frequency_hz)
     inside = response != 0.0
     motor = loop.plant.terms(2j * math.pi * frequency_hz[inside])[0] + loop.controller(frequency_hz[inside])
@@ -302,7 +322,10 @@ def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.c
 
 
 def _without_orders(look: Look) -> Real:
-    """What the motion itself makes in a run, without noise and without any order."""
+    """Vibration of a run without noise and orders.
+
+    The rest is what the motion itself causes.
+    """
     seen = look.sighting
     rest = seen.vibration - seen.residual
     for part, size in seen.amplitude.items():

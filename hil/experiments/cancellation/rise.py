@@ -1,4 +1,6 @@
-"""Peaks of the tip with a cancellation against those without, window by window: what raises one is not used.
+"""Comparison of the tip's peaks with and without a cancellation.
+
+They are compared window by window; parts that raise a peak are not used.
 
 An order may fall while the tip's peak in its window rises: on a soft arm the ramp's own start rings there too, and the order
 may lessen it by chance. The peaks are those by which a run is judged, of the mean of all runs alike, and a rise counts beyond
@@ -32,7 +34,7 @@ LEAST_ROWS = 8
 
 
 class PeakChange(NamedTuple):
-    """The tip's peak in a window, without and with a cancellation.
+    """Tip peak in a window, without and with a cancellation.
 
     Attributes:
         order: Order of the window; None if there is one window alone.
@@ -48,44 +50,44 @@ class PeakChange(NamedTuple):
 
     @property
     def beyond_mm(self) -> float:
-        """Rise beyond what is no harm; below 0 where there is none."""
+        """Rise beyond the tolerance; negative if there is none."""
         return self.after_mm - self.before_mm - max(WORSE_MM, WORSE_FRACTION * self.before_mm)
 
     def stands(self, sigmas: float) -> bool:
-        """Whether it is above the noise."""
+        """True if the rise exceeds the noise by so many standard errors."""
         return self.beyond_mm > max(0.0, sigmas * self.error_mm)
 
     @property
     def is_fall(self) -> bool:
-        """Whether the peak has fallen instead, by more than a trifle and than the noise."""
+        """True if the peak has fallen beyond noise and tolerance."""
         return self.before_mm - self.after_mm > max(WORSE_MM, WORSE_FRACTION * self.before_mm, LAST_SIGMAS * self.error_mm)
 
     @property
     def is_open(self) -> bool:
-        """Whether it may well be one, and more runs could show it."""
+        """True if a rise is likely, and more runs could show it."""
         return self.stands(LAST_SIGMAS) and not self.stands(RISE_SIGMAS)
 
     @property
     def is_excluded(self) -> bool:
-        """Whether the noise leaves no room for one that is a harm."""
+        """True if the noise leaves no room for a harmful rise."""
         return self.beyond_mm + LAST_SIGMAS * self.error_mm <= 0.0
 
     @property
     def words(self) -> str:
-        """The rise as a part of a sentence."""
+        """Change with its window, as a part of a sentence."""
         where = "" if self.order is None else f" in the window of order {self.order:g}"
         return f"the tip's peak{where} {self.change}"
 
     @property
     def change(self) -> str:
-        """The change alone."""
+        """Change in words, without the window."""
         way = "rises" if self.after_mm > self.before_mm else "falls"
         return f"{way} from {self.before_mm:.4f} to {self.after_mm:.4f} ± {self.error_mm:.4f} mm"
 
 
 @dataclass(frozen=True)
 class Look:
-    """One run of a trial: what acted in it, and its tip.
+    """One run of a trial, with its cancellation and its vibration.
 
     Attributes:
         gains: Fraction of each part that acted.
@@ -138,7 +140,7 @@ class Windows:
         return {order: float(tip[rows[: len(tip)]].max()) for order, rows in self.rows.items()}
 
     def compared(self, without: Sequence[Real], with_it: Sequence[Real]) -> list[PeakChange]:
-        """What a treatment makes of the peak in each window, the worst rise first.
+        """Compare the peaks in each window, the worst rise first.
 
         Args:
             without: Vibration in the runs without it, in the band and the rows that are read.
@@ -150,7 +152,9 @@ class Windows:
         return sorted(found, key=lambda each: -each.beyond_mm)
 
     def rise(self, looks: Sequence[Look], used: Collection[Part]) -> PeakChange | None:
-        """The worst rise of a window by the parts that are used; None if no run has shown just these.
+        """Worst rise of a window by the used parts, or None.
+
+        None if no run has shown exactly these parts.
 
         Args:
             looks: All runs.
@@ -162,14 +166,19 @@ class Windows:
         return next(iter(self.compared(_vibrations(without), _vibrations(with_them))), None)
 
     def gain(self, looks: Sequence[Look], used: Collection[Part], more: Collection[Part]) -> PeakChange | None:
-        """The largest fall of a window by more parts than those used, where none rises; None without one that is certain."""
+        """Largest fall of a window by more parts than those used.
+
+        No window may rise; None if no fall is certain.
+        """
         found = self.compared(_vibrations(alike(looks, used)), _vibrations(alike(looks, more)))
         best = found[-1]
         is_certain = best.before_mm - best.after_mm > RISE_SIGMAS * best.error_mm
         return best if is_certain and best.is_fall and not found[0].stands(LAST_SIGMAS) else None
 
     def riser(self, looks: Sequence[Look], used: Collection[Part], rise: PeakChange, slack: float = 0.0) -> Part | None:
-        """Part without which the window that rises would have the lowest peak; None if no other window can bear it.
+        """Part whose removal lowers the rising window most, or None.
+
+        None if the peaks of all windows together would rise too much.
 
         What a part has taken away is given back to the vibration as it was measured. That is not to make the peaks of all windows
         together larger; where the window rises beyond what the ramp itself makes in it, by no more than is no harm.
@@ -196,7 +205,10 @@ class Windows:
         return None if best is None else best[1]
 
     def jolt_mm(self, looks: Sequence[Look]) -> dict[float | None, float]:
-        """Largest displacement in each window without any order: what the motion itself makes, and noise."""
+        """Largest displacement in each window without any order.
+
+        It is what the motion itself and the noise cause.
+        """
         rests = []
         for look in alike(looks, ()):
             seen = look.sighting
@@ -206,7 +218,7 @@ class Windows:
 
 
 def alike(looks: Sequence[Look], used: Collection[Part]) -> list[Look]:
-    """Runs in which just these parts acted, as a whole."""
+    """Runs in which exactly these parts acted with full gain."""
     return [look for look in looks if all(gain == float(part in used) for part, gain in look.gains.items())]
 
 

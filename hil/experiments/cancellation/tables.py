@@ -1,4 +1,4 @@
-"""The table of one axis' cancellation, for the pace of a motion."""
+"""Cancellation table of one axis, for the pace of a motion."""
 
 import math
 from typing import NamedTuple
@@ -37,7 +37,7 @@ class Pace(NamedTuple):
     """Speed and acceleration of a motion.
 
     Attributes:
-        peak_rps: Highest motor speed; 0 where it is not known.
+        peak_rps: Highest motor speed; 0 if it is not known.
         most_rad_s2: Largest acceleration, likewise.
     """
 
@@ -63,7 +63,7 @@ def table_of(
     Args:
         bench: The bench file.
         number: Axis number.
-        model: What is known of the axis.
+        model: Model of the axis.
         timing: Delays of the set-points.
         pace: Pace of the motion.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
@@ -97,7 +97,9 @@ def table_of(
 
 
 def _highest_hz(f_al_hz: float, sync_period_s: float) -> float:
-    """Highest k f_m of a cancellation: what the arm answers to, the usual one at least, and what the bus carries well.
+    """Highest k f_m of a cancellation.
+
+    The arm's response needs it, and the bus carries it well; it is at least the usual one if the bus allows that.
 
     Set-points that come slowly carry the usual one badly, so only an arm that needs it gets it from them.
     """
@@ -113,12 +115,14 @@ def _check_size(number: int, ate: TransmissionErrorTable) -> None:
     """
     total = sum(ate.amplitudes_arcsec().values())
     if total > MAX_ERROR_ARCSEC:
-        remedy = "no gear has as much: is the model file right?"
+        remedy = "no gear has as much; check the model file"
         raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
 
 
 def pace_of(bench: Bench, motion: Motion, column: int) -> Pace:
-    """Pace of an axis in a motion, its jerks left out, and in the approach to its start.
+    """Pace of an axis in a motion and in its approach.
+
+    Jerks of the motion are left out.
 
     Args:
         bench: The bench file.

@@ -1,9 +1,11 @@
-"""Trial of a cancellation at the tip: it is trusted only after it has lowered the vibration.
+"""Trial of a cancellation at the tip.
 
-An order whose cancellation is wrong by more than 60° vibrates more with it. So the motion runs without it, then with a small
-fraction of it on all axes and on each, then with the whole; and each order of each axis is judged for itself (`verdict`), by its
-own complex amplitude at the tip (`effect`). What is wrong is taken out, as is what does too little to be seen; where nothing is
-left the cancellation is refused, and the notch stays.
+A cancellation is used only after it has lowered the vibration.
+
+An order whose cancellation is wrong by more than 60° vibrates more with it. So the motion runs without the cancellation, then
+with a small fraction of it on all axes and on each, then with the whole. Each order of each axis is judged for itself
+(`verdict`), by its own complex amplitude at the tip (`effect`). Orders that are wrong, or whose effect is too small to be
+seen, are left out; if no order remains, the cancellation is refused, and the notch stays.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -39,7 +41,9 @@ MOST_WHOLE = 4
 
 
 def averaged(recordings: Sequence[Recording]) -> Recording:
-    """The mean of recordings of the same motion, row by row: the sensor's noise falls with the root of their number.
+    """Average recordings of the same motion, row by row.
+
+    The sensor's noise falls with the root of their number.
 
     Raises:
         ValueError: There is no recording, or they are not of the same motion.
@@ -57,7 +61,7 @@ Runner = Callable[[float, int | None, frozenset[Part]], Recording]
 
 
 class _Protocol:
-    """The runs of a trial and what they show, whoever cancels."""
+    """Runs of a trial and their verdicts, for host and drives alike."""
 
     def __init__(
         self,
@@ -124,10 +128,13 @@ class _Protocol:
         return Verification(self._gain, tuple(self._trials), tuple(verdicts.values()), left)
 
     def _helpers(self, windows: Windows, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
-        """Verdicts on parts that cannot be judged, and with which the tip's peak is lower for certain: they are used.
+        """Accept parts that cannot be judged but lower the peak.
 
-        An order whose resonance the motion does not reach is not seen, but the sums and differences that it makes with the others
-        are where the arm rings. The peak alone does not tell what is wrong by 60°: what is seen of the part must not say so.
+        Returns their verdicts.
+
+        An order whose resonance the motion does not reach is not seen, but its sums and differences with the other
+        orders may lie where the arm rings. The peak alone does not show an error of 60°, so the visible part of the
+        order must not contradict it.
         """
         passed = [part for part, each in verdicts.items() if each.verdict == "accepted"]
         unseen = [part for part, each in verdicts.items() if each.verdict == "not judged" and each.seems_right]
@@ -140,7 +147,10 @@ class _Protocol:
         return {} if fall is None else {part: replace(verdicts[part], verdict="accepted", rise=fall.words) for part in unseen}
 
     def _risers(self, windows: Windows, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
-        """Verdicts on parts whose order falls, and with which the tip rises nevertheless: they are refused."""
+        """Refuse parts with which the tip's peak rises.
+
+        Their own order falls nevertheless. Returns their verdicts.
+        """
         found: dict[Part, PartVerdict] = {}
         while used := [part for part, verdict in verdicts.items() if verdict.verdict == "accepted" and part not in found]:
             riser = self._riser(windows, used)
@@ -151,7 +161,10 @@ class _Protocol:
         return found
 
     def _riser(self, windows: Windows, used: Sequence[Part]) -> tuple[Part, PeakChange] | None:
-        """The part that is to be left out, and the rise of a window; None: none. What the noise may hide is run again."""
+        """Part to leave out, and the rise of a window, or None.
+
+        Rises that the noise may hide are run again.
+        """
         without = frozenset(self._parts) - set(used)
         what = "what passes" if without else "the whole of it"
         while True:
@@ -207,7 +220,7 @@ def _wrong(verdicts: Mapping[Part, PartVerdict]) -> frozenset[Part]:
 
 
 def _open(verdicts: Mapping[Part, PartVerdict], wholes: int) -> bool:
-    """True if more runs with the whole than these could still judge a part."""
+    """True if more runs with the whole could judge a part."""
     return any(verdict.could_be_judged(MOST_WHOLE / wholes) for verdict in verdicts.values())
 
 
@@ -221,7 +234,9 @@ def verify(
     shows_filter: bool = True,
     reporter: Reporter = SILENT,
 ) -> Verification:
-    """Try a cancellation on the robot: the motion without it, with a fraction, with that on each axis alone, and with the whole.
+    """Try a cancellation on the robot.
+
+    The motion runs without it, with a fraction, with that on each axis alone, and with the whole.
 
     Args:
         session: Session that has been brought up.
@@ -263,7 +278,9 @@ def _run(session: Session, motion: Motion, filters: FilterUse, adder: Cancellati
 
 @dataclass(frozen=True)
 class Choice:
-    """Choice after a trial: what of the cancellation passed, or the notch where nothing did.
+    """Choice after a trial.
+
+    It has the parts of the cancellation that passed, or the notch if none did.
 
     Attributes:
         cancellation: Cancellation without the parts that did not pass; None if it was refused, or the drives cancel.
@@ -279,7 +296,10 @@ class Choice:
 
     @property
     def adder(self) -> CancellationAdder | None:
-        """Adder of one run, each needs a new one; None if the cancellation was refused, or the drives cancel."""
+        """Adder of one run, or None.
+
+        Each run needs a new one. None if the cancellation was refused, or the drives cancel.
+        """
         return None if self.cancellation is None else self.cancellation.adder()
 
 
@@ -294,7 +314,9 @@ def choose(
     shows_filter: bool = True,
     reporter: Reporter = SILENT,
 ) -> Choice:
-    """Try a cancellation, and choose for the motion: what of it passes, or the notch where nothing does.
+    """Try a cancellation, and choose what a motion runs with.
+
+    The choice is the parts that pass, or the notch if none does.
 
     Args:
         session: Session that has been brought up.
@@ -339,7 +361,9 @@ def choose_inside(
     gain: float = PROBE_GAIN,
     reporter: Reporter = SILENT,
 ) -> Choice:
-    """Try a cancellation inside the drives; where it is refused, the notch is what a motion is run with.
+    """Try a cancellation inside the drives, and choose.
+
+    If it is refused, the motion runs with the notch.
 
     Args:
         session: Session that has been brought up.

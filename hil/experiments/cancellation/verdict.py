@@ -1,9 +1,12 @@
-"""Verdict on each order of each axis of a cancellation, from runs without it, with parts of it and with the whole.
+"""Verdict on each order of each axis of a cancellation.
 
-In run i a fraction g_i of a part acts, so its complex amplitude at the tip is e − g_i c: e what is there without, c what the part
-takes away. Both follow by least squares from all runs. A part is good where the whole of it leaves at most `MOST_LEFT` of e, and
-where the tried fraction lowers it by at least half of that fraction: 45° of phase error pass, 60° do not at any amplitude, nor do
-three times the amplitude. It is wrong where it is not, by as many standard errors; between the two it cannot be told.
+It follows from runs without the cancellation, with parts of it, and with the whole.
+
+In run i a fraction g_i of a part acts, so its complex amplitude at the tip is e − g_i c: e is the amplitude without the
+cancellation, c the part that the cancellation removes. Both follow by least squares from all runs. A part is good if the
+whole of it leaves at most `MOST_LEFT` of e, and if the tried fraction lowers e by at least half of that fraction: a phase
+error of 45° passes; 60° fail at any amplitude, as does three times the amplitude. A part is wrong if it misses a bound by
+`VERDICT_SIGMAS` standard errors; between the two it is not judged.
 """
 
 import cmath
@@ -64,7 +67,7 @@ class PartVerdict:
         turn_deg: Angle by which φ_k should be turned.
         turn_error_deg: Standard error of that.
         verdict: `accepted`; `refused` where it is wrong; `not judged` where it does too little to be seen.
-        rise: How the tip's peak rises with it, or falls where nothing else could judge it, in words; empty where neither counts.
+        rise: How the tip's peak rises with it, or falls where nothing else could judge it, in words; empty if neither counts.
     """
 
     part: Part
@@ -81,17 +84,26 @@ class PartVerdict:
     rise: str = ""
 
     def could_be_judged(self, more: float) -> bool:
-        """True if an undecided part could be told with so many times the present runs."""
+        """True if more runs could judge an undecided part.
+
+        `more` is the number of runs as a multiple of the present one.
+        """
         return self.verdict == "not judged" and VERDICT_SIGMAS * self.left_error <= MOST_LEFT * math.sqrt(more)
 
     @property
     def seems_right(self) -> bool:
-        """False if what is seen of an undecided part speaks against it; true where nothing is seen."""
+        """False if the signs speak against an undecided part.
+
+        It is true if nothing of the part is seen.
+        """
         return self.factor is None or self.left <= RIGHT_LEFT
 
     @property
     def ratio(self) -> complex | None:
-        """Factor and angle as one number, by which the cancellation should be multiplied; None if nothing of it was seen."""
+        """Factor and angle of the correction as one complex number.
+
+        The cancellation should be multiplied by it; None if nothing of it was seen.
+        """
         if self.factor is None or self.turn_deg is None:
             return None
         return cmath.rect(self.factor, math.radians(self.turn_deg))
@@ -155,7 +167,10 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
 
 
 def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndarray]:
-    """E and c of one direction by weighted least squares, and the covariance of either of their components; shape (2, 2)."""
+    """Solve e and c of one direction by weighted least squares.
+
+    Returns also the covariance of either of their components, shape (2, 2).
+    """
     gains = {each.gain for each in seen}
     if len(gains) < 2:
         raise ValueError(f"{part.words} was seen with {sorted(gains)} of its cancellation alone: nothing to compare")
@@ -167,7 +182,10 @@ def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndar
 
 
 def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: float) -> tuple[float, float]:
-    """‖e − g c‖ over the directions, and the standard error of its difference from a given part of ‖e‖."""
+    """Size of e − g c over the directions, and its error.
+
+    The error is that of the difference from a given part of ‖e‖.
+    """
     remainder = there - gain * taken
     left, size = float(np.linalg.norm(remainder)), float(np.linalg.norm(there))
     most = MOST_LEFT if gain == 1.0 else 1.0 - LEAST_FRACTION * gain
@@ -186,7 +204,10 @@ def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: fl
 def _factor(
     there: np.ndarray, taken: np.ndarray, covariance: np.ndarray
 ) -> tuple[float, float, float, float] | tuple[None, None, None, None]:
-    """Complex e/c by least squares over the directions, as factor and angle with standard errors; None if c is not seen."""
+    """Fit e/c over the directions, as factor and angle.
+
+    Both have standard errors; all are None if c is not seen.
+    """
     size, effect = float(np.linalg.norm(there)), float(np.linalg.norm(taken))
     error_e, error_c = (math.sqrt(float(np.max(covariance[:, i, i]))) for i in (0, 1))
     if effect < VERDICT_SIGMAS * error_c or size < VERDICT_SIGMAS * error_e:
@@ -202,7 +223,7 @@ def judged(gain: float, seen: Mapping[Part, Sequence[Seen]]) -> dict[Part, PartV
 
 
 def part_entry(verdict: PartVerdict) -> TrialPart:
-    """The verdict on one part as a result file has it."""
+    """Entry of the verdict on one part for the result file."""
     return TrialPart(
         axis=verdict.part.axis,
         order=verdict.part.order,

@@ -1,4 +1,7 @@
-"""What a trial of a cancellation has shown: its runs, the verdict on each part, and the refusal where none passes."""
+"""Result of a cancellation's trial.
+
+It has the runs, the verdict on each part, and the refusal if none passes.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,12 +16,15 @@ PARTS_TOLD = 4
 
 
 class CancellationRefusedError(HilError):
-    """The cancellation failed its trial at the tip: it is not used, and what else the treatment has stays."""
+    """Error: the cancellation failed its trial at the tip.
+
+    It is not used; the rest of the treatment stays.
+    """
 
     exit_code = 9
 
     def __init__(self, what: str, verdicts: Sequence[PartVerdict], stays: str = "the notch") -> None:
-        """Keep the cancellation in words, the verdicts on its orders, and what acts instead."""
+        """Keep cancellation, verdicts and what acts instead."""
         self.what, self.verdicts = what, tuple(verdicts)
         self.causes = ("noise",) if any(verdict.verdict == "not judged" for verdict in self.verdicts) else ()
         told = "; ".join(verdict.words for verdict in self.verdicts[:PARTS_TOLD])
@@ -51,7 +57,7 @@ class Verification:
         gain: Fraction of the cancellation that was tried first.
         trials: All runs, the first without the cancellation.
         verdicts: Verdict on each order of each axis.
-        remainder: What is left, and why; None if nothing is used.
+        remainder: Remainder of the vibration and its cause; None if nothing is used.
     """
 
     gain: float
@@ -66,11 +72,14 @@ class Verification:
 
     @property
     def left_out(self) -> frozenset[Part]:
-        """Parts that are not to be used: those that are wrong, and those that could not be judged."""
+        """Parts that are not to be used.
+
+        They are wrong, or could not be judged.
+        """
         return frozenset(verdict.part for verdict in self.verdicts if verdict.verdict != "accepted")
 
     def entry(self) -> CancellationTrial:
-        """The trial as a result file has it."""
+        """Entry of the trial for the result file."""
         before = self.trials[0].rms_m_s2
         runs = tuple(
             TrialRun(what=trial.what, rms_m_s2=trial.rms_m_s2, reduction_fraction=1.0 - trial.rms_m_s2 / max(before, 1e-30))

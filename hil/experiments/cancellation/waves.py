@@ -1,4 +1,7 @@
-"""Waves of a motion's axes, as `effect` fits them: levers of the tip, the planned motion, and the rows that count."""
+"""Waves of a motion's axes, for the fit of `effect`.
+
+They have the levers of the tip, the planned motion, and the rows that count.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,7 +34,9 @@ LEVER_STEP_RAD = 1e-5
 
 
 def response_of(bench: Bench, identified: Identified | None, number: int) -> Response | None:
-    """Response of an axis to its transmission error; None if nothing is known of its arm.
+    """Response of an axis to its transmission error, or None.
+
+    None if nothing is known of its arm.
 
     Args:
         bench: The bench file.
@@ -60,7 +65,7 @@ def waves_of(
     motion: Motion,
     recording: Recording,
 ) -> tuple[AxisWaves, ...]:
-    """Waves of all axes of a motion of which a response is known.
+    """Waves of all axes of a motion with a known response.
 
     Orders that are usual are fitted though they are not cancelled, so that their vibration is not taken for another order's.
 
@@ -87,7 +92,10 @@ def waves_of(
 
 
 def _late(angle_rad: Real, gain_per_s: float, period_s: float) -> Real:
-    """A set-point as a position loop of some gain lets it through; unchanged without a gain."""
+    """Pass a set-point through a position loop.
+
+    It is unchanged without a gain.
+    """
     if gain_per_s <= 0.0:
         return angle_rad
     blend = 1.0 - math.exp(-period_s * gain_per_s)
@@ -95,7 +103,10 @@ def _late(angle_rad: Real, gain_per_s: float, period_s: float) -> Real:
 
 
 def _levers(bench: Bench, motion: Motion, recording: Recording) -> list[Real]:
-    """Lever of each axis: the tip's distance from an axis that moves alone, or ∂z/∂q along the motion of several."""
+    """Lever of each axis along a recorded motion.
+
+    For a single axis it is the tip's distance, for several axes ∂z/∂q.
+    """
     if len(motion.axes) > 1 and bench.arm is not None:
         return vertical_levers_m(bench, recording)
     if len(motion.axes) == 1 or bench.geometry is None or motion.axes != bench.chain_axes or bench.line_motion is None:
@@ -105,7 +116,7 @@ def _levers(bench: Bench, motion: Motion, recording: Recording) -> list[Real]:
 
 
 def planned_levers(bench: Bench, motion: Motion) -> Real:
-    """Lever of each axis along a motion as it is planned; shape (n, axes).
+    """Lever of each axis along a planned motion; shape (n, axes).
 
     Args:
         bench: The bench file, without an arm of links.
@@ -119,7 +130,10 @@ def planned_levers(bench: Bench, motion: Motion) -> Real:
 
 
 def _chain_levers(chain: PlanarChain, line: LineMotion, turned_rad: Real) -> list[Real]:
-    """∂z/∂q of each axis of a chain along its line, its joints turned from where that begins, shape (n, axes)."""
+    """Levers ∂z/∂q of each axis of a chain along its line.
+
+    `turned_rad` counts from the beginning of the line; shape (n, axes).
+    """
     joints, levers = line.line(chain).joints(np.zeros(1))[0] + turned_rad, []
     for column in range(turned_rad.shape[1]):
         step = np.zeros(turned_rad.shape[1])
@@ -129,7 +143,9 @@ def _chain_levers(chain: PlanarChain, line: LineMotion, turned_rad: Real) -> lis
 
 
 def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
-    """Rows of a recording in which orders are read: the line motion's window, or the rising speeds of a single axis.
+    """Rows of a recording in which orders are read.
+
+    They are the line motion's window, or the rising speeds of a single axis.
 
     Args:
         bench: The bench file.
@@ -147,12 +163,17 @@ def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
     top = int(np.argmax(speed)) - round(BRAKING_S / recording.period_s)
     rows = np.asarray((speed >= SLOWEST * f_al_hz) & (np.arange(len(speed)) < top))
     if np.count_nonzero(rows) * recording.period_s < LEAST_S:
-        raise NotPossibleError("a motion that does not excite the arm shows nothing of a cancellation")
+        raise NotPossibleError(
+            f"the motion excites the arm for {np.count_nonzero(rows) * recording.period_s:.2g} s; at least {LEAST_S:g} s are "
+            "needed to judge a cancellation"
+        )
     return rows
 
 
 def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
-    """Rows in which vibration is compared: the line motion's window, or a single axis' speeds at which an order excites the arm.
+    """Rows of a recording in which vibration is compared.
+
+    They are the line motion's window, or the speeds of a single axis at which an order excites the arm.
 
     Args:
         bench: The bench file.
@@ -171,11 +192,17 @@ def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
     for low, high in scale.windows_rps.values():
         rows |= (speed >= low) & (speed <= high)
     if np.count_nonzero(rows) * recording.period_s < 0.1:
-        raise NotPossibleError("a motion that does not excite the arm shows nothing of a cancellation")
+        raise NotPossibleError(
+            f"the motion excites the arm for {np.count_nonzero(rows) * recording.period_s:.2g} s; at least {LEAST_S:g} s are "
+            "needed to judge a cancellation"
+        )
     return rows
 
 
 def vibration_m_s2(recording: Recording, rows: Rows, scale: TipScale) -> float:
-    """Root mean square of the tip's vertical acceleration in the band around f_al, in some rows."""
+    """Root mean square of the tip's vertical acceleration in the band.
+
+    The band is around f_al.
+    """
     band = band_passed(recording.felt_m_s2, recording.period_s, scale.band_hz)
     return float(np.sqrt(np.mean(band[rows] ** 2)))

@@ -1,4 +1,7 @@
-"""Plan of a comparison: treatments over experiments, each with its set-up or the reason why it is left out."""
+"""Plan of a comparison of treatments over experiments.
+
+Each run has its set-up, or the reason why it is left out.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,7 +45,9 @@ class ComparisonRequest:
     named: frozenset[str] = frozenset()
 
     def wanted(self, bench: Bench) -> list[Experiment]:
-        """Every run, drive-closed ones first: what the host closes may be refused at the last moment.
+        """List every run, drive-closed ones first.
+
+        Host-closed runs may be refused at the last moment.
 
         Shapers are for stops, and a cancellation that follows is for errors that drift: elsewhere they have to be named.
         """
@@ -65,14 +70,17 @@ class ComparisonRequest:
         return experiments
 
     def _of_stops(self) -> list[TreatmentName]:
-        """Treatments of a point-to-point move: shapers alone, and what was named, so that its reason is said."""
+        """Treatments of a point-to-point move.
+
+        These are the shapers alone, and all that the user has named, so that the reason against them is reported.
+        """
         wanted = [name for name in self.treatments if name in self.named or treatment(name).is_shaper]
         return ["none", *(name for name in wanted if name != "none")]
 
 
 @dataclass(frozen=True)
 class KnownRobot:
-    """A robot of a comparison, and the knowledge of it.
+    """Robot of a comparison, and the knowledge of it.
 
     Attributes:
         bench: Bench file of the robot.
@@ -87,7 +95,7 @@ class KnownRobot:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A run that is not made, with the reason."""
+    """Run that is left out, with the reason."""
 
     experiment: Experiment
     reason: str
@@ -111,14 +119,16 @@ class ComparisonPlan:
 
     @property
     def experiments(self) -> list[Experiment]:
-        """The runs in their order."""
+        """Runs in their order."""
         return list(self.setups)
 
 
 def plan(
     robot: KnownRobot, request: ComparisonRequest, *, channel: Channel | None = None, overload: bool = False
 ) -> ComparisonPlan:
-    """Sort the requested runs into those that are made and those that are left out; nothing is sent.
+    """Sort the requested runs into possible and left-out ones.
+
+    Nothing is sent.
 
     Args:
         robot: The robot.
@@ -142,7 +152,7 @@ def plan(
         for experiment in request.wanted(robot.bench):
             remark = arm_remark(robot.bench, experiment.treatment)
             if remark is not None and experiment.treatment not in request.named:
-                left_out.append(LeftOut(experiment, f"{remark}; named, it is run"))
+                left_out.append(LeftOut(experiment, f"{remark}; name it with --treatment to run it"))
                 continue
             try:
                 setups[experiment] = _setup(robot, experiment, None if overload else bus)
@@ -236,5 +246,5 @@ def _check_files(kinds: Iterable[Sequence[Identified | Designs]], names: Sequenc
             if file.robot not in names:
                 raise NotPossibleError(f"a file is of {file.robot!r}; the robots here are {', '.join(map(repr, names))}")
             if file.robot in seen:
-                raise NotPossibleError(f"two files of the same kind are of {file.robot!r}: choose one")
+                raise NotPossibleError(f"two files of the same kind are of {file.robot!r}; give only one of them")
             seen.add(file.robot)

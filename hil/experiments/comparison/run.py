@@ -1,4 +1,4 @@
-"""Runs of a comparison, robot after robot, and the result that they are gathered into.
+"""Runs of a comparison, robot after robot, and their result.
 
 Every robot has a directory as `hil run` would leave it; `result.json` above them holds the table, a row per experiment and
 treatment. Runs that are not possible are left out with their reason before anything moves.
@@ -97,7 +97,10 @@ def compare(
 
 
 def any_emulated(answers: Iterable[bool | None]) -> bool | None:
-    """True if any is True; None if one is unknown or there is none; else False."""
+    """Combine answers: True if any is True.
+
+    Otherwise the result is None if an answer is unknown or there is none, else False.
+    """
     known = list(answers)
     if True in known:
         return True
@@ -115,7 +118,10 @@ def request_entry(request: ComparisonRequest) -> ComparisonRequestEntry:
 
 
 def _directories(plans: Sequence[ComparisonPlan]) -> list[str]:
-    """A name for each robot's directory: its own, with a number where several share it."""
+    """Name each robot's directory after the robot.
+
+    If several robots share a name, the directories have numbers.
+    """
     names: list[str] = []
     for each in plans:
         slug = re.sub(r"[^a-z0-9]+", "-", each.robot.bench.name.lower()).strip("-") or "robot"

@@ -1,4 +1,7 @@
-"""Table of a comparison: a row for each experiment and treatment, the compliance that each costs, and the table as text."""
+"""Table of a comparison.
+
+It has a row for each experiment and treatment, the compliance of each, and a form as text.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -31,7 +34,7 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
         plan: Plan of its runs.
         directory: Its directory, below the comparison's.
         result: Result of its runs; None without one.
-        ended: Reason why they ended early; empty where they did not.
+        ended: Reason why they ended early; empty if they did not.
     """
     bench = plan.robot.bench
     runs = {_key(run): run for run in ([] if result is None else leading(result.runs))}
@@ -69,7 +72,7 @@ def _key_of(experiment: Experiment) -> Key:
 
 
 def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, left_out: str | None = None) -> ComparisonRow:
-    """A row without numbers."""
+    """Row without numbers."""
     return ComparisonRow(
         experiment=experiment.name,
         axis=experiment.axis,
@@ -87,7 +90,10 @@ def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, le
 
 
 def _measured(row: ComparisonRow, run: RunEntry | None, change: TreatmentComparison | None, ended: str) -> ComparisonRow:
-    """The row with the numbers of its run; a treatment that was refused has none, since the run was made without it."""
+    """Fill a row with the numbers of its run.
+
+    A refused treatment has no numbers, since the run was made without it.
+    """
     if run is None:
         return row.model_copy(update={"not_judged": ended or "not run"})
     values: dict[str, object] = {"recording": run.recording, "shaper": run.shaper}
@@ -114,7 +120,10 @@ def _moved(bench: Bench, experiment: Experiment) -> tuple[int, ...]:
 
 
 def _factors(bench: Bench, experiment: Experiment, setup: TreatmentSetup, run: RunEntry | None) -> ComplianceFactors | None:
-    """Factors by which the worst of the moved axes is more compliant than without the treatment, closed on the same side."""
+    """Compliance factors of a treatment, for the worst moved axis.
+
+    They are relative to no treatment with the loop closed on the same side.
+    """
     if run is None:
         return None
     moved = _moved(bench, experiment)
@@ -127,7 +136,10 @@ def _factors(bench: Bench, experiment: Experiment, setup: TreatmentSetup, run: R
 
 
 def _compliance(bench: Bench, number: int, setup: TreatmentSetup | None, run: RunEntry) -> Compliance | None:
-    """Compliance of one axis at the period of the run; None if the axis has no model."""
+    """Compliance of one axis at the period of the run.
+
+    None if the axis has no model.
+    """
     with_notch = setup is not None and setup.filters == "notch"
     loop = bench.axis[number].loop(run.control_period_s, int(run.loop == "host"), with_notch=with_notch)
     if loop is None:
@@ -138,7 +150,10 @@ def _compliance(bench: Bench, number: int, setup: TreatmentSetup | None, run: Ru
 
 
 def _compliances(plan: ComparisonPlan, number: int, runs: Runs) -> Iterable[AxisCompliance]:
-    """The compliance of one axis with each treatment that changes gains or filters, as far as it was run."""
+    """Compliance of one axis with each treatment that was run.
+
+    Only treatments that change gains or filters count.
+    """
     entries: dict[tuple[str, str], AxisCompliance] = {}
     for experiment, setup in plan.setups.items():
         run = runs.get(_key_of(experiment))
@@ -191,7 +206,9 @@ _HEADER = (
 
 
 def summary(result: TreatmentTable, width: int | None = None) -> list[str]:
-    """Table as text, with the runs that were not judged or left out.
+    """Format the table as text.
+
+    The text also has the runs that were not judged or left out.
 
     Args:
         result: The comparison.

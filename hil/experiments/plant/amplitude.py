@@ -1,4 +1,7 @@
-"""Dependence of a gear on the amplitude: what a pilot at a small torsion found, beside the main run."""
+"""Dependence of a gear on the amplitude.
+
+A pilot at a small torsion is compared with the main run.
+"""
 
 import math
 from dataclasses import replace
@@ -38,7 +41,9 @@ frequency and on how many of them there are. f_a moves by no more than ζ; betwe
 
 
 def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tuple[PlantEstimate, str | None]:
-    """The estimate with errors that hold between the two amplitudes, and a sentence where the gear depends on them.
+    """Widen an estimate's errors to hold between two amplitudes.
+
+    Returns a sentence too if the gear depends on the amplitude.
 
     A linear gear gives one plant at any amplitude. Hysteresis makes it stiffer and lossier at small torsions, softness around
     zero torque makes it softer there; the value that another motion will meet lies beside that of the main run by about as much
@@ -64,7 +69,9 @@ def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tupl
 
 
 def loss_error(main: PlantEstimate, pilot: PlantEstimate) -> float:
-    """Root mean square of the part of ζ that is hysteresis' at the main run's torsion, as far as two runs tell it.
+    """Rms part of ζ that is hysteresis, as two runs show it.
+
+    It applies to the torsion of the main run.
 
     The loss of hysteresis is in inverse proportion to the torsion, so that x = (ζ' − ζ)/(ρ − 1) with the main run's torsion over
     the pilot's, ρ. What an inexact pilot, or one at nearly the same torsion, cannot exclude is as likely as it is believed to be.
@@ -81,7 +88,9 @@ def loss_error(main: PlantEstimate, pilot: PlantEstimate) -> float:
 
 
 def _disagreements(main: PlantEstimate, pilot: PlantEstimate) -> list[tuple[str, EstimatedParameter, float]]:
-    """The main run's parameters with relative errors by what the runs disagree in though no torsion changes it: the inertias.
+    """Main run's parameters with the relative errors of disagreement.
+
+    Only the inertias count, which no torsion changes.
 
     There the model is wrong, not the gear another. K_g follows J_l at a given f_a, and f_r follows both inertias.
     """
@@ -98,7 +107,9 @@ def _disagreements(main: PlantEstimate, pilot: PlantEstimate) -> list[tuple[str,
 
 
 def _disagreement(main: PlantEstimate, pilot: PlantEstimate, name: str) -> float:
-    """Relative error of a number that two runs should agree in, beyond its own: that and the pilot's are enlarged alike.
+    """Relative error of a value that two runs should share.
+
+    It is what enlarges both runs' errors alike, beyond the value's own error.
 
     Source: Particle Data Group, Review of Particle Physics, section "Unconstrained averaging": the scale factor S.
     """

@@ -1,4 +1,7 @@
-"""The band and the bias speed of an excitation: wide for the pilot, and around the resonances once they are roughly known."""
+"""Band and bias speed of an excitation.
+
+The pilot has a wide band, the main run one around the resonances.
+"""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +30,10 @@ FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
 
 
 def loop_period_s(drive: DriveAxis) -> tuple[float, list[str]]:
-    """Period of a drive's loop; the usual one, and a sentence that says so, where nobody states it."""
+    """Period of a drive's loop.
+
+    If the profile does not state it, the usual period is taken, with a remark.
+    """
     stated_s = drive.control_period_s()
     if stated_s > 0.0:
         return stated_s, []
@@ -41,13 +47,15 @@ def highest_hz(sync_s: float) -> float:
 
 
 def pilot_band(request: PlantRequest, sync_s: float) -> Band:
-    """Band of the pilot; what the request states, holds."""
+    """Band of the pilot; values of the request take precedence."""
     low, high = PILOT_HZ
     return _band(request, low, min(high, highest_hz(sync_s)), BIAS_RPS)
 
 
 def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_limit_rps: float, *, is_wide: bool = False) -> Band:
-    """Band around the resonances of a plant that is roughly known, at a speed at which no order rings; what is requested, holds.
+    """Band around the resonances of a roughly known plant.
+
+    At its bias speed no order rings; values of the request take precedence.
 
     Args:
         request: The request.
@@ -64,12 +72,17 @@ def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_lim
 
 
 def quiet_speed(f_a: float, limit_rps: float) -> float:
-    """The bias speed nearest to the usual one at which no order of the transmission error falls on f_a; else the quietest."""
+    """Bias speed nearest to the usual one without a ringing order.
+
+    No order of the transmission error falls on f_a; if there is no such speed, the quietest one is taken.
+    """
     return _quiet(f_a, [factor * BIAS_RPS for factor in BIASES if factor * BIAS_RPS <= limit_rps] or [BIAS_RPS])
 
 
 def fast_speed(f_a: float, limit_rps: float) -> float:
-    """The fastest of the slow turns for friction, where no order rings: the arm's vibration costs a torque of its own.
+    """Fastest of the slow turns for friction without a ringing order.
+
+    The arm's vibration would cost a torque of its own.
 
     >>> fast_speed(9.9, 10.0), round(fast_speed(7.0, 10.0), 3)
     (3.5, 2.45)
@@ -82,7 +95,10 @@ def fast_speed(f_a: float, limit_rps: float) -> float:
 
 
 def _quiet(f_a: float, speeds: Sequence[float]) -> float:
-    """The first of some speeds at which no order falls on f_a; else the one farthest from it."""
+    """First of some speeds at which no order falls on f_a.
+
+    If there is none, it is the one farthest from that.
+    """
     away = [min(math.exp(abs(math.log(order * speed / f_a))) for order in ORDERS) for speed in speeds]
     first = next((speed for speed, far in zip(speeds, away, strict=True) if far >= AWAY), None)
     return speeds[away.index(max(away))] if first is None else first

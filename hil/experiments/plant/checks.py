@@ -1,4 +1,7 @@
-"""Checks of an identified plant; each failure names the number that is wrong and the number needed."""
+"""Checks of an identified plant.
+
+Each failure names the number that is wrong and the number needed.
+"""
 
 import math
 from dataclasses import dataclass
@@ -31,7 +34,10 @@ MISFIT = 4.0
 
 
 class PlantNotIdentifiedError(HilError):
-    """The data do not identify the plant; nothing is written to the model file."""
+    """Error: the data do not identify the plant.
+
+    Nothing is written to the model file.
+    """
 
     exit_code = 9
 
@@ -85,7 +91,10 @@ def torque_check(torque_nm: Real, limit_nm: float, amplitude_nm: float) -> DataC
 
 
 def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> DataCheck:
-    """Check that the motor kept its direction: at a reversal Coulomb friction is no constant. `speed_rps` is along the bias."""
+    """Check that the motor kept its direction.
+
+    At a reversal Coulomb friction is no constant. `speed_rps` is along the bias.
+    """
     fraction = float(np.mean(speed_rps <= 0.0))
     ripple = bias_rps - float(np.min(speed_rps))
     calm = 0.7 * amplitude_nm * bias_rps / max(ripple, 1e-9)
@@ -101,9 +110,12 @@ def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> Dat
 
 
 def travel_check(angle_rad: Real, bias_rad: Real, motion: str) -> DataCheck:
-    """Check that the requested axis has moved; `motion` names the motion, with its preposition."""
+    """Check that the requested axis has moved.
+
+    `motion` names the motion, with its preposition.
+    """
     fraction = float(np.ptp(angle_rad)) / max(float(np.ptp(bias_rad)), 1e-9)
-    remedy = "is the encoder the axis' own, and its brake open?"
+    remedy = "check that the encoder is the axis' own, and that its brake is open"
     least, most = 0.8, 1.25
     what, bound = f"fraction of the travel that the motor angle shows {motion}", most if fraction > most else least
     return DataCheck(what, fraction, bound, "", least <= fraction <= most, remedy, ("wrong axis or wiring",))
@@ -116,7 +128,7 @@ def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accele
         tip_m_s2: Acceleration of the tip; shape (n,).
         missed: Number of cycles that lack it.
         rows: Number of all cycles.
-        sensor: What tells it, in words.
+        sensor: Name of the tip's sensor.
     """
     if missed > SENSOR_MISSED_FRACTION * rows:
         return f"the {sensor} was missing in {missed} of {rows} cycles, allowed: {math.floor(SENSOR_MISSED_FRACTION * rows)}"
@@ -140,27 +152,27 @@ def _around(response: ResponseEstimate, *frequencies_hz: float) -> Real:
 
 
 def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
-    """Reason why the motion of the tip is not this axis', or None."""
+    """Reason why the tip's motion is not this axis', or None."""
     if estimate.tip is None:
         return None
     coherence = float(np.median(_around(estimate.tip, estimate.plant.antiresonance_hz)))
     if coherence < TIP_COHERENCE:
         return (
-            f"coherence of the tip with the motor: {coherence:.2g} (at least {TIP_COHERENCE:g}); does this axis move the "
-            "sensor: its right axis, mounted?"
+            f"coherence of the tip with the motor: {coherence:.2g} (at least {TIP_COHERENCE:g}); check that this "
+            "axis moves the sensor, and that the sensor is mounted along its right axis"
         )
     ratio = estimate.parameters["lever_ratio"]
     far = max(ratio.value, 1.0 / max(ratio.value, 1e-9))
     if far > LEVER_RATIO and ratio.relative < 0.2:
         return (
-            f"the tip acts as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m (right axis of "
-            "the sensor, tip_lever_m, sign and unit of its scale?)"
+            f"the tip acts as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m; "
+            "check the sensor's axis, tip_lever_m, and sign and unit of the sensor's scale"
         )
     return None
 
 
 def modes_words(estimate: PlantEstimate) -> str | None:
-    """Sentence on several modes; None if one is all that the data show."""
+    """Describe several modes; None if the data show one."""
     if not estimate.modes:
         return None
     rings = ", ".join(f"{mode.antiresonance_hz.value:.1f}" for mode in estimate.modes)
@@ -169,24 +181,27 @@ def modes_words(estimate: PlantEstimate) -> str | None:
 
 
 def misfit_words(estimate: PlantEstimate) -> str | None:
-    """Sentence on a model that does not explain the data; None if it does."""
+    """Describe a model that does not explain the data, or None."""
     if estimate.misfit <= MISFIT:
         return None
     model = f"a model of {len(estimate.modes)} modes" if estimate.modes else "the two-inertia model"
     return (
-        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MISFIT:g} is usual): a "
-        "third inertia, or a stiffness that depends on the load; the errors are enlarged by it"
+        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MISFIT:g} "
+        "is usual); the arm may have a third inertia, or a stiffness that depends on the load; the errors are "
+        "enlarged by it"
     )
 
 
 def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: PlantRequest, limited_by: str) -> list[DataCheck]:
-    """Checks that the plant is identified well enough; the advice is one that can be followed.
+    """Check that the plant is identified well enough.
+
+    The advice of each check can be followed.
 
     Args:
         estimate: The plant.
         amplitude_nm: Peak of the excitation.
         request: Request of the identification.
-        limited_by: Name of what allowed no larger amplitude; empty where it was requested.
+        limited_by: Name of what allowed no larger amplitude; empty if it was requested.
     """
     high = float(estimate.response.frequency_hz[-1])
     f_r = estimate.parameters["resonance_hz"].value

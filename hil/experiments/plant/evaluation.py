@@ -1,4 +1,7 @@
-"""The evaluation of a plant identification: its entry of the model file, and what its data cannot tell."""
+"""Evaluation of a plant identification.
+
+It has the entry of the model file, and the limits of the data.
+"""
 
 import math
 from dataclasses import dataclass
@@ -78,7 +81,7 @@ class PlantEvaluation:
 
 
 def _entry(mode: EstimatedMode) -> IdentifiedMode:
-    """A mode as the model file has it."""
+    """Entry of a mode for the model file."""
     found = {name: value for name, value in vars(mode).items() if value is not None}
     errors = {name: value.standard_error for name, value in found.items()}
     return IdentifiedMode(**{name: value.value for name, value in found.items()}, standard_error=errors)
@@ -118,7 +121,10 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
 
 
 def _shown(parameter: EstimatedParameter) -> str:
-    """Value and standard error, both to the error's first digit and without powers of ten."""
+    """Format value and standard error to the error's first digit.
+
+    Neither has a power of ten.
+    """
     error = parameter.standard_error
     digits = max(0, -math.floor(math.log10(float(f"{error:.0e}")))) if 0.0 < error < math.inf else 3
     return f"{parameter.value:.{digits}f} ± {error:.{digits}f}"

@@ -1,4 +1,7 @@
-"""Identification of the plant of one axis without previous knowledge: slow turns, a pilot, the excitation, fit and checks."""
+"""Identification of the plant of one axis.
+
+Without previous knowledge it makes slow turns, a pilot and excited runs, then fits and checks.
+"""
 
 import math
 from contextlib import suppress
@@ -73,7 +76,7 @@ CALMER = 0.6
 
 
 class PlantIdentification:
-    """One identification on a session that has been brought up.
+    """Identification of a plant on a session that has been brought up.
 
     Args:
         session: Session that has been brought up.
@@ -87,7 +90,9 @@ class PlantIdentification:
     """
 
     def __init__(self, session: Session, request: PlantRequest, reporter: Reporter = SILENT) -> None:
-        """Plan the travel; the only request to the drive is for its position.
+        """Plan the travel.
+
+        The drive is asked for its position only.
 
         Raises:
             NotPossibleError: The request makes no sense on this bench.
@@ -124,7 +129,9 @@ class PlantIdentification:
         return "torque" if can else "reference"
 
     def perform(self) -> PlantEvaluation:
-        """Make the probe, the pilot, the slow run and the main runs, and fit the plant.
+        """Make all runs and fit the plant.
+
+        The runs are the probe, the pilot, the slow run and the main runs.
 
         Raises:
             PlantNotIdentifiedError: The data do not identify the plant; with every reason.
@@ -175,7 +182,9 @@ class PlantIdentification:
         return result
 
     def _probe(self) -> None:
-        """Turn a third of a turn and back: what must not be found at full travel is found here.
+        """Turn the motor a third of a turn and back.
+
+        Faults that must not be found at full travel are found here.
 
         Raises:
             PlantNotIdentifiedError: Encoder, brake or arm are not as they must be.
@@ -196,7 +205,9 @@ class PlantIdentification:
         )
 
     def _pilot(self) -> tuple[PlantEstimate, Room]:
-        """The plant, roughly, and the room that the main run's excitation has, from short runs at small amplitudes.
+        """Estimate the plant roughly by short runs at small amplitudes.
+
+        Returns also the room that the main run's excitation has.
 
         Raises:
             PlantNotIdentifiedError: There is no resonance in the band, or it is not seen at any amplitude within the limits.
@@ -258,17 +269,20 @@ class PlantIdentification:
         return f"{why}, and the {self._limited_by} allows no more than {largest:.2g} N·m; {self._reach_words(band)}"
 
     def _is_cut_by_sync(self, band: Band) -> bool:
-        """True if the band ends where the SYNC period lets it."""
+        """True if the SYNC period limits the band."""
         return self.request.high_hz is None and band.high_hz >= 0.9 * highest_hz(self.bench.bus.sync_period_s)
 
     def _reach_words(self, band: Band) -> str:
         sync = self.bench.bus.sync_period_s
         if not self._is_cut_by_sync(band):
-            return "a wider band (--low-hz, --high-hz) or a brace that is taken off may show it"
+            return "a wider band (--low-hz, --high-hz), or the arm without a brace, may show it"
         return f"a SYNC period of {1e3 * sync:g} ms carries no more than {highest_hz(sync):.3g} Hz, a shorter one carries more"
 
     def _with_right_tip(self, estimate: PlantEstimate, data: Spectra) -> PlantEstimate:
-        """The estimate; without the accelerometer where that does not show this axis' arm."""
+        """Fit again without the accelerometer if its signal is wrong.
+
+        The signal is wrong if it does not show this axis' arm.
+        """
         trouble = tip_trouble(estimate, self.table.tip_lever_m)
         if trouble is None:
             return estimate
@@ -276,7 +290,10 @@ class PlantIdentification:
         return self._with_modes(replace(data, tip=None), 0.0, estimate)
 
     def _with_modes(self, data: Spectra, spring_nm_rad: float, near: PlantEstimate | None = None) -> PlantEstimate:
-        """The plant; of an arm with as many modes as the data ask for."""
+        """Fit the plant, for an arm with several modes.
+
+        Their number is the one that the data support.
+        """
         single = self._fit(data, spring_nm_rad, near)
         if self.bench.arm is None:
             return single
@@ -284,9 +301,11 @@ class PlantIdentification:
         return fit_modes(data, timing, table.reduction_ratio, table.tip_lever_m, spring_nm_rad, single)
 
     def _compared(self, estimate: PlantEstimate, rough: PlantEstimate) -> tuple[PlantEstimate, str | None]:
-        """The estimate with errors that hold at other torsions, and what is to be said of its modes, or of its amplitude.
+        """Widen the errors for other torsions, and describe the gear.
 
-        Of several modes it is not told whether they depend on the amplitude: a pilot may have shown fewer.
+        The words concern several modes, or the dependence on the amplitude.
+
+        Several modes are not compared between amplitudes, since a pilot may have shown fewer.
         """
         words = modes_words(estimate)
         return with_amplitude_dependence(estimate, rough) if words is None else (estimate, words)
@@ -315,7 +334,10 @@ class PlantIdentification:
         return amplitude
 
     def _main(self, amplitude: float, friction: Friction, near: PlantEstimate) -> tuple[PlantEstimate, float]:
-        """The plant from as many main runs as it takes, and the amplitude at which they were made."""
+        """Fit the plant to as many main runs as needed.
+
+        Returns also the amplitude of the last runs.
+        """
         runs: list[tuple[PlannedMotion, Recording]] = []
         calmed = False
         for number in range(1, MAIN_RUNS + 1):
@@ -325,7 +347,7 @@ class PlantIdentification:
             troubles = self._main_checks(planned, result.recording, amplitude)
             if any(not check.holds for check in troubles) and self.request.amplitude_nm is None and not calmed:
                 amplitude, calmed = CALMER * amplitude, True
-                self.remarks.append(f"the motor turned back or met its torque limit: on with {amplitude:.3g} N·m")
+                self.remarks.append(f"the motor turned back or met its torque limit; the runs go on with {amplitude:.3g} N·m")
                 continue
             self._require(troubles)
             runs.append((planned, result.recording))
@@ -400,7 +422,10 @@ class PlantIdentification:
         self.remarks.append(f"{trouble}: f_a, ζ and K_g are from the motor alone, and the lever arm is not checked")
 
     def _spectra(self, travel: Travel, runs: list[tuple[PlannedMotion, Recording]]) -> Spectra:
-        """Spectra of the periods of all stretches; of a stretch with missing answers the longest whole part."""
+        """Compute the spectra of the periods of all stretches.
+
+        Of a stretch with missing answers only the longest whole part counts.
+        """
         start, axis, samples = TURN * self.start_rev, self.request.axis, travel.samples
         stretches, used, planned_periods = [], 0, 0
         for planned, recording in runs:
@@ -424,7 +449,10 @@ class PlantIdentification:
         return spectra(stretches, samples, travel.wave.lines, self.bench.bus.sync_period_s)
 
     def _gravity_spring(self, planned: PlannedMotion, recording: Recording, friction: Friction) -> float:
-        """DM/dθ_l of the gravity moment M = m g l cos(θ_l + q₀), on average over the stretches, in N·m/rad."""
+        """Mean gravity stiffness dM/dθ_l over the stretches, in N·m/rad.
+
+        M = m g l cos(θ_l + q₀)
+        """
         angle = recording.axis(self.request.axis, "position_rad")
         arm = np.concatenate([angle[rows] for rows in planned.stretches]) / self.table.reduction_ratio
         phase = math.radians(friction.gravity_phase_deg.value)
@@ -439,7 +467,7 @@ class PlantIdentification:
 
 
 def _longest(whole: np.ndarray[Any, np.dtype[np.bool_]], rows: slice, samples: int) -> slice:
-    """The longest run of whole periods within a stretch."""
+    """Longest run of whole periods within a stretch."""
     best = slice(rows.start, rows.start)
     start = rows.start
     for first in range(rows.start, rows.stop - samples + 1, samples):

@@ -1,6 +1,8 @@
-"""Motions of a plant identification: slow turns for friction and gravity, and stretches at bias speed for the excitation.
+"""Motions of a plant identification.
 
-On an arm all of them stay near where the axis stands (`arm_travel_rev`), as slowly as that takes.
+Slow turns show friction and gravity; stretches at bias speed carry the excitation.
+
+On an arm all of them stay near the present position (`arm_travel_rev`), as slowly as that takes.
 """
 
 import math
@@ -134,7 +136,9 @@ def axis_table(bench: Bench, number: int) -> AxisTable:
 
 
 def bus_demand(bench: Bench, request: PlantRequest) -> BusDemand:
-    """Demand of the runs on the bus: an excitation of the torque is one more object in each command.
+    """Demand of the runs on the bus.
+
+    An excitation of the torque is one more object in each command.
 
     Raises:
         NotPossibleError: The bench has no such axis.
@@ -148,14 +152,19 @@ def bus_demand(bench: Bench, request: PlantRequest) -> BusDemand:
 
 
 def stretch_rev(bias_rps: float, period_s: float, periods: int) -> float:
-    """Motor turns of a stretch: one period to settle, the evaluated periods, and a ramp at either end."""
+    """Motor turns of a stretch.
+
+    The stretch has one period to settle, the evaluated periods, and a ramp at either end.
+    """
     return bias_rps * (period_s * (1 + periods) + RAMP_S)
 
 
 def plan_travel(
     bench: Bench, request: PlantRequest, band: Band, start_rev: float, excited: ExcitedSignal, *, is_pilot: bool = False
 ) -> Travel:
-    """Travel between the position limits that carries the requested periods in as few stretches as possible.
+    """Plan the travel for the requested periods.
+
+    It lies between the position limits, and has as few stretches as possible.
 
     Args:
         bench: The bench file.
@@ -177,7 +186,7 @@ def plan_travel(
     is_held = travel < high - low
     if not low <= start_rev <= high:
         where = low if start_rev < low else high
-        what = f"the position of axis {request.axis} where it stands"
+        what = f"the present position of axis {request.axis}"
         remedy = f"{move_command(request.axis, where)} brings it there"
         raise UnsafeRequestError(what, start_rev, where, "rev", remedy)
     if is_held:
@@ -201,16 +210,21 @@ def plan_travel(
 
 
 def arm_travel_rev(bench: Bench, axis: int) -> float:
-    """Motor revolutions, end to end, that a stretch may take on an arm; infinite without one.
+    """Motor revolutions, end to end, of a stretch on an arm.
 
-    Fewer than `LEAST_TURNS` do not average the transmission error to nothing: a limit that nobody has stated gives way to them.
+    They are infinite without an arm.
+
+    Fewer than `LEAST_TURNS` do not average the transmission error to nothing: the default limit gives way to them.
     """
     travel = bench.travel_rev(axis)
     return max(travel, LEAST_TURNS) if bench.identification_travel_deg is None else travel
 
 
 def _periods(request: PlantRequest, *, is_pilot: bool) -> Iterator[tuple[float, int]]:
-    """Periods of the excitation, in s, with the number of them in a stretch, in the order in which they are tried."""
+    """Periods of the excitation in s, in the order of trial.
+
+    Each comes with the number of periods in a stretch.
+    """
     for period_s in PERIODS_S:
         for periods in (PILOT_PERIODS,) if is_pilot else PER_STRETCH:
             if periods <= math.ceil(request.periods / 2):
@@ -218,12 +232,12 @@ def _periods(request: PlantRequest, *, is_pilot: bool) -> Iterator[tuple[float, 
 
 
 def _check_request(request: PlantRequest, band: Band, limits: Limits) -> None:
-    """Refuse what cannot be, or would leave the limits."""
+    """Refuse an impossible request, or one beyond the limits."""
     if request.periods < FEWEST:
-        raise NotPossibleError(f"{request.periods} periods are too few to tell their scatter: at least {FEWEST} are needed")
+        raise NotPossibleError(f"{request.periods} periods are too few to show their scatter; at least {FEWEST} are needed")
     if band.bias_rps < 0.2:
         raise NotPossibleError(
-            f"a bias of {band.bias_rps:g} rev/s does not keep the motor out of its friction; needed: 0.2 rev/s"
+            f"a bias of {band.bias_rps:g} rev/s is too slow for constant friction; at least 0.2 rev/s is needed"
         )
     if 2.0 * band.bias_rps > limits.speed_rps:
         what = f"the speed of axis {request.axis} with the excitation on the bias"
@@ -236,7 +250,10 @@ def _check_request(request: PlantRequest, band: Band, limits: Limits) -> None:
 def _wave(
     request: PlantRequest, band: Band, period_s: float, sync_s: float, table: AxisTable, excited: ExcitedSignal
 ) -> Excitation:
-    """One period with a peak of 1 N·m, as torque or as the reference that makes the drive's law give that torque."""
+    """One period of the excitation with a peak of 1 N·m.
+
+    It is a torque, or the reference for which the drive's law gives that torque.
+    """
     samples = round(period_s / sync_s)
     try:
         lines = band_lines(band.low_hz, band.high_hz, period_s, sync_s)
@@ -249,7 +266,10 @@ def _wave(
         pi = law.velocity_gain_nm_s_rad + law.velocity_integral_gain_nm_rad / jw
         gain = np.asarray(law.position_gain_per_s * pi, dtype=np.complex128)
         if not np.all(np.abs(gain) > 0.0):
-            raise NotPossibleError(f"axis {request.axis}: without position and velocity gain a reference excites nothing")
+            raise NotPossibleError(
+                f"axis {request.axis} has no position gain or no velocity gain, so a reference excites nothing; "
+                "choose --excitation torque"
+            )
     make = multisine if request.shape == "multisine" else chirp
     wave = make(lines, 1.0 / np.abs(gain), samples, sync_s)
     if excited == "torque":
@@ -262,7 +282,10 @@ def _wave(
 
 @dataclass
 class MotionBuilder:
-    """Builder of a motion from pieces, in motor turns from its start; always at rest between pieces."""
+    """Builder of a motion from pieces, in motor turns.
+
+    Positions count from the start; the motor rests between pieces.
+    """
 
     sync_s: float
     turns: list[Real] = field(default_factory=lambda: [np.zeros(1)])
@@ -284,7 +307,10 @@ class MotionBuilder:
         self._append(np.full(max(1, round(duration_s / self.sync_s)), self.here))
 
     def go(self, there: float, bench: Bench, axis: int) -> None:
-        """Add a smooth move to a position in motor turns, as an axis is moved to the start of a motion."""
+        """Add a smooth move to a position in motor turns.
+
+        It is like the move of an axis to the start of a motion.
+        """
         distance = there - self.here
         if abs(distance) < 1e-9:
             return
@@ -292,7 +318,7 @@ class MotionBuilder:
         self._append(self.here + distance * way.position(sample_times(way.duration_s, self.sync_s)[1:]))
 
     def cruise(self, rps: float, count: int, excitation: Real | None = None) -> slice:
-        """Add a ramp up, a stretch at constant speed and a ramp down.
+        """Add a ramp up, a constant speed and a ramp down.
 
         Args:
             rps: Speed of the stretch; its sign is the direction.
@@ -318,7 +344,7 @@ class MotionBuilder:
 
 @dataclass(frozen=True)
 class PlannedMotion:
-    """A motion with the rows that are evaluated.
+    """Motion with the rows that are evaluated.
 
     Attributes:
         motion: Motion of the robot.
@@ -338,7 +364,7 @@ class PlannedMotion:
 def planned(
     builder: MotionBuilder, request: PlantRequest, excited: ExcitedSignal, stretches: list[slice], speeds: list[float]
 ) -> PlannedMotion:
-    """The motion of a builder, with the rows that are evaluated and their speeds.
+    """Finish a builder's motion, with its evaluated rows and their speeds.
 
     Args:
         builder: The finished builder.
@@ -360,7 +386,9 @@ def planned(
 
 
 def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: float, fastest_rps: float) -> PlannedMotion:
-    """Motion to and fro at four speeds, one of them over the whole travel, for friction and gravity.
+    """Plan the slow motion for friction and gravity.
+
+    It goes to and fro at four speeds, one of them over the whole travel.
 
     Args:
         bench: The bench file.

@@ -1,4 +1,7 @@
-"""`hil identify plant` on a bench: the runs on the bus, their recordings and result, and the model file."""
+"""Run of `hil identify plant` on a bench.
+
+It makes the runs on the bus, and writes recordings, result and model file.
+"""
 
 import math
 from dataclasses import asdict, dataclass
@@ -96,7 +99,10 @@ def run_identify_plant(
 def _perform(
     measurement: Measurement[PlantResult], session: Session, request: PlantRequest, reporter: Reporter
 ) -> PlantEvaluation:
-    """Identify a plant; recordings, checks and remarks are in the result also where it fails."""
+    """Identify a plant, and keep recordings, checks and remarks.
+
+    The result has them also if the identification fails.
+    """
     result, identification = measurement.result, PlantIdentification(session, request, reporter)
     try:
         return identification.perform()
@@ -113,7 +119,10 @@ def _perform(
 
 
 def enter(result: PlantResult, evaluation: PlantEvaluation) -> None:
-    """Enter an evaluation into a result: SI units, every number with its standard error."""
+    """Enter an evaluation into a result.
+
+    Values are in SI units, each with its standard error.
+    """
     estimate, travel = evaluation.estimate, evaluation.travel
     result.plan = ExcitationPlan(
         excitation=evaluation.excited,

@@ -1,4 +1,7 @@
-"""What a pilot run tells: peaks under an excitation, the amplitude that stays within all limits, and why a plant was not seen."""
+"""Evaluation of a pilot run.
+
+It gives the peaks under an excitation, the amplitude within all limits, and the reason why a plant was not seen.
+"""
 
 import math
 from dataclasses import dataclass
@@ -36,31 +39,39 @@ RIGID = 0.2
 
 @dataclass(frozen=True)
 class Peaks:
-    """Largest values of a run: torque in N·m, speed in rev/s, tip acceleration in m/s²."""
+    """Largest torque, speed and tip acceleration of a run.
+
+    They are in N·m, rev/s and m/s².
+    """
 
     torque_nm: float
     speed_rps: float
     tip_m_s2: float
 
     def times(self, factor: float) -> "Peaks":
-        """All of them times a factor."""
+        """Multiply all peaks by a factor."""
         return Peaks(factor * self.torque_nm, factor * self.speed_rps, factor * self.tip_m_s2)
 
     def of(self, name: str) -> float:
-        """One of them, by the name of its limit."""
+        """Peak by the name of its limit."""
         return {"torque": self.torque_nm, "speed": self.speed_rps, "tip": self.tip_m_s2}[name]
 
 
 @dataclass(frozen=True)
 class MeasuredPeaks:
-    """Peaks of what follows the excitation, and of the rest: transmission error, noise, counts."""
+    """Peaks that follow the excitation, and peaks of the rest.
+
+    The rest is transmission error, noise and counts.
+    """
 
     driven: Peaks
     rest: Peaks
 
 
 def measured_peaks(angle_rad: Real, torque_nm: Real, tip_m_s2: Real | None, samples: int, sync_s: float) -> MeasuredPeaks:
-    """Peaks of a stretch of whole periods; the mean over the periods follows the excitation.
+    """Measure the peaks of a stretch of whole periods.
+
+    The mean over the periods follows the excitation.
 
     Args:
         angle_rad: Motor angle less the bias motion; shape (n,).
@@ -84,7 +95,9 @@ def measured_peaks(angle_rad: Real, torque_nm: Real, tip_m_s2: Real | None, samp
 def predicted_peaks(
     estimate: PlantEstimate, travel: Travel, excited: ExcitedSignal, law: Cascade, control_s: float, lever_m: float
 ) -> Peaks:
-    """Peaks under an excitation of 1 N·m, of a plant that is roughly known in the drive's loop.
+    """Predict the peaks under an excitation of 1 N·m.
+
+    The plant is roughly known, and is in the drive's loop.
 
     Args:
         estimate: The plant.
@@ -115,7 +128,9 @@ def predicted_peaks(
 
 
 def set_point_room_nm(travel: Travel, excited: ExcitedSignal, speed_limit_rps: float) -> float:
-    """Amplitude up to which set-points keep within the speed limit; infinite for an excitation of the torque.
+    """Largest amplitude whose set-points keep the speed limit.
+
+    It is infinite for an excitation of the torque.
 
     A torque takes a reference in proportion to it, whose speed grows with the frequency: at 90 Hz set-points are faster by far
     than the motor that follows them.
@@ -135,13 +150,13 @@ def set_point_room_nm(travel: Travel, excited: ExcitedSignal, speed_limit_rps: f
 
 @dataclass(frozen=True)
 class Room:
-    """Room that an excitation has under the limits, beside what is there without it.
+    """Limits for an excitation, less what is there without it.
 
     Attributes:
         torque_limit_nm: Limit of the torque.
         steady_nm: Mean torque of the stretch: friction and gravity.
         bias_rps: Bias speed.
-        range_m_s2: Range of the accelerometer; infinite where it is not used.
+        range_m_s2: Range of the accelerometer; infinite if it is not used.
         rest: Peaks without excitation.
     """
 
@@ -152,7 +167,10 @@ class Room:
     rest: Peaks
 
     def largest(self, per_nm: Peaks) -> tuple[float, str]:
-        """The largest amplitude for peaks per N·m, and the name of what limits it; 0 where nothing is left."""
+        """Find the largest amplitude and the limit that binds it.
+
+        `per_nm` has the peaks per N·m; the amplitude is 0 if no room is left.
+        """
         allowed = {
             "torque": EXCITED_TORQUE_FRACTION * self.torque_limit_nm - abs(self.steady_nm) - self.rest.torque_nm,
             "speed": EXCITED_SPEED_FRACTION * self.bias_rps - self.rest.speed_rps,
@@ -164,7 +182,7 @@ class Room:
 
 
 def is_rough(estimate: PlantEstimate) -> bool:
-    """True if a pilot's estimate is good enough to plan the main run."""
+    """True if a pilot's estimate suffices to plan the main run."""
     parameters = estimate.parameters
     return (
         parameters["antiresonance_hz"].relative < ROUGH_ANTIRESONANCE
@@ -173,7 +191,10 @@ def is_rough(estimate: PlantEstimate) -> bool:
 
 
 def rigid_inertia(data: Spectra, timing: SamplingTiming) -> float | None:
-    """Inertia of a motor that shows no resonance in the band, in kg·m²; None if there is one, or too little is seen."""
+    """Inertia of a motor without resonance in the band, in kg·m².
+
+    None if there is a resonance, or too little is seen.
+    """
     if timing.kind != "torque":
         return None
     angle, torque = data.angle.mean(axis=0), data.torque.mean(axis=0)

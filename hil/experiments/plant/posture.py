@@ -1,4 +1,7 @@
-"""Postures of an arm in which a plant is identified: the way there and back, and what a motor has felt in one."""
+"""Postures of an arm in which a plant is identified.
+
+The module has the moves there and back, and the modes of a motor in a posture.
+"""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +17,9 @@ THERE_DEG = 0.01
 
 
 def check_posture(bench: Bench, posture_deg: Mapping[int, float]) -> None:
-    """Refuse a posture of a bench without an arm, of axes that move no joint of it, or beyond a joint's range.
+    """Refuse a posture that the bench does not allow.
+
+    The bench has no arm or no such axis, or a joint would leave its range.
 
     Raises:
         NotPossibleError: It is one of these.
@@ -33,7 +38,7 @@ def check_posture(bench: Bench, posture_deg: Mapping[int, float]) -> None:
 
 
 def joint_deg(bench: Bench, number: int, motor_rad: float) -> float:
-    """Angle of a joint of the arm for an angle of its motor.
+    """Convert a motor angle to the angle of its joint.
 
     Raises:
         ValueError: The bench has no arm.
@@ -45,14 +50,17 @@ def joint_deg(bench: Bench, number: int, motor_rad: float) -> float:
 
 
 def standing_deg(session: Session) -> dict[int, float]:
-    """Angles of all joints of the arm as it stands, by axis, from the base on; empty without an arm."""
+    """Present angles of all joints of the arm, by axis.
+
+    They go from the base on; the result is empty without an arm.
+    """
     arm = session.bench.arm
     numbers = () if arm is None else arm.axes
     return {number: joint_deg(session.bench, number, session.axes[number].position_rad()) for number in numbers}
 
 
 def bring_to(session: Session, posture_deg: Mapping[int, float]) -> None:
-    """Turn joints one after the other to where they are wanted, and leave them there.
+    """Turn joints one after the other, and leave them there.
 
     Args:
         session: The session, with all drives at rest.
@@ -76,7 +84,9 @@ def bring_to(session: Session, posture_deg: Mapping[int, float]) -> None:
 
 
 def felt_posture(plant: IdentifiedPlant, joints_deg: Mapping[int, float]) -> IdentifiedPosture:
-    """What a motor has felt in a posture; of a plant with a single mode that one.
+    """Entry of the modes that a motor shows in a posture.
+
+    For a plant with a single mode it has that one.
 
     Args:
         plant: The plant that was identified.

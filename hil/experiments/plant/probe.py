@@ -1,4 +1,7 @@
-"""The first motion of an identification: a third of a motor turn and back, which shows what must not be found at full travel."""
+"""First motion of an identification: a third of a motor turn.
+
+The motor turns there and back, and shows faults that must not be found at full travel.
+"""
 
 import math
 from dataclasses import dataclass
@@ -80,15 +83,16 @@ def probe_trouble(
     if travelled < STILL_FRACTION:
         return ProbeTrouble(
             "brake",
-            f"the motor angle showed {travelled:.0%} of a motion of {np.ptp(motion.bias_rad) / TURN:.2g} rev at up to "
-            f"{largest:.3g} N·m: is the brake open, the arm free, and the encoder the axis' own?",
+            f"the motor angle showed {travelled:.0%} of a motion of {np.ptp(motion.bias_rad) / TURN:.2g} rev at "
+            f"up to {largest:.3g} N·m; check that the brake is open, the arm free, and the encoder the axis' own",
         )
     friction, slope = slow_torque(angle, torque, motion)
     if friction[0] < -SEEN_SIGMAS * friction[1]:
         return ProbeTrouble(
             "torque",
-            f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m where friction asks for a positive "
-            "one: the encoder counts backwards, or the torque is reported with the wrong sign (607Eh, 6077h, motor phases)",
+            f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m; friction makes it "
+            "positive; the encoder counts backwards, or the drive reports the torque with the wrong sign (607Eh, "
+            "6077h, motor phases)",
         )
     free = WOUND_FRACTION * torque_limit_nm / reduction_ratio
     wound_nm = slope[0] * float(np.ptp(angle))
@@ -102,7 +106,10 @@ def probe_trouble(
 
 
 def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_limit_nm: float) -> ProbeTrouble | None:
-    """Reason of a probe that was stopped, as far as torque and angle tell it."""
+    """Reason why a probe was stopped, or None.
+
+    It follows from torque and angle.
+    """
     if len(angle) < 2:
         return None
     moved, largest = float(angle[-1] - angle[0]), float(np.max(np.abs(torque)))
@@ -116,13 +123,16 @@ def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_li
         )
     if abs(moved) <= STILL_FRACTION * float(np.ptp(motion.bias_rad)) and largest > 0.8 * torque_limit_nm:
         return ProbeTrouble(
-            "brake", f"the motor did not turn under {largest:.3g} N·m until it was stopped: is the brake open, and the arm free?"
+            "brake",
+            f"the motor did not turn under {largest:.3g} N·m until it was stopped; check that the brake is open and the arm free",
         )
     return None
 
 
 def slow_torque(angle: Real, torque: Real, motion: PlannedMotion) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Friction and torque per angle in the slow stretches of a probe, each with its standard error: N·m, N·m/rad.
+    """Friction and torque per angle in a probe, with standard errors.
+
+    They are fitted to the slow stretches, in N·m and N·m/rad.
 
     Args:
         angle: Motor angle; shape (n,).

@@ -76,7 +76,7 @@ def test_a_layout_file_says_columns_units_and_ratio(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "status", "said"),
     [
-        (("--recording", JOINT_1, "--axis", "1", "--ratio", "120"), 3, "the encoders show 120.91: is it 121?"),
+        (("--recording", JOINT_1, "--axis", "1", "--ratio", "120"), 3, "the encoders show 120.91; check whether it is 121"),
         (("--recording", JOINT_1, "--axis", "4"), 3, "no column is known as motor"),
         (("--recording", "nothing.csv", "--axis", "1"), 3, "there is no such file"),
         (("--recording", JOINT_1, "--axis", "1", "--column", "speed=x"), 2, "is no column"),

@@ -200,7 +200,7 @@ def test_a_brake_that_does_not_open_is_found_by_the_first_turn(tmp_path):
     held = axis.model_copy(update={"motor_inertia_kg_m2": 1e3})  # nothing within its limit turns it
     found = checked(tmp_path, lambda channel: None, robot.model_copy(update={"axis": {**robot.axis, AXIS: held}}))
     assert found["brake opens"][0] == "FAIL"
-    assert "is the brake open" in found["brake opens"][1]
+    assert "the brake is open" in found["brake opens"][1]
 
 
 @pytest.mark.slow

@@ -212,8 +212,8 @@ def test_a_delay_of_the_drive_is_a_phase_ahead() -> None:
 @pytest.mark.parametrize(
     ("loop", "amplitude", "max_rps", "message"),
     [
-        (Loop(PLANT, Cascade(0.0, 0.2, 3.0)), AMPLITUDE, 12.0, "without gain"),
-        (Loop(PLANT, Cascade(25.0, 0.0, 0.0)), AMPLITUDE, 12.0, "without gain"),
+        (Loop(PLANT, Cascade(0.0, 0.2, 3.0)), AMPLITUDE, 12.0, "no position gain or no velocity gain"),
+        (Loop(PLANT, Cascade(25.0, 0.0, 0.0)), AMPLITUDE, 12.0, "no position gain or no velocity gain"),
         (LOOP, {}, 12.0, "nothing to cancel"),
         (LOOP, AMPLITUDE, 0.0, "nothing to cancel"),
     ],

@@ -113,8 +113,8 @@ def test_an_order_above_what_the_samples_show_is_not_shown():
 @pytest.mark.parametrize(
     ("angle", "values", "period_s", "orders", "turns", "words"),
     [
-        (np.zeros(50), np.zeros(50), PERIOD_S, [2.0], 2.0, "never turns 2 turns"),
-        (ramp(), np.zeros(3), PERIOD_S, [2.0], 2.0, "not one recording"),
+        (np.zeros(50), np.zeros(50), PERIOD_S, [2.0], 2.0, "never makes 2 turns"),
+        (ramp(), np.zeros(3), PERIOD_S, [2.0], 2.0, "do not match"),
         (ramp(), np.zeros(1250), PERIOD_S, [0.0, 2.0], 2.0, "positive"),
         (ramp(), np.zeros(1250), 0.0, [2.0], 2.0, "positive"),
         (ramp(), np.zeros(1250), PERIOD_S, [2.0], -1.0, "positive"),

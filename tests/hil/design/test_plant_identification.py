@@ -135,7 +135,7 @@ def test_a_drift_is_removed_without_touching_the_signal() -> None:
 
 def test_a_stretch_of_broken_periods_is_refused() -> None:
     rows = np.zeros(750)
-    with pytest.raises(ValueError, match="no whole number of periods"):
+    with pytest.raises(ValueError, match="not a whole number of periods"):
         spectra([Stretch(rows, rows, rows, None)], 500, np.array([3]), SYNC)
 
 

@@ -79,7 +79,7 @@ def test_a_sensor_that_rings_on_its_mounting_is_not_the_arm():
     ramp, _ = recorded(stiffness=0.15, error={"a2_arcsec": 1.0, "a4_arcsec": 20.0})
     with pytest.raises(NoResonanceError, match="mounting") as refused:
         ringing(on_mounting(ramp, 28.0), ORDERS)
-    assert "f_al, or the sensor" in str(refused.value), "by the torque alone nobody can blame the sensor"
+    assert "f_al or the sensor" in str(refused.value), "by the torque alone nobody can blame the sensor"
 
 
 @pytest.mark.slow

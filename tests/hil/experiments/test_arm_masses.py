@@ -70,22 +70,22 @@ def test_the_bench_files_bodies_are_held_against_what_was_measured():
     arm = load_robot("reference-arm").arm
     right = identify_arm(BENCH.model_copy(update={"arm": arm}), model_file())
     assert max(abs(row.measured_hz / row.bodies_hz - 1.0) for row in right.measured) < 0.02
-    assert any(note.startswith("the bench file's bodies") and "Do they" not in note for note in right.notes)
+    assert any(note.startswith("the bench file's bodies") and "; check that" not in note for note in right.notes)
     light = identify_arm(BENCH.model_copy(update={"arm": arm.model_copy(update={"payload": None})}), model_file())
     assert max(abs(row.measured_hz / row.bodies_hz - 1.0) for row in light.measured) > 0.2
-    assert any("Do they, and the payload, fit this robot?" in note for note in light.notes)
+    assert any("check that the bodies and the payload are those of this robot" in note for note in light.notes)
 
 
 def test_too_few_postures_are_refused_and_those_that_do_not_do_name_one_more():
-    with pytest.raises(NotPossibleError, match=r"has 2 postures of an axis, 3 are the fewest"):
+    with pytest.raises(NotPossibleError, match=r"has 2 postures of an axis; at least 3 are needed"):
         identify_arm(BENCH, model_file(OTHERS[:2]))
     alike = ((0.0, 0.0, 0.0), (20.0, 0.0, 0.0), (40.0, 0.0, 0.0))
     added = r" --posture-deg 2=-?\d+,3=-?\d+,5=-?\d+"
-    with pytest.raises(ArmNotIdentifiedError, match="combinations of masses and gears: .*" + added):
+    with pytest.raises(ArmNotIdentifiedError, match="combinations of masses and gears; .*" + added):
         identify_arm(BENCH, model_file(alike, beside_deg=0.0))
     nearly = identify_arm(BENCH, model_file(alike))  # only what each joint turns about its posture tells the rest
     assert nearly.arm.dip_error > 0.03
-    assert any(re.search("dips along the line are known to .* % only: .*" + added, note) for note in nearly.notes)
+    assert any(re.search("dips along the line are known to .* % only; .*" + added, note) for note in nearly.notes)
 
 
 @pytest.mark.slow
@@ -110,7 +110,7 @@ def test_postures_that_contradict_each_other_are_said_to_and_refused_where_no_ma
     modes = (wrong.model_copy(update={"antiresonance_hz": factor * wrong.antiresonance_hz}), *known.axis[2].posture[0].mode[1:])
     posture = known.axis[2].posture[0].model_copy(update={"mode": modes})
     axis = known.axis[2].model_copy(update={"posture": (posture, *known.axis[2].posture[1:])})
-    said = "no masses explain what was felt, misfit .* do axes 1, 4, 6, which were not identified"
+    said = "no masses explain the measured modes: the misfit is .* axes 1, 4, 6, which were not identified"
     if is_refused:
         with pytest.raises(ArmNotIdentifiedError, match=said):
             identify_arm(BENCH, known.model_copy(update={"axis": {**known.axis, 2: axis}}))
@@ -145,7 +145,7 @@ def test_axes_that_swing_along_and_were_not_identified_are_no_masses():
             felt.append(IdentifiedPosture(joints_deg=tuple(np.degrees(joints).tolist()), mode=modes))
         found[axis] = IdentifiedAxis(posture=tuple(felt))
     bench = BENCH.model_copy(update={"arm": robot.links, "line_motion": None})
-    with pytest.raises(ArmNotIdentifiedError, match="no masses explain what was felt"):
+    with pytest.raises(ArmNotIdentifiedError, match="no masses explain the measured modes"):
         identify_arm(bench, Identified(robot=bench.name, axis=found))
 
 

@@ -143,7 +143,7 @@ def test_where_the_ramp_shows_none_the_reason_is_said(monkeypatch: pytest.Monkey
     found = looked(monkeypatch, without_models(OWN), "the torque does not tell which").found(2)
     assert found.scale is None
     assert "axis 2 has no model" in found.words
-    assert found.words.endswith("in the bench file. The ramp by itself does not tell f_al: the torque does not tell which")
+    assert found.words.endswith("in the bench file. The ramp by itself does not show f_al: the torque does not tell which")
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def test_without_a_model_or_gains_nobody_knows_what_rings():
 
 @pytest.mark.parametrize("name", ["notch", "cancellation", "low-gains", "fixed-notch", "cancellation-inside"])
 def test_what_acts_while_a_motor_turns_is_refused_for_a_stop(name):
-    with pytest.raises(NotPossibleError, match=f"{name} acts while a motor turns"):
+    with pytest.raises(NotPossibleError, match=f"{name} acts only while a motor turns"):
         check_stop(is_stop=True, name=name, loop="drive")
     check_stop(is_stop=False, name=name, loop="drive")
 
@@ -114,7 +114,7 @@ def test_what_acts_while_a_motor_turns_is_refused_for_a_stop(name):
 def test_a_stop_is_judged_in_the_drives_loop():
     with pytest.raises(NotPossibleError, match="--loop drive"):
         check_stop(is_stop=True, name="none", loop="host")
-    with pytest.raises(NotPossibleError, match="fitted to the loop that the drives close"):
+    with pytest.raises(NotPossibleError, match="needs loops that the drives close"):
         run_experiments(BENCH, [Experiment("line-motion", None, "shaper-zv", "host")], Path("nowhere"), knowledge=Knowledge())
 
 

@@ -183,7 +183,7 @@ def kept(tmp_path):
     found.begin(RehearsalSettings("both", over_bus=False), resume=False)
     for seed in range(1, 10):
         found.keep(row(seed, kind_of(seed, "both")))
-    found.keep(refused(10, "is this the axis that moved?", "real"))
+    found.keep(refused(10, "check that this is the axis that moved", "real"))
     return found
 
 

@@ -1,4 +1,7 @@
-"""Curves of an identification from recordings, as its page draws them: scan.csv, map.csv and fit.csv."""
+"""Curves of an identification from recordings, for its page.
+
+The files are scan.csv, map.csv and fit.csv.
+"""
 
 import math
 from collections.abc import Sequence
@@ -61,7 +64,10 @@ def write_curves(
 
 
 def _write_map(path: Path, sections: Sequence[AngleSection], speeds_rps: Sequence[np.ndarray], scale: float) -> None:
-    """Amplitude over order in windows of a few revolutions, each with its speed."""
+    """Write the amplitudes over order in windows, with their speeds.
+
+    A window has a few revolutions.
+    """
     orders = np.arange(SCAN_FROM, SCAN_TO + MAP_STEP / 2, MAP_STEP)
     windows = [
         (section, rows, float(np.median(np.abs(speed[rows]))))

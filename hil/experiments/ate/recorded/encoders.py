@@ -1,4 +1,7 @@
-"""Two encoders: the joint's angle less the motor's through the gear, and the ratio that both show."""
+"""Joint angle against motor angle, from two encoders.
+
+The module computes the difference through the gear, and the ratio that both encoders show.
+"""
 
 import functools
 from collections.abc import Sequence
@@ -20,10 +23,10 @@ WHOLE_WITHIN = 0.25
 
 
 def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float:
-    """Revolutions of the motor for one of the joint, over the stretches of a recording; with a sign.
+    """Motor revolutions per joint revolution in some stretches, with sign.
 
     Raises:
-        ContradictedError: The joint's encoder stands still.
+        ContradictedError: The joint's encoder does not move.
     """
     load, motor, weight = 0.0, 0.0, 0.0
     for stretch in stretches:
@@ -33,16 +36,17 @@ def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float
         load, motor, weight = load + float(x @ y), motor + float(x @ x), weight + float(y @ y)
     if motor <= 0.0 or abs(load) < 1e-9 * motor or weight == 0.0:
         raise ContradictedError(
-            f"{recorded.path}: {recorded.column['load'].name!r} stands still while the motor turns: is it of this axis?"
+            f"{recorded.path}: {recorded.column['load'].name!r} stands still while the motor turns; check that it "
+            "belongs to this axis"
         )
     return motor / load
 
 
 def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple[float, str | None]:
-    """Reduction ratio, and a sentence where it was found rather than given.
+    """Reduction ratio, with a sentence if it was found, not given.
 
     Args:
-        given: Reduction ratio that was said; None if none was.
+        given: Given reduction ratio, or None.
         found: Ratio that both encoders show.
         recorded: The recording, for errors.
 
@@ -52,7 +56,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
     load = recorded.column["load"]
     if found < 0.0:
         unit = load.unit.text.removeprefix("-")
-        turn = f"--column load={load.name},-{unit} turns it round" if "/rev" in unit else "change the sign of one of them"
+        turn = f"reverse it with --column load={load.name},-{unit}" if "/rev" in unit else "change the sign of one of them"
         raise ContradictedError(
             f"{recorded.path}: the encoders count against each other: a revolution of the motor turns {load.name!r} by "
             f"{1.0 / found:.5f}; {turn}"
@@ -61,21 +65,26 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
     if given is None:
         if abs(found - whole) > WHOLE_WITHIN or whole < 10:
             raise ContradictedError(
-                f"{recorded.path}: the encoders show a reduction ratio of {found:.3f}, which is not a whole number above "
-                "10: --ratio says "
-                "which it is, and --column the increments of each encoder"
+                f"{recorded.path}: the encoders show a reduction ratio of {found:.3f}, which is not a whole "
+                "number above 10; give the ratio with --ratio, and the increments of each encoder with --column"
             )
         return float(whole), f"the reduction ratio is taken to be {whole}: the encoders show {found:.2f}"
     if abs(found - given) > max(RATIO_OFF, RATIO_OFF_FRACTION * given):
         raise ContradictedError(
             f"{recorded.path}: a reduction ratio of {given:g} was given, the encoders show {found:.2f}"
-            + (f": is it {whole}?" if abs(found - whole) <= WHOLE_WITHIN else "; are the increments of both encoders right?")
+            + (
+                f"; check whether it is {whole}"
+                if abs(found - whole) <= WHOLE_WITHIN
+                else "; check the increments of both encoders"
+            )
         )
     return given, None
 
 
 def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, per_hz2: float) -> AngleSection:
-    """The joint's angle less the motor's through the gear, in rad, over a stretch.
+    """Section of the joint's angle less the motor's through the gear.
+
+    The difference is in rad.
 
     Args:
         recorded: The recording.
@@ -89,7 +98,9 @@ def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, pe
 
 
 def joint_swing(stretches: Sequence[tuple[Recorded, MotionStretch]], ratio: float, orders: Sequence[float]) -> JointSwing | None:
-    """Swing of the joint that some stretches show; None if they do not tell it from a larger error.
+    """Swing of the joint in some stretches, or None.
+
+    It is None if the stretches do not separate it from a larger error.
 
     Args:
         stretches: The stretches.

@@ -1,4 +1,4 @@
-"""Entries of result.json, from what was fitted."""
+"""Entries of result.json for the fits."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from hil.results.recorded_ate import FixedLine, OrderChange, OrderEntry, Recorde
 
 
 def file_entry(each: Recorded, clock: str | None = None) -> RecordedFile:
-    """A recording as it was read."""
+    """Entry of a recording."""
     return RecordedFile(
         path=str(each.path),
         columns=tuple(column.words + (", by its name" if column.is_guessed else "") for column in each.column.values()),
@@ -26,7 +26,7 @@ def file_entry(each: Recorded, clock: str | None = None) -> RecordedFile:
 
 
 def stretch_entry(each: FoundStretch, fit: SectionFit) -> RecordedStretch:
-    """A stretch or a part, with its orders."""
+    """Entry of a stretch or a part, with its orders."""
     values = tuple(
         OrderEntry(
             order=order,
@@ -51,7 +51,7 @@ def stretch_entry(each: FoundStretch, fit: SectionFit) -> RecordedStretch:
 
 
 def change_entry(change: Change) -> OrderChange:
-    """An order against itself."""
+    """Entry of an order's change between the stretches."""
     return OrderChange(
         order=change.order,
         probability=change.probability,
@@ -62,7 +62,9 @@ def change_entry(change: Change) -> OrderChange:
 
 
 def scan_entry(scan: BlindScan, lines: Sequence[FixedFrequency], scale: float) -> ScanEntry:
-    """The blind scan, its amplitudes in arcsec of the joint, those of lines in the unit of the signal.
+    """Convert a blind scan to its entry.
+
+    Its amplitudes are in arcsec of the joint; those of lines are in the unit of the signal.
 
     Args:
         scan: The scan.

@@ -1,4 +1,4 @@
-"""Identification from recordings: read, cut into stretches, fitted, scanned, and said."""
+"""Identification of the transmission error from recordings."""
 
 import datetime
 import math
@@ -55,7 +55,7 @@ NOT_ASKED = 0.1
 
 @dataclass(frozen=True)
 class _Fitted:
-    """All that was fitted."""
+    """Fits of stretches and parts."""
 
     found: list[FoundStretch]
     fits: list[SectionFit]
@@ -66,14 +66,14 @@ class _Fitted:
 
 @dataclass(frozen=True)
 class _Prepared:
-    """All that is known before anything is fitted.
+    """Knowledge before the first fit.
 
     Attributes:
         files: The recordings.
         form: Signal beside the motor angle.
         sensed: The recordings through the arm; None for two encoders.
         refined: The arm; None for two encoders.
-        swing: Swing of the joint; None for a sensor, and where the recordings do not tell it.
+        swing: Swing of the joint; None for a sensor, and if the recordings do not show it.
         ratio: Reduction ratio.
         ratio_found: Reduction ratio that two encoders show; None without them.
         chosen: Number of the file, file and stretch of all that are fitted.
@@ -91,13 +91,16 @@ class _Prepared:
     notes: list[str]
 
     def section(self, recorded: Recorded, stretch: MotionStretch) -> AngleSection:
-        """A stretch as it is fitted."""
+        """Section of a stretch for the fit."""
         if self.sensed is None or self.refined is None:
             return encoder_section(recorded, stretch, self.ratio, 0.0 if self.swing is None else self.swing.per_hz2)
         return self.sensed.section(recorded, stretch, self.refined.arm)
 
     def moved(self, recorded: Recorded, stretch: MotionStretch) -> list[AngleSection]:
-        """A stretch where one of the things that are believed of arm or joint is off by its standard error."""
+        """Sections of a stretch, each with one belief moved.
+
+        A belief about arm or joint is off by its standard error.
+        """
         if self.sensed is not None and self.refined is not None:
             return [self.sensed.section(recorded, stretch, arm) for arm in self.refined.steps]
         if self.swing is None:
@@ -132,17 +135,19 @@ def _prepared(request: RecordedRequest, bench: Bench | None, identified: Identif
 def identify_recorded(
     request: RecordedRequest, directory: Path, bench: Bench | None = None, identified: Identified | None = None
 ) -> RecordedAteResult:
-    """Identify a transmission error from recordings, and write result.json and the page's curves into a directory.
+    """Identify a transmission error from recordings.
+
+    The result and the page's curves are written into a directory.
 
     Args:
         request: Recordings, axis and orders.
         directory: Directory of the result; made where it is missing.
-        bench: Bench that says lever and plant for a sensor; None if two encoders need neither.
+        bench: Bench with lever and plant for a sensor; None if two encoders need neither.
         identified: Model file with the plant; None without one.
 
     Raises:
         RecordingFileError: A recording cannot be read.
-        ContradictedError: A recording contradicts what was said of it, or lacks what makes an angle of it.
+        ContradictedError: A recording contradicts its description, or lacks the plant that gives an angle.
         RecordedAteError: The recordings do not show the error.
     """
     ready = _prepared(request, bench, identified)
@@ -179,7 +184,7 @@ def identify_recorded(
 
 
 def _robot(request: RecordedRequest, bench: Bench | None) -> str:
-    """Name of the robot: that was said, or the bench's, or the first file's."""
+    """Name of the robot: given, the bench's, or the first file's."""
     return request.said.robot or (bench.name if bench is not None else request.files[0].name.split(".")[0])
 
 
@@ -191,7 +196,10 @@ def _arm_words(arm: Arm, source: str) -> str:
 
 
 def _stretches(recorded: Recorded, *, is_sensed: bool) -> list[MotionStretch]:
-    """Stretches of a recording; of a sensor without the beginning of a recording that starts in motion."""
+    """Stretches of a recording.
+
+    For a sensor, they leave out the beginning of a recording that starts in motion.
+    """
     found = stretches(recorded.motor_rad, recorded.time_s)
     if not is_sensed:
         return found
@@ -199,7 +207,10 @@ def _stretches(recorded: Recorded, *, is_sensed: bool) -> list[MotionStretch]:
 
 
 def _tells_tip(request: RecordedRequest, bench: Bench | None, identified: Identified | None) -> bool:
-    """True if the bench's load encoders tell the tip and its plant is known: then the arm's resonance is no obstacle."""
+    """True if load encoders give the tip and the plant is known.
+
+    The arm's resonance is then no obstacle.
+    """
     if bench is None or request.axis not in bench.axis or not bench.accelerometer.from_load_encoders:
         return False
     known = None if identified is None else identified.axis.get(request.axis)
@@ -207,12 +218,12 @@ def _tells_tip(request: RecordedRequest, bench: Bench | None, identified: Identi
 
 
 def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joints: bool) -> Form:
-    """The signal that all files have beside the motor angle.
+    """Choose the signal that all files have beside the motor angle.
 
     Args:
         files: The recordings.
         request: The request.
-        is_told_by_joints: True if the tip is told by the joint's encoder, to be read through a plant that is known.
+        is_told_by_joints: True if the joint's encoder gives the tip through a known plant.
 
     Raises:
         ContradictedError: There is none.
@@ -225,8 +236,8 @@ def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joi
     if "torque" in roles:
         return "motor torque"
     raise ContradictedError(
-        f"{files[0].path}: beside the motor angle one of joint angle, tip acceleration or motor torque is needed in every file: "
-        "--column load=NAME,UNIT names the first"
+        f"{files[0].path}: no signal beside the motor angle is in every file; one of joint angle, tip "
+        "acceleration or motor torque is needed; name it, for example with --column load=NAME,UNIT"
     )
 
 
@@ -271,7 +282,7 @@ def _ratio(
             given, note = agreed_ratio(given, found, recorded)
             notes += [note] if note else []
     if given is None:
-        raise ContradictedError("the reduction ratio is not known: --ratio says it")
+        raise ContradictedError("the reduction ratio is not known; give it with --ratio")
     return given, found, notes
 
 
@@ -339,7 +350,7 @@ def _speeds(each: FoundStretch) -> np.ndarray:
 
 
 def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | None, *, is_torque: bool) -> IdentifiedError:
-    """The entry of the model file."""
+    """Entry of the model file."""
     errors = {}
     for order, value in joint.values.items():
         errors[amplitude_key(order)] = value.a_error_arcsec
@@ -359,7 +370,10 @@ def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | Non
 
 
 def _is_identified(joint: JointFit) -> bool:
-    """True if an order stands above what noise makes in any of them in one of a hundred recordings: A²/2σ² > ln(orders/p)."""
+    """True if an order exceeds the noise of one recording in 100.
+
+    A²/2σ² > ln(orders/p)
+    """
     sigmas = math.sqrt(2.0 * math.log(len(joint.values) / FALSE_ALARM))
     return any(each.a_arcsec >= max(sigmas, SIGNIFICANT_SIGMAS) * each.a_error_arcsec for each in joint.values.values())
 
@@ -369,14 +383,15 @@ def _is_significant(value: RecordedValue) -> bool:
 
 
 def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
-    """A sentence on what the joint of two encoders does beyond its gear."""
+    """Describe what the joint of two encoders does beyond its gear."""
     if ready.sensed is not None:
         return []
     if ready.swing is not None:
         swing, at_most = ready.swing, ready.swing.highest_hz**2
         return [
-            f"the joint swings {measured(100 * swing.per_hz2 * at_most, 100 * swing.error_per_hz2 * at_most)} % wider at "
-            f"{swing.highest_hz:.1f} Hz than its gear drives it, as the speeds show: taken out"
+            f"the joint swings {measured(100 * swing.per_hz2 * at_most, 100 * swing.error_per_hz2 * at_most)} % "
+            f"wider at {swing.highest_hz:.1f} Hz than its gear drives it, as the different speeds show; the "
+            "values are corrected for it"
         ]
     seen = {order: value for order, value in fitted.joint.values.items() if _is_significant(value)}
     if not seen:
@@ -385,8 +400,8 @@ def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
     speed = sum(each.stretch.turns * each.stretch.speed_rps for each in fitted.found) / turns
     below = max(order * speed * math.sqrt(value.a_arcsec / value.a_error_arcsec) for order, value in seen.items())
     return [
-        f"the amplitudes are the joint's: where its arm rings below {below:.0f} Hz, those of the gear are smaller by more than a "
-        "standard error; slower recordings, or such as change their speed, show the gear's"
+        f"the amplitudes are those of the joint; if its arm rings below {below:.0f} Hz, those of the gear are "
+        "smaller by more than a standard error; record more slowly or at changing speeds to see the gear's"
     ]
 
 
@@ -406,9 +421,10 @@ def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], re
     for peak in scan.peaks:
         near = min(abs(peak.order - order) for order in request.orders)
         if near > max(NOT_ASKED, 1.0 / scan.turns) and peak.amplitude > WORTH_ASKING * peak.level:
-            notes.append(f"order {peak.order:.2f} stands above the noise and was not asked for: --orders takes it in")
+            notes.append(f"order {peak.order:.2f} exceeds the noise but was not asked for; add it with --orders")
     notes += [
-        f"a line at {line.hz:.1f} Hz, order {line.order:.2f} at most of the speeds, keeps its frequency: it is not the gear's"
+        f"a line at {line.hz:.1f} Hz, order {line.order:.2f} at most of the speeds, keeps its frequency, so it "
+        "does not come from the gear"
         for line in lines
     ]
     weak = [f"{order:g}" for order, value in fitted.joint.values.items() if not _is_significant(value)]

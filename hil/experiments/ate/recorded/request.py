@@ -1,4 +1,4 @@
-"""Request of an identification from recordings, and what it raises."""
+"""Request of an identification from recordings, and its errors."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,13 +19,13 @@ MOST_SAMPLES = 20_000
 
 
 class RecordedAteError(HilError):
-    """The recordings do not show the transmission error."""
+    """Error: the recordings do not show the transmission error."""
 
     exit_code: ClassVar[int] = 9
 
 
 class ContradictedError(HilError, ValueError):
-    """The recordings contradict what was said of them."""
+    """Error: the recordings contradict their description."""
 
     exit_code: ClassVar[int] = 3
 
@@ -37,7 +37,7 @@ class RecordedRequest:
     Attributes:
         files: The recordings.
         axis: Axis number.
-        said: What is known of columns, ratio and robot.
+        said: Given columns, ratio and robot.
         orders: Orders that are asked for.
         sensorless: True if the motor's torque is taken even where an acceleration was recorded.
     """
@@ -49,16 +49,16 @@ class RecordedRequest:
     sensorless: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be asked."""
+        """Refuse an impossible request."""
         if not self.files:
-            raise ValueError("no recording is named")
+            raise ValueError("no recording is named; at least 1 is needed")
         if len(self.files) > MOST_FILES:
-            raise ValueError(f"{len(self.files)} recordings; {MOST_FILES} are the most")
+            raise ValueError(f"{len(self.files)} recordings are too many; at most {MOST_FILES} are allowed")
 
 
 @dataclass(frozen=True)
 class FoundStretch:
-    """A stretch of one of the recordings.
+    """Stretch of one of the recordings.
 
     Attributes:
         file: Number of its file.

@@ -1,4 +1,7 @@
-"""Tip acceleration, or motor torque: what bench and model file say of arm and sensor makes an angle's error of the signal."""
+"""Recordings of tip acceleration or motor torque behind the arm.
+
+With arm and sensor from bench and model file, the signal gives the error of the angle.
+"""
 
 import math
 from collections.abc import Sequence
@@ -35,7 +38,7 @@ class SensedFiles:
         files: Recordings on an even grid.
         through: The same, through the arm.
         clocks: Instants that were taken.
-        belief: What is believed of the arm.
+        belief: Beliefs about the arm.
         source: Source of it, in words.
     """
 
@@ -50,11 +53,11 @@ class SensedFiles:
         return [(self.through[number], stretch.rows) for number, stretch in found]
 
     def refine(self, found: Sequence[tuple[int, MotionStretch]], orders: Sequence[float]) -> RefinedArm:
-        """The arm as some stretches show it."""
+        """Refine the arm on some stretches."""
         return refined_arm(self.rows(found), orders, self.belief)
 
     def section(self, recorded: Recorded, stretch: MotionStretch, arm: Arm) -> AngleSection:
-        """A stretch as it is fitted for an arm."""
+        """Section of a stretch for the fit with an arm."""
         number = next(number for number, each in enumerate(self.files) if each is recorded)
         return arm_section(self.through[number], stretch.rows, arm).averaged(MOST_SAMPLES)
 
@@ -62,13 +65,15 @@ class SensedFiles:
 def sensed_files(
     files: Sequence[Recorded], request: RecordedRequest, form: Form, bench: Bench | None, identified: Identified | None
 ) -> SensedFiles:
-    """Recordings of a sensor on an even grid, with what is known of the arm.
+    """Put recordings of a sensor on an even grid.
+
+    The result also has the beliefs about the arm.
 
     Args:
         files: The recordings.
         request: The request.
         form: Kind of the sensor.
-        bench: Bench that says lever and plant; None without one.
+        bench: Bench with lever and plant; None without one.
         identified: Model file; None without one.
 
     Raises:
@@ -77,8 +82,8 @@ def sensed_files(
     """
     if bench is None:
         raise ContradictedError(
-            f"{files[0].path}: {form} says something of an angle only through the plant: --bench names the file with "
-            "lever, ratio and plant"
+            f"{files[0].path}: {form} shows an angle only through the plant; name the file with lever, ratio and "
+            "plant with --bench"
         )
     is_torque = form == "motor torque"
     knowledge = axis_knowledge(bench, request.axis, identified, sensorless=is_torque)
@@ -105,7 +110,10 @@ def sensed_files(
 
 
 def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | None:
-    """A stretch without the first half second of a recording that starts in motion; None if nothing is left."""
+    """Cut the first half second if a recording starts in motion.
+
+    Returns None if nothing is left of the stretch.
+    """
     if each.rows.start > 8:
         return each
     start = int(np.searchsorted(recorded.time_s, STEADY_S))
@@ -117,7 +125,7 @@ def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | No
 
 
 def _belief(bench: Bench, axis: int, identified: Identified | None, *, is_torque: bool) -> tuple[ArmBelief, str]:
-    """Arm and delay from the model file, else from the bench file's model."""
+    """Arm and delay from the model file, else the bench file."""
     part = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
     knowledge = axis_knowledge(bench, axis, identified, sensorless=is_torque)
     if part is not None and knowledge.start is not None:
@@ -136,13 +144,13 @@ def _belief(bench: Bench, axis: int, identified: Identified | None, *, is_torque
     model = bench.axis[axis].model
     if model is None:
         raise ContradictedError(
-            f"no plant of axis {axis} is known, neither in the model file nor in the bench file: hil identify plant finds it"
+            f"no plant of axis {axis} is known, neither in the model file nor in the bench file; find it with hil identify plant"
         )
     return ArmBelief(arm_of(model), RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"
 
 
 def arm_of(plant: PlantTable) -> Arm:
-    """The arm of a plant on its gear, with the motor held."""
+    """Arm of a plant on its gear, with the motor held."""
     stiffness, inertia = plant.gear_stiffness_nm_rad, plant.arm_inertia_kg_m2
     total = plant.gear_damping_nm_s_rad + plant.arm_damping_nm_s_rad
     fraction = plant.gear_damping_nm_s_rad / total if total > 0.0 else 1.0

@@ -1,1 +1,4 @@
-"""Learning on a motion itself, by runs of it with small known cancellations."""
+"""Learning on a motion itself.
+
+The motion runs with small known cancellations.
+"""

@@ -1,9 +1,12 @@
-"""Learning on the motion itself: it runs with small known cancellations, and from what the tip does follows the right one.
+"""Learning on a motion by runs with small known cancellations.
 
-Nothing of the arm is needed for that: neither plant nor lever nor the sensor's frame, only each motor's inertia, of which the
-set-points of a cancellation are made. Base runs without any cancellation tell the noise; probing runs, of a design in which all
-orders of all axes change at once, tell what each does to the tip's displacement along x, y and z; some runs more apply what
-follows, and it is kept only where the tip is quieter with it. For the method see docs/learning.md and `hil.design.probing`.
+From the tip's motion in these runs follows the right cancellation.
+
+The method needs no plant, no lever and no sensor frame; it needs each motor's inertia, from which the set-points of a
+cancellation are computed. Base runs without any cancellation show the noise. Probing runs change all orders of all axes at
+once, by a design; they show the effect of each order on the tip's displacement along x, y and z. Some further runs apply the
+resulting cancellation, which is kept only if the tip is quieter with it. For the method see docs/learning.md and
+`hil.design.probing`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -68,7 +71,10 @@ BETTER_SIGMAS = 3.0
 
 
 class MotionNotLearntError(HilError):
-    """Nothing that was learnt on a motion makes its tip quieter; nothing is kept."""
+    """Error: nothing learnt on a motion makes its tip quieter.
+
+    Nothing is kept.
+    """
 
     exit_code = 9
 
@@ -87,7 +93,9 @@ def learn_on_motion(
     read: Callable[[MotionLearning], None] | None = None,
     reporter: Reporter = SILENT,
 ) -> MotionLearning:
-    """Learn the transmission errors of all axes of a motion by running it.
+    """Learn the transmission errors of all axes of a motion.
+
+    The motion is run for it.
 
     Args:
         session: Session that has been brought up.
@@ -104,8 +112,8 @@ def learn_on_motion(
 
     Raises:
         NotPossibleError: An inertia is missing, no band is known, or the motion reaches no order or shows too little.
-        UnsafeRequestError: A probe, or what is learnt, could exceed a limit.
-        MotionNotLearntError: Nothing is told from nothing, or the tip is not quieter with it.
+        UnsafeRequestError: A probe, or the learnt cancellation, could exceed a limit.
+        MotionNotLearntError: No order is significant, or the tip is not quieter with the learnt values.
         SafetyStopError: A run was stopped.
         HilError: Limits or nodes do not allow a run.
     """
@@ -130,7 +138,10 @@ def learn_on_motion(
 
 
 def _two_rounds(bench: Bench, known: Identified, runs: Runs, parts: tuple[Part, ...]) -> "_Led":
-    """Probe without any cancellation, then about what follows from that, and lead on to the quietest run."""
+    """Probe in two rounds, and run on to the quietest settings.
+
+    The first round is without any cancellation, the second about the settings of the first.
+    """
     learning = runs.learning
     effects = runs.probe(parts, np.full(len(parts), learning.probe_arcsec))
     learning.noise_m_s2 = effects.noise_rms
@@ -145,7 +156,9 @@ def _two_rounds(bench: Bench, known: Identified, runs: Runs, parts: tuple[Part, 
 
 
 def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) -> TipScale:
-    """Scale of a motion: from the bench's band, or from what is known of its axes.
+    """Scale of a motion.
+
+    It comes from the bench's band, or from the models of the axes.
 
     Args:
         bench: The bench file.
@@ -165,7 +178,9 @@ def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) 
 
 
 def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[float]) -> list[Part]:
-    """Orders of axes that the motion brings into the band; of the others it is said.
+    """List the orders that the motion brings into the band.
+
+    The other orders get the outcome `not reached`.
 
     Raises:
         NotPossibleError: There is none.
@@ -177,10 +192,13 @@ def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[floa
         if time_s >= LEAST_REACH_S:
             parts.append(part)
             continue
-        words = f"{part.words}: left at 0: k f_m is in the band, {low:g} to {high:g} Hz, for {time_s:.2f} s only"
+        words = (
+            f"{part.words}: left at 0: k f_m is in the band, {low:g} to {high:g} Hz, for {time_s:.2f} s only; at "
+            f"least {LEAST_REACH_S:g} s is needed"
+        )
         learning.outcomes[part] = PartOutcome(part, "not reached", words=words)
     if not parts:
-        raise NotPossibleError("no order comes into the band: the motion is too slow to learn anything on it")
+        raise NotPossibleError(f"no order comes into the band, {low:g} to {high:g} Hz; the motion is too slow to learn on it")
     return parts
 
 
@@ -192,7 +210,7 @@ class _Led:
         parts: Orders of axes.
         effects: Effect of each.
         vector: Settings of all parts.
-        step: The last step to them, and what is known of their errors.
+        step: The last step to the settings, with its errors.
         run: Run with them; None before one.
     """
 
@@ -212,15 +230,18 @@ def _step(effects: Effects, run: MotionRun | None = None) -> ProbedStep:
     try:
         return step_to_nothing(effects, None if run is None else run.felt_m_s2, SPREAD_ARCSEC)
     except ValueError as error:
-        raise NotPossibleError(f"not learnt: {error}: ask for fewer --orders") from error
+        raise NotPossibleError(f"not learnt: {error}; give fewer --orders") from error
 
 
 def _lead(runs: Runs, led: _Led, most: int) -> _Led:
-    """Run with what follows, lead on from there as long as the tip becomes quieter, and return the quietest."""
+    """Run with the settings, and improve them while the tip becomes quieter.
+
+    Returns the quietest run.
+    """
     tried: list[tuple[_Led, ProbedStep]] = []
     vector = led.vector
     for number in range(1, most + 1):
-        runs.say(f"run {number} with what follows, of {most} at most")
+        runs.say(f"run {number} of at most {most} with the values found so far")
         run = runs.applied(led.parts, vector)
         onward = _step(led.effects, run)
         tried.append((replace(led, vector=vector, run=run), onward))
@@ -234,12 +255,15 @@ def _lead(runs: Runs, led: _Led, most: int) -> _Led:
 
 
 def _at_another_pace(runs: Runs, others: Runs, led: _Led, orders: Sequence[float]) -> _Led:
-    """The settings after the line was learnt at another pace as well, where at its own the tip stays as quiet."""
+    """Learn the line at another pace as well.
+
+    The new settings count if the tip stays as quiet at the line's own pace.
+    """
     known = Settled(led.parts, led.vector, led.step.covariance, led.step.seen)
     found = learn_at_pace(others, known, orders, SPREAD_ARCSEC)
     if found is known:
         return led
-    runs.say("at its own pace with what follows")
+    runs.say("at the line's own pace with the values found so far")
     run = runs.applied(found.parts, found.vector)
     if run.rms_mm > OWN_PACE_WORSE * _run_of(led).rms_mm:
         return led
@@ -248,7 +272,10 @@ def _at_another_pace(runs: Runs, others: Runs, led: _Led, orders: Sequence[float
 
 
 def _with_reactions(bench: Bench, known: Identified, learning: MotionLearning, led: _Led, runs: Sequence[MotionRun]) -> _Led:
-    """The settings after a step, with the reactions of the gears allowed for, where the motors' torque shows them."""
+    """Add a step to the settings, with the gears' reactions.
+
+    A reaction counts if the motors' torque shows it.
+    """
     shown = shown_reactions(bench, known, learning, led.parts, led.vector, led.step.settings, runs)
     learning.reactions |= {number: each.believed for number, each in shown.items()}
     change = sum((each.change for each in shown.values() if each.is_seen), np.zeros(len(led.vector)))
@@ -256,7 +283,10 @@ def _with_reactions(bench: Bench, known: Identified, learning: MotionLearning, l
 
 
 def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: float) -> Real:
-    """Amplitudes of the second round: larger where an order has shown little, within what an axis may have in all."""
+    """Amplitudes of the probes of the second round.
+
+    They are larger for an order that has shown little, within the limit of an axis.
+    """
     shown = np.sqrt(np.mean(effects.effects**2, axis=(1, 2)).reshape(-1, 2).mean(axis=1))
     wanted = size * np.clip(np.median(shown) / np.maximum(shown, 1e-12), 0.5, LARGEST_PROBE)
     amplitude = np.hypot(vector[0::2], vector[1::2])
@@ -268,12 +298,12 @@ def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: 
 
 
 def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> Real:
-    """Settings of the orders that are told from nothing; of each is said what is learnt of it.
+    """Set insignificant orders to 0, and enter all outcomes.
 
     Args:
         learning: Record of the learning.
         led: Settings of all orders.
-        least: Standard errors from which an order is told.
+        least: Standard errors from which an order is significant.
 
     Raises:
         MotionNotLearntError: None is.
@@ -288,19 +318,21 @@ def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> 
             vector[2 * index : 2 * index + 2] = 0.0
     if not np.any(vector):
         said = "; ".join(outcome.words for outcome in learning.outcomes.values())
-        raise MotionNotLearntError(f"nothing is learnt: no order is told from nothing on this motion. {said}")
+        raise MotionNotLearntError(f"nothing is learnt: no order is significant on this motion. {said}")
     return vector
 
 
 def _keep(learning: MotionLearning, runs: Runs, led: _Led) -> None:
-    """Keep the orders that are told from nothing, or with them those that are not, where a run shows that the tip is quieter so.
+    """Keep the significant orders, or also those that are not.
+
+    A run decides with which of them the tip is quieter.
 
     Raises:
         MotionNotLearntError: It is quieter with neither.
     """
     vector, run = _told(learning, led), _run_of(led)
     if not np.array_equal(vector, led.vector):
-        runs.say("once more with what is told from nothing")
+        runs.say("once more with the significant orders only")
         without = runs.applied(led.parts, vector)
         if without.rms_mm > run.rms_mm:
             vector = _told(learning, led, WEAKEST_SIGMAS)
@@ -317,7 +349,9 @@ def _run_of(led: _Led) -> MotionRun:
 
 
 def _check_quieter(learning: MotionLearning, run: MotionRun) -> None:
-    """Refuse what does not make the tip quieter, in its peak and beyond the noise as a whole.
+    """Refuse a result that does not make the tip quieter.
+
+    The peak must fall, and the whole must fall beyond the noise.
 
     Raises:
         MotionNotLearntError: It does not.

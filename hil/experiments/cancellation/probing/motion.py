@@ -1,4 +1,7 @@
-"""A motion that is probed: what of its recordings counts, which orders it reaches, and how good a run of it is."""
+"""Recordings of a probed motion.
+
+The module chooses their rows, the orders that the motion reaches, and the values that judge a run.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -39,10 +42,12 @@ GRID, SWEEPS = 24, 2
 
 @dataclass(frozen=True)
 class ProbedRows:
-    """What counts of every run of one motion: the tip along x, y and z, in the band, in the rows by which the motion is judged.
+    """Tip's motion in the rows of every run of one motion.
+
+    It has the components x, y and z in the band; the rows are those that judge the motion.
 
     Settings are learnt from its acceleration, in which a sensor's noise is alike at all frequencies; a displacement would hardly
-    show orders in the band's upper half. What a run is worth is told by the displacement.
+    show orders in the band's upper half. The displacement judges a run.
 
     Attributes:
         band_hz: Band of the vibration.
@@ -86,7 +91,7 @@ class ProbedRows:
         return np.asarray(moved[self.rows].T)
 
     def reached(self, bench: Bench, motion: Motion, orders: Sequence[float]) -> dict[Part, float]:
-        """How long each order of each axis lies in the band, s.
+        """Time in s for which each order lies in the band.
 
         Args:
             bench: The bench file.
@@ -104,7 +109,9 @@ class ProbedRows:
 
 
 def smoothed(found: Effects, parts: Sequence[Part], recording: Recording, rows: slice) -> Effects:
-    """Effects with less noise: an order shakes the tip by its own sine, whose amplitude and phase change slowly.
+    """Reduce the noise of effects.
+
+    An order shakes the tip by its own sine, whose amplitude and phase change slowly:
 
         b_cos = Re h(t) e^{j k θ_m}, b_sin = Re j h(t) e^{j k θ_m}
 
@@ -142,7 +149,9 @@ def smoothed(found: Effects, parts: Sequence[Part], recording: Recording, rows: 
 
 
 def peak_and_rms(rows_mm: Real) -> tuple[float, float]:
-    """Largest displacement in any direction, and the root mean square of all directions together.
+    """Peak and root mean square of a displacement in mm.
+
+    The peak is the largest in any direction; the root mean square is that of all directions together.
 
     >>> peak_and_rms(np.array([[3.0, 0.0], [4.0, 0.0], [0.0, 1.0]]))
     (5.0, 3.605551275463989)
@@ -152,7 +161,7 @@ def peak_and_rms(rows_mm: Real) -> tuple[float, float]:
 
 
 class GearReaction(NamedTuple):
-    """The reaction of a gear on its motor.
+    """Reaction of a gear on its motor.
 
     Attributes:
         part: Part of τ_g θ_sync′ that loads the motor.
@@ -171,10 +180,12 @@ def with_values(
     arm_hz: float,
     reactions: Mapping[int, GearReaction] | None = None,
 ) -> Identified:
-    """A model file in which the axes of a motion have certain transmission errors, and no other.
+    """Give the axes of a motion certain transmission errors.
+
+    Returns the model file with them and no others on these axes.
 
     Args:
-        known: The model file: plants, and what is known of the delay of set-points and of the gear.
+        known: The model file, with plants, delay of set-points and gear reactions.
         motion: The motion.
         values: A_k e^{jφ_k} in arcsec, by part.
         inertias: J_m by axis, where no file has a plant.
@@ -211,7 +222,9 @@ def table_of_values(values: Mapping[float, complex]) -> TransmissionErrorTable:
 def resonances_hz(
     bench: Bench, identified: Identified, motion: Motion, recordings: Sequence[Recording], rows: ProbedRows
 ) -> dict[int, float]:
-    """The one resonance of each axis with which its orders explain most of some recordings: what a trial reads them by.
+    """Find one resonance per axis that explains its orders best.
+
+    A trial reads the orders by it.
 
     An arm has several; each axis gets that in which it takes part most. What an axis without one would be is not in it.
 
@@ -251,12 +264,12 @@ def resonances_hz(
 
 @dataclass(frozen=True)
 class PartOutcome:
-    """What the runs say of one order of one axis.
+    """Outcome of one order of one axis in the runs.
 
     Attributes:
         part: Axis and order.
         outcome: `learnt`, or why it is left at 0.
-        value: A e^{jφ} in arcsec; 0 where it is left at that.
+        value: A e^{jφ} in arcsec; 0 if it is left out.
         amplitude_error: Standard error of A in arcsec; None if nothing is known.
         phase_error_deg: Standard error of φ.
         seen: Fraction of it that the runs show.
@@ -273,7 +286,10 @@ class PartOutcome:
 
 
 def values_by_part(parts: Sequence[Part], vector: Real) -> dict[Part, complex]:
-    """A e^{jφ} by part, of A cos φ and A sin φ of each in turn."""
+    """Convert settings to complex values by part.
+
+    The settings are A cos φ and A sin φ of each part in turn, a value is A e^{jφ}.
+    """
     return {part: complex(vector[2 * index], vector[2 * index + 1]) for index, part in enumerate(parts)}
 
 
@@ -289,7 +305,7 @@ def seen_fraction(step: ProbedStep, index: int) -> float:
 
 
 def part_errors(vector: Real, covariance: Real, index: int) -> tuple[complex, float, float]:
-    """A e^{jφ} of a part, and the standard errors along and across it."""
+    """Value A e^{jφ} of a part, with errors along and across."""
     own = slice(2 * index, 2 * index + 2)
     value, block = complex(*vector[own]), covariance[own, own]
     along = vector[own] / max(abs(value), 1e-300)
@@ -299,18 +315,21 @@ def part_errors(vector: Real, covariance: Real, index: int) -> tuple[complex, fl
 
 
 def sigmas(vector: Real, covariance: Real, index: int) -> float:
-    """Amplitude of a part in units of its standard error, along it or across it, whichever is more."""
+    """Amplitude of a part in standard errors.
+
+    The larger of the errors along and across it counts.
+    """
     value, along, across = part_errors(vector, covariance, index)
     return abs(value) / max(along, across, 1e-300)
 
 
 def learnt_part(part: Part, vector: Real, step: ProbedStep, index: int) -> PartOutcome:
-    """A part that is learnt.
+    """Outcome of a part that is learnt.
 
     Args:
         part: Axis and order.
         vector: A cos φ and A sin φ of all parts in turn.
-        step: What is known of their errors.
+        step: Step with the errors of the parts.
         index: Position of the part.
     """
     value, along, across = part_errors(vector, step.covariance, index)
@@ -320,18 +339,23 @@ def learnt_part(part: Part, vector: Real, step: ProbedStep, index: int) -> PartO
 
 
 def left_out_part(part: Part, step: ProbedStep, index: int, *, is_seen: bool) -> PartOutcome:
-    """A part that is left at 0: nothing of it is seen, or what is seen may be nothing.
+    """Outcome of a part that is left at 0.
+
+    Either nothing of the part is seen, or its value is not significant.
 
     Args:
         part: Axis and order.
-        step: Settings that were found, and what is known of their errors.
+        step: Settings that were found, with their errors.
         index: Position of the part.
         is_seen: False if it is not seen.
     """
     seen = seen_fraction(step, index)
     if not is_seen:
-        words = f"{part.words}: left at 0: it hardly moves the tip, or as another one does; {100.0 * seen:.0f} % of it is seen"
+        words = (
+            f"{part.words}: left at 0: it hardly moves the tip, or moves it like another order; {100.0 * seen:.0f} % "
+            "of it is seen"
+        )
         return PartOutcome(part, "not seen", seen=seen, words=words)
     value, along, _ = part_errors(step.settings, step.covariance, index)
-    words = f"{part.words}: left at 0: {abs(value):.2f} ± {along:.2f}″ is not told from nothing"
+    words = f"{part.words}: left at 0: {abs(value):.2f} ± {along:.2f}″ is not significant"
     return PartOutcome(part, "nothing found", amplitude_error=along, seen=seen, words=words)

@@ -1,4 +1,7 @@
-"""`hil learn --motion`: learning on a motion over the bus, with recordings of its runs, and what is learnt in the model file."""
+"""Run of `hil learn --motion`: learning on a motion.
+
+It records runs on the bus, and writes the result to the model file.
+"""
 
 import cmath
 import datetime
@@ -68,7 +71,7 @@ class MotionLearningOutcome(MeasurementOutcome[MotionLearningResult]):
     """End of learning on a motion.
 
     Attributes:
-        learning: What was learnt; None if it ended early.
+        learning: Result of the learning; None if it ended early.
     """
 
     learning: MotionLearning | None
@@ -85,7 +88,9 @@ def learn_motion_on_bus(
     overload: bool = False,
     reporter: Reporter = SILENT,
 ) -> MotionLearningOutcome:
-    """Learn on a motion, and write what was learnt to the model file, where the tip is quieter with it.
+    """Learn on a motion, and write the result to the model file.
+
+    It is written if the tip is quieter with it.
 
     Args:
         bench: The bench file.
@@ -133,7 +138,9 @@ def learn_motion_on_bus(
 
 
 def _check_known(bench: Bench, identified: Identified | None, request: MotionLearnRequest, motion: Motion) -> None:
-    """Refuse a motion of which the band, a gain or an inertia is missing, or that the arm cannot follow at the other pace.
+    """Refuse a motion that cannot be learnt.
+
+    A band, a gain or an inertia is missing, or the arm cannot follow the motion at the other pace.
 
     Raises:
         NotPossibleError: It is.
@@ -156,7 +163,10 @@ def _learnt(
     on: datetime.date,
     emulated: bool | None,
 ) -> dict[int, IdentifiedError]:
-    """Entries of the model file, by axis: of those of which something was learnt."""
+    """Entries of the model file by axis.
+
+    Axes of which nothing was learnt have none.
+    """
     assert learning.probed is not None  # noqa: S101 - there were runs
     values = {part: outcome.value for part, outcome in learning.outcomes.items()}
     known = Identified(robot=bench.name) if identified is None else identified
@@ -179,7 +189,7 @@ def _learnt(
 
 
 def _errors(learning: MotionLearning, number: int) -> dict[str, float]:
-    """Standard errors of the orders of an axis that were learnt, by the keys of the model file."""
+    """Standard errors of an axis' learnt orders, by model file key."""
     errors = {}
     for part, outcome in learning.outcomes.items():
         if part.axis == number and outcome.amplitude_error is not None and outcome.phase_error_deg is not None:
@@ -189,7 +199,7 @@ def _errors(learning: MotionLearning, number: int) -> dict[str, float]:
 
 
 class _MotionKeeper:
-    """Saves each run of a motion, and enters it and what follows into the result."""
+    """Keeper of a motion's runs in the result."""
 
     def __init__(self, measurement: Measurement[MotionLearningResult], request: MotionLearnRequest) -> None:
         self._measurement, self._request = measurement, request
@@ -204,11 +214,11 @@ class _MotionKeeper:
         self._measurement.result.runs.append(entry)
 
     def read(self, learning: MotionLearning) -> None:
-        """Take the learning whose runs these are."""
+        """Take the learning to which these runs belong."""
         self._learning = learning
 
     def enter(self) -> None:
-        """Enter what the runs have shown, however the learning ended."""
+        """Enter the results of the runs, however the learning ended."""
         learning, result = self._learning, self._measurement.result
         if learning is None:
             return
@@ -236,7 +246,10 @@ def _part_entry(learning: MotionLearning, part: Part) -> ProbedPart:
 
 
 def motion_summary(outcome: MotionLearningOutcome) -> Sequence[str]:
-    """What was learnt as text, a line for each order of each axis, and what the tip does."""
+    """Describe the learnt orders and the tip.
+
+    The text has a line for each order of each axis.
+    """
     result = outcome.result
     lines = [part.words for part in result.parts]
     lines += [

@@ -1,8 +1,10 @@
-"""A line that was learnt, learnt again at another pace: of orders that its own pace hardly shows, another shows more.
+"""Learning of a known line at another pace.
 
-What is known from before is where it begins, and as well as it is known it stays: its covariance is the spread that
-`hil.design.probing.step_to_nothing` asks for. An order that only the other pace brings into the band is spread as any of which
-nothing is known; one that it does not is cancelled as it was.
+Orders that the line hardly shows at its own pace may show more at another.
+
+The known settings are the start, and their covariance is the spread that `hil.design.probing.step_to_nothing` asks for. An
+order that only the other pace brings into the band has the spread of an unknown order. An order that the other pace does not
+bring into the band is cancelled as before.
 """
 
 import math
@@ -45,7 +47,7 @@ class Settled:
     seen: Real
 
     def with_others(self, parts: Sequence[Part], spread_arcsec: float) -> "Settled":
-        """The same with further parts, of which nothing is known but how they are spread."""
+        """Add parts of which only the spread is known."""
         more = tuple(part for part in parts if part not in self.parts)
         count, known = 2 * len(self.parts), 2 * len(self.parts) + 2 * len(more)
         covariance = spread_arcsec**2 * np.eye(known)
@@ -59,7 +61,7 @@ class Settled:
         return np.array([each for index in at for each in (2 * index, 2 * index + 1)], dtype=np.intp)
 
     def changed(self, parts: Sequence[Part], step: ProbedStep, covariance: Real) -> "Settled":
-        """The same after a step of some parts."""
+        """Apply a step of some parts to the settings."""
         own = self.columns(parts)
         vector, whole, seen = self.vector.copy(), self.covariance.copy(), self.seen.copy()
         vector[own] += step.settings
@@ -70,7 +72,9 @@ class Settled:
 
 
 def paced_line(bench: Bench, pace: float) -> Motion:
-    """The bench file's line in a multiple of its time, with room for what is learnt on it.
+    """Line of the bench file in a multiple of its time.
+
+    It has room for the probes and for the vibration.
 
     Args:
         bench: The bench file.
@@ -87,14 +91,17 @@ def paced_line(bench: Bench, pace: float) -> Motion:
         most = SPEED_ROOM * bench.axis[number].limits.speed_rps
         if speed > most:
             remedy = (
-                f"an arm that shakes needs the rest of its limit: --pace {math.ceil(100.0 * pace * speed / most) / 100.0:.2f}"
+                "vibration needs the rest of the limit; choose --pace "
+                f"{math.ceil(100.0 * pace * speed / most) / 100.0:.2f} or more"
             )
             raise UnsafeRequestError(f"axis {number} in {pace:g} times the line's time", speed, most, "rev/s", remedy)
     return motion
 
 
 def at_pace(bench: Bench, learning: MotionLearning, pace: float) -> MotionLearning:
-    """Record of learning the same line at another pace, whose runs are counted among those of the first.
+    """Record of learning the same line at another pace.
+
+    Its runs are counted among those of the first.
 
     Args:
         bench: The bench file.
@@ -108,11 +115,13 @@ def at_pace(bench: Bench, learning: MotionLearning, pace: float) -> MotionLearni
 
 
 def learn_at_pace(runs: Runs, known: Settled, orders: Sequence[float], spread_arcsec: float) -> Settled:
-    """Learn at another pace, from what is known; what is known, where that does not make the tip quieter.
+    """Learn at another pace, starting from known settings.
+
+    If the tip does not become quieter, the known settings are returned.
 
     Args:
         runs: Runs at that pace.
-        known: What is known.
+        known: Known settings.
         orders: Orders that are learnt.
         spread_arcsec: Spread of those of which nothing is known.
     """

@@ -1,14 +1,16 @@
-"""The reaction of gears on their motors, from runs of a motion that is probed: what the motors' torque shows beside the tip.
+"""Reaction of gears on their motors, from a probed motion.
 
-A gear whose torque τ_g acts back through its error loads the motor with τ_g (1/N + r θ_sync′). What is left of a motor's torque
-without its own inertia, τ_m − J_m θ̈_m, is that load, and friction. Settings c that bring the tip to rest cancel the error and
-what the reaction makes of the motor's motion together,
+The motors' torque shows it beside the motion of the tip.
+
+A gear whose torque τ_g reacts through its error loads the motor with τ_g (1/N + r θ_sync′). The motor's torque without that
+of its own inertia, τ_m − J_m θ̈_m, is that load plus friction. Settings c that bring the tip to rest cancel the error
+together with the reaction's effect on the motor's motion,
 
     A = c + r q,    q = j k τ_g A/(N (J_m s² + C)),
 
-C being the law. So with them the load has the reaction itself, less what the gear feels of r q, which the probes have shown.
-Gears give back nearly all power, r = 1, or react as if they gave none; how large τ_g is, is told by the reaction itself, as
-τ_g = N (slow torque − friction), and friction by that.
+C being the law. With these settings the load has the reaction itself, less the gear's torque by r q, which the probes have
+shown. Gears give back nearly all power, r = 1, or react as if they gave none. The reaction itself shows the size of τ_g, and
+τ_g = N (slow torque − friction) then gives the friction.
 """
 
 import math
@@ -46,7 +48,7 @@ class ShownReaction(NamedTuple):
     """The reaction of one axis' gear.
 
     Attributes:
-        load: τ_g as the reaction shows it, over N times the slow torque of the motor; 0 where there is none.
+        load: τ_g as the reaction shows it, over N times the slow torque of the motor; 0 if there is none.
         standard_error: Its standard error.
         power: Fraction of the load's power in the band that it explains.
         turned_nm: Slow torque of the motor in the direction in which it turns.
@@ -68,7 +70,7 @@ class ShownReaction(NamedTuple):
 
     @property
     def friction_nm(self) -> float:
-        """Friction at the motor, if the gear reacts with all of its torque."""
+        """Friction at the motor if the gear reacts with all torque."""
         return (1.0 - self.load) * self.turned_nm
 
     @property
@@ -78,7 +80,7 @@ class ShownReaction(NamedTuple):
 
 
 class _Axis:
-    """One axis of the motion: its load, and what a reaction makes of it."""
+    """Load of one axis, and the effect of a reaction on it."""
 
     def __init__(self, bench: Bench, model: Identified, probed: ProbedRows, runs: Sequence[MotionRun], number: int) -> None:
         known = treated_model(bench, model, number)
@@ -100,7 +102,7 @@ class _Axis:
         return recording.axis(self.number, "torque_nm") - self._inertia * np.diff(padded, 2) / period_s**2
 
     def rows_nm(self, recording: Recording) -> Real:
-        """The same in the band, in the rows that count."""
+        """Load torque in the band, in the rows that count."""
         return self._in_band(self.load_nm(recording), recording.period_s)
 
     def _in_band(self, values: Real, period_s: float) -> Real:
@@ -112,13 +114,19 @@ class _Axis:
         return float(np.mean(self._slow_nm[self._probed.rows])) * self._way / self._ratio
 
     def reaction_nm(self, recording: Recording, orders: Mapping[float, complex]) -> Real:
-        """Load by a whole reaction without friction, in the band: τ_g Σ Re j k A e^{j(k θ_m + φ)}."""
+        """Load by a whole reaction without friction, in the band.
+
+        τ_g Σ Re j k A e^{j(k θ_m + φ)}
+        """
         angle = recording.axis(self.number, "position_rad")
         waves = [(1j * k * ARCSEC * value * np.exp(1j * k * angle)).real for k, value in orders.items()]
         return self._in_band(self._slow_nm * np.sum(waves, axis=0), recording.period_s)
 
     def felt_as(self, recording: Recording, order: float, value: complex) -> Complex:
-        """The setting q of an order that does what the reaction makes of the motor's motion, arcsec; shape (rows,)."""
+        """Setting q of an order that equals the reaction's effect.
+
+        The effect is that on the motor's motion; in arcsec, shape (rows,).
+        """
         angle = _slow(recording.axis(self.number, "position_rad"), recording.period_s)
         speed = np.gradient(angle, recording.period_s)[self._probed.rows]
         frequency = np.maximum(order * np.abs(speed) / (2.0 * math.pi), 0.5)
@@ -136,7 +144,7 @@ def shown_reactions(
     step: Real,
     runs: Sequence[MotionRun],
 ) -> dict[int, ShownReaction]:
-    """The reaction of each axis of which orders are learnt.
+    """Find the gear reaction of each axis with learnt orders.
 
     Args:
         bench: The bench file.
@@ -164,7 +172,10 @@ def shown_reactions(
 def _shown(
     axis: _Axis, parts: Sequence[Part], values: Mapping[Part, complex], loads: Effects, step: Real, recording: Recording
 ) -> ShownReaction:
-    """The reaction of one axis by least squares on its load with the tip at rest."""
+    """Fit the reaction of one axis to its load.
+
+    The load is that with the tip at rest; the fit is by least squares.
+    """
     at_rest = loads.level[0] + np.tensordot(step, loads.effects[:, 0], axes=1)
     own = {part.order: values[part] for part in parts if part.axis == axis.number}
     column, change = axis.reaction_nm(recording, own), np.zeros(2 * len(parts))

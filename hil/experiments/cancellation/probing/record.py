@@ -1,4 +1,7 @@
-"""Record of learning on a motion: its runs, and what is said of each order."""
+"""Record of learning on a motion.
+
+It has the runs, and the outcome of each order.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,7 +26,7 @@ class MotionRun:
     """One run of the motion.
 
     Attributes:
-        kind: Base run, probe, or one with what is learnt.
+        kind: Base run, probe, or run with the learnt values.
         values: Cancelled A e^{jφ} in arcsec, by part.
         recording: Its recording.
         felt_m_s2: Acceleration of the tip in the rows that count; shape (3, rows).
@@ -57,12 +60,12 @@ class MotionRunKeeper(Protocol):
 
 
 def keep_no_run(number: int, kind: RunKind, result: RunResult) -> None:
-    """Keep nothing: for callers who use only what is learnt."""
+    """Keep nothing, for callers that need the learnt values only."""
 
 
 @dataclass
 class MotionLearning:
-    """What was learnt on a motion.
+    """Result of learning on a motion.
 
     Attributes:
         motion: The motion.
@@ -70,7 +73,7 @@ class MotionLearning:
         inertias: J_m by axis, as it was given, where no file has a plant.
         probed: Rows that count; None before the first run.
         runs: Runs in their order.
-        outcomes: What is said of each order of each axis.
+        outcomes: Outcome of each order of each axis.
         reactions: Reactions of the gears, as the motors' torque shows them.
         applied: Run with what is kept; None if nothing is.
         probe_arcsec: Amplitude of the probes; 0 before them.
@@ -100,10 +103,13 @@ class MotionLearning:
 
     @property
     def base_mm(self) -> tuple[float, float]:
-        """Peak and root mean square of the tip without cancellation: of the mean of the base runs."""
+        """Peak and root mean square of the tip without cancellation.
+
+        They are those of the mean of the base runs.
+        """
         return peak_and_rms(np.mean([run.moved_mm for run in self.of_kind("base")], axis=0))
 
     @property
     def noise_mm(self) -> RunScatter:
-        """What the base runs differ by."""
+        """Scatter of the base runs."""
         return scatter_of(np.stack([run.moved_mm for run in self.of_kind("base")]))

@@ -1,4 +1,7 @@
-"""The runs of a motion that is probed: without a cancellation, with probes, and with what follows from them."""
+"""Runs of a motion that is probed.
+
+They are made without a cancellation, with probes, and with the resulting settings.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -26,7 +29,7 @@ BASE_RUNS = 3
 
 
 def paced(bench: Bench, pace: float) -> Bench:
-    """The bench file with its line in a multiple of its time.
+    """Slow down or speed up the line of a bench file.
 
     Args:
         bench: The bench file.
@@ -60,7 +63,7 @@ class Runs:
         """What is cancelled in every run but the base runs, beside what is probed."""
 
     def say(self, what: str) -> None:
-        """Tell the listener what comes next."""
+        """Announce the next step to the listener."""
         self._reporter.step(what)
 
     def base(self) -> MotionRun:
@@ -71,7 +74,9 @@ class Runs:
         return self._run("base", {})
 
     def probe(self, parts: Sequence[Part], probes_arcsec: Real, level: Real | None = None) -> Effects:
-        """Make probing runs, and runs at the level among them and behind; return what each setting does there.
+        """Make probing runs, and runs at the level.
+
+        Level runs lie among the probing runs and behind them. Returns the effect of each setting.
 
         Args:
             parts: Orders of axes that are probed.
@@ -103,7 +108,10 @@ class Runs:
         return smoothed(found, parts, runs[0].recording, probed.rows)
 
     def allowed(self, parts: Sequence[Part], probes_arcsec: Real, level: Real) -> Real:
-        """Probes about a level as large as asked, or a half or a quarter of that where a limit does not allow them."""
+        """Reduce probes about a level to fit the limits.
+
+        They are as large as requested, or half of that. If neither fits, they are a quarter, which is not checked here.
+        """
         signs = balanced_signs(2 * len(parts))
         for part_of in (1.0, 0.5):
             sizes = part_of * np.repeat(probes_arcsec, 2) / math.sqrt(2.0)
@@ -119,7 +127,7 @@ class Runs:
         if level is None:
             self.base()
         else:
-            self._reporter.step("once more with what follows so far")
+            self._reporter.step("once more with the values found so far")
             self.applied(parts, level)
 
     def applied(self, parts: Sequence[Part], vector: Real) -> MotionRun:
@@ -139,7 +147,7 @@ class Runs:
         try:
             return cancellation_on(self._session, model, learning.motion)
         except UnsafeRequestError as error:
-            remedy = "choose a smaller --probe-arcsec" if what == "a probe" else "is the motor's inertia right?"
+            remedy = "choose a smaller --probe-arcsec" if what == "a probe" else "check the motor's inertia"
             raise UnsafeRequestError(f"{what}: {error.what}", error.value, error.limit, error.unit, remedy) from error
 
     def _run(self, kind: RunKind, values: Mapping[Part, complex], cancellation: Cancellation | None = None) -> MotionRun:

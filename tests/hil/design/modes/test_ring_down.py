@@ -68,7 +68,7 @@ def test_the_standard_error_is_that_of_the_noise():
 
 def test_too_little_after_the_stop_and_nothing_that_rings_are_said():
     rates = closed_loop_rates(LOOP)
-    with pytest.raises(ValueError, match=r"12 samples after the stop, 64 are needed: a longer tail_s"):
+    with pytest.raises(ValueError, match=r"12 samples after the stop; at least 64 are needed; raise tail_s"):
         ring_down(np.zeros(12), PERIOD, rates)
     with pytest.raises(ValueError, match="no mode that rings"):
         ring_down(np.zeros(500), PERIOD, rates[:-1])

@@ -134,16 +134,16 @@ def test_a_tip_that_moves_against_its_motor_is_named() -> None:
 
 @pytest.mark.ci
 def test_a_wrong_lever_is_named() -> None:
-    assert "are its reduction ratio and lever right" in refusal(RigSession(built(""), tip_gain=0.6))
+    assert "check its reduction ratio and lever" in refusal(RigSession(built(""), tip_gain=0.6))
 
 
 def test_a_dead_sensor_is_named() -> None:
     robot = built("", noise=0.0)
-    assert "is it powered, does it sit on the arm" in refusal(RigSession(robot, tip_gain=0.0))
+    assert "check that it is powered, sits on the arm" in refusal(RigSession(robot, tip_gain=0.0))
 
 
 def test_an_arm_that_is_held_is_named() -> None:
-    assert "is a brake closed, or the arm blocked?" in refusal(RigSession(built(""), is_held=True))
+    assert "check that the brake is open and the arm free" in refusal(RigSession(built(""), is_held=True))
 
 
 @pytest.mark.ci

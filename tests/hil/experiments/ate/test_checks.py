@@ -86,13 +86,16 @@ def test_vibration_that_is_noise_is_not_asked_of_the_error() -> None:
     [
         (
             {"explained_by_error": 0.07, "structured": 0.93},
-            r"of the orders 2, 4 explains: 0\.07 \(at least 0\.6\); does anoth",
+            r"that the orders 2, 4 explain: 0\.07 \(at least 0\.6\); look for anoth",
         ),
         (
             {"amplitude_error_arcsec": {2: 2.0, 4: 3.0}},
             r"over its standard error \(A_2\): 2\.5 \(at least 5\).* none is above 12″",
         ),
-        ({"motion_scale": 0.62}, r"tip_lever_m / reduction_ratio: 0\.38 \(at most 0\.25\); is this the axis that moved"),
+        (
+            {"motion_scale": 0.62},
+            r"tip_lever_m / reduction_ratio: 0\.38 \(at most 0\.25\); check that this is the axis that moved",
+        ),
         ({"motion_scale": -1.01}, r"the tip moves against the motor: the encoder counts backwards"),
         ({"motion_scale": 0.02}, r"the sensor does not feel this axis"),
         ({"arm": Arm(12.4, 0.04, 0.0298)}, r"delay between motor angle and sensor: 29\.8 ms \(at most 29 ms\)"),

@@ -65,7 +65,7 @@ def test_a_known_arm_ends_the_ramp_where_nothing_more_is_to_be_learnt() -> None:
 def test_too_little_travel_is_said_with_what_is_needed() -> None:
     narrow = with_limits(position_min_rev=-3.0, position_max_rev=3.0)
     with pytest.raises(
-        NotPossibleError, match=r"to pass f_m2 = 6\.00 rev/s, 6\.90 rev/s are needed: 7\.1 rev at 4 rev/s²"
+        NotPossibleError, match=r"to pass f_m2 = 6\.00 rev/s, 6\.90 rev/s are needed: that takes 7\.1 rev at 4 rev/s²"
     ) as error:
         end_speed(narrow, 2, 4.0, 12.0)
     assert "between its position limits are 5.0; accelerate with 6.25 rev/s² or more" in str(error.value)

@@ -105,7 +105,7 @@ def test_with_several_axes_and_no_accelerometer_it_is_refused_with_what_to_do_in
     axes = {n: each.model_copy(update={"load_encoder": LoadEncoderTable(counts_per_rev=2**20)}) for n, each in BENCH.axis.items()}
     bench = BENCH.model_copy(update={"accelerometer": sensor, "axis": axes})
     motion = line_motion(bench, 0.002)
-    with pytest.raises(NotPossibleError, match="where that axis moves alone: choose --treatment cancellation"):
+    with pytest.raises(NotPossibleError, match="if that axis moves alone; choose --treatment cancellation"):
         following_of(bench, None, cancellation_for(bench, None, motion.axes, 0.002), motion)
 
 

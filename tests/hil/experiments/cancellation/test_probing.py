@@ -75,7 +75,7 @@ def test_an_order_that_is_not_told_from_nothing_is_left_at_nothing() -> None:
 
 
 def test_where_no_order_is_told_nothing_is_learnt() -> None:
-    with pytest.raises(MotionNotLearntError, match="no order is told from nothing"):
+    with pytest.raises(MotionNotLearntError, match="no order is significant"):
         told(probed(right=dict.fromkeys(PARTS, 0.0)), learning())
 
 

@@ -271,13 +271,13 @@ def test_on_an_arm_filters_beside_a_cancellation_are_run_only_where_they_are_nam
     made = plan(known, ComparisonRequest((RAMP,), (2,)), channel=IDEAL)
     assert {"cancellation", "notch"} <= {each.treatment for each in made.experiments}
     assert "cancellation+notch" not in {each.treatment for each in made.experiments}
-    assert "leave more than the cancellation alone" in reasons(made)[2, "cancellation+notch"]
+    assert "leave more vibration than the cancellation alone" in reasons(made)[2, "cancellation+notch"]
     assert not made.remarks
     both = ("cancellation", "cancellation+notch")
     named = plan(known, ComparisonRequest((RAMP,), (2,), both, frozenset(both)), channel=IDEAL)
     assert {each.treatment for each in named.experiments} == {"none", *both}
     assert len(named.remarks) == 1
-    assert "leave more than the cancellation alone" in named.remarks[0]
+    assert "leave more vibration than the cancellation alone" in named.remarks[0]
 
 
 @pytest.mark.parametrize("treatment", ["cancellation", "cancellation+notch"])

@@ -84,7 +84,7 @@ def test_static_friction_that_falls_off_is_not_taken_for_coulomb_friction() -> N
     ("changes", "options", "words"),
     [
         ({}, {"counts_backwards": True}, r"torque pushed against the motion.*encoder counts backwards"),
-        ({}, {"is_braked": True}, r"is the brake open, the arm free"),
+        ({}, {"is_braked": True}, r"the brake is open, the arm free"),
         ({"arm_inertia_kg_m2": 1e6}, {}, r"wound up a spring of .* N·m/rad.*the arm is held"),
     ],
 )

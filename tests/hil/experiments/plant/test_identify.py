@@ -88,7 +88,7 @@ def test_a_chirp_on_the_reference_does_as_well() -> None:
 @pytest.mark.parametrize(
     ("gain", "words"),
     [
-        (0.0, r"coherence of the tip with the motor is .*needed: 0.5.*right axis"),
+        (0.0, r"coherence of the tip with the motor: .*at least 0.5.*right axis"),
         (3.0, r"lever of 1\.\d+ m, the bench file says 0.36 m"),
     ],
 )
@@ -129,7 +129,7 @@ def test_periods_with_missing_answers_are_left_out() -> None:
 @pytest.mark.slow
 def test_a_motor_that_turns_back_is_said_with_the_amplitude_that_would_do() -> None:
     with pytest.raises(
-        PlantNotIdentifiedError, match=r"motor turned back is .* needed: 0.005: raise --bias-rps .* lower --amplitude-nm"
+        PlantNotIdentifiedError, match=r"motor turned back: .*at most 0.005\); raise --bias-rps .* lower --amplitude-nm"
     ):
         identify(brief(amplitude_nm=2.5))
 
@@ -150,7 +150,7 @@ def test_a_band_without_the_resonance_is_said() -> None:
     [
         ({"amplitude_nm": 3.5}, UnsafeRequestError, r"3.5 N·m, the limit is 3.04 N·m"),
         ({"bias_rps": 8.0}, UnsafeRequestError, r"16 rev/s, the limit is 12 rev/s"),
-        ({"bias_rps": 0.1}, NotPossibleError, r"0.1 rev/s does not keep .* needed: 0.2 rev/s"),
+        ({"bias_rps": 0.1}, NotPossibleError, r"0.1 rev/s is too slow .* at least 0.2 rev/s"),
         ({"periods": 3}, NotPossibleError, r"3 periods .* at least 6"),
         ({"high_hz": 130.0}, NotPossibleError, r"130 Hz is not below half the sampling rate, 125 Hz"),
         ({"axis": 4}, NotPossibleError, r"no axis 4"),
