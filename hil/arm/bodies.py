@@ -1,4 +1,4 @@
-"""Rigid bodies of an arm: mass, centre and inertia as a file says them, moved into other frames, and put together."""
+"""Rigid bodies of an arm: mass, centre and inertia, in any frame."""
 
 from collections.abc import Sequence
 from typing import Annotated, Self
@@ -23,7 +23,10 @@ NOWHERE: Vector = (0.0, 0.0, 0.0)
 
 
 class Inertia(Table):
-    """Moments and products of inertia about the centre of mass; the products are the tensor's own elements, as in URDF."""
+    """Moments and products of inertia about the centre of mass.
+
+    The products are elements of the tensor, with its sign, as in URDF.
+    """
 
     xx: NotBelow = 0.0
     yy: NotBelow = 0.0
@@ -70,7 +73,7 @@ class Body(Table):
 
 
 def moved(body: Body, turn: Real, origin_m: Real) -> Body:
-    """A body in the frame in which its own one is turned and moved.
+    """Return a body in the frame that carries its own frame.
 
     Args:
         body: The body in its own frame.

@@ -1,7 +1,7 @@
-"""Tables of an arm: its links from the base on, what they weigh, what it carries, and where its tip is.
+"""Tables of an arm: links from the base on, masses, payload, tip.
 
 The frame of a link is that of the link before it, moved by `origin_m`, turned by `rpy_deg`, then turned by the joint's angle
-about `direction`. A joint's angle is `home_deg` where its motor stands at zero, and grows with the motor's.
+about `direction`. A joint's angle is `home_deg` at zero of its motor, and grows with the motor's angle.
 """
 
 import math
@@ -61,7 +61,10 @@ class ArmLink(Table):
         return f"the link of axis {self.axis}" if self.name is None else f"link {self.name!r} (axis {self.axis})"
 
     def rotation(self) -> Real:
-        """Turn from the frame before the link into the joint's own, at a joint angle of 0; shape (3, 3)."""
+        """Return the rotation from the preceding frame into the joint's own.
+
+        At a joint angle of 0; shape (3, 3).
+        """
         return rotation(*map(math.radians, self.rpy_deg))
 
     def unit_direction(self) -> Real:
@@ -71,7 +74,7 @@ class ArmLink(Table):
 
 
 class ArmTable(Table):
-    """Links from the base on, each on the one before it; or the URDF file that has them.
+    """Links from the base on, in a row, or their URDF file.
 
     Attributes:
         link: The links; empty as long as the URDF file has not been read.
