@@ -1,4 +1,7 @@
-"""What may be compared: results of one kind on one robot, of the same motions; all else is refused, in words."""
+"""Check whether two results can be compared, and their paired runs.
+
+Two results can be compared if they are of one kind, from one robot, and of the same motions; all others raise an error.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -24,7 +27,7 @@ Key = tuple[str, int | None, str, str, int | None]
 
 @dataclass(frozen=True)
 class RunPair:
-    """A window of a run, and the one of the old result that it is held against."""
+    """A window of a run, and its counterpart in the old result."""
 
     new: RunEntry
     old: RunEntry

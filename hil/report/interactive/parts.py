@@ -1,4 +1,7 @@
-"""What an interactive page has beside its figures: Bokeh from the installed package, our script, and a policy for them alone."""
+"""Scripts and policy of an interactive page.
+
+Bokeh from the installed package, our script, and a content security policy that allows these alone.
+"""
 
 import base64
 import hashlib
@@ -65,7 +68,10 @@ def _scripts() -> tuple[str, ...]:
 
 
 def _inline(text: str) -> str:
-    """A script that does not end its element before its own end, with the one kind of line end that a browser hashes."""
+    """Make a script safe to inline.
+
+    It cannot end its element early, and has the line ends that a browser hashes.
+    """
     return text.replace("\r\n", "\n").replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 

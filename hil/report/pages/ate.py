@@ -1,4 +1,4 @@
-"""The page of an identification of the transmission error: one self-contained HTML file."""
+"""Page of an identified transmission error: one self-contained HTML file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,7 +78,10 @@ def sections(material: AteMaterial) -> list[Section]:
 
 
 def _order_maps(material: AteMaterial) -> Drawing | None:
-    """Order maps of the quickest and of the slowest pass; None without an accelerometer, or without a pass."""
+    """Draw order maps of the fastest and the slowest pass.
+
+    None without an accelerometer, or without a pass.
+    """
     made = [each for each in material.result.passes if each.stopped is None and (material.directory / each.recording).is_file()]
     if material.is_sensorless or not made:
         return None

@@ -54,7 +54,10 @@ def write_compare_report(directory: Path, *, is_interactive: bool = False) -> Pa
 
 
 def _bench_name(directory: Path, result: TreatmentTable) -> str:
-    """Name of the tour's bench where it ended before any robot was run; `none` without one."""
+    """Return the name of the bench of a tour without robots.
+
+    The tour ended before a run; `none` without a bench file.
+    """
     try:
         return load_bench(directory / result.tour.bench_file).name if isinstance(result, TourResult) else "none"
     except FileError:
@@ -114,7 +117,10 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
 def _shaped(
     robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool
 ) -> list[Drawing | ReportTable | None]:
-    """What shapers did to a motion: their table, the tip after a stop, and what they would leave of another frequency."""
+    """Return tables and figures of the shapers for one motion.
+
+    Their table, the tip after a stop, and the residual over the frequency.
+    """
     key, name = f"{robot.directory}-{tables_compare.key_of(experiment, axis)}", f"{robot.name}, " if several else ""
     runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
     case = f"{name}{case_name(experiment, axis)}"

@@ -15,7 +15,9 @@ RUN_WORDS = {"base": "without", "probe": "probing", "applied": "with what follow
 
 
 def write_motion_learning_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that `hil learn --motion` has filled, whether it has learnt or not.
+    """Write `report.html` into a directory of `hil learn --motion`.
+
+    Also if it has learnt nothing.
 
     Raises:
         NotPossibleError: It shall be interactive, and Bokeh is not installed.
@@ -82,7 +84,7 @@ def _part(part: ProbedPart) -> list[Cell]:
 
 
 def runs(result: MotionLearningResult) -> ReportTable | None:
-    """Table of every run: what was cancelled in it, and what the tip did."""
+    """Tabulate every run: cancelled error, and the tip."""
     if not result.runs:
         return None
     header = ("Run", "", "Tip's peak (mm)", "Root mean square (mm)", "Cycles", "Missed", "Recording")

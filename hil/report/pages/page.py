@@ -44,13 +44,16 @@ class PageHead:
     is_bench: bool = True
 
     def tag(self, drawing: Drawing) -> str:
-        """Origin of a figure in words: what was measured on an emulated robot is called emulated."""
+        """Return the origin of a figure in words.
+
+        On an emulated robot, `emulated` replaces `measured`.
+        """
         return drawing.origin.replace("measured", self.origin.word)
 
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter of the page: figures and tables in the order in which they are read."""
+    """A chapter of the page: figures and tables in reading order."""
 
     key: str
     title: str
@@ -115,7 +118,10 @@ _CODE = re.compile(r"`([^`]+)`")
 
 
 def typeset(text: str) -> Markup:
-    """Text for HTML, with f_al and the like set as symbols with an index, and what stands between backticks as code."""
+    """Format text as HTML.
+
+    Symbols such as f_al have an index; text between backticks is code.
+    """
     if isinstance(text, Markup):
         return text
     parts = _CODE.split(str(escape(text)))
@@ -125,8 +131,9 @@ def typeset(text: str) -> Markup:
 
 
 def moment_text(instant: str) -> str:
-    """Instant of ISO 8601 as a reader says it, to the minute, in UTC; what is no instant stays as it is.
+    """Write an instant of ISO 8601 in words, to the minute, UTC.
 
+    Any other text is returned unchanged.
     >>> moment_text("2025-01-01T12:00:07Z")
     '1 January 2025, 12:00 UTC'
     """
@@ -153,7 +160,7 @@ def render(
     provenance: list[tuple[str, str]] | None = None,
     is_interactive: bool = False,
 ) -> Path:
-    """Write a page: one file, no network, and no scripts but those of an interactive one.
+    """Write a page: one file, no network, no scripts unless interactive.
 
     Args:
         path: File to write.
@@ -193,7 +200,10 @@ def render(
 
 
 def _interactive(sections: list[Section]) -> InteractiveParts | None:
-    """Parts of an interactive page; None if it has no figure that can be zoomed."""
+    """Return the parts of an interactive page.
+
+    None if no figure can be zoomed.
+    """
     drawings = [item for section in sections for item in section.items if isinstance(item, Drawing)]
     figures = {each.key: each.zoom for each in drawings if each.zoom is not None}
     return interactive_parts(figures) if figures else None

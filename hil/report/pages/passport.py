@@ -83,7 +83,7 @@ def verdict(trends: Sequence[Trend]) -> PageVerdict:
 
 
 def table(trends: Sequence[Trend]) -> ReportTable:
-    """Every order of every gear: first and last, and whether it has changed."""
+    """Tabulate every order of every gear, and whether it changed."""
     rows: list[list[Cell]] = []
     for trend in trends:
         last = " ± ".join(value_and_error(float(trend.values[-1]), float(trend.errors[-1])))

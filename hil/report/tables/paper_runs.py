@@ -34,7 +34,9 @@ Cell = str | Mark
 
 @dataclass(frozen=True)
 class ReportTable:
-    """One table; cells that are not text start with a number or a dash and stand to the right.
+    """One table.
+
+    Cells that are not text begin with a number or a dash and are aligned to the right.
 
     Attributes:
         key: Anchor of the table.
@@ -60,7 +62,10 @@ class ReportTable:
 
 
 def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
-    """Number as text of a cell, with a proper minus sign; a dash for None."""
+    """Format a number for a cell.
+
+    With a proper minus sign; a dash for None.
+    """
     if value is None:
         return NONE
     if isinstance(value, str):
@@ -75,8 +80,9 @@ def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
 
 
 def value_and_error(value: float, error: float) -> tuple[str, str]:
-    """Value and standard error as text, both to the error's first digit, and to at most four digits where there is no error.
+    """Format value and standard error to the error's first digit.
 
+    Without an error, to at most four digits.
     >>> value_and_error(48.9745, 0.0432), value_and_error(-0.00067115, 0.00008), value_and_error(12.5, 0.0)
     (('48.97', '0.04'), ('−0.00067', '0.00008'), ('12.5', '0'))
     """
@@ -185,7 +191,9 @@ def transmission_errors(material: Material) -> ReportTable | None:
 
 
 def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable | None:
-    """Table of filters that acted with their margins at the worst speed, beside the paper's Table 3.
+    """Tabulate filters with their margins at the worst speed.
+
+    Beside the paper's Table 3.
 
     Args:
         material: Result and bench.
@@ -233,7 +241,10 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
 
 
 def filters_end(nth: int) -> str:
-    """End of the keys of the n-th filters on a page, from 0; the first have none."""
+    """Return the end of the keys of the n-th filters.
+
+    Filters on a page count from 0; the first have an empty end.
+    """
     return f"-filters{nth + 1}" if nth else ""
 
 

@@ -1,4 +1,7 @@
-"""Reading of all runs below a folder, each once; what cannot be read is named, and the rest goes on."""
+"""Reading of all runs below a folder, each once.
+
+A result that cannot be read is listed by name; the others are read all the same.
+"""
 
 import hashlib
 import os
@@ -21,7 +24,13 @@ from hil.results.runs import ExperimentsResult, RunEntry
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """Worst margins of a loop over the motor's speeds: largest M_s, least gain margin in dB, least phase margin in degrees."""
+    """Worst margins of a loop over the motor's speeds.
+
+    Attributes:
+        sensitivity_peak: Largest M_s.
+        gain_margin_db: Least gain margin in dB.
+        phase_margin_deg: Least phase margin in degrees.
+    """
 
     sensitivity_peak: float
     gain_margin_db: float
