@@ -1,4 +1,7 @@
-"""A session on the bus: check the nodes; for each run set them up, enable, move, disable and restore them."""
+"""Session on the bus: checks of the nodes, and runs.
+
+For each run it sets the nodes up, enables, moves, disables and restores them.
+"""
 
 import signal
 import threading
@@ -35,7 +38,7 @@ from hil.recording import BusLog
 
 @runtime_checkable
 class SessionSource(Protocol):
-    """A channel that brings a kind of session of its own: one whose cycles need no frames."""
+    """A channel with its own kind of session, without frames."""
 
     def session(self, bench: Bench, progress: Callable[[float], None]) -> "Session":
         """A session on this channel, without a log of frames."""
@@ -53,7 +56,9 @@ LISTEN_S = 0.1
 
 
 class Session:
-    """The master on one bus, as a context that restores the handlers of Ctrl-C at its end.
+    """The master on one bus, as a context.
+
+    At its end it restores the handlers of Ctrl-C.
 
     Args:
         bench: The bench file.
@@ -111,7 +116,10 @@ class Session:
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """A context in which Ctrl-C and SIGTERM end a motion by a ramp instead of ending the program."""
+        """Context in which Ctrl-C and SIGTERM end a motion by a ramp.
+
+        They do not end the program then.
+        """
         handlers = {}
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -126,7 +134,10 @@ class Session:
         self.interrupt(signal.Signals(number).name)
 
     def interrupt(self, name: str) -> None:
-        """End a motion by a ramp, and allow no further motion; `name` is the signal's."""
+        """End a motion by a ramp, and refuse further motions.
+
+        `name` is the name of the signal.
+        """
         self.supervisor.interrupted_by = name
 
     def check_interrupt(self) -> None:
@@ -137,7 +148,9 @@ class Session:
     # -- bring-up ------------------------------------------------------------------------------------------------------
 
     def bring_up(self, *, reset_faults: bool = False, moving: Collection[int] | None = None, in_fault: int | None = None) -> None:
-        """Find every node, and check its identity and standstill; nothing is written or enabled.
+        """Find every node, and check its identity and standstill.
+
+        Nothing is written or enabled.
 
         Args:
             reset_faults: Reset drives that are in fault before anything else.
@@ -170,7 +183,10 @@ class Session:
                 axis.check_standing(begun_rad, self.clock.now() - begun_s)
 
     def _identify(self, used: list[DriveAxis], *, reset_faults: bool, in_fault: int | None) -> None:
-        """Check every drive; what several of those lack that will move is said together."""
+        """Check every drive.
+
+        One error lists the missing objects of all drives that will move.
+        """
         missing = []
         for axis in self.axes.values():
             self.check_interrupt()
@@ -189,7 +205,9 @@ class Session:
             raise MissingObjectsError(missing)
 
     def reset_fault(self, axis: DriveAxis) -> None:
-        """Reset a fault by a rising edge of bit 7, by SDO; the drive goes no further than switch on disabled.
+        """Reset a fault by a rising edge of bit 7, by SDO.
+
+        The drive remains in switch on disabled.
 
         Raises:
             NodeError: The drive is still in fault.
@@ -209,7 +227,9 @@ class Session:
     # -- a run ---------------------------------------------------------------------------------------------------------
 
     def adopt(self, bench: Bench) -> None:
-        """Take gains, filters, limits and all else of the same axes from another bench file, for the next runs.
+        """Take the tables of the same axes from another bench file.
+
+        Gains, filters, limits and everything else count for the next runs.
 
         Raises:
             ValueError: The bench file has other axes, nodes or drives.
@@ -232,7 +252,9 @@ class Session:
         *,
         shows_filter: bool = True,
     ) -> RunResult:
-        """Make one run: set up, enable, settle, move and record, return, disable, restore.
+        """Make one run, with set-up before and restoration after it.
+
+        Set up, enable, settle, move and record, return, disable, restore.
 
         Args:
             motion: Motion of the axes.
@@ -288,13 +310,19 @@ class Session:
         )
 
     def _standing_rad(self, motion: Motion) -> dict[int, float]:
-        """Motor angles of the axes that a motion leaves where they are, on a bench with an arm: they too turn the sensor."""
+        """Read the motor angles of axes that do not move.
+
+        Only on a bench with an arm, where they too turn the sensor; else empty.
+        """
         if self.bench.arm is None:
             return {}
         return {number: axis.position_rad() for number, axis in self.axes.items() if number not in motion.axes}
 
     def _planned(self, request: RunRequest, axes: list[DriveAxis]) -> Run:
-        """The run of a request, after all checks; nodes have been read, but nothing written."""
+        """Return the run of a request after all checks.
+
+        Nodes have been read, but nothing is written.
+        """
         request.check(axes)
         for axis in axes:
             axis.identify()
@@ -381,7 +409,10 @@ class Session:
             raise UnsafeRequestError("bus.max_lateness_s", limit, period_s, "s", "a set-point is not sent in another's cycle")
 
     def _real_time(self, context: ExitStack) -> RealTime | None:
-        """Enter real time for a run in wall-clock time; in lock-step only switch the garbage collector off."""
+        """Enter real time for a run in wall-clock time.
+
+        In lock-step, only switch the garbage collector off.
+        """
         if self.network.channel.is_lock_step:
             context.callback(no_garbage_collection())
             return None

@@ -1,4 +1,7 @@
-"""Where axes stand when a motion is refused or stopped, and the command that brings them back, in words."""
+"""Positions of axes after a refusal or stop, in words.
+
+With the command that brings them back.
+"""
 
 import math
 from collections.abc import Sequence
@@ -26,7 +29,9 @@ def move_command(axis: int, to_rev: float) -> str:
 
 
 def way_out(axis: int, stands_rev: float, limits: Limits, low_rev: float, high_rev: float) -> str:
-    """Where an axis stands, and the command that brings it where a motion stays within the position limits.
+    """Return an axis' position, and the command to a better one.
+
+    From there the motion remains within the position limits.
 
     Args:
         axis: Number of the axis.
@@ -77,7 +82,10 @@ class Whereabouts:
 
 
 def stop_text(found: Sequence[Whereabouts]) -> str:
-    """Where axes stand after a stop, and how to go on; empty where there is nothing to say."""
+    """Return the axes' positions after a stop, and how to go on.
+
+    Empty if there is nothing to report.
+    """
     away = [each for each in found if each.is_away]
     commands = " and ".join(move_command(each.axis, each.began_rev or 0.0) for each in away)
     where = ", ".join(map(str, found))

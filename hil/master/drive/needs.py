@@ -1,4 +1,7 @@
-"""What a run needs of a drive and of its profile, each with its use, so that all that is missing is said at once."""
+"""Objects and parameters that a run needs, each with its use.
+
+All missing ones are reported at once.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
@@ -98,7 +101,9 @@ def objects_needed(
     with_notch_state: bool = False,
     with_torque_offset: bool = False,
 ) -> Iterator[Need]:
-    """The objects that a run needs of a drive, beside those that its scaling is read from.
+    """Yield the objects that a run needs of a drive.
+
+    Except those for its scaling.
 
     Args:
         table: Table of the axis in the bench file.
@@ -127,7 +132,10 @@ def objects_needed(
 
 
 def encoder_objects(table: AxisTable, profile: Profile, *, with_notch_state: bool) -> Iterator[Need]:
-    """The objects by which a drive sends its second encoder; none where the bench file has none of it."""
+    """Yield the objects for a drive's second encoder.
+
+    None if the bench file has no second encoder.
+    """
     for entry in mapping.load_position(table, profile):
         number = mapping.load_tpdo(profile, with_notch_state=with_notch_state)
         yield from _pdo(f"TPDO{number}", 0x17FF + number, "the position of the second encoder is sent by it")
@@ -136,7 +144,10 @@ def encoder_objects(table: AxisTable, profile: Profile, *, with_notch_state: boo
 
 
 def _parameter(profile: Profile, name: str | None, purpose: str) -> Iterator[Need]:
-    """The object of a parameter; nothing where the profile has none, which is said of the profile."""
+    """Yield the object of a parameter.
+
+    None if the profile lacks the parameter, which `profile_gaps` reports.
+    """
     parameter = None if name is None else profile.parameters.get(name)
     if name is not None and parameter is not None:
         yield Need(parameter.address, name, purpose)
@@ -149,7 +160,9 @@ def _pdo(name: str, communication: int, purpose: str) -> Iterator[Need]:
 
 
 def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: bool) -> list[str]:
-    """What a run needs and the drives' profiles, or the bench file, do not have, a sentence each.
+    """Return what profiles or bench file lack for a run.
+
+    A sentence each.
 
     Args:
         bench: The bench file.
@@ -169,7 +182,9 @@ def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: b
 
 
 def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
-    """What the drives of a run do less well than others, a sentence each: limits that they do not hold, modes with a loss.
+    """Return remarks on a run's drives: limits, modes with a loss.
+
+    Limits that a drive does not hold, and modes that are worse than CSP; a sentence each.
 
     Args:
         bench: The bench file.
@@ -191,7 +206,9 @@ def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
 def profile_gaps(
     number: int, table: AxisTable, profile: Profile, loop: LoopName | None = None, *, with_notch: bool = False
 ) -> list[str]:
-    """What a run needs and a profile does not have, a sentence each; empty where it has all.
+    """Return what a profile lacks for a run.
+
+    A sentence each; empty if it has everything.
 
     Args:
         number: Number of the axis.
