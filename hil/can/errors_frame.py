@@ -1,4 +1,6 @@
-"""SocketCAN's error frames in words: a controller's report about itself, and its meaning for the bench.
+"""SocketCAN's error frames in words.
+
+A controller's report about itself, and its meaning for the bench.
 
 Source: <linux/can/error.h>.
 """
@@ -65,7 +67,10 @@ class ControllerEvent(NamedTuple):
 
 
 def decode(frame: Frame) -> ControllerEvent | None:
-    """The event of an error frame; None for any other frame, and for undefined classes. No bytes make this raise."""
+    """Return the event of an error frame, or None.
+
+    None for any other frame, and for undefined classes. No bytes raise an error.
+    """
     can_id, data = frame
     if not can_id & CAN_ERR_FLAG or not can_id & _KNOWN:
         return None
