@@ -1,6 +1,8 @@
-"""candump's logs, read as fast as the disk gives them: `(1.5) can0 181#0011` and `(1.5)  can0  181   [2]  00 11`.
+"""Fast reader of candump's logs.
 
-Source: can-utils, `candump -l`, `candump -t a|z|A` and `-x`; what is not a frame is counted, and left out.
+Lines such as `(1.5) can0 181#0011` and `(1.5)  can0  181   [2]  00 11`. Lines that are no frame are counted and skipped.
+
+Source: can-utils, `candump -l`, `candump -t a|z|A` and `-x`.
 """
 
 from collections.abc import Callable, Iterator
@@ -30,7 +32,9 @@ Chunk = tuple[NDArray[np.int64], NDArray[np.uint32], NDArray[np.uint8], NDArray[
 
 
 def chunks(path: Path, counters: NDArray[np.int64], progress: Callable[[int], None]) -> Iterator[Chunk]:
-    """Stamps in ns (−1: none), identifiers, lengths and data of a file, piece by piece.
+    """Yield the frames of a file in chunks.
+
+    Stamps in ns (−1: none), identifiers, lengths and data.
 
     Args:
         path: The file.
@@ -48,7 +52,10 @@ def chunks(path: Path, counters: NDArray[np.int64], progress: Callable[[int], No
 
 
 def _pieces(file: BinaryIO) -> Iterator[NDArray[np.uint8]]:
-    """Whole lines, about a chunk of them; the last has its end put to it."""
+    """Yield chunks of whole lines.
+
+    The last line gets an end if it has none.
+    """
     rest = b""
     while piece := file.read(CHUNK_BYTES - len(rest)):
         whole = rest + piece
@@ -106,7 +113,7 @@ def _parse(
 
 
 def hash_of(interface: str) -> int:
-    """Hash by which the reader knows an interface (FNV-1a, 32 bits), never 0."""
+    """Return the hash of an interface's name (FNV-1a, 32 bits), never 0."""
     found = 2_166_136_261
     for octet in interface.encode():
         found = (found ^ octet) * 16_777_619 & 0xFFFF_FFFF
@@ -142,7 +149,10 @@ def _digit(character: int) -> int:
 
 @compiled
 def _stamp(text: NDArray[np.uint8], at: int, end: int, parts: NDArray[np.int64]) -> int:
-    """Nanoseconds of `1.5` or `2026-11-23 12:00:00.5`; −1 where it is no stamp. `parts` is room for six numbers."""
+    """Return the nanoseconds of a stamp, or −1.
+
+    A stamp reads `1.5` or `2026-11-23 12:00:00.5`. `parts` has room for six numbers.
+    """
     parts[:6] = 0
     number, digits, nanoseconds, is_fraction = 0, 0, np.int64(0), False
     scale = np.int64(100_000_000)
@@ -192,7 +202,10 @@ def _word_end(text: NDArray[np.uint8], at: int, end: int) -> int:
 
 @compiled
 def _begin(text: NDArray[np.uint8], at: int, end: int, stamps: NDArray[np.int64], row: int, parts: NDArray[np.int64]) -> int:
-    """Position behind the stamp, which is written to `row`; −1 where what stands in brackets is none."""
+    """Return the position behind the stamp.
+
+    The stamp is written to `row`; −1 if the text in brackets is no stamp.
+    """
     stamps[row] = -1
     if text[at] != 40:
         return at
@@ -205,7 +218,10 @@ def _begin(text: NDArray[np.uint8], at: int, end: int, stamps: NDArray[np.int64]
 
 @compiled
 def _identifier(text: NDArray[np.uint8], at: int, mark: int) -> int:
-    """Identifier that ends before `mark`, of three digits or of eight; −1 where there is none."""
+    """Return the identifier that ends before `mark`, or −1.
+
+    It has three or eight digits.
+    """
     last = mark
     while last > at and text[last - 1] == 32:
         last -= 1
@@ -222,7 +238,10 @@ def _identifier(text: NDArray[np.uint8], at: int, mark: int) -> int:
 
 @compiled
 def _length(text: NDArray[np.uint8], at: int, end: int) -> int:
-    """Length of `[8]` behind its bracket; −2 for one of CAN FD, which has two digits, −1 for none."""
+    """Return the length in `[8]`, from behind its bracket.
+
+    −2 for a length of CAN FD, which has two digits; −1 for none.
+    """
     if at + 1 >= end or not 48 <= text[at] <= 57:
         return -1
     if 48 <= text[at + 1] <= 57:
@@ -232,7 +251,10 @@ def _length(text: NDArray[np.uint8], at: int, end: int) -> int:
 
 @compiled
 def _octets(text: NDArray[np.uint8], at: int, end: int, data: NDArray[np.uint64], row: int) -> int:
-    """Bytes from here on, into `data`; returns how many, −1 for more than 8 or for one that is cut."""
+    """Read bytes into `data`, and return their number.
+
+    −1 for more than 8, or for an incomplete byte.
+    """
     value, count = np.uint64(0), 0
     while True:
         at = _skipped(text, at, end)
@@ -259,7 +281,10 @@ def _line(
     row: int,
     parts: NDArray[np.int64],
 ) -> int:
-    """One line: 1 for a frame, which is written to `row`; 0 for none, 2 for one of CAN FD, 3 for an empty line."""
+    """Read one line.
+
+    1 for a frame, which is written to `row`; 0 for none, 2 for a frame of CAN FD, 3 for an empty line.
+    """
     at = _skipped(text, at, end)
     while end > at and (text[end - 1] == 32 or text[end - 1] == 13 or text[end - 1] == 9):
         end -= 1

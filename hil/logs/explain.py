@@ -1,4 +1,4 @@
-"""All that is found in a log, worst first, and what it cannot tell."""
+"""Explanation of a log: findings, worst first, and open questions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

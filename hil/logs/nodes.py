@@ -1,5 +1,6 @@
-"""Nodes of a log, and what their process data are: by the SDO traffic that set them up, or by a device description.
+"""Nodes of a log, and the contents of their process data.
 
+They come from the SDO traffic of the set-up, or from a device description.
 Without either a PDO stays bytes, and only its timing is looked at.
 
 Source: CiA 301, 7.5.2.35 to 7.5.2.38 (PDO communication and mapping parameters); CiA 402-2 for the objects' types.
@@ -56,7 +57,10 @@ class MappedNumber:
     is_real: bool = False
 
     def numbers(self, stream: Stream) -> NDArray[np.float64]:
-        """The number in each frame, also where it is a floating-point one; shape (n,)."""
+        """Return the number in each frame as float; shape (n,).
+
+        Integers and floating-point numbers.
+        """
         if not self.is_real:
             return self.of(stream).astype(np.float64)
         raw = stream.data >> np.uint64(self.start)
@@ -112,13 +116,15 @@ class Pdo:
         return f"{self.direction.upper()} {self.number} of node {self.node}"
 
     def entry(self, index: int, subindex: int = 0) -> MappedNumber | None:
-        """The number of an object in it, None if it is not mapped."""
+        """Return the number of a mapped object, or None."""
         return next((entry for entry in self.entries if entry.address == (index, subindex)), None)
 
 
 @dataclass
 class Node:
-    """A node of a log, as it stands while the log's process data flow: a run that is well brought up puts all back at its end.
+    """A node during the process data of a log.
+
+    It has the objects' contents before a run restores them at its end.
 
     Attributes:
         number: Node-ID.
@@ -191,7 +197,10 @@ def described_node(number: int, description: Description) -> Node:
 
 
 def _working_ns(log: Log) -> int:
-    """Instant in the middle of the SYNCs, or of the process data where there are none."""
+    """Return an instant in the middle of the SYNCs, in ns.
+
+    Without SYNCs, in the middle of the process data.
+    """
     stream = log.of(FunctionCode.SYNC)
     if not len(stream):
         own = log.near(FunctionCode.TPDO1, range(1, FunctionCode.SDO_RESPONSE - FunctionCode.TPDO1))
@@ -200,7 +209,10 @@ def _working_ns(log: Log) -> int:
 
 
 def _node_ids(log: Log) -> set[int]:
-    """Node-IDs that speak: heartbeats, SDO answers, or emergencies; those of PDOs alone by the predefined connection set."""
+    """Return the node-IDs that send frames.
+
+    From heartbeats, SDO answers and emergencies; from PDOs alone, by the predefined connection set.
+    """
     found = set()
     for can_id in log.streams:
         base, node = can_id & ~0x7F, can_id & 0x7F

@@ -1,6 +1,7 @@
-"""Open a log whatever wrote it: candump by the reader of this room; BLF, ASC, TRC and MF4 by python-can.
+"""Opening of logs in all known formats.
 
-A log that is damaged is read as far as it goes, and what is missing is counted. Only a file without any frame is refused.
+The reader of this package takes candump's logs, python-can takes BLF, ASC, TRC and MF4. A damaged log is read as far as possible,
+and missing parts are counted. Only a file without any frame is refused.
 """
 
 import itertools
@@ -84,7 +85,9 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
 def _foreign(
     path: Path, counters: NDArray[np.int64], ended: list[str], interface: str | None
 ) -> Iterator[candump.Chunk]:  # fmt: skip
-    """Frames that python-can reads, batch by batch; a file that is damaged ends early.
+    """Yield frames that python-can reads, in batches.
+
+    A damaged file ends early.
 
     Args:
         path: The file.

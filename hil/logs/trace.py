@@ -1,4 +1,4 @@
-"""A log that has been looked through: its frames, the SYNCs that beat its time, its nodes, and what was overheard."""
+"""Log with its frames, SYNCs, nodes and SDO transfers."""
 
 from __future__ import annotations
 
@@ -64,7 +64,10 @@ class Rhythm:
 
 
 def _blocks(values: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-    """Numbers of an hour, piece by piece: what is calculated from them must not need the memory of the whole."""
+    """Yield numbers in pieces.
+
+    A calculation then does not need memory for all of them.
+    """
     for begin in range(0, len(values), FRAMES_AT_ONCE):
         yield values[begin : begin + FRAMES_AT_ONCE]
 
@@ -103,7 +106,10 @@ class Trace:
 
     @cached_property
     def cycles(self) -> Cycles | None:
-        """Cycles of the log; None if there are too few SYNCs, or most of them have one stamp."""
+        """Cycles of the log, or None.
+
+        None if there are too few SYNCs, or most of them have one stamp.
+        """
         if len(self.sync) < LEAST_FRAMES:
             return None
         period_ns = float(np.median(np.diff(self.sync.stamp_ns)))

@@ -1,4 +1,7 @@
-"""Frames that nodes send: are their process data there in every cycle and new, do they live, and what do they refuse."""
+"""Findings on frames that nodes send.
+
+Process data are checked for gaps and repeats in each cycle; heartbeats and refusals are checked as well.
+"""
 
 from collections import Counter
 from collections.abc import Iterator

@@ -1,4 +1,7 @@
-"""The bus itself: how full it is, who fills it, what controllers report, and who speaks where one alone may."""
+"""Findings on the bus itself.
+
+Its load by sender, reports of controllers, and several senders where only one is allowed.
+"""
 
 from collections.abc import Iterator
 
@@ -141,7 +144,10 @@ def _error_frames(trace: Trace) -> Iterator[Said]:
 
 
 def _set_point_senders(trace: Trace) -> Iterator[Said]:
-    """Two senders of one RPDO show by values of which every second one continues the other's."""
+    """Find two senders of one RPDO.
+
+    Every second value then continues the other sender's.
+    """
     for node in trace.nodes.values():
         placed = node.pdo_with("rpdo", 0x607A)
         if placed is None:

@@ -1,4 +1,4 @@
-"""A finding in a log, in words, with stamps and the numbers of a picture."""
+"""Finding in a log, in words, with stamps and a picture."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -97,7 +97,7 @@ def picture_of(
     limits: tuple[tuple[str, float], ...] = (),
     is_line: bool = False,
 ) -> Picture:
-    """A picture of many points, of which those that stand out are kept.
+    """Return a picture of many points, reduced to minima and maxima.
 
     Args:
         x: Numbers along; shape (n,).

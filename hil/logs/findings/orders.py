@@ -1,8 +1,9 @@
-"""What shakes an axis: its following error at a multiple of the motor's angle, or at a frequency of its own.
+"""Findings on vibration in the following error of an axis.
 
-The error is taken apart twice over a stretch in which the motor turns one way: over the motor's angle, in orders k of one
-revolution, and over time, in Hz. What turns with the motor stands as one line in the first; what rings by itself, as a loop at
-the edge of stability does, in the second. At a constant speed both are the same, and the log cannot tell.
+The vibration is at a multiple of the motor's angle, or at a frequency of its own. The error is analysed twice over a stretch in
+which the motor turns one way: over the motor's angle, in orders k of one revolution, and over time, in Hz. A vibration that
+follows the motor's angle is one line in the first spectrum; ringing, as of a loop at the edge of stability, is one in the second.
+At a constant speed both are the same, and the log cannot distinguish them.
 """
 
 from collections.abc import Iterator
@@ -76,7 +77,10 @@ def _stretches(position: Real, per_rev: float) -> list[slice]:
 
 
 def _line(numbers: Real, per_unit: float, low: float, high: float) -> tuple[float, float, float]:
-    """Place, amplitude and fraction of the power of the highest line; numbers are evenly spaced, `per_unit` of them in a unit."""
+    """Return place, amplitude and power fraction of the highest line.
+
+    Numbers are evenly spaced, `per_unit` of them in a unit.
+    """
     grid = np.linspace(-1.0, 1.0, len(numbers))
     slow = np.polynomial.polynomial.polyfit(grid, numbers, 7)
     rest = numbers - np.polynomial.polynomial.polyval(grid, slow)

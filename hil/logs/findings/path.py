@@ -1,4 +1,7 @@
-"""The path that set-points describe: is it within the drive's limits, fine enough, and without blows."""
+"""Findings on the path of the set-points.
+
+It should remain within the drive's limits, be fine enough, and have no jumps of acceleration.
+"""
 
 from collections.abc import Iterator
 
@@ -118,7 +121,10 @@ def _coarse(stamp_ns: NDArray[np.int64], position: NDArray[np.int64], node: Node
 
 
 def _blows(stamp_ns: NDArray[np.int64], target: NDArray[np.int64], node: Node) -> Iterator[Said]:
-    """Acceleration that is there from one cycle to the next: its jerk is as high as it can be."""
+    """Find jumps of acceleration from one cycle to the next.
+
+    Their jerk is as high as it can be.
+    """
     acceleration = np.diff(target, 2).astype(np.float32)
     held = np.float32(0.5) * (acceleration[1:] + acceleration[:-1])
     if len(held) < LEAST_FRAMES:

@@ -1,4 +1,7 @@
-"""Set-points: one per cycle, in time, and such that a motor can follow them."""
+"""Findings on set-points.
+
+A motor can follow them if they come in time, one per cycle.
+"""
 
 from collections.abc import Iterator
 
@@ -106,7 +109,10 @@ def _against_sync(stream: Stream, rhythm: Rhythm, period_ns: float, node: Node, 
 
 
 def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]:
-    """Set-points every T, reached within 60C2h: where both differ the drive waits, or never arrives."""
+    """Compare the period of set-points with 60C2h.
+
+    If both differ, the drive waits, or never reaches the set-point in time.
+    """
     value, index = node.value(0x60C2, 1), node.value(0x60C2, 2)
     if value is None or not value:
         if (0x60C2, 1) not in node.heard and node.description is None:
@@ -133,7 +139,10 @@ def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]
 
 
 def _steps(stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> Iterator[Said]:
-    """Steps of the position from frame to frame: repeats while it moves, and jumps."""
+    """Find repeats and jumps of the position from frame to frame.
+
+    Repeats count while it moves.
+    """
     step = np.diff(values).astype(np.float32)
     if len(step) < LEAST_FRAMES or not np.any(np.abs(step) >= MOVES_COUNTS):
         return

@@ -1,4 +1,6 @@
-"""States of drives and nodes, as status words and NMT commands tell them.
+"""Findings on states of drives and nodes.
+
+Status words and NMT commands show them.
 
 Source: CiA 402-2, 6040h, 6041h, 6060h, 6061h; CiA 301, 7.2.8.
 """
@@ -23,7 +25,7 @@ AT_LIMIT = 0.999
 
 
 def state_findings(trace: Trace) -> Iterator[Said]:
-    """States that end, limits that act, and NMT commands at the wrong time."""
+    """Find states that end, active limits, and badly timed NMT commands."""
     yield from _commands(trace)
     for node in trace.nodes.values():
         placed = node.pdo_with("tpdo", 0x6041)

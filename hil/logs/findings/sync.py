@@ -1,4 +1,4 @@
-"""SYNC: is it there, does it beat evenly, and does one node alone send it."""
+"""Findings on SYNC: gaps, jitter, and a second sender."""
 
 from collections.abc import Iterator
 
