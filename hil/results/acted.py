@@ -1,4 +1,4 @@
-"""What acted in a run: filters as they were held, cancelled orders, and the files that all of it came from."""
+"""Filters, cancelled orders and source files of a run."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -73,7 +73,9 @@ class SourceFile(ResultPart):
 
     @classmethod
     def of(cls, role: FileRole, path: str | Path) -> Self:
-        """Describe a file as it is now; a bench of the package may be given by its name.
+        """Describe a file as it is now.
+
+        A bench of the package may be given by its name.
 
         Raises:
             OSError: The file cannot be read.
@@ -82,7 +84,9 @@ class SourceFile(ResultPart):
 
 
 def bench_files(path: str | Path, bench: Bench) -> tuple[SourceFile, ...]:
-    """The file of a bench, and those that it names: drive profiles of the user's own, and the arm's URDF file.
+    """Return the files of a bench: its own, and those it names.
+
+    They are the user's drive profiles, and the arm's URDF file.
 
     Args:
         path: Path of the bench file, or a name of the package.

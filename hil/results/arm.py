@@ -1,4 +1,4 @@
-"""Result of `hil identify arm`: masses of an arm from several postures, and the dips that they predict."""
+"""Result of `hil identify arm`: masses of an arm, predicted dips."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ from hil.results.base import Result, ResultPart
 
 
 class MeasuredDip(ResultPart):
-    """A dip that an axis has felt in a posture, and what the fit has for it.
+    """A measured dip of an axis in a posture, and the fit.
 
     Attributes:
         axis: Axis number.

@@ -1,4 +1,4 @@
-"""Result of `hil identify ate`: the transmission error of one axis, the passes, and the standard errors."""
+"""Result of `hil identify ate`: transmission error, passes, standard errors."""
 
 from typing import Literal
 
@@ -94,7 +94,9 @@ class AteFit(ResultPart):
 
 
 class AteStandardErrors(ResultPart):
-    """Standard errors of the transmission error after a pass, from all passes so far.
+    """Standard errors of the transmission error after a pass.
+
+    From all passes so far.
 
     Attributes:
         standard_error: Standard errors by the names of the model file: `a2_arcsec`, `phi2_deg` ….

@@ -1,4 +1,4 @@
-"""Result of `hil check`: what was seen of each axis before its first motion."""
+"""Result of `hil check`: checks of each axis before its first motion."""
 
 from typing import Final, Literal
 

@@ -1,4 +1,7 @@
-"""Result of `hil compare`: treatments side by side, over experiments and robots, and of a tour that ends with one."""
+"""Results of `hil compare`, and of a tour with a comparison.
+
+Treatments side by side, over experiments and robots.
+"""
 
 from typing import Literal
 
@@ -25,7 +28,12 @@ class ComparisonRequestEntry(ResultPart):
 
 
 class ComplianceFactors(ResultPart):
-    """Factors by which the motor is more compliant than without the treatment: at 1 Hz, and at the largest compliance."""
+    """Factors by which a treatment makes the motor more compliant.
+
+    Attributes:
+        slow: Factor at 1 Hz.
+        peak: Factor at the largest compliance.
+    """
 
     slow: float
     peak: float
@@ -128,7 +136,10 @@ class ComparisonRobot(ResultPart):
 
     @property
     def aftermath(self) -> tuple[str, ...]:
-        """One sentence per thing that was not restored on its drives; empty if everything was."""
+        """One sentence per setting that was not restored on its drives.
+
+        Empty if all were restored.
+        """
         return aftermath(self.all_disabled, self.not_restored)
 
 
@@ -151,7 +162,7 @@ class TourStep(ResultPart):
 
 
 class TourFact(ResultPart):
-    """One drawn number of an emulated robot, beside what was found of it.
+    """A drawn number of an emulated robot, and the identified one.
 
     Attributes:
         axis: Axis number.
@@ -191,7 +202,7 @@ class TourClaim(ResultPart):
 
     @property
     def holds(self) -> bool | None:
-        """True if the number keeps its bound; None if it was not judged."""
+        """True if the number keeps its bound; None if not judged."""
         return None if self.found is None else self.found > self.asked if self.is_above else self.found <= self.asked
 
 
@@ -242,7 +253,7 @@ class ComparisonResult(TreatmentTable):
 
 
 class TourResult(TreatmentTable):
-    """Result of a tour: its steps, and the comparison that it ends with."""
+    """Result of a tour: its steps, and the comparison at its end."""
 
     kind: Literal["tour"] = "tour"
     tour: TourPart

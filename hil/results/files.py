@@ -1,4 +1,4 @@
-"""Reading of result files: every kind is read by the class that has written it."""
+"""Reading of result files by the class that wrote them."""
 
 import json
 from contextlib import suppress
@@ -79,7 +79,10 @@ def load_any(path: Path) -> AnyResult:
 
 
 def _with_orders(value: dict[str, Any]) -> str:
-    """A result from before the orders of a transmission error were a set: its two orders had fields of their own."""
+    """Convert a result with separate fields for its two orders.
+
+    Results in an older format have these fields instead of a set of orders.
+    """
     passes, history = [], []
     with suppress(TypeError, KeyError):  # of a file that is no result the validation speaks
         passes = [each for axis in value["learnt"] for each in axis["passes"] if "values" not in each]

@@ -1,4 +1,7 @@
-"""What a cancellation that follows has made of each order, as a part of `result.json`."""
+"""Effect of a cancellation that follows on each order.
+
+A part of `result.json`.
+"""
 
 from hil.results.base import ResultPart
 
@@ -43,7 +46,7 @@ class FollowedOrder(ResultPart):
 
 
 class FollowingPeak(ResultPart):
-    """The tip's peak in one window with the cancellation alone, and with one that follows.
+    """Tip peaks in one window: cancellation alone, and with following.
 
     Attributes:
         order: Order of the window; None for the whole motion.
@@ -59,12 +62,14 @@ class FollowingPeak(ResultPart):
 
 
 class FollowingBegin(ResultPart):
-    """An order that is followed only where much is left of it: less was there in the trial, and was not the gear's.
+    """An order that is followed only if much of it is left.
+
+    Less was left in the trial, and it did not come from the gear.
 
     Attributes:
         axis: Axis number.
         order: Order k.
-        part: Part of it that has to be left.
+        part: Least remaining part of it for following.
     """
 
     axis: int
@@ -78,14 +83,14 @@ class FollowingBegin(ResultPart):
 
 
 class FollowingEntry(ResultPart):
-    """A cancellation that follows, in a run and in the trial before it.
+    """A cancellation that follows, in a run and its trial.
 
     Attributes:
         is_used: True if it was used; else the cancellation alone was.
         peaks: The tip's peaks in its trial.
-        words: Why it was not used; empty where it was.
-        orders: What it made of each order; empty where it was not used.
-        begins: Orders that are followed from more on than the others.
+        words: Reason why it was not used; empty if it was.
+        orders: Its effect on each order; empty if it was not used.
+        begins: Orders that are followed only if more than the usual part of them is left.
     """
 
     is_used: bool

@@ -1,4 +1,4 @@
-"""Results of `hil learn`: passes of axes or runs of a motion, and the transmission errors that were learnt."""
+"""Results of `hil learn`: passes or runs, and learnt transmission errors."""
 
 from typing import Literal
 

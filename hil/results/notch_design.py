@@ -1,4 +1,7 @@
-"""Result of `hil design notch` (`design.json`): the filters, with their predicted margins and peaks."""
+"""Result of `hil design notch` (`design.json`).
+
+Filters with their predicted margins and peaks.
+"""
 
 import math
 from typing import Annotated, Literal
@@ -20,7 +23,10 @@ Bounded = Annotated[float | None, BeforeValidator(_without_infinity)]
 
 
 class DesignPlant(ResultPart):
-    """One plant of the set that the filters were designed for; the fields are those of `hil.design.frequency.TwoInertia`."""
+    """One plant of the set for which filters were designed.
+
+    The fields are those of `hil.design.frequency.TwoInertia`.
+    """
 
     label: str
     reduction_ratio: float
@@ -79,7 +85,10 @@ class SpeedMarginsEntry(ResultPart):
 
 
 class ArmMargins(ResultPart):
-    """Margins on the arm in one posture; the fields are those of `hil.design.notch_design.PostureRow`."""
+    """Margins on the arm in one posture.
+
+    The fields are those of `hil.design.notch_design.PostureRow`.
+    """
 
     label: str
     sensitivity_peak: Bounded

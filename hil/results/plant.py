@@ -1,4 +1,4 @@
-"""Result of `hil identify plant`: the plant of one axis with its standard errors, and the responses of the fit."""
+"""Result of `hil identify plant`: plant, standard errors, and responses."""
 
 from typing import Literal
 
@@ -68,7 +68,9 @@ class FrequencyResponseEntry(ResultPart):
 
 
 class FrictionCurve(ResultPart):
-    """Slow turns, each a mean over a motor revolution; the arrays are all of shape (n,).
+    """Slow turns, each a mean over a motor revolution.
+
+    The arrays are all of shape (n,).
 
     Attributes:
         residual_nm: Residual of the fit.

@@ -1,4 +1,7 @@
-"""Result of hil identify ate --recording: a transmission error from recordings that others have made."""
+"""Result of `hil identify ate --recording`: a transmission error.
+
+The recordings come from elsewhere.
+"""
 
 from typing import Literal
 
@@ -88,7 +91,13 @@ class OrderChange(ResultPart):
 
 
 class ScanPeak(ResultPart):
-    """An order that stands above the false-alarm level of the scan; amplitudes in arcsec of the joint."""
+    """An order of the scan, with the false-alarm level.
+
+    Attributes:
+        order: The order.
+        amplitude: Its amplitude, in arcsec of the joint.
+        level: False-alarm level there, in arcsec.
+    """
 
     order: float
     amplitude: float
@@ -96,11 +105,13 @@ class ScanPeak(ResultPart):
 
 
 class FixedLine(ResultPart):
-    """A line that keeps its frequency while the speed changes: of the sampling or another machine, not of the gear.
+    """A line whose frequency remains fixed while the speed changes.
+
+    It comes from the sampling or another machine, not from the gear.
 
     Attributes:
         hz: Its frequency.
-        order: Order at which it stands at most of the speeds.
+        order: Order at which it lies at most of the speeds.
         amplitude: Amplitude, in the unit of the signal.
     """
 
@@ -110,7 +121,9 @@ class FixedLine(ResultPart):
 
 
 class ScanEntry(ResultPart):
-    """Blind scan of the orders; the curve is in scan.csv, that over the speed in map.csv.
+    """Blind scan of the orders.
+
+    The curve is in scan.csv, that over the speed in map.csv.
 
     Attributes:
         unit: Unit of the amplitudes: of the joint, through the arm where a sensor sits behind one.

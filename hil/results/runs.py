@@ -1,4 +1,7 @@
-"""Result of `hil run`, and of the first part of `hil demo`: runs, the changes by treatments, and the paper's claims."""
+"""Result of `hil run` and of the demo's first part.
+
+Runs, changes by treatments, and the paper's claims.
+"""
 
 from collections.abc import Iterable
 from typing import Literal
@@ -15,7 +18,10 @@ from hil.results.following import FollowingEntry
 
 
 class RunTiming(ResultPart):
-    """Punctuality of a run on the wall clock: `hil.master.lateness.Timing`, and the motion's dropped cycles."""
+    """Punctuality of a run on the wall clock.
+
+    The fields are those of `hil.master.lateness.WallClockTiming`, and the motion's dropped cycles.
+    """
 
     dropped_cycles: int
     period_s: float
@@ -174,26 +180,31 @@ class FilterTrial(ResultPart):
 
 
 class ShapedMode(ResultPart):
-    """A mode that rings while the loop holds the motor: its undamped frequency and its damping ratio."""
+    """A mode that rings while the loop holds the motor.
+
+    Attributes:
+        frequency_hz: Undamped frequency.
+        damping: Damping ratio.
+    """
 
     frequency_hz: float
     damping: float
 
 
 class ShaperEntry(ResultPart):
-    """An input shaper that has shaped a motion, and what it costs: `hil.control.shapers`.
+    """An input shaper of a motion, and its cost: `hil.control.shapers`.
 
     Attributes:
         name: Its name: `zv`, `zvd`, `mzv`, `ei` or `two-hump-ei`.
-        modes: Modes that it is for.
-        left: Modes that it leaves alone.
+        modes: Modes for which it is made.
+        left: Other modes.
         amplitudes: Impulses A_i.
         times_s: Their times t_i.
-        duration_s: By how much the motion is longer.
-        delay_s: By how much it is late on the mean.
-        remaining_fraction: Remaining vibration V of the modes, as a part of that without.
-        remaining_low_fraction: The same where their frequencies are a tenth lower than believed.
-        remaining_high_fraction: The same where they are a tenth higher.
+        duration_s: Additional duration of the motion.
+        delay_s: Mean delay.
+        remaining_fraction: Remaining vibration V of the modes, as a part of that without shaper.
+        remaining_low_fraction: The same if their frequencies are a tenth lower than assumed.
+        remaining_high_fraction: The same if they are a tenth higher.
         path_error_mm: Largest distance of the set-points' tip from the line; None if a single axis moves.
     """
 
@@ -211,12 +222,12 @@ class ShaperEntry(ResultPart):
 
 
 class RingingMode(ResultPart):
-    """What a mode rings with where the set-points of a stop stand still: `hil.design.modes.ring_down`.
+    """Ringing of a mode after a stop: `hil.design.modes.ring_down`.
 
     Attributes:
         frequency_hz: Its undamped frequency.
         damping: Its damping ratio.
-        amplitude_mm: Amplitude of the tip.
+        amplitude_mm: Amplitude of the tip when the set-points stop.
         error_mm: Its standard error.
     """
 
@@ -227,7 +238,9 @@ class RingingMode(ResultPart):
 
 
 class RunEntry(ResultPart):
-    """One run in one window: a ramp is judged in two, by the order that meets the resonance there.
+    """One run in one window.
+
+    A ramp has several windows, each with the order that meets the resonance there.
 
     Attributes:
         experiment: `constant-acceleration`, `line-motion` or `point-to-point`, whose tip peak is what rings after the stop.
@@ -326,10 +339,10 @@ class RunEntry(ResultPart):
 
 
 def leading(runs: Iterable[RunEntry]) -> list[RunEntry]:
-    """The window that speaks for each run, in the order of the runs.
+    """Return the leading window of each run in their order.
 
-    In the paper's windows that of order 2, which the paper judges by. Else one that could not be judged, or the largest tip peak:
-    a run keeps a limit only where every order keeps it.
+    In the paper's windows it is that of order 2, by which the paper judges. Otherwise it is one that could not be judged,
+    or that of the largest tip peak: a run keeps a limit only if every order keeps it.
     """
     by_run: dict[str, list[RunEntry]] = {}
     for run in runs:
@@ -346,7 +359,10 @@ def _leading(windows: list[RunEntry]) -> RunEntry:
 
 
 class TreatmentComparison(ResultPart):
-    """Change by a treatment against a run without any, in percent of that run."""
+    """Change by a treatment against an untreated run.
+
+    In percent of that run.
+    """
 
     experiment: str
     axis: int | None
