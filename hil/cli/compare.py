@@ -1,4 +1,4 @@
-"""hil compare: treatments of the vibration side by side, over experiments and robots, in one report."""
+"""`hil compare`: treatments side by side, over experiments and robots."""
 
 # ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
 
@@ -108,7 +108,9 @@ def compare(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare what can act against the transmission error: nothing, lower gains, filters, cancellation, in one table.
+    """Compare treatments of the transmission error in one table.
+
+    They are: nothing, lower gains, filters, cancellation, input shapers.
 
     Example: hil compare --bench bench.toml --model model.toml --design design.toml --out compared
     """
@@ -164,7 +166,10 @@ def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> 
 def _knowledge(
     benches: dict[str, "Bench"], models: list[Path], designs: list[Path], learnt: list[Path]
 ) -> dict[str, "Knowledge"]:
-    """Return the knowledge of each robot from its files, by its name; `benches` by their files."""
+    """Return the knowledge of each robot from its files, by name.
+
+    `benches` has the benches by their files.
+    """
     from hil.bench.design import load_designs
     from hil.bench.model import load_identified
     from hil.experiments.comparison.plan import knowledge_by_robot
@@ -228,7 +233,7 @@ def _confirm(plans: list["ComparisonPlan"]) -> None:
 def _run(
     plans: list["ComparisonPlan"], request: "ComparisonRequest", out: Path, repeat: int, *, overload: bool, as_json: bool
 ) -> None:
-    """Run, write the report, print the table, and leave with the exit status."""
+    """Run, write the report, print the table, exit with the status."""
     from hil.experiments.comparison.run import compare as run_all
     from hil.experiments.comparison.table import summary
 

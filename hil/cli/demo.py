@@ -1,4 +1,7 @@
-"""hil demo: the paper's experiments on an emulated robot, and the tour of a robot of which nothing is known."""
+"""`hil demo`: the paper's experiments, and tours of two other robots.
+
+All robots are emulated.
+"""
 
 import shutil
 import sys
@@ -52,10 +55,12 @@ def demo(
     ] = False,
     live: LiveOption = None,
 ) -> None:
-    """Start an emulated robot, run the paper's experiments over CAN, and write the report; then your own robot, and a whole arm.
+    """Run the paper's experiments on an emulated robot, with a report.
 
-    The second part takes another robot, drawn by a seed, as somebody meets it who knows nothing of it: identify, design, upload,
-    and run with nothing, the notch, the designed notch and cancellation side by side. At the end stands what it really was.
+    Two more emulated robots follow: an unknown one, and a whole arm.
+
+    The second part draws the unknown robot by a seed. It identifies, designs, uploads, and compares
+    runs with nothing, the notch, the designed notch and cancellation. The end shows the robot's true numbers.
 
     The last part takes a whole arm of six axes, learns on its line what shakes it, and runs the line with what was learnt.
 
@@ -99,7 +104,7 @@ NEXT = (
 
 
 def next_steps(prefix: str = "") -> list[str]:
-    """Lines on what can be done next, each command as it can be typed here.
+    """Return lines on further steps, each with its command.
 
     Args:
         prefix: Folder of the tools, with its slash; empty where the shell finds them.
@@ -117,7 +122,9 @@ def next_steps(prefix: str = "") -> list[str]:
 
 
 def tool_prefix(program: str) -> str:
-    """Folder in front of a tool's name, with its slash, as somebody in this directory types it; empty where PATH has the tool.
+    """Return the folder in front of a tool's name, with its slash.
+
+    As you type it in this directory; empty if PATH has the tool.
 
     Args:
         program: Path of the running tool.
@@ -131,9 +138,10 @@ def tool_prefix(program: str) -> str:
 
 
 def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
-    """Tell the demo's other parts, link to them from the first part's report, and return the exit status.
+    """Run the demo's other parts, and return the exit status.
 
-    After a part that was interrupted, or failed in another way than by what it found, the next does not run.
+    The first part's report links to them. After a part that was interrupted, or failed for another reason than its
+    findings, the next does not run.
     """
     from hil.report.pages.demo import write_report  # noqa: PLC0415
 
@@ -178,7 +186,7 @@ def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
 
 
 def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
-    """Tell the arm's tour, the demo's last part, and return the exit status."""
+    """Run the arm's tour, the demo's last part, and return the status."""
     from hil import arm_tour  # noqa: PLC0415
     from hil.emulator import EmulatorProcess  # noqa: PLC0415
     from hil.experiments.comparison.table import summary  # noqa: PLC0415

@@ -1,4 +1,7 @@
-"""hil design notch: a variable notch for an axis, from its plant; nothing is sent, it needs no robot."""
+"""`hil design notch`: a variable notch for an axis, from its plant.
+
+It needs no robot.
+"""
 
 # ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
 
@@ -95,9 +98,9 @@ def notch(
     quick: Annotated[bool, typer.Option("--quick", help="Search a fifth as long.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Design the variable notch of an axis: smallest tip peak on the ramp within all margins, for every plant of a set.
+    """Design the variable notch of an axis for a set of plants.
 
-    Nothing is sent: it needs no robot.
+    It finds the smallest tip peak on the ramp within all margins. It sends nothing, and needs no robot.
 
     Example: hil design notch --bench bench.toml --axis 2 --model model.toml --out design
     """
@@ -131,7 +134,9 @@ def notch(
 
 
 def _orders(text: str) -> tuple[int, ...]:
-    """Orders of the option; those without a filter or an error are refused by the design.
+    """Return the orders of the option.
+
+    The design refuses those without a filter or an error.
 
     Raises:
         ValueError: The text names no orders.
@@ -165,7 +170,10 @@ def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
 def _requirements(
     bench: "Bench", max_sensitivity: float, phase_margin_deg: float, gain_margin_db: float, tip_mm: float | None
 ) -> "Requirements":
-    """Return the requirements on a filter; the tip's is the bench file's unless it is given."""
+    """Return the requirements on a filter.
+
+    The tip's requirement is the bench file's unless it is given.
+    """
     from hil.design.notch_problem import Requirements
 
     return Requirements(

@@ -1,4 +1,7 @@
-"""hil identify arm: the masses of an arm from the plants of its axes in several postures; nothing is sent."""
+"""`hil identify arm`: masses of an arm from its axes' plants.
+
+The plants are of several postures; nothing is sent.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -35,9 +38,10 @@ def arm(
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Identify the masses of an arm from plants in three postures or more, and predict the dips of every other.
+    """Identify the masses of an arm from plants in several postures.
 
-    Nothing is sent: it needs no robot. hil identify plant --posture-deg measures the postures.
+    It needs three postures or more, and predicts the dips of every other. It sends nothing, and needs no robot.
+    hil identify plant --posture-deg measures the postures.
 
     Example: hil identify arm --bench bench.toml --model model.toml
     """

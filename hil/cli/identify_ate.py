@@ -1,4 +1,7 @@
-"""hil identify ate: the transmission error of one axis, from ramps in both directions."""
+"""`hil identify ate`: the transmission error of one axis.
+
+From ramps in both directions, or from recordings.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -100,9 +103,10 @@ def ate(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Identify the angular transmission error of one axis: ramps through f_m4 and f_m2, forwards and back.
+    """Identify the angular transmission error of one axis from ramps.
 
-    Nothing needs to be known but the bench file. With --recording nothing moves: it is found in files that are there already.
+    The ramps pass f_m4 and f_m2, forwards and back. Only the bench file has to be known. With --recording nothing moves:
+    the error comes from files that are there already.
 
     Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
@@ -142,7 +146,7 @@ def ate(
 
 
 def _tell(outcome: "AteOutcome", where: Path, model: Path, *, as_json: bool) -> None:
-    """Write the report, print the result, and leave with the exit status of a failure."""
+    """Write the report, print the result, exit with a failure's status."""
     page = write_page(where)
     if as_json:
         typer.echo(outcome.result.dumps())

@@ -1,4 +1,7 @@
-"""hil identify plant: inertias, stiffness, damping, friction and gravity of one axis, from no knowledge of it."""
+"""`hil identify plant`: the plant of one axis, without prior knowledge.
+
+Inertias, stiffness, damping, friction and gravity.
+"""
 
 from collections.abc import Iterator
 from enum import StrEnum
@@ -122,9 +125,9 @@ def plant(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Identify the plant of one axis: K_g, J_m, J_l, dampings, f_a, f_r, ζ, friction and gravity, with standard errors.
+    """Identify the plant of one axis, with standard errors.
 
-    Nothing needs to be known but the bench file.
+    K_g, J_m, J_l, dampings, f_a, f_r, ζ, friction and gravity. Only the bench file has to be known.
 
     Example: hil identify plant --bench bench.toml --axis 2 --model model.toml
     """

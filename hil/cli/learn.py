@@ -1,4 +1,7 @@
-"""hil learn: adaptive cancellation, pass by pass, then frozen in a model file."""
+"""`hil learn`: adaptive cancellation, then frozen in a model file.
+
+It learns pass by pass.
+"""
 
 from collections.abc import Iterator
 from enum import StrEnum
@@ -113,10 +116,10 @@ def learn(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Learn what cancels the transmission error: an axis goes to and fro, and each pass cancels more of it.
+    """Learn a cancellation of the transmission error, pass by pass.
 
-    With --motion a motion of the bench file is learnt on itself, all axes at once. What is learnt is frozen in the model file,
-    for hil run --treatment cancellation-learnt --learnt.
+    An axis moves forwards and back, and each pass cancels more of the error. With --motion, all axes learn at once on a
+    motion of the bench file. The model file has the result, for hil run --treatment cancellation-learnt --learnt.
 
     Example: hil learn --bench bench.toml --axis 2 --axis 3 --plant model.toml --model learnt.toml --note "22 °C, no load"
     """
@@ -178,10 +181,10 @@ def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
 
 
 def _check_pace(pace: float | None, motion: LearnedMotion | None) -> None:
-    """Refuse another pace of what is not a line, or the line's own.
+    """Refuse --pace without the line motion, or a pace of 1.
 
     Raises:
-        typer.Exit: It is.
+        typer.Exit: It is refused.
     """
     if pace is not None and motion is not LearnedMotion.LINE_MOTION:
         raise fail("--pace is of --motion line-motion: a ramp goes through its speeds anyway", ExitStatus.USAGE)
@@ -190,7 +193,7 @@ def _check_pace(pace: float | None, motion: LearnedMotion | None) -> None:
 
 
 def _tell(outcome: "LearningOutcome", where: Path, model: Path, *, as_json: bool) -> None:
-    """Write the report, print the result, and leave with the exit status of a failure."""
+    """Write the report, print the result, exit with a failure's status."""
     from hil.experiments.cancellation.learn_run import summary  # noqa: PLC0415
 
     page = write_page(where)

@@ -42,9 +42,10 @@ def move(
     as_json: Annotated[bool, typer.Option("--json", help="Print where the axis stands as JSON.")] = False,
     yes: YesOption = False,
 ) -> None:
-    """Move one axis slowly to a position, also after a stop or a fault, which it resets.
+    """Move one axis slowly to a position.
 
-    It goes at `approach_rps` or a quarter of the axis' speed limit, whichever is slower. Ctrl-C stops it as it stops a run.
+    It also works after a stop or a fault, which it resets. The speed is `approach_rps` or a quarter of the axis' speed limit,
+    whichever is lower. Ctrl-C stops it as it stops a run.
 
     Examples:
         hil move --axis 2 --to 0 --bench bench.toml

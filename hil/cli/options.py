@@ -14,12 +14,12 @@ FORMER_SPELLINGS = {"token_normalize_func": present_token}
 
 
 def names_of(*needs: str) -> str:
-    """Return the names of the treatments with one of these needs, for a help text."""
+    """Return the names of treatments with given needs, for a help text."""
     return ", ".join(each.name for each in TABLE if each.needs in needs)
 
 
 def described(row: Treatment) -> str:
-    """Return a treatment's name and its title, where that says more than the name."""
+    """Return a treatment's name, and its title if that differs."""
     return row.name if row.title == row.name else f"{row.name} ({row.title})"
 
 
@@ -82,10 +82,12 @@ def orders_from(text: str) -> tuple[float, ...]:
 
 
 def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:
-    """Return the inertias that `--motor-inertia-kg-m2` gives, by axis; a value without an axis is that of the only one.
+    """Return the inertias of `--motor-inertia-kg-m2` by axis.
+
+    A value without an axis is that of the only axis.
 
     Raises:
-        typer.BadParameter: One is no inertia, stands twice, or its axis is not known.
+        typer.BadParameter: A value is no inertia, an axis has two, or is unknown.
     """
     found: dict[int, float] = {}
     for text in texts:

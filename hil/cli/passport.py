@@ -1,4 +1,7 @@
-"""hil passport: what identifications have found of each gear over months, in one file, with alarms on change."""
+"""`hil passport`: identified errors of each gear over months.
+
+In one file, with alarms on changes.
+"""
 
 # ruff: noqa: PLC0415 - numpy and the figures are imported inside the command, so that --help stays quick
 
@@ -55,7 +58,7 @@ def passport(
     ] = "",
     as_json: JsonOption = False,
 ) -> None:
-    """Keep what identifications have found of each gear, and tell what has changed.
+    """Keep the identified errors of each gear, and report changes.
 
     Example: hil passport bench-out --file passport.sqlite --pole-pairs 2=5 --slots 2=12
     """
@@ -98,7 +101,7 @@ def passport(
 
 
 def _say_motors(found: "list[Trend]", told: "list[OrderOrigin]") -> None:
-    """Name orders that no model file has, since they are the motor's."""
+    """Print orders that no model file has, since they are the motor's."""
     shown = {(trend.robot, trend.axis, trend.order) for trend in found}
     for each in told:
         if (each.robot, each.axis, each.order) not in shown:

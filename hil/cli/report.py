@@ -1,4 +1,7 @@
-"""hil report: the report of a directory once more, against an older one, or of all runs below a folder."""
+"""`hil report`: the report of a directory, or of all runs.
+
+Anew, against an older directory, or of all runs below a folder.
+"""
 
 from pathlib import Path
 from typing import Annotated

@@ -136,7 +136,9 @@ def run_and_report(
     repeat: int = 1,
     has_report: bool = True,
 ) -> int:
-    """Run experiments, write the report, print the result, and return the exit status.
+    """Run experiments, write the report, and return the exit status.
+
+    Print the result.
 
     Args:
         bench: The bench file.
@@ -244,7 +246,10 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
 
 
 def _say_directions(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
-    """Print the tip along x, y and z of every window that was judged as a vector."""
+    """Print the tip along x, y and z of each window.
+
+    Only of windows that were judged as a vector.
+    """
     for run in outcome.result.runs:
         found = {name: each.tip_peak_mm for name, each in (run.directions or {}).items() if each.tip_peak_mm is not None}
         if found:

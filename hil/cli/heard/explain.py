@@ -1,4 +1,4 @@
-"""hil explain: what goes wrong on a bus, from a log that anybody has recorded."""
+"""`hil explain`: faults of a bus, from a log."""
 
 # ruff: noqa: PLC0415 - numpy and the figures are imported inside the command, so that --help stays quick
 
@@ -52,7 +52,9 @@ def explain(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what goes wrong in a log, worst first, with time stamps and what to change.
+    """Find the faults in a log of a bus, worst first.
+
+    Each has time stamps, and what to change.
 
     Example: hil explain candump.log --description drive.eds:2 --bitrate 1M --page log.html
     """

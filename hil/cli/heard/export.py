@@ -1,4 +1,7 @@
-"""hil export: recordings and logs of a bus as files of other programs, or as PlotJuggler's stream."""
+"""`hil export`: recordings and bus logs in other formats.
+
+As files, or as PlotJuggler's stream.
+"""
 
 # ruff: noqa: PLC0415 - numpy and the formats are imported inside the command, so that --help stays quick
 
@@ -56,7 +59,9 @@ def export(
     ] = None,
     speed: Annotated[float, typer.Option(min=0.01, max=1000.0, help="Pace of the stream, in times of the recording's.")] = 1.0,
 ) -> None:
-    """Write a recording or a bus log as DBC, MF4, MCAP or Parquet, or send it to PlotJuggler.
+    """Write a recording or bus log as DBC, MF4, MCAP, Parquet.
+
+    Or send it to PlotJuggler.
 
     Example: hil export line --to line.mf4 --to line.dbc
     """
@@ -87,7 +92,10 @@ def export(
 
 
 def _written(source: Path, files: list[Path], known: "Known", *, is_needed: bool) -> list["Series"]:
-    """Write the files; the numbers that went into them, where any need them."""
+    """Write the files; return the numbers that they contain.
+
+    Empty if no file needs numbers.
+    """
     from hil.export import tables
     from hil.export.source import mapping_of, series_in
 

@@ -1,4 +1,7 @@
-"""hil scope: a live page of a bus, or of the recordings of a run, on this machine alone."""
+"""`hil scope`: a live page of a bus, or of recordings.
+
+It is available on this machine only.
+"""
 
 # ruff: noqa: PLC0415 - numpy and the server are imported inside the command, so that --help stays quick
 
@@ -55,7 +58,9 @@ def scope(
         bool, typer.Option("--until-stdin-closes", help="End when standard input closes: another program has started it.")
     ] = False,
 ) -> None:
-    """Show a bus live in a browser on this machine, as a listener; or the recordings of a run in the same page.
+    """Show a bus, or a run's recordings, live in a browser.
+
+    The browser runs on this machine. On the bus, the command only listens.
 
     Examples:
       hil scope --bus local:/tmp/robot.sock --bench reference
@@ -163,7 +168,10 @@ def _run(made: "Callable[[], ScopeServer]", *, until_stdin_closes: bool) -> None
 
 
 async def _serve(server: "ScopeServer", *, until_stdin_closes: bool) -> None:
-    """Say where the page is, and serve it until Ctrl-C, or until standard input closes."""
+    """Print the page's address, and serve it until the end.
+
+    The end is Ctrl-C, or the end of standard input.
+    """
     import asyncio
 
     over = asyncio.Event()

@@ -42,9 +42,10 @@ def init(
         str | None, typer.Option(metavar="LINK", help="With --urdf: the link that is the tip; left out, the only one at the end.")
     ] = None,
 ) -> None:
-    """Write a bench file from a scan of the bus: nodes, profiles, counts, first limits, a SYNC period that fits.
+    """Write a bench file from a scan of the bus.
 
-    Nothing is written to any node. Lines that only you can fill in say so, and no command accepts the file before.
+    It has nodes, profiles, counts, first limits, and a SYNC period that fits. Nothing is written to any node. Lines that
+    only you can fill in are marked, and no command accepts the file before.
 
     Examples:
         hil init --bus socketcan:can0@1M --out bench.toml
@@ -83,10 +84,12 @@ def init(
 
 
 def _named(given: list[str]) -> dict[int, str]:
-    """Return profiles by node-ID, those of files by their whole path: that of a bench file counts from its own folder.
+    """Return profiles by node-ID, those of files by absolute path.
+
+    A relative path in the bench file would count from its own folder.
 
     Raises:
-        typer.Exit: One is not of that form, or a node is given twice.
+        typer.Exit: A text has another form, or a node is given twice.
     """
     named: dict[int, str] = {}
     for text in given:
