@@ -60,7 +60,7 @@ def scope(
 ) -> None:
     """Show a bus, or a run's recordings, live in a browser.
 
-    The browser runs on this machine. On the bus, the command only listens.
+    The browser runs on this machine. On the bus, the command only listens, unless you give --ask.
 
     Examples:
       hil scope --bus local:/tmp/robot.sock --bench reference
