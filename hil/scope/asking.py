@@ -1,4 +1,7 @@
-"""Asking nodes for mapping and scales by SDO, the one thing that a scope ever sends; what they answer is overheard."""
+"""Requests for mapping and scales of nodes, by SDO.
+
+A scope sends nothing else; it overhears the answers.
+"""
 
 import contextlib
 
@@ -32,7 +35,9 @@ def nodes_from(text: str) -> tuple[int, ...]:
 
 
 def ask_nodes(address: Address, nodes: tuple[int, ...]) -> None:
-    """Read the objects that tell what the PDOs of some nodes hold; an object that a node does not have is passed over.
+    """Read the objects with mapping and scales of some nodes.
+
+    An object that a node does not have is skipped.
 
     Args:
         address: Address of the bus, which is opened for it and closed again.

@@ -1,4 +1,7 @@
-"""Names of what is shown: a signal has a quantity, whose figure it is drawn in, and whose signal it is."""
+"""Names of signals: quantity and source.
+
+All signals of a quantity share a figure.
+"""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -51,6 +54,9 @@ class Signal:
 
 
 def state_words() -> list[str]:
-    """Words of the state that each value of bits 0 to 6 of a status word shows; 128 of them."""
+    """Return the state for each value of a status word.
+
+    Of bits 0 to 6; 128 words.
+    """
     states = [state_of(word) for word in range(128)]
     return [UNKNOWN_STATE if state is None else state.value for state in states]

@@ -1,4 +1,4 @@
-"""Spectra of what a window shows: amplitude by frequency, and by order of a motor's angle."""
+"""Spectra of a window by frequency, and by motor order."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,13 @@ SHOWN_ORDERS = np.arange(0.1, 20.05, 0.1)
 
 
 class SpectrumError(ValueError):
-    """A window from which no spectrum can be made; the message says why."""
+    """A window without a spectrum; the message has the reason."""
 
 
 def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
-    """Amplitude by frequency, of a signal whose mean is taken away, in a Hann window w.
+    """Compute the amplitude spectrum of a signal by frequency.
 
+    Without its mean, in a Hann window w:
         A(f) = 2 |Σ w_n x_n e^{−2πj f n T}| / Σ w_n,
 
     which is the amplitude of a sine whose frequency lies on a line.
@@ -43,7 +44,9 @@ def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
 
 
 def order_spectrum(time_s: Real, values: Real, angle_rev: Real) -> tuple[Real, Real]:
-    """Amplitude at k θ_m by order k: the mean over windows of two turns of the motor (`hil.design.order_map`).
+    """Compute the amplitude spectrum of a signal by order.
+
+    Amplitude at k θ_m: the mean over windows of two turns of the motor (`hil.design.order_map`).
 
     Args:
         time_s: Times, rising; shape (n,).
