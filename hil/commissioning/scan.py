@@ -1,4 +1,7 @@
-"""What is on a bus, by reading alone: nodes, their profiles, how drives count, and what they allow."""
+"""Scan of a bus by reading alone.
+
+Nodes, their profiles, units and limits.
+"""
 
 import math
 from collections.abc import Mapping
@@ -68,7 +71,9 @@ class FoundNode:
 
 
 def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> list[FoundNode]:
-    """Ask all nodes who they are, and the drives among them how they count; nothing is written.
+    """Read the identity of all nodes, and the drives' units.
+
+    Nothing is written.
 
     Args:
         address: The bus.
@@ -97,7 +102,9 @@ def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> l
 
 
 def profiles_of(identity: DeviceIdentity, name: str | None) -> tuple[str, ...]:
-    """Labels of the profiles of a device: the one that the user names, else those that fit its identity.
+    """Return the labels of a device's profiles.
+
+    The one that the user names, else those that fit its identity.
 
     Raises:
         DriveProfileError: The profile that is named is not there, or is of another vendor's devices.
@@ -137,7 +144,7 @@ def _found(network: Network, identity: DeviceIdentity, profiles: tuple[str, ...]
 
 @dataclass(frozen=True)
 class _Parameters:
-    """Parameters of a drive, read one at a time; None for what it does not give."""
+    """Parameters of a drive, read one at a time; None if missing."""
 
     network: Network
     node: int

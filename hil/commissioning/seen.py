@@ -42,7 +42,9 @@ class Checked:
         return CheckEntry(axis=self.number, name=name, verdict="NOT TOLD", seen=why, is_made=False)
 
     def stopped(self, name: str, held: HeldAxis, when: str, recording: str | None = None) -> CheckEntry:
-        """One check in which the axis was stopped; a stop that lies in the master says nothing of the robot.
+        """Return a failed check in which the axis was stopped.
+
+        If the reason lies in the master, the check is not made: the stop proves nothing about the robot.
 
         Args:
             name: Name of the check.

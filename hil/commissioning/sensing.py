@@ -1,8 +1,8 @@
-"""Checks that the arm answers the motor: the accelerometer's axis, direction and mounting, and the scale of the encoder.
+"""Checks of accelerometer and encoder by a swing of the motor.
 
-The motor swings θ_m(t) = A (1 − cos ωt)/2 over whole periods. Well below its resonances the arm follows as θ_m/N, so a sensor at
-the lever ℓ shows −ω² ℓ θ_m/N; each axis of the sensor is compared with that by its component at ω, and what else is near ω tells
-how well.
+The accelerometer's axis, direction and mounting, and the scale of the encoder. The motor swings θ_m(t) = A (1 − cos ωt)/2 over
+whole periods. Well below its resonances the arm follows as θ_m/N, so a sensor at the lever ℓ measures −ω² ℓ θ_m/N. Each axis of
+the sensor is compared with that by its component at ω; other components near ω give the standard error.
 """
 
 import math
@@ -33,7 +33,7 @@ NAMES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Ratio:
-    """What is seen over what is expected.
+    """Measured over expected component.
 
     Attributes:
         value: The ratio; its sign is the direction.
@@ -60,7 +60,7 @@ class Ratio:
 
 
 def check_sensing(of: Checked) -> list[CheckEntry]:
-    """Swing the motor, and see whether the arm does as the bench file says."""
+    """Swing the motor, and compare the arm's motion with the bench file."""
     if (trouble := room_trouble(of, 0.0, SWING_REV)) is not None:
         return [of.not_made("accelerometer", trouble)]
     with held_axis(of.session, of.number) as held:
@@ -84,7 +84,9 @@ def check_sensing(of: Checked) -> list[CheckEntry]:
 
 
 def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: slice, path: str) -> CheckEntry:
-    """The sensor's axis and direction, and by its size the scale of the encoder.
+    """Check the sensor's axis and direction, and the encoder's scale.
+
+    The scale follows from the size of the signal.
 
     Args:
         of: The axis.
@@ -115,7 +117,7 @@ def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: sl
 
 
 def _wrong(of: Checked, own: Ratio, others: list[Ratio]) -> str:
-    """What a sensor that shows something else is likely to be, in words."""
+    """Return the likely cause of a wrong sensor signal, in words."""
     seen = f"{own.words} of what the bench file expects"
     if -SCALE <= own.value <= -1.0 / SCALE:
         return f"{seen}: it moves against the motor; the encoder counts backwards (607Eh), or the sensor sits upside down"
@@ -150,13 +152,15 @@ def _load_encoder(of: Checked, table: AxisTable, recording: Recording, rows: sli
 
 
 def _ratio(expected: Real, seen: Real, period_s: float, derivative: int = 0) -> Ratio:
-    """Component of a signal at the swing's frequency over the expected one's, with its standard error.
+    """Return the ratio of components at the swing's frequency.
+
+    Measured over expected signal, with its standard error.
 
     Args:
-        expected: What is expected, shape (n,), over whole periods of the swing.
-        seen: What is seen; shape (n,).
+        expected: The expected signal over whole periods of the swing; shape (n,).
+        seen: The measured signal; shape (n,).
         period_s: Sampling time.
-        derivative: How often the expected one is differentiated by time.
+        derivative: Order of the time derivative that applies to the expected one.
     """
     count = len(expected)
     line = round(SWING_HZ * count * period_s)

@@ -1,4 +1,7 @@
-"""Checks in a slow third of a turn and back: brake, encoder and torque; and a quick stop out of it."""
+"""Checks in a slow third of a turn and back.
+
+Brake, encoder and torque; and a quick stop during the motion.
+"""
 
 from typing import Final
 
@@ -22,7 +25,10 @@ LEFT_REV: Final = 0.05
 
 
 def room_trouble(of: Checked, low_rev: float, high_rev: float) -> str | None:
-    """Reason why the motor cannot go so far from where it stands to either side, or None."""
+    """Return a reason why the motor lacks room, or None.
+
+    It needs so much to either side of its position.
+    """
     limits = of.session.bench.axis[of.number].limits
     here = of.session.axes[of.number].position_rad() / TURN
     if limits.position_min_rev + LEFT_REV <= here + low_rev and here + high_rev <= limits.position_max_rev - LEFT_REV:
@@ -35,7 +41,10 @@ def room_trouble(of: Checked, low_rev: float, high_rev: float) -> str | None:
 
 
 def check_turn(of: Checked) -> list[CheckEntry]:
-    """Does the brake open, does the encoder follow, and does the reported torque push along the motion?"""
+    """Check brake, encoder sign and torque sign in a slow turn.
+
+    The brake must open, the encoder follow, and the reported torque have the sign of the motion.
+    """
     bench, table = of.session.bench, of.session.bench.axis[of.number]
     here = of.session.axes[of.number].position_rad() / TURN
     planned = probe_motion(bench, PlantRequest(of.number), here)
