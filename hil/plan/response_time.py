@@ -1,4 +1,4 @@
-"""Worst-case response times on CAN: fixed priorities, no preemption, one frame at a time."""
+"""Worst-case response times on CAN: fixed priorities without preemption."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
