@@ -1,4 +1,7 @@
-"""The bench file: bus and drives of a robot, the believed model of its axes, and limits that must never be exceeded."""
+"""Bench file: bus, drives, assumed models and limits of a robot.
+
+Master and drives never exceed the limits.
+"""
 
 import math
 from difflib import get_close_matches
@@ -52,7 +55,10 @@ SHIPPED = {"reference": REFERENCE, "reference-arm": REFERENCE_ARM}
 
 
 class RealTimeTable(Table):
-    """Requests to the operating system for runs in wall-clock time; the result lists those that were refused."""
+    """Requests to the operating system for runs in wall-clock time.
+
+    The result lists those that were refused.
+    """
 
     priority: Annotated[int, Field(ge=0, le=98)] = 80
     cpus: tuple[Annotated[int, Field(ge=0)], ...] = ()
@@ -84,12 +90,12 @@ class Bus(Table):
 
 
 class Limits(Table):
-    """Limits that an axis must never exceed, motor side; enforced by the master and written to the drive.
+    """Limits of an axis (motor side), held by master and drive.
 
-    `acceleration_rps_s` is the largest change of speed that a motion may ask for; left out, `torque_nm` alone bounds it, by the
-    inertia that the bench file knows. What an identification or a cancellation adds to the set-points of a motion is no motion:
-    torque, speed and `cancellation_rev` bound it. `cancellation_rev` is the largest addition of a cancellation to a set-point;
-    left out, a twentieth of `following_error_rev`.
+    `acceleration_rps_s` is the largest change of speed of a motion; left out, `torque_nm` alone bounds it, by the inertia
+    that the bench file knows. The additions of an identification or a cancellation to the set-points are no part of the
+    motion: torque, speed and `cancellation_rev` bound them. `cancellation_rev` is the largest addition of a cancellation to
+    a set-point; left out, a twentieth of `following_error_rev`.
     """
 
     torque_nm: Positive
@@ -110,7 +116,10 @@ class Limits(Table):
 
 
 class Model(PlantTable):
-    """The believed plant, for design and report; in a run only the check of a host-closed loop depends on it."""
+    """The assumed plant and transmission error, for design and report.
+
+    In a run, only the check of a host-closed loop depends on it.
+    """
 
     ate: TransmissionErrorTable
 
@@ -222,7 +231,10 @@ class AxisTable(Table):
         return TwoInertia(reduction_ratio=self.reduction_ratio, **self.model.model_dump(exclude={"ate"}))
 
     def loop(self, period_s: float, delay_samples: int = 0, *, with_notch: bool = True) -> Loop | None:
-        """The loop around the model; None if plant or gains are not known."""
+        """Return the loop around the model.
+
+        None if plant or gains are not known.
+        """
         plant = self.plant()
         if plant is None or not isinstance(self.control, Control):
             return None
@@ -284,14 +296,20 @@ class Bench(Table):
 
     @property
     def chain_axes(self) -> tuple[int, ...]:
-        """Axes of the line motion, from the base on: those of the geometry, or of an arm those that move; none without one."""
+        """Axes of the line motion, from the base on.
+
+        Those of the geometry, or of an arm those that move; empty without either.
+        """
         if self.arm is not None:
             return moved_axes(self.arm, self.line_motion)
         return () if self.geometry is None else self.geometry.axes
 
     @property
     def travel_deg(self) -> float:
-        """How far an identification may turn a joint to either side, by the arm; infinite without one."""
+        """Largest joint angle of an identification to either side.
+
+        On an arm; infinite without one.
+        """
         return math.inf if self.arm is None else self.identification_travel_deg or IDENTIFICATION_TRAVEL_DEG
 
     def travel_rev(self, axis: int) -> float:
@@ -353,7 +371,7 @@ class Bench(Table):
             )
 
     def _check_arm(self, arm: ArmTable) -> None:
-        """Refuse what does not go with an arm, once its links are known.
+        """Refuse a bench file that contradicts its arm's links.
 
         Raises:
             ValueError: An axis is not a joint of it, or the file has a planar chain beside it.
@@ -372,7 +390,9 @@ def source_of(path: str | Path) -> Path:
 
 
 def load_bench(path: str | Path) -> Bench:
-    """The bench of a file, or of a name of `SHIPPED`; relative paths of profiles in it count from the file.
+    """Load the bench of a file, or of a name of `SHIPPED`.
+
+    Relative paths of profiles in it count from the file.
 
     Raises:
         FileError: The file is not valid; every problem is listed by line.
@@ -398,7 +418,9 @@ LEVER_TOLERANCE = 0.02
 
 
 def with_arm(bench: Bench, folder: Path) -> Bench:
-    """A bench whose arm has its links, from the URDF file where it names one.
+    """Return a bench whose arm has its links.
+
+    They come from the URDF file, if it names one.
 
     Raises:
         FileError: The URDF file describes no such arm.
@@ -419,7 +441,9 @@ def with_arm(bench: Bench, folder: Path) -> Bench:
 
 
 def with_levers(bench: Bench, arm: ArmTable) -> Bench:
-    """A bench whose axes have the levers by which the links of its arm move the sensor at home.
+    """Return a bench with levers from the arm's links.
+
+    A lever moves the sensor, at home.
 
     Raises:
         ValueError: The file states another lever.
@@ -446,7 +470,10 @@ T = TypeVar("T", AxisTable, AccelerometerTable)
 
 
 def _with_profile_in(folder: Path, table: T) -> T:
-    """The table with the path of its profile made absolute; a name of the package stays a name."""
+    """Return the table with an absolute path of its profile.
+
+    A name of the package is left unchanged.
+    """
     if is_name(table.profile):
         return table
     return table.model_copy(update={"profile": str(folder / table.profile)})

@@ -1,4 +1,4 @@
-"""The design file: filters that have been designed for a robot, with their predicted margins and tip peaks."""
+"""Design file: designed filters with predicted margins and tip peaks."""
 
 from pathlib import Path
 from typing import Annotated
@@ -51,7 +51,10 @@ class Designs(Table):
     axis: dict[AxisNumber, DesignedAxis] = Field(default_factory=dict)
 
     def dumps(self) -> str:
-        """The file as TOML; its `[[axis.N.notch]]` may be copied into a bench file."""
+        """Return the file as TOML.
+
+        Its `[[axis.N.notch]]` may be copied into a bench file.
+        """
         lines = [f"robot = {toml_value(self.robot)}"]
         for number, axis in sorted(self.axis.items()):
             lines += ["", f"[axis.{number}]"]
@@ -61,7 +64,7 @@ class Designs(Table):
         return "\n".join(lines) + "\n"
 
     def save(self, path: Path) -> None:
-        """Write the file whole or not at all; an existing one is replaced.
+        """Write the file atomically; replace an existing one.
 
         Raises:
             FileError: The file cannot be written.
@@ -100,7 +103,7 @@ def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> D
 
 
 def with_designs(bench: Bench, designs: Designs) -> Bench:
-    """The bench with its axes' filters replaced by those that have been designed for them.
+    """Return the bench with the designed filters of its axes.
 
     Raises:
         NotPossibleError: The file belongs to another robot, or names an axis that the bench does not have.
