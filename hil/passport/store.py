@@ -1,4 +1,4 @@
-"""The file of a passport: SQLite, to which runs are added and from which nothing is ever taken."""
+"""The passport's file: SQLite; runs are added, none is removed."""
 
 import math
 import sqlite3
@@ -195,7 +195,10 @@ def _check(path: Path, connection: sqlite3.Connection) -> None:
 
 
 def _bring_up(connection: sqlite3.Connection, version: int) -> None:
-    """Make a passport of this version from an older one, or from an empty file; all or nothing."""
+    """Upgrade a passport from an older version or an empty file.
+
+    In one transaction.
+    """
     connection.execute("BEGIN IMMEDIATE")
     if connection.execute("PRAGMA user_version").fetchone()[0] == version:
         for step in _STEPS[version:]:
@@ -207,7 +210,9 @@ def _bring_up(connection: sqlite3.Connection, version: int) -> None:
 
 
 def add(path: Path, runs: Iterable[PassportRun]) -> int:
-    """Add runs to a passport, and return how many it did not have; all or none.
+    """Add runs to a passport; return the number of new ones.
+
+    In one transaction.
 
     Raises:
         PassportFileError: The file cannot be used, or is full.
@@ -226,7 +231,10 @@ def add(path: Path, runs: Iterable[PassportRun]) -> int:
 
 
 def _put(connection: sqlite3.Connection, run: PassportRun) -> None:
-    """Add one run; of one that is there only what an older version did not keep."""
+    """Add one run.
+
+    Of a known run, only add what an older version did not keep.
+    """
     row = {"hash": run.content, **{name: getattr(run, name) for name in _RUN_COLUMNS}}
     row["emulated"] = None if run.emulated is None else int(run.emulated)
     names = ", ".join(row)

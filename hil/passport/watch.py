@@ -1,4 +1,4 @@
-"""A passport looked at: every order of every gear over its dates, with alarms on change."""
+"""Trends of a passport: orders over dates, with alarms."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -84,7 +84,10 @@ class Trend:
 
     @property
     def explained_words(self) -> str:
-        """Parts that conditions explain of its scatter: `temperature 82 %`; empty where nothing is told of them."""
+        """Fractions of the scatter that conditions explain, in words.
+
+        `temperature 82 %`; empty if no condition explains any.
+        """
         found = self.watch.explained.items()
         return ", ".join(f"{name} {100.0 * part:.0f} %" for name, part in found if part >= LEAST_TOLD)
 
@@ -109,7 +112,10 @@ class OrderOrigin:
 
 
 def gears_of(runs: Sequence[PassportRun], since: str = "") -> dict[tuple[str, int], list[PassportRun]]:
-    """Runs of each gear, robot and axis, by their dates from one on."""
+    """Return the runs of each gear from a date on.
+
+    By robot and axis, in the order of their dates.
+    """
     gears: dict[tuple[str, int], list[PassportRun]] = {}
     for run in sorted(runs, key=lambda each: (each.measured_utc, each.content)):
         if run.measured_utc >= since:
@@ -118,7 +124,9 @@ def gears_of(runs: Sequence[PassportRun], since: str = "") -> dict[tuple[str, in
 
 
 def origins(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str = "") -> list[OrderOrigin]:
-    """Origins of all orders: those of the model files, and those that runs in either direction have shown beside them.
+    """Return the origins of all orders.
+
+    The orders of the model files, and those that runs in either direction show beside them.
 
     Args:
         runs: Runs of a passport.
