@@ -1,4 +1,4 @@
-"""Angles that begin anew after a revolution, as angles that do not."""
+"""Angles that wrap after a revolution, unwrapped."""
 
 import math
 from pathlib import Path
@@ -18,7 +18,7 @@ JUMP = 0.5
 
 
 def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
-    """An angle in rad that does not begin anew, and how often it did.
+    """Unwrap an angle in rad, and count its wraps.
 
     Args:
         path: The file, for errors.
@@ -26,7 +26,7 @@ def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
         values: Its numbers; shape (n,).
 
     Raises:
-        RecordingFileError: It jumps by what is no whole revolution, or turns too far from sample to sample to be followed.
+        RecordingFileError: A jump is no whole revolution, or the angle turns too far from sample to sample.
     """
     unit = column.unit
     turned = values / unit.per_rev

@@ -49,7 +49,9 @@ class DelimitedFile:
             raise RecordingFileError(path, f"{twice[0]!r} names two columns")
 
     def columns(self, names: Sequence[str]) -> dict[str, Real]:
-        """Numbers of some columns by name; NaN where a cell is empty; all of shape (n,).
+        """Read columns of numbers by name; NaN for empty cells.
+
+        All of shape (n,).
 
         Raises:
             RecordingFileError: A cell holds no number, or a row has too few.

@@ -1,4 +1,4 @@
-"""Errors of recordings that others have made."""
+"""Errors of recordings from elsewhere."""
 
 from pathlib import Path
 from typing import ClassVar
@@ -7,7 +7,7 @@ from hil.errors import HilError
 
 
 class RecordingFileError(HilError, ValueError):
-    """A recording, or what was said of its columns, cannot be used."""
+    """A recording, or a given layout, cannot be used."""
 
     exit_code: ClassVar[int] = 3
 

@@ -1,4 +1,7 @@
-"""Recordings as frames of a bus: candump logs, BLF and ASC, decoded by a device description (EDS, DCF, XDD) or a DBC file."""
+"""Recordings as bus logs: candump, BLF and ASC.
+
+A device description (EDS, DCF, XDD) or a DBC file decodes them.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -43,7 +46,10 @@ class FrameSignal:
 
 
 class FrameFile:
-    """A log of frames: each signal has the stamps of its frames; all are read at those of the first that is asked for."""
+    """A log of frames, whose signals have stamps of their own.
+
+    All are interpolated at the stamps of the first requested one.
+    """
 
     def __init__(self, path: Path, description: Path | None, node_id: int | None) -> None:
         """Read the description.
@@ -70,7 +76,9 @@ class FrameFile:
         self.names = (STAMPS, *dict.fromkeys(signal.name for signal in self._signals))
 
     def columns(self, names: Sequence[str]) -> dict[str, Real]:
-        """Numbers of some signals by name, at the stamps of the first of them; all of shape (n,).
+        """Return signals by name at the stamps of the first one.
+
+        All of shape (n,).
 
         Raises:
             RecordingFileError: The log cannot be read whole, or lacks the frames of a signal.
@@ -103,7 +111,10 @@ class FrameFile:
         return {STAMPS: first, **found} if STAMPS in names else found
 
     def _log(self) -> Log:
-        """The frames; a log that is damaged tells nothing that one could measure by."""
+        """Return the frames of an undamaged log.
+
+        A damaged log is refused: it is no basis for a measurement.
+        """
         if self.path.suffix.lower() == ".blf":
             self._refuse_cut_off()
         try:
@@ -122,7 +133,10 @@ class FrameFile:
         return log
 
     def _refuse_cut_off(self) -> None:
-        """Refuse a BLF file that is none, or shorter than its head says; a writer that was killed leaves 0 there."""
+        """Refuse a BLF file without its header, or cut off.
+
+        A writer that was killed leaves the size 0 in the header.
+        """
         with self.path.open("rb") as file:
             head = file.read(BLF_SIZE.stop)
         if not head.startswith(b"LOGG"):

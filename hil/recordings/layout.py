@@ -1,4 +1,7 @@
-"""Layout of a recording: which column is what, in which unit; said on the command line, in a file, or known by the names."""
+"""Layout of a recording: role and unit of each column.
+
+From the command line, a file, or the columns' names.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -34,7 +37,7 @@ class LayoutFile(Table):
 
 @dataclass(frozen=True)
 class Said:
-    """What a user has said of a recording.
+    """The user's statements on a recording.
 
     Attributes:
         column: Names of columns by their role.
@@ -125,7 +128,7 @@ def load_layout(path: Path, axis: int) -> Said:
 
 
 def said_with(texts: Sequence[str], ratio: float | None, robot: str | None, file: Said | None = None) -> Said:
-    """What is said on the command line, over what a file says.
+    """Return the command line's statements, completed by a file's.
 
     >>> said_with(["motor=enc_m,2^20/rev"], 100.0, None).unit["motor"]
     '2^20/rev'
@@ -154,7 +157,9 @@ def said_with(texts: Sequence[str], ratio: float | None, robot: str | None, file
 
 
 def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> dict[Role, Column]:
-    """Columns of a recording: those that were said, and those that are known by their names.
+    """Choose the columns of a recording.
+
+    Those that the user names, and those with known names.
 
     Args:
         path: The file, for errors.
@@ -194,7 +199,10 @@ def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> d
 
 
 def _known(names: Sequence[str], axis: int) -> dict[Role, tuple[str, str]]:
-    """Names and units by the known layouts, else by words and suffixes that leave no doubt."""
+    """Return names and units of columns with known names.
+
+    By the known layouts, else by unambiguous words and suffixes.
+    """
     for _, layout in KNOWN:
         there = {role: (name.replace(AXIS, str(axis)), unit) for role, (name, unit) in layout.items()}
         if there["time"][0] in names and there["motor"][0] in names:

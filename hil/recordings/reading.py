@@ -1,4 +1,4 @@
-"""A recording as it is fitted: angles in rad that do not begin anew, signals in SI, rows that are whole."""
+"""A recording for a fit: angles unwrapped, SI units, complete rows."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,7 +52,10 @@ class Recorded:
 
     @property
     def jitter_s(self) -> float:
-        """Range of the steps between time stamps, from the 1st to the 99th percentile."""
+        """Range of the steps between time stamps, without outliers.
+
+        From the 1st to the 99th percentile.
+        """
         low, high = np.percentile(np.diff(self.time_s), (1.0, 99.0))
         return float(high - low)
 
@@ -86,7 +89,10 @@ def read_recording(path: Path, said: Said, axis: int) -> Recorded:
 
 
 def _running(path: Path, column: Column, stamps: Real) -> Real:
-    """Time in s from the first stamp; jitter may take a stamp back, but not by many periods."""
+    """Return the time in s from the first stamp.
+
+    Jitter may decrease a stamp, but not by many periods.
+    """
     time: Real = np.asarray((stamps - stamps[0]) * column.unit.factor)
     step = np.diff(time)
     typical = float(np.median(step))
