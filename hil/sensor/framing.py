@@ -1,4 +1,7 @@
-"""Samples of a serial accelerometer in a stream of bytes, sans IO: bytes in, samples out, whatever the bytes are."""
+"""Samples of a serial accelerometer in a stream of bytes.
+
+Without any input or output; any bytes are accepted.
+"""
 
 import functools
 import math
@@ -45,7 +48,10 @@ def sum8(data: bytes) -> int:
 
 
 def crc16_modbus(data: bytes) -> int:
-    """CRC-16 with the reflected polynomial A001h from FFFFh. Source: MODBUS over serial line V1.02, 6.2.2."""
+    """Return the CRC-16 with the reflected polynomial A001h from FFFFh.
+
+    Source: MODBUS over serial line V1.02, 6.2.2.
+    """
     crc = 0xFFFF
     for byte in data:
         crc = crc >> 8 ^ _CRC16[(crc ^ byte) & 0xFF]
@@ -129,7 +135,9 @@ class Decoder(Protocol):
 
 @dataclass(frozen=True)
 class LineFraming:
-    """Lines of text: prefix, numbers between separators, optionally ``*`` and a checksum in hexadecimal.
+    """Lines of text: prefix, numbers between separators, optional checksum.
+
+    The checksum is hexadecimal, after ``*``.
 
     Attributes:
         fields: Meaning of the numbers.
@@ -154,7 +162,10 @@ class LineFraming:
 
 
 class LineDecoder:
-    """Turns lines into samples; the text before the first end of a line may be half a line and is skipped."""
+    """Decoder of lines into samples.
+
+    It skips the text before the first end of a line, which may be half a line.
+    """
 
     def __init__(self, framing: LineFraming) -> None:
         """Start at the beginning of a stream."""

@@ -1,4 +1,7 @@
-"""The bench file's `[accelerometer.serial]`: an accelerometer on a serial port; docs/serial.md has two complete ones."""
+"""The bench file's `[accelerometer.serial]`: an accelerometer on a serial port.
+
+docs/serial.md has two complete ones.
+"""
 
 import re
 from typing import Annotated, Literal
@@ -100,7 +103,10 @@ class SerialTable(Table):
         return framing
 
     def _modulo(self) -> int | None:
-        """The count at which the counter starts again; that of a binary frame follows from its type."""
+        """Return the count at which the counter starts again.
+
+        That of a binary frame follows from its type.
+        """
         if COUNTER not in self.fields:
             if self.counter_modulo is not None:
                 raise ValueError("counter_modulo without a counter among the fields")
