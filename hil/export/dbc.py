@@ -1,4 +1,7 @@
-"""A DBC file of the mapping that ran; cantools is loaded only where one is written."""
+"""DBC file of the actual PDO mapping.
+
+cantools is loaded only to write one.
+"""
 
 from collections import OrderedDict
 from collections.abc import Iterator

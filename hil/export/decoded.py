@@ -52,7 +52,7 @@ class NamedPdo:
 
 @dataclass(frozen=True)
 class Decoded:
-    """What a log's process data mean.
+    """Meaning of a log's process data.
 
     Attributes:
         trace: The log.
@@ -109,7 +109,10 @@ def _named(entry: MappedNumber, units: NodeUnits) -> NamedNumber:
 
 
 def _mapped_rows(trace: Trace, pdo: Pdo) -> NDArray[np.bool_]:
-    """Frames of a PDO that came under its mapping, and not under another one before or behind; shape (n,)."""
+    """Return the frames of a PDO under its mapping; shape (n,).
+
+    Others came under an earlier or later mapping.
+    """
     index = MAPPING_PARAMETERS[pdo.direction] + pdo.number - 1
     own = tuple(entry.value for entry in pdo.entries)
     stream = trace.of(pdo)

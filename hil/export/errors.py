@@ -7,7 +7,7 @@ from hil.errors import HilError
 
 
 class ExportError(HilError):
-    """A source holds nothing that such a file could hold, or its units contradict each other."""
+    """A source has nothing for the file, or contradictory units."""
 
     exit_code: ClassVar[int] = 3
 

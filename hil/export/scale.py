@@ -1,4 +1,7 @@
-"""Units of the numbers in PDOs: by the very objects that the master has read, as a log has overheard them."""
+"""Units of the numbers in PDOs of a log.
+
+They come from the same objects that the master reads, as overheard in the log.
+"""
 
 from dataclasses import dataclass
 
@@ -80,7 +83,10 @@ class NodeUnits:
             self._scaling = self._standard()
 
     def _standard(self) -> Scaling | None:
-        """The scale by 608Fh and 6076h, for a drive of which nothing else is known."""
+        """Return the scale by 608Fh and 6076h.
+
+        For a drive of which nothing else is known.
+        """
         asked = OverheardQuestions(self._node)
         needs = (((0x608F, 1), "608Fh:1"), ((0x608F, 2), "608Fh:2"), ((0x6076, 0), "6076h"))
         values = [asked.number(Need(address, name, "")) for address, name in needs]

@@ -1,6 +1,6 @@
-"""What can be exported: a run's directory, one of its recordings, or a log of a bus.
+"""Sources of an export: directory of a run, recording, or log.
 
-What reads a log, and results for its bench file, takes longer to load than a recording to write: it is loaded where it is needed.
+Modules that read a log, or a result for its bench file, load slowly, so they are imported only where they are needed.
 """
 
 # ruff: noqa: PLC0415 - as the docstring says
@@ -27,7 +27,7 @@ RECORDING_SUFFIX = ".csv"
 
 @dataclass(frozen=True)
 class Known:
-    """What is said beside a source.
+    """Additional statements on a source.
 
     Attributes:
         bench: Bench file; None: that of the result in the log's folder.
@@ -69,7 +69,9 @@ def mapping_of(path: Path, known: Known, progress: Callable[[int], None] = lambd
 
 
 def bench_beside(log: Path) -> Bench | None:
-    """The bench file in the result that lies beside a log; None if there is none.
+    """Return the bench file of the result beside a log.
+
+    None if there is no result.
 
     Raises:
         HilError: There is a result, and it cannot be read.
@@ -90,15 +92,17 @@ def bench_beside(log: Path) -> Bench | None:
 def series_in(
     path: Path, known: Known, progress: Callable[[int], None] = lambda size: None
 ) -> tuple[list[Series], Decoded | None]:
-    """Numbers against time of a source, and what is known of its frames where it is a log.
+    """Return the numbers of a source over time, and its frames' meaning.
+
+    The meaning is that of a log.
 
     Args:
         path: Directory of a run, a recording, or a log.
-        known: What is said beside it.
+        known: Additional statements on it.
         progress: Called with the number of bytes that have been read.
 
     Raises:
-        HilError: There are none, or several recordings and none is named.
+        HilError: There are no numbers, or several recordings and none is named.
     """
     if not path.exists():
         raise ExportError(path, "no such file or directory")
