@@ -45,6 +45,7 @@ def unit_of(role: Role, text: str) -> Unit:
     """Return the unit of a column by its spelling.
 
     Increments are written with their number per revolution, others with their size.
+
     >>> unit_of("motor", "2^24/rev").per_rev
     16777216.0
     >>> unit_of("acceleration", "g").factor

@@ -22,6 +22,7 @@ def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
     """Compute the amplitude spectrum of a signal by frequency.
 
     Without its mean, in a Hann window w:
+
         A(f) = 2 |Σ w_n x_n e^{−2πj f n T}| / Σ w_n,
 
     which is the amplitude of a sine whose frequency lies on a line.

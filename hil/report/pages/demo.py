@@ -345,6 +345,7 @@ def millimetres(peak_mm: float | None, limit_mm: float) -> str:
     """Return a peak in mm to three decimals, or more.
 
     As many as keep it on its side of the limit.
+
     >>> millimetres(0.0474, 0.05), millimetres(0.0502, 0.05)
     ('0.047 mm', '0.0502 mm')
     """

@@ -134,6 +134,7 @@ def moment_text(instant: str) -> str:
     """Write an instant of ISO 8601 in words, to the minute, UTC.
 
     Any other text is returned unchanged.
+
     >>> moment_text("2025-01-01T12:00:07Z")
     '1 January 2025, 12:00 UTC'
     """

@@ -83,6 +83,7 @@ def value_and_error(value: float, error: float) -> tuple[str, str]:
     """Format value and standard error to the error's first digit.
 
     Without an error, to at most four digits.
+
     >>> value_and_error(48.9745, 0.0432), value_and_error(-0.00067115, 0.00008), value_and_error(12.5, 0.0)
     (('48.97', '0.04'), ('−0.00067', '0.00008'), ('12.5', '0'))
     """
