@@ -1,4 +1,7 @@
-"""Data that the master received: columns with units, as CSV, and every frame, as a candump log."""
+"""Recordings of the master: columns as CSV, frames as candump log.
+
+The columns' names have units.
+"""
 
 import csv
 import io
@@ -65,14 +68,17 @@ class Recording:
 
     @property
     def felt_m_s2(self) -> Real:
-        """The one acceleration that tells of a motion; shape (n,).
+        """Acceleration by which a motion is judged; shape (n,).
 
         Along the lever of an axis that moves alone, where an arm tells it; else the vertical one.
         """
         return self.columns.get(ALONG, self.columns["tip_z_m_s2"])
 
     def save(self, path: Path) -> None:
-        """Write a CSV file: one line of names with units, then the numbers."""
+        """Write a CSV file.
+
+        One line of names with units, then the numbers.
+        """
         path.parent.mkdir(parents=True, exist_ok=True)
         numbers, header = np.column_stack(list(self.columns.values())), ",".join(self.columns)
         with naming(path):
@@ -119,10 +125,18 @@ class LoggedMessage(NamedTuple):
 
 
 class BusLog:
-    """Log of every frame of the master; kept in memory while an axis moves, written between the motions."""
+    """Log of every frame of the master.
+
+    In memory while an axis moves, written to the file between the motions.
+    """
 
     def __init__(self, path: Path | None, channel: str = "can") -> None:
-        """Log to a file, or nowhere; `channel` is the bus' name in the log."""
+        """Log to a file, or nowhere.
+
+        Args:
+            path: The file; None for none.
+            channel: Name of the bus in the log.
+        """
         self._path = path
         self._channel = channel
         self._kept: list[LoggedFrame | LoggedMessage] = []
@@ -142,7 +156,10 @@ class BusLog:
         self._kept.append(message)
 
     def write(self) -> None:
-        """Append the kept frames to the file, as candump writes them and python-can's writer does."""
+        """Append the kept frames to the file.
+
+        In candump's format, as python-can's writer has it.
+        """
         kept, self._kept = self._kept, []
         if self._path is None or not kept:
             return
@@ -161,7 +178,10 @@ def _each(kept: Iterable[LoggedFrame | LoggedMessage]) -> Iterator[LoggedFrame]:
 
 
 def _lines(frames: Iterable[LoggedFrame], channel: str) -> Iterator[str]:
-    """Lines of frames, none with a stamp before the first's. Data frames with 11 bits are nearly all, and a run has a million."""
+    """Return lines of frames, none with a stamp before the first's.
+
+    Almost all are data frames with 11-bit identifiers, and a run has a million of them.
+    """
     interface = f"can{channel}" if channel.isdigit() else channel
     heads: dict[int, str] = {}
     first_s = last_s = None

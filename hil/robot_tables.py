@@ -1,7 +1,7 @@
-"""Tables that bench files and robot files have in common: the same keys and ranges on both sides of the bus.
+"""Tables that bench files and robot files share.
 
-The values stay apart: a bench file has those that an engineer believes, a robot file those of the emulated robot. A side with
-more keys derives its table from the one here.
+Both sides of the bus have the same keys and ranges. The values differ: a bench file has an engineer's assumptions, a robot file
+the values of the emulated robot. A side with more keys derives its table from the one here.
 """
 
 from collections.abc import Collection, Mapping
@@ -48,7 +48,10 @@ MOST_MORE_ORDERS = 4
 
 
 class PlantTable(Table):
-    """The linear plant of an axis: motor side for the motor, arm side for gear and arm."""
+    """The linear plant of an axis.
+
+    Motor side for the motor, arm side for gear and arm.
+    """
 
     motor_inertia_kg_m2: Positive
     motor_damping_nm_s_rad: NotNegative
@@ -63,7 +66,9 @@ def _whole_is_int(order: float) -> float:
 
 
 class TransmissionErrorLine(Table):
-    """One order of the transmission error that is none of `ORDERS`; it may be a fraction: a belt's, a bearing's.
+    """One order of the transmission error besides `ORDERS`.
+
+    It may be a fraction, as of a belt or a bearing.
 
     Attributes:
         order: Periods of the error in one revolution of the motor.
@@ -98,7 +103,9 @@ class TransmissionErrorTable(Table):
 
     @classmethod
     def of(cls, amplitudes_arcsec: Mapping[K, float], phases_deg: Mapping[K, float]) -> Self:
-        """The table of amplitudes and phases by their order; an order of `ORDERS` that is not there is 0.
+        """Return the table of amplitudes and phases by order.
+
+        A missing order of `ORDERS` is 0.
 
         Raises:
             ValueError: An amplitude has no phase, or the orders are more than a table holds.
@@ -132,7 +139,9 @@ class TransmissionErrorTable(Table):
 
 
 def orders_of(text: str) -> tuple[float, ...]:
-    """A set of orders from its words, the least first; whole ones as int.
+    """Read a set of orders, in rising order.
+
+    Whole ones are int.
 
     >>> orders_of("1,2,4,0.5")
     (0.5, 1, 2, 4)
@@ -203,7 +212,10 @@ class NotchShape(Table):
 
 
 class NotchTable(NotchShape):
-    """A variable notch with the parameters of its switching: hysteresis, low-pass of the speed, slopes of the trapezoid."""
+    """A variable notch with the parameters of its switching.
+
+    Hysteresis, low-pass of the speed, slopes of the trapezoid.
+    """
 
     hysteresis_rps: NotNegative = 0.15
     speed_lowpass_hz: Positive = 50.0
@@ -268,16 +280,18 @@ class Point(Table):
 
 
 class LineMotion(Table):
-    """The line motion; the start of a planar chain is the robot's home, where all motor angles are zero.
+    """The line motion of a planar chain or an arm.
+
+    The start of a planar chain is the robot's home, where all motor angles are zero.
 
     Attributes:
         start_m: Place of the tip at the start.
         end_m: Place of the tip at the end.
-        orientation: `kept`, or `free`: the tip's axes are as they come. A planar chain's tool points down.
+        orientation: `kept`, or `free` for any axes of the tip. A planar chain's tool points down.
         start_rpy_deg: Roll, pitch and yaw of the tip's axes at the start; left out, those at home.
         end_rpy_deg: The same at the end; left out, those at the start.
         duration_s: Duration of the motion.
-        ramp_s: Duration of its speeding up, and of its slowing down.
+        ramp_s: Duration of its acceleration, and of its deceleration.
         dwell_s: Time of rest before it.
         tail_s: Time of rest after it.
     """
@@ -332,7 +346,10 @@ class ConstantAccelerationMotion(Table):
 
 
 class PointToPointMotion(Table):
-    """The move of one motor from rest to rest, after which the arm rings."""
+    """The move of one motor from rest to rest.
+
+    The arm rings after it.
+    """
 
     distance_rev: float
     speed_rps: Positive
