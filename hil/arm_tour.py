@@ -82,7 +82,7 @@ def run(address: str, out: Path, *, reporter: Reporter = SILENT) -> TourOutcome:
 
     Args:
         address: Address of the bus on which the reference arm is served.
-        out: Directory; made where it is missing. The model file of an earlier tour is replaced.
+        out: Directory; made if it is missing. The model file of an earlier tour is replaced.
         reporter: Listener of each step and run.
     """
     out.mkdir(parents=True, exist_ok=True)

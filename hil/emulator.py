@@ -30,7 +30,7 @@ class DrawnRobot:
     Attributes:
         seed: Its seed.
         robot_file: Robot file, with all its truth.
-        bench_file: Bench file, which knows nothing of plant and transmission error.
+        bench_file: Bench file, without plant and transmission error.
     """
 
     seed: int

@@ -17,7 +17,7 @@ class HilError(Exception):
     """Root of the bench's errors.
 
     Attributes:
-        causes: Causes that the refusal names, any of which may be the true one; empty where it names none.
+        causes: Causes that the refusal names, any of which may be the true one; may be empty.
     """
 
     exit_code: ClassVar[int] = 1
@@ -119,7 +119,7 @@ class SafetyStopError(HilError):
         Args:
             reason: The reason to stop.
             all_disabled: True if every drive has confirmed that it is disabled.
-            where: Where the axes stand, and how to go on; empty where nothing moved.
+            where: Positions of the axes, and how to go on; empty if nothing moved.
         """
         self.reason, self.all_disabled, self.where = reason, all_disabled, where
         end = "all axes are stopped and disabled" if all_disabled else NOT_DISABLED

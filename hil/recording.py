@@ -39,7 +39,7 @@ class Recording:
 
     Attributes:
         columns: Columns by name; all of shape (n,).
-        doubt: Reason why what the sensor shows is not believed, or None; it is not saved.
+        doubt: Reason not to trust the sensor, or None; it is not saved.
     """
 
     columns: dict[str, Real] = field(default_factory=dict)
@@ -70,7 +70,7 @@ class Recording:
     def felt_m_s2(self) -> Real:
         """Acceleration by which a motion is judged; shape (n,).
 
-        Along the lever of an axis that moves alone, where an arm tells it; else the vertical one.
+        Along the lever of an axis that moves alone, on a bench with an arm; else the vertical one.
         """
         return self.columns.get(ALONG, self.columns["tip_z_m_s2"])
 

@@ -258,7 +258,7 @@ class Geometry(Table):
         """Refuse a robot that lacks an axis of the chain.
 
         Raises:
-            ValueError: An axis is missing; the message says what to put into the file.
+            ValueError: An axis is missing; the message has the remedy.
         """
         if not set(self.axes) <= set(present):
             raise ValueError(

@@ -70,7 +70,7 @@ def run(
         bench_file: Path of the bench file, or a name of the package: `reference`.
         experiment: `constant-acceleration`, `line-motion` or `point-to-point`.
         axis: The axis that moves alone; None for a line motion.
-        treatment: What acts against the vibration.
+        treatment: Treatment of the vibration.
         loop: Side that closes the loop, the drive or the host.
         bus: Address of the bus; None: that of HIL_BUS, else that of the bench file.
         model: Model file of `hil identify`.

@@ -103,11 +103,11 @@ def make_step(steps: list[TourStep], out: Path, name: str, make: Step, report: s
     A step that is refused may have left a report, too.
 
     Args:
-        steps: Steps so far; this one is added, also where it fails.
+        steps: Steps so far; this one is added, also if it fails.
         out: Directory of the tour.
         name: Name of the step in words.
         make: The step; its result in words, and the path of its report from the tour's directory.
-        report: Path of the report that it may leave where it fails.
+        report: Path of the report that it may leave after a failure.
     """
     began = time.monotonic()
     what, holds, link = "", False, ""
@@ -394,7 +394,7 @@ def _told(runner: _TourRunner, request: ComparisonRequest, comparisons: list[Com
 
 
 def _revealed(robot: DrawnRobot, runner: _TourRunner) -> dict[str, Any]:
-    """The drawn robot, beside what was found of it."""
+    """True numbers of the drawn robot, beside the identified ones."""
     (runner.out / ROBOT_FILE).write_bytes(robot.robot_file.read_bytes())
     truth: dict[str, Any] = tomllib.loads(robot.robot_file.read_text(encoding="utf-8"))
     known = load_identified(runner.model).axis if runner.model.is_file() else {}
@@ -422,7 +422,7 @@ def run_side_by_side(
         robot: The robot, and all that is known of it by now.
         request: Request of the comparison.
         out: Directory of the tour.
-        comparisons: List to which its outcome is added, also where it failed.
+        comparisons: List to which its outcome is added, also after a failure.
         reporter: Listener of its runs.
     """
     planned = plan(robot, request)

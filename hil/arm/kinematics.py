@@ -39,7 +39,7 @@ class LinkFrame:
 
     Attributes:
         link: Number of joints that move it: 0 for the base, the number of all joints for the last link.
-        origin_m: Where it is in the link's frame; shape (3,).
+        origin_m: Its place in the link's frame; shape (3,).
         frame: Its axes in the link's frame, as columns; shape (3, 3).
     """
 

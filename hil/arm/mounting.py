@@ -18,14 +18,14 @@ from hil.robot_tables import AxisNumber
 
 
 class Mounting(Table):
-    """Where an accelerometer sits on an arm, and how it is turned.
+    """Place and orientation of an accelerometer on an arm.
 
     Attributes:
         axis: Number of the axis whose link carries it; left out, the last.
         origin_m: Its origin in the frame of this link.
         rpy_deg: Roll, pitch and yaw of its axes in the same frame.
-        misalignment_deg: By how much its own axes are turned against those: what it is glued, and made, askew.
-        gravity: True if it feels its weight, as one with a response down to 0 Hz does.
+        misalignment_deg: Rotation of its own axes against those, from gluing and manufacture.
+        gravity: True if it measures gravity, as a sensor with a response down to 0 Hz does.
     """
 
     axis: AxisNumber | None = None

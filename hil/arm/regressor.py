@@ -85,7 +85,7 @@ def workspace(low_rad: Real, high_rad: Real, count: int, seed: int = 1) -> Real:
 
     Args:
         low_rad: Least angles; shape (n,). An angle that is to stay has equal ends.
-        high_rad: Largest angles; shape (n,); a full turn serves where there is no end.
+        high_rad: Largest angles; shape (n,); a full turn for a joint without end.
         count: Number of postures.
         seed: Equal seeds give equal postures.
     """

@@ -31,7 +31,7 @@ class LineError(ValueError):
     """A line that the arm cannot follow.
 
     Attributes:
-        fraction: Where it ends, as a fraction of the way.
+        fraction: Its end, as a fraction of the line.
         at_m: The same in m from its start.
         why: Reason in words.
     """
@@ -80,13 +80,13 @@ class StraightLine:
 
     Attributes:
         arm: The arm.
-        near: Joint angles near the start, which tell the arm's configuration; shape (n,).
+        near: Joint angles near the start, which select the arm's configuration; shape (n,).
         start: Pose at the start.
-        end: Pose at the end; its axes are free where the start's are.
+        end: Pose at the end; its axes are free if the start's are.
         move: The speed along the line.
         dwell_s: Time of rest before the motion.
         tail_s: Time of rest after the motion.
-        names: What the joints are called in messages.
+        names: Names of the joints in messages.
     """
 
     arm: Kinematics
@@ -221,7 +221,7 @@ class StraightLine:
 
         Args:
             limits: Limits of the joints, from the base on.
-            period_s: Time between the instants that are looked at.
+            period_s: Time between the checked instants.
 
         Raises:
             LineError: A joint does, or the arm cannot follow the line.

@@ -83,7 +83,7 @@ class ArmTable(Table):
         tip_m: Tip in the frame of the last link; of a URDF file, in the frame of `tip_link`.
         tip_rpy_deg: Roll, pitch and yaw of the tool's frame in the same frame.
         payload: Load in the frame of the last link; of a URDF file, in the frame of `tip_link`.
-        home_deg: Joint angles at home, where all motors stand at zero, from the base on; left out, 0.
+        home_deg: Joint angles at home, with all motors at zero, from the base on; left out, 0.
         gravity_m_s2: Acceleration of free fall in the frame of the base.
     """
 

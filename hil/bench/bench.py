@@ -144,17 +144,17 @@ class AxisTable(Table):
         serial_number: Serial number of the drive; None if any is accepted.
         reduction_ratio: Reduction ratio N of the gear.
         joint: Name of its joint in the arm's URDF file.
-        tip_lever_m: Distance of the tip from the axis; left out on a bench with an arm, whose kinematics say it: 0 until then.
+        tip_lever_m: Distance of the tip from the axis; left out on a bench with an arm, whose kinematics has it: 0 until then.
         limits: Limits that the axis must never exceed.
         control: Gains of its loop, or `as found`: the drive's, which are neither written nor known.
         gains_are_set: True if the drive has the gains of `control` already, since only its maker's tool can set them.
         notch: Variable notches.
-        model: Believed plant; None without one.
+        model: Assumed plant; None without one.
         gear_stiffness_nm_rad: Stiffness of its gear at the joint; left out, that of `model`, which may stand for one mode alone.
-        encoder_counts_per_rev: Position units per motor revolution, for a drive without an object that says it.
-        rated_torque_nm: Torque of which torques are per mille, for a drive without an object that says it.
+        encoder_counts_per_rev: Position units per motor revolution, for a drive without an object for it.
+        rated_torque_nm: Torque of which torques are per mille, for a drive without an object for it.
         torque_constant_nm_a: Torque of the motor per ampere, for a drive that reports a current and no torque.
-        motor_inertia_kg_m2: J_m of the motor's data sheet, for cancelling and learning where no plant is known.
+        motor_inertia_kg_m2: J_m of the motor's data sheet, for cancelling and learning if no plant is known.
         motor: Poles and slots of the motor, for a passport; None if nothing is known of them.
         load_encoder: Second encoder, on the joint; its position is recorded. None: there is none, or it is not wanted.
     """
@@ -192,7 +192,7 @@ class AxisTable(Table):
             purpose: Use of the gains, as the subject of the error's sentence.
 
         Raises:
-            NotPossibleError: They are as found in the drive, so nobody knows them.
+            NotPossibleError: They are as found in the drive, and so not known.
         """
         if isinstance(self.control, Control):
             return self.control
@@ -210,7 +210,7 @@ class AxisTable(Table):
             purpose: Use of the accelerometer, as the subject of the error's sentence.
 
         Raises:
-            NotPossibleError: It is too short for anything to be felt.
+            NotPossibleError: It is too short for a measurement.
         """
         if self.tip_lever_m >= LEAST_LEVER_M:
             return self.tip_lever_m
@@ -247,7 +247,7 @@ class Specification(Table):
 
     Attributes:
         tip_mm: Largest displacement.
-        quiet_mm: Largest displacement that a cancellation may leave without its cause being told.
+        quiet_mm: Largest displacement that a cancellation may leave with an unknown cause.
         line_area_reduction_pct: Reduction of the spectrum's area that is asked in the line motion; None: only the peak is asked.
         band_hz: Band of the line motion's vibration on a bench with an arm, which several resonances share; None: by f_al.
     """
@@ -424,7 +424,7 @@ def with_arm(bench: Bench, folder: Path) -> Bench:
 
     Raises:
         FileError: The URDF file describes no such arm.
-        ValueError: What the bench file says does not fit the arm.
+        ValueError: The bench file contradicts the arm.
     """
     if bench.arm is None or bench.arm.link:
         return bench

@@ -18,7 +18,7 @@ class DesignedAxis(Table):
 
     Attributes:
         notch: The filters, written as in a bench file.
-        tip_peak_mm: Tip peak predicted for the believed plant on the bench file's ramp, by order.
+        tip_peak_mm: Tip peak predicted for the assumed plant on the bench file's ramp, by order.
         worst_tip_peak_mm: Tip peak of the worst of the plants, up or down the ramp, by order.
         sensitivity_peak: Largest M_s of all speeds and plants.
         phase_margin_deg: Smallest phase margin of all speeds and plants.

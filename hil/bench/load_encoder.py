@@ -59,7 +59,7 @@ def with_load_encoders(bench: Bench, recording: Recording, standing_rad: Mapping
     Args:
         bench: The bench file.
         recording: The run, as it was received.
-        standing_rad: Motor angles of axes that did not move; those that are not given stand at home.
+        standing_rad: Motor angles of axes that did not move; those that are not given are at home.
 
     Raises:
         NotPossibleError: An encoder counts the wrong way, or another turn than the bench file says.

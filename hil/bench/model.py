@@ -54,7 +54,7 @@ class IdentifiedPlant(Table):
         cannot_tell: Facts that these data cannot show, in words.
         coulomb_friction_nm: Coulomb friction τ_C at the motor; None if no slow run was made.
         gravity_moment_nm: Gravity moment m g l of the arm; None if no slow run was made.
-        torque_lag_s: Lag of the drive's current loop, from the torque that it reports to the one that the motor feels.
+        torque_lag_s: Lag of the drive's current loop, from the reported torque to the torque on the motor.
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle; None without an accelerometer.
         note: Notes of the engineer: date, load, temperature.
         emulated: True if it was identified on an emulated robot; None if that was not recorded.
@@ -186,7 +186,7 @@ class IdentifiedAxis(Table):
     Attributes:
         plant: The plant, as designs and cancellations use it.
         ate: The transmission error.
-        posture: What it has felt of an arm, by posture.
+        posture: Modes of the arm that it has measured, by posture.
     """
 
     plant: IdentifiedPlant | None = None
@@ -336,8 +336,8 @@ def update_file(
         robot: Name of the bench on which the part was identified.
         number: Number of the axis.
         part: Plant or transmission error of the axis.
-        posture: What the axis has felt of its arm in a posture.
-        keeps_known: Keep the file's own part where it has one.
+        posture: Modes of the arm that the axis has measured in a posture.
+        keeps_known: Keep the file's own part if it has one.
 
     Raises:
         FileError: The file is not a model file, or cannot be written.

@@ -66,7 +66,7 @@ class LoadEncoderTable(Table):
     Attributes:
         counts_per_rev: Steps per revolution of the joint.
         object: Object that shows its position; None: the drive profile's, or 60E4:1, the first additional encoder (CiA 402).
-        is_reversed: It counts down where the motor counts up.
+        is_reversed: True if it counts down while the motor counts up.
     """
 
     counts_per_rev: Annotated[int, Field(ge=256, le=2**31 - 1)]

@@ -45,7 +45,7 @@ def joint_angles(bench: Bench, recording: Recording, standing_rad: Mapping[int, 
     Args:
         bench: The bench file.
         recording: Recording of the axes that moved.
-        standing_rad: Motor angles of others; an axis that is in neither stands at home.
+        standing_rad: Motor angles of others; an axis that is in neither is at home.
 
     Raises:
         ValueError: The bench has no arm.

@@ -1,6 +1,6 @@
 """Records of the local bus that are not frames: clock and time.
 
-A message of a seqpacket socket is one record, or up to `MAX_RECORDS` of them where both ends understand that.
+A message of a seqpacket socket is one record, or up to `MAX_RECORDS` of them if both ends understand that.
 
 The records look like error messages of a controller (``CAN_ERR_FLAG``) of a class that SocketCAN does not use, so that a client
 that does not know them skips them. They are sent only to a client that has sent a question.

@@ -95,7 +95,7 @@ class _Listening:
 
     @staticmethod
     def _gathered(read: Callable[[int], T]) -> T | None:
-        """What a socket gives next; None if nothing comes within a moment.
+        """Next message of a socket; None if none comes within a moment.
 
         Args:
             read: Reads the socket with flags of `recv`.
@@ -193,7 +193,7 @@ class CanListener(_Listening):
     """Listener on a CAN interface; times are the kernel's."""
 
     def __init__(self, address: Address) -> None:
-        """Open the socket; `BusUnavailableError` where that fails."""
+        """Open the socket; `BusUnavailableError` if that fails."""
         super().__init__(address)
         self._socket = bind_can(address)
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)

@@ -263,7 +263,7 @@ def _run(
 
 
 def _leave(done: "ComparisonOutcome") -> None:
-    """Leave with the exit status, and say why."""
+    """Exit with the status, and print the reason."""
     say_not_restored(done.not_restored)
     if done.failure is not None:
         raise exit_with(done.failure)

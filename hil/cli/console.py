@@ -113,7 +113,7 @@ def exit_on_error(interrupted: str = "interrupted before anything moved") -> Ite
 
 
 def say_not_restored(objects: Iterable[str]) -> None:
-    """Print the objects that could not be put back in the nodes."""
+    """Print the objects that could not be restored in the nodes."""
     from hil.errors import not_put_back  # noqa: PLC0415
 
     for name in objects:

@@ -62,7 +62,7 @@ def demo(
     The second part draws the unknown robot by a seed. It identifies, designs, uploads, and compares
     runs with nothing, the notch, the designed notch and cancellation. The end shows the robot's true numbers.
 
-    The last part takes a whole arm of six axes, learns on its line what shakes it, and runs the line with what was learnt.
+    The last part takes a whole arm of six axes, learns a cancellation on its line, and runs the line with it.
 
     Example: hil demo --out demo
     """
@@ -107,7 +107,7 @@ def next_steps(prefix: str = "") -> list[str]:
     """Return lines on further steps, each with its command.
 
     Args:
-        prefix: Folder of the tools, with its slash; empty where the shell finds them.
+        prefix: Folder of the tools, with its slash; empty if the shell finds them.
     """
     lines = ["", "What next:"]
     for purpose, command in NEXT:
@@ -155,7 +155,7 @@ def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
 
 
 def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
-    """Tell the tour, the demo's second part, and return the exit status."""
+    """Run the tour, the demo's second part, and return the exit status."""
     from hil import tour  # noqa: PLC0415
     from hil.emulator import EmulatorProcess, draw_robot  # noqa: PLC0415
     from hil.experiments.comparison.table import summary  # noqa: PLC0415

@@ -206,7 +206,7 @@ class _Bar(SilentReporter):
 
 @contextmanager
 def _bar(label: str) -> Iterator[Reporter]:
-    """Show a bar on standard error, where that is a terminal."""
+    """Show a bar on standard error, if that is a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 

@@ -68,7 +68,7 @@ def arm(
 
 
 def _summary(result: "ArmResult") -> None:
-    """Print gears, dips along the line, and what is to be said."""
+    """Print gears, dips along the line, and notes."""
     known = result.arm
     typer.echo(f"{known.postures} postures, misfit {known.misfit:.2f} standard errors")
     for axis, stiffness, error in zip(known.axes, known.stiffness_nm_rad, known.standard_error_nm_rad, strict=True):

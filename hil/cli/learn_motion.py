@@ -57,7 +57,7 @@ def learn_motion(
         where: Directory of the files.
         model: The model file.
         plant: Model file with the plants; None without one.
-        overload: Run even what does not fit on the bus.
+        overload: Run even if the frames do not fit on the bus.
         yes: Move a real robot without asking.
         as_json: Print result.json instead of text.
     """

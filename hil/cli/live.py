@@ -56,7 +56,7 @@ def shown_live(port: int | None, address: str, bench_file: str) -> Iterator[None
     Args:
         port: Port of the page; 0 for a free one.
         address: Address of the bus.
-        bench_file: Bench file, or a name that stands for one.
+        bench_file: Bench file, or a name of the package.
 
     Raises:
         NotPossibleError: It cannot be shown; nothing has moved.

@@ -143,12 +143,12 @@ def run_and_report(
     Args:
         bench: The bench file.
         experiments: Experiments in their order.
-        out: Directory of the files; made where it is missing.
+        out: Directory of the files; made if it is missing.
         as_json: Print result.json instead of text.
         is_paper: Judge all of the paper's claims.
         reset_faults: Reset drives that are in fault first.
         clock: Clock that the bus must have; None for either.
-        overload: Run even what does not fit on the bus.
+        overload: Run even if the frames do not fit on the bus.
         knowledge: Knowledge that some treatments need beside the bench file.
         repeat: Number of runs of each motion.
         has_report: Write the report; without it `hil report` does so later.
@@ -184,7 +184,7 @@ def run_and_report(
 
 
 def _status(outcome: "ExperimentsOutcome") -> int:
-    """Return the exit status of runs, and say why."""
+    """Return the exit status of runs, and print the reason."""
     say_not_restored(outcome.not_restored)
     if outcome.stopped is not None:
         say(str(outcome.stopped))

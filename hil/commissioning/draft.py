@@ -41,7 +41,7 @@ class ArmDrawing:
     Attributes:
         path: URDF file.
         folder: Folder of the bench file, from which its path counts.
-        joints: Joints of the drives, in rising node-IDs; empty where that is not known.
+        joints: Joints of the drives, in rising node-IDs; empty if that is not known.
         tip_link: Link that is the tip; None: the only one at the end.
     """
 

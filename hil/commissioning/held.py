@@ -75,7 +75,7 @@ class HeldAxis(Run):
             session: Session that has been brought up.
             axis: The axis.
             exchange: Its PDOs, and those of the sensor.
-            start_rad: Motor angle at which it stands.
+            start_rad: Present motor angle.
             standing_rad: Motor angles of the other axes.
         """
         times = sample_times(RECORDED_S, exchange.period_s)
@@ -102,7 +102,7 @@ class HeldAxis(Run):
         return state_of(self.slot.status_word)
 
     def rise(self) -> bool:
-        """Enable the drive where it stands; False if something has stopped it."""
+        """Enable the drive at its position; False after a stop."""
         if self._guarded(self.enable):
             self.starts[0] = self.slot.position_rad
         return self.stopped is None

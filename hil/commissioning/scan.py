@@ -35,12 +35,12 @@ class FoundNode:
     Attributes:
         identity: Identity that it states.
         profiles: Labels of the profiles that fit.
-        scaling: How a drive counts; None of other nodes, and where it does not say.
+        scaling: Units of a drive; None for other nodes, and if the drive lacks them.
         doubt: Reason why it is not known how it counts, or None.
-        unsaid: Keys of the bench file that have to say how it counts, since it does not.
+        unsaid: Keys of the bench file for units that the drive lacks.
         control: Gains that it holds; None if it holds none, or its profile does not know them.
         knows_gains: True if its profile knows all gains of the loop.
-        speed_limit_rps: Speed that the drive itself allows; None if it does not say.
+        speed_limit_rps: Speed that the drive itself allows; None if it has no object for it.
         position_rev: Position of its motor; None if that is not known.
     """
 
@@ -116,7 +116,7 @@ def profiles_of(identity: DeviceIdentity, name: str | None) -> tuple[str, ...]:
 
 
 def _found(network: Network, identity: DeviceIdentity, profiles: tuple[str, ...]) -> FoundNode:
-    """A node with all that it says of itself."""
+    """A node with all data that it has on itself."""
     found = FoundNode(identity, profiles)
     profile = found.profile
     if profile is None or profile.kind != "drive":

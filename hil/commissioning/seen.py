@@ -1,4 +1,4 @@
-"""Words and shape of what the checks give."""
+"""Results of the checks, and their words."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class Checked:
         Args:
             name: Name of the check.
             verdict: Its outcome.
-            seen: What was seen, in words.
+            seen: Observation in words.
             recording: Path of its recording.
         """
         return CheckEntry(axis=self.number, name=name, verdict=verdict, seen=seen, recording=recording)
@@ -56,12 +56,12 @@ class Checked:
         return self.not_made(name, seen) if held.is_masters_fault else self.passed(name, False, seen, recording)
 
     def passed(self, name: str, is_good: bool, seen: str, recording: str | None = None) -> CheckEntry:
-        """One check that can be told.
+        """One check that passed or failed.
 
         Args:
             name: Name of the check.
             is_good: True if all is as it must be.
-            seen: What was seen, in words.
+            seen: Observation in words.
             recording: Path of its recording.
         """
         return self.entry(name, "PASS" if is_good else "FAIL", seen, recording)

@@ -50,7 +50,7 @@ class Ratio:
 
     @property
     def holds(self) -> bool:
-        """True if it is 1, as far as can be told."""
+        """True if it is 1 within its uncertainty."""
         return 1.0 / SCALE - 2.0 * self.error <= self.value <= SCALE + 2.0 * self.error
 
     @property

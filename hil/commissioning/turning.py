@@ -70,7 +70,7 @@ def check_turn(of: Checked) -> list[CheckEntry]:
 
 
 def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path: str) -> list[CheckEntry]:
-    """What a turn that was not stopped tells.
+    """Checks by a turn that was not stopped.
 
     Args:
         of: The axis.

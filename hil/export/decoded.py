@@ -57,7 +57,7 @@ class Decoded:
     Attributes:
         trace: The log.
         pdos: PDOs with their numbers.
-        notes: Sentences on what is not known, or left out.
+        notes: Sentences on unknown or omitted parts.
     """
 
     trace: Trace

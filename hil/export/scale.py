@@ -34,8 +34,8 @@ class WireUnit:
     Attributes:
         name: Name of the number, with its unit as in a recording.
         factor: SI value of 1, with its sign.
-        unit: WireUnit in words; "" where it is not known, or there is none.
-        kind: Data type, where the bench file or a profile says it.
+        unit: WireUnit in words; "" if it is not known, or there is none.
+        kind: Data type, if bench file or profile has it.
     """
 
     name: str
@@ -48,8 +48,8 @@ class NodeUnits:
     """Units of a node's numbers.
 
     Attributes:
-        prefix: Name of the axis, or of the node where no bench file knows it.
-        notes: Sentences on what is not known.
+        prefix: Name of the axis, or of the node without a bench file.
+        notes: Sentences on unknown scales.
     """
 
     def __init__(self, node: Node, bench: Bench | None) -> None:
@@ -60,7 +60,7 @@ class NodeUnits:
             bench: Bench file; None if there is none.
 
         Raises:
-            NodeError: What the log holds contradicts the bench file.
+            NodeError: The log contradicts the bench file.
         """
         self._node, self._own = node, {}
         self.notes: list[str] = []

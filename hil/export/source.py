@@ -47,7 +47,7 @@ def mapping_of(path: Path, known: Known, progress: Callable[[int], None] = lambd
 
     Args:
         path: Directory of a run, or a log.
-        known: What is said beside it.
+        known: Additional statements on it.
         progress: Called with the number of bytes that have been read.
 
     Raises:

@@ -137,7 +137,7 @@ def _interface(text: NDArray[np.uint8], at: int, end: int) -> int:
 
 @compiled
 def _digit(character: int) -> int:
-    """Value of a hexadecimal digit; −1 where it is none."""
+    """Value of a hexadecimal digit; −1 for any other character."""
     if 48 <= character <= 57:
         return character - 48
     if 65 <= character <= 70:

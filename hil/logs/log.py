@@ -107,7 +107,7 @@ class Log:
         path: The file.
         streams: Frames by identifier, with the flags of SocketCAN.
         damage: Parts that could not be read.
-        began_s: Stamp of the first frame as it stands in the file, in s.
+        began_s: Stamp of the first frame as in the file, in s.
         duration_ns: Time from the first frame to the last.
     """
 
@@ -122,7 +122,7 @@ class Log:
         return sum(map(len, self.streams.values()))
 
     def __contains__(self, can_id: int) -> bool:
-        """Whether there is a frame of an identifier."""
+        """True if there is a frame of an identifier."""
         return can_id in self.streams
 
     @property
@@ -196,7 +196,7 @@ def _longer(column: NDArray[Any], count: int, rows: int) -> NDArray[Any]:
 
 
 def _thin(column: NDArray[Any]) -> NDArray[Any]:
-    """The column itself, or one number that stands for all rows."""
+    """The column itself, or one number for all rows."""
     if len(column) < FIRST_ROWS or np.any(column != column[0]):
         return column
     return np.broadcast_to(column[0].copy(), column.shape)

@@ -1,7 +1,7 @@
 """Nodes of a log, and the contents of their process data.
 
 They come from the SDO traffic of the set-up, or from a device description.
-Without either a PDO stays bytes, and only its timing is looked at.
+Without either, only the timing of a PDO is checked.
 
 Source: CiA 301, 7.5.2.35 to 7.5.2.38 (PDO communication and mapping parameters); CiA 402-2 for the objects' types.
 """
@@ -98,8 +98,8 @@ class Pdo:
         number: From 1.
         can_id: Identifier.
         transmission_type: Transmission type; None if it is not known.
-        entries: Its numbers; empty where the mapping is not known.
-        is_reconstructed: Whether the identifier alone was seen, of the predefined connection set.
+        entries: Its numbers; empty if the mapping is not known.
+        is_reconstructed: True if only its identifier of the predefined connection set was seen.
     """
 
     node: int
@@ -128,8 +128,8 @@ class Node:
 
     Attributes:
         number: Node-ID.
-        values: Contents of its objects then, by address: of a description, and over it what was written or read last.
-        heard: Addresses of those that the log itself holds.
+        values: Contents of its objects then, by address: written or read last, else from a description.
+        heard: Addresses of those in the log itself.
         pdos: Its PDOs.
         description: Its device description.
     """
@@ -141,7 +141,7 @@ class Node:
     description: Description | None = None
 
     def value(self, index: int, subindex: int = 0) -> int | None:
-        """Content of an object as a number; None if nothing tells it."""
+        """Content of an object as a number; None if it is not known."""
         return self.values.get((index, subindex))
 
     def pdo_with(self, direction: Direction, index: int, subindex: int = 0) -> tuple[Pdo, MappedNumber] | None:

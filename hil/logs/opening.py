@@ -34,8 +34,8 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
     """Read a log.
 
     Args:
-        path: The file; its format by its suffix, and candump's where that says nothing.
-        progress: Called with the number of bytes that have been read, where that is known.
+        path: The file; its format by its suffix, candump's for an unknown suffix.
+        progress: Called with the number of bytes that have been read, if that is known.
         interface: The interface whose frames are read, as the log names it; None: that of its first frame.
 
     Raises:
@@ -92,7 +92,7 @@ def _foreign(
     Args:
         path: The file.
         counters: As of candump's reader.
-        ended: Gets the reason why a file ended early.
+        ended: List to which the reason of an early end is added.
         interface: The interface whose frames are read; None: that of the first.
     """
     messages, channel = _messages(path, ended), interface

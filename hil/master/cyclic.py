@@ -47,7 +47,7 @@ class Slot:
         missing: Cycles in a row without an answer.
         mode: Mode in which the drive takes its set-points.
         feedback_id: Identifier of the TPDO that brings status word, position and torque.
-        notch_id: Identifier of the TPDO that brings the filter's state; 0 where the drive does not send it.
+        notch_id: Identifier of the TPDO that brings the filter's state; 0 if the drive does not send it.
     """
 
     axis: DriveAxis
@@ -154,7 +154,7 @@ class CyclicExchange:
             axes: The axes that take part.
             sensor: The accelerometer.
             period_s: SYNC period.
-            loop: Place of the loop: set-points are positions where drives close it, torques where the host does.
+            loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do: braked, they swing on their gears.

@@ -104,7 +104,7 @@ class Network:
 
     Attributes:
         channel: The bus.
-        canopen: canopen's network; it gets every frame that is not cyclic.
+        canopen: canopen's network; it receives every frame that is not cyclic.
         emergencies: Emergencies of the nodes that were not handled yet; a bounded queue.
         fault_texts: For each node, its maker's own error codes in words.
         heartbeats: Time and NMT state of the last heartbeat of each node.

@@ -70,7 +70,7 @@ class RunRequest:
         """Refuse combinations that are not possible.
 
         Raises:
-            NotPossibleError: The combination is not possible; the message says what it needs.
+            NotPossibleError: The combination is not possible; the message has the requirement.
         """
         if self.filters == "notch" and not any(axis.table.notch for axis in axes):
             names = " or ".join(f"axis.{axis.number}.notch" for axis in axes)
@@ -178,7 +178,7 @@ def check_acceleration(table: AxisTable, axis: int, trajectory: ConstantAccelera
     The torque gives motor and arm α ≤ τ/(2π (J_m + J_l/N²)) in rev/s².
 
     Args:
-        table: Table of the axis in the bench file; where it knows neither plant nor motor inertia the torque refuses nothing.
+        table: Table of the axis in the bench file; without plant and motor inertia, the torque is not checked.
         axis: Axis number.
         trajectory: Trajectory of the motor.
 

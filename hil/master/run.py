@@ -77,7 +77,7 @@ class Run:
         progress: Called with the fraction of the motion that is done.
         table: Rows that are recorded.
         missed: Cycles of the motion in which an answer did not come.
-        sensor_missed: Cycles of the motion without what tells the tip.
+        sensor_missed: Cycles of the motion without a measurement of the tip.
         dropped: Cycles of the motion whose set-points were not sent in time.
     """
 
@@ -419,7 +419,7 @@ class Run:
     def _where(self) -> str:
         """Return the positions of the axes in words, with the remedy.
 
-        From the last answers, or by SDO where they are missing.
+        From the last answers, or by SDO if they are missing.
         """
         found = []
         for i, slot in enumerate(self.exchange.slots):

@@ -154,11 +154,11 @@ class Session:
 
         Args:
             reset_faults: Reset drives that are in fault before anything else.
-            moving: Axes that will move; what the others lack does not matter. None: all axes.
+            moving: Axes that will move; missing objects of the others do not matter. None: all axes.
             in_fault: Number of an axis whose drive may be in fault; None for none.
 
         Raises:
-            ProfileGapsError: Profiles do not say how drives count; nothing has been sent.
+            ProfileGapsError: Profiles lack the units of drives; nothing has been sent.
             MissingObjectsError: Drives lack objects that every run needs.
             NodeError: A node is silent, another device, already enabled, moving, or in fault.
         """
@@ -359,7 +359,7 @@ class Session:
         Args:
             axes: The axes that take part.
             period_s: SYNC period.
-            loop: Place of the loop: set-points are positions where drives close it, torques where the host does.
+            loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do.

@@ -51,7 +51,7 @@ class Sensed(NamedTuple):
 
 @runtime_checkable
 class SensingAdder(SetPointAdder, Protocol):
-    """A `SetPointAdder` that follows what is left of the vibration."""
+    """A `SetPointAdder` that adapts to the remaining vibration."""
 
     def sense(self, sensed: Sensed) -> None:
         """Take the measurements of the last cycle, before each `step`."""

@@ -26,7 +26,7 @@ class Supervisor:
     Attributes:
         bus: The same table; a new one counts from the next `begin` on.
         interrupted_by: The signal that asked for an end, or None.
-        is_silent: True while the master's heartbeat is held back, to see whether drives stop by themselves.
+        is_silent: True while the master's heartbeat is held back, to check that drives stop by themselves.
     """
 
     def __init__(self, network: Network, bus: Bus) -> None:

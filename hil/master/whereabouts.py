@@ -35,7 +35,7 @@ def way_out(axis: int, stands_rev: float, limits: Limits, low_rev: float, high_r
 
     Args:
         axis: Number of the axis.
-        stands_rev: Where its motor stands.
+        stands_rev: Position of its motor.
         limits: Its limits.
         low_rev: Lowest position of the motion, counted from its start.
         high_rev: Highest position of the motion, counted from its start.
@@ -56,12 +56,12 @@ def name_range(limits: Limits) -> str:
 
 @dataclass(frozen=True)
 class Whereabouts:
-    """Where an axis stands after a stop.
+    """Position of an axis after a stop.
 
     Attributes:
         axis: Number of the axis.
-        stands_rev: Where its motor stands; None if it did not answer.
-        began_rev: Where the motor stood when the drive was enabled; None if it was not.
+        stands_rev: Position of its motor; None if it did not answer.
+        began_rev: Position of the motor when the drive was enabled; None if it was not.
     """
 
     axis: int
@@ -70,7 +70,7 @@ class Whereabouts:
 
     @property
     def is_away(self) -> bool:
-        """True if it stands elsewhere than where it began."""
+        """True if it is not where it began."""
         known = self.stands_rev is not None and self.began_rev is not None
         return known and abs((self.stands_rev or 0.0) - (self.began_rev or 0.0)) > AWAY_REV
 

@@ -99,11 +99,11 @@ class Watched:
 def watched(
     values: Real, errors: Real, limits: AlarmLimits, design: Design | None = None, size: float | None = None
 ) -> Watched:  # fmt: skip
-    """A series held against its own past.
+    """Compare a series with its own past.
 
     Args:
         values: Values of the runs, in the order of their dates; shape (n,).
-        errors: Their own standard errors, 0 where one is not known; shape (n,).
+        errors: Their own standard errors, 0 for an unknown one; shape (n,).
         limits: AlarmLimits of the alarms.
         design: Conditions of the runs; None if nothing is noted.
         size: Size of what is measured, of which conditions change a part; None: that of the first values.
@@ -131,7 +131,7 @@ def _last(x: Real, own: Real, design: Design, first: int | None, size: float | N
         design: Their conditions.
         first: Index of the first alarm.
         size: As in `watched`.
-        mean: What is expected where the runs before are few.
+        mean: Expected value if there are few runs before.
     """
     rows = np.append(np.arange(len(x) - 1 if first is None else first), len(x) - 1)
     if len(rows) <= FEWEST_BEFORE:

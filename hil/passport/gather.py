@@ -47,7 +47,7 @@ class Gathered:
     """Identifications below folders.
 
     Attributes:
-        runs: Identifications; one that stands in several files is there once.
+        runs: Identifications; one in several files appears once.
         left_out: Files that were not read, with the reason.
     """
 
@@ -62,7 +62,7 @@ def gather(folders: Iterable[Path], note: str = "") -> Gathered:
 
     Args:
         folders: The folders.
-        note: Conditions of all of them, where their own notes say nothing: `22 °C, no load`.
+        note: Conditions of all of them, if their own notes have none: `22 °C, no load`.
 
     Raises:
         NotPossibleError: There are too many files.
@@ -171,7 +171,7 @@ def _run(robot: str, axis: int, part: IdentifiedError, date: str, path: Path) ->
     Args:
         robot: Name of the bench.
         axis: Axis number.
-        part: What was identified.
+        part: The identified transmission error.
         date: Date of the measurement.
         path: File from which it is.
 

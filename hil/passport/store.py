@@ -64,7 +64,7 @@ class PassportFileError(HilError):
     exit_code: ClassVar[int] = 3
 
     def __init__(self, path: Path, problem: str) -> None:
-        """Keep the file and what is wrong with it."""
+        """Keep the file and its defect."""
         self.path, self.problem = path, problem
         super().__init__(f"{path}: {problem}")
 
@@ -76,7 +76,7 @@ class OrderLine:
     Attributes:
         order: Order k.
         a_arcsec: Amplitude A_k.
-        a_error_arcsec: Its standard error; 0 where it is not known.
+        a_error_arcsec: Its standard error; 0 if it is not known.
         phi_deg: Phase φ_k.
         phi_error_deg: Its standard error, likewise.
     """
@@ -114,21 +114,21 @@ class PassportRun:
     """One identification of one gear.
 
     Attributes:
-        content: Hash of what was measured.
+        content: Hash of the measurement.
         robot: Name of the bench.
         axis: Axis number.
         measured_utc: Date of the measurement, ISO 8601.
         learnt_by: Source of the values, as in the model file.
         note: Note of the engineer.
-        temperature_c: Temperature that the note says.
-        load_kg: Load that the note says.
+        temperature_c: Temperature in the note.
+        load_kg: Load in the note.
         direction: `forward` or `backward`; None for both together.
         top_rps: Highest motor speed.
         joint_low_deg: Lower end of the joint's way; None if it is not known.
         joint_high_deg: Its upper end.
-        pole_pairs: Pole pairs of the motor, as the bench file says.
+        pole_pairs: Pole pairs of the motor, from the bench file.
         slots: Its slots.
-        seen_by: `motion` where the motor's own motion was measured and taken out, `torque` where its torque was read.
+        seen_by: `motion` if the motor's own motion was measured and removed, `torque` for its torque.
         emulated: True if it was measured on an emulated robot.
         source: Path from which it was read.
         lines: Orders.
@@ -158,7 +158,7 @@ class PassportRun:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """The file, with its tables; made where it is missing.
+    """The file, with its tables; made if it is missing.
 
     Raises:
         PassportFileError: It is not a passport, another program's, damaged, in use, or cannot be written.

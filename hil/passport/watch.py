@@ -94,7 +94,7 @@ class Trend:
 
 @dataclass(frozen=True)
 class OrderOrigin:
-    """Where an order of a gear comes from.
+    """Origin of an order of a gear.
 
     Attributes:
         robot: Name of the bench.
@@ -130,7 +130,7 @@ def origins(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str
 
     Args:
         runs: Runs of a passport.
-        motors: Poles and slots by axis; where one is not given, it is what the runs' bench files say.
+        motors: Poles and slots by axis; those of the runs' bench files replace missing ones.
         since: Date from which on runs count, ISO 8601.
     """
     made = []
@@ -148,7 +148,7 @@ def origins(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str
 
 
 def _motor(runs: Sequence[PassportRun], given: Motor) -> Motor:
-    """Poles and slots: as given, else as the last bench file says."""
+    """Poles and slots: as given, else from the last bench file."""
     poles = [run.pole_pairs for run in runs if run.pole_pairs is not None]
     slots = [run.slots for run in runs if run.slots is not None]
     return Motor(given.pole_pairs or (poles[-1] if poles else None), given.slots or (slots[-1] if slots else None))

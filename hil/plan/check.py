@@ -50,7 +50,7 @@ class AxisStability:
         phase_margin_deg: Phase margin at that speed.
         pole_radius: Largest |z| at that speed.
         level: Stability in a word.
-        reason: Reason where the stability is not known.
+        reason: Reason for an unknown stability.
     """
 
     axis: int
@@ -77,7 +77,7 @@ class PlanVerdict:
         wire: Bit rates of the bus; None: without bit times, or not known.
         delay_periods: Delay of a host-closed loop; 0 for a drive-closed one; None if the bus cannot carry it at all.
         stability: Stability by axis.
-        gaps: Sentences on what the run needs and the drives' profiles, or the bench file, lack, and on ramps beyond limits.
+        gaps: Sentences on entries that profiles or bench file lack, and on ramps beyond limits.
         remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
     """
 

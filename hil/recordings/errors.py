@@ -12,7 +12,7 @@ class RecordingFileError(HilError, ValueError):
     exit_code: ClassVar[int] = 3
 
     def __init__(self, path: Path, problem: str) -> None:
-        """Keep the file and what is wrong."""
+        """Keep the file and the defect."""
         self.path, self.problem = path, problem
         super().__init__(f"{path}: {problem}")
 

@@ -64,7 +64,7 @@ class Column:
         role: Meaning.
         name: Name in the file.
         unit: Unit.
-        is_guessed: True if name or unit was not said but known by the names.
+        is_guessed: True if name or unit follows from the known names.
     """
 
     role: Role
@@ -164,7 +164,7 @@ def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> d
     Args:
         path: The file, for errors.
         names: Names of its columns.
-        said: What the user has said.
+        said: The user's statements.
         axis: Number of the axis.
 
     Raises:

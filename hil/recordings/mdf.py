@@ -45,7 +45,7 @@ class MdfFile:
         All of shape (n,).
 
         Raises:
-            RecordingFileError: A channel cannot be read, holds no numbers, or stands in the file more than once.
+            RecordingFileError: A channel cannot be read, holds no numbers, or is in the file more than once.
         """
         with self._opened() as file:
             return self._columns(file, names)

@@ -1,4 +1,4 @@
-"""Recordings as Parquet; pyarrow is loaded only where one is read."""
+"""Recordings as Parquet; pyarrow is loaded only to read one."""
 
 from collections.abc import Sequence
 from pathlib import Path

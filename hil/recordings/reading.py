@@ -27,7 +27,7 @@ class Recorded:
         path: The file.
         column: Columns by their role.
         value: Numbers by role, in s, rad, m/s² and N·m; all of shape (n,).
-        notes: Sentences on what was done to them.
+        notes: Sentences on changes to them.
     """
 
     path: Path
@@ -65,7 +65,7 @@ def read_recording(path: Path, said: Said, axis: int) -> Recorded:
 
     Args:
         path: The file.
-        said: What is known of its columns.
+        said: The user's statements on its columns.
         axis: Number of the axis.
 
     Raises:

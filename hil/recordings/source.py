@@ -34,7 +34,7 @@ class Source(Protocol):
         All of shape (n,).
 
         Raises:
-            RecordingFileError: A column holds what is not a number.
+            RecordingFileError: A column has values that are no numbers.
         """
         ...
 

@@ -33,7 +33,7 @@ class Unit:
     Attributes:
         text: Spelling.
         factor: SI value of 1.
-        per_rev: Numbers in a revolution, after which an angle may begin anew; 0 for what is no angle.
+        per_rev: Numbers in a revolution, after which an angle may begin anew; 0 for other quantities.
     """
 
     text: str

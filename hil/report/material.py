@@ -145,7 +145,7 @@ class Material:
 
     @property
     def word(self) -> str:
-        """Word for what came from the robot: `measured`, or `emulated`."""
+        """Word for data of the robot: `measured`, or `emulated`."""
         return origin_of(self.result).word
 
     @cached_property
@@ -235,7 +235,7 @@ class Material:
         return TransmissionError(ate.amplitudes_arcsec(), ate.phases_deg())
 
     def amplitude_arcsec(self, axis: int, order: int) -> float:
-        """A_k of the bench file; 0 where it is not known."""
+        """A_k of the bench file; 0 if it is not known."""
         error = self.transmission_error(axis)
         return 0.0 if error is None else error.amplitude_arcsec.get(order, 0.0)
 
@@ -260,7 +260,7 @@ class Material:
         return None
 
     def lead(self, experiment: str, axis: int | None, treatment: str, loop: str) -> RunEntry | None:
-        """Window that speaks for a run, or None.
+        """Leading window of a run, or None.
 
         Args:
             experiment: Name of the experiment.

@@ -14,11 +14,11 @@ from hil.results.comparison import ComparisonRobot, TreatmentTable
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of what a page shows.
+    """Origin of a page's numbers.
 
     Attributes:
         word: Word for a number that was not computed: `measured`, `emulated` or `partly emulated`.
-        band: Sentence on top of the page; empty where a real robot was measured.
+        band: Sentence on top of the page; empty for a real robot.
         is_emulated: True if any part was emulated.
     """
 

@@ -150,7 +150,7 @@ class SvgPicture:
 
     @property
     def zoom(self) -> ZoomFigure | None:
-        """What can be zoomed; None if that is nothing."""
+        """Zoomable data; None without any."""
         if self._figure is None:
             return None
         self._figure.draw_without_rendering()  # as the picture was drawn: its limits are final then
@@ -184,7 +184,7 @@ class Drawing:
 
     @property
     def zoom(self) -> ZoomFigure | None:
-        """What can be zoomed of the picture; None if that is nothing."""
+        """Zoomable data of the picture; None without any."""
         return self.picture.zoom if isinstance(self.picture, SvgPicture) else None
 
 
@@ -266,7 +266,7 @@ def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "
         x: Position of the line, in the data's unit.
         text: Name of the line.
         height: Height of the name as a fraction of the panel.
-        side: Side of the text at which the line stands, `left` or `right`.
+        side: Side of the text on which the line is, `left` or `right`.
     """
     keep_name(axes.axvline(x, **MARK), text)
     pad = 3 if side == "left" else -3

@@ -25,7 +25,7 @@ def write_report_of(directory: Path, *, is_interactive: bool = False) -> Path:
     """Write `report.html` into a directory of results; return its path.
 
     Args:
-        directory: Directory with result.json and what it names.
+        directory: Directory with result.json and the files that it names.
         is_interactive: True if the figures of the page can be zoomed.
 
     Raises:

@@ -89,7 +89,7 @@ class ZoomMap:
     Attributes:
         x: Ends of the abscissa.
         y: Ends of the ordinate.
-        values: Values in rows from the lowest ordinate up; shape (rows, columns), NaN where there is none.
+        values: Values in rows from the lowest ordinate up; shape (rows, columns), NaN for a missing value.
         top: Value of the strongest colour; the faintest is 0.
         colours: Names of its colours in the palette, from the faintest.
     """
@@ -103,7 +103,7 @@ class ZoomMap:
 
 @dataclass(frozen=True, eq=False)
 class ZoomPanel:
-    """A panel: what it shows, and from where to where.
+    """A panel: its curves and maps, and its limits.
 
     Attributes:
         title: Title of the panel.
@@ -156,7 +156,7 @@ def keep_name(line: Line2D, name: str) -> None:
 
 
 def keep_map(panel: Axes, x: Real, y: Real, values: Real, top: float, colours: tuple[str, ...]) -> None:
-    """Keep what a panel draws as a map, evenly in x.
+    """Keep the data of a panel's map, evenly in x.
 
     Args:
         panel: Panel that draws it.

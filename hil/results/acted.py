@@ -30,8 +30,8 @@ class ActedFilter(ResultPart):
     Attributes:
         axis: Axis number.
         held_by: `drive`: the parameters are those that the drive held, read back; `host`: those of the master's own loop.
-        notch: The filter, where it follows the speed.
-        fixed: The filter, where it does not.
+        notch: The filter, if it follows the speed.
+        fixed: The filter, if it does not.
     """
 
     axis: int
@@ -62,7 +62,7 @@ class SourceFile(ResultPart):
     """A file from which a run took something.
 
     Attributes:
-        role: Part that it has: bench, model, design or learnt, or what a bench file names.
+        role: Part that it has: bench, model, design or learnt, or a file that the bench file names.
         path: Path as it was given.
         sha256: SHA-256 of its content, in hexadecimal digits.
     """

@@ -37,7 +37,7 @@ class LineDips(ResultPart):
         way_fraction: Fraction of the way.
         dips_hz: The dips, from the lowest.
         standard_error_hz: Their standard errors.
-        bodies_hz: The same by the bench file's bodies on the same gears; empty where it has none.
+        bodies_hz: The same by the bench file's bodies on the same gears; empty if it has none.
     """
 
     way_fraction: float
@@ -53,9 +53,9 @@ class ArmResult(Result):
         bench: Name of the bench.
         started_utc: Instant of the evaluation, ISO 8601.
         arm: Entry of the model file.
-        measured: Every dip that was felt.
-        line: Dips along the line motion; empty where they are not known.
-        next_posture_deg: Joint angles, by axis, of the posture that would tell most beside those measured.
+        measured: Every measured dip.
+        line: Dips along the line motion; empty if they are not known.
+        next_posture_deg: Joint angles, by axis, of the posture that would improve the fit most.
         notes: Sentences for the engineer.
     """
 

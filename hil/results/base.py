@@ -165,7 +165,7 @@ def aftermath(all_disabled: bool | None, not_restored: Iterable[str]) -> tuple[s
 
     Args:
         all_disabled: False if a drive has not confirmed that it is disabled.
-        not_restored: Objects that could not be put back.
+        not_restored: Objects that could not be restored.
     """
     unconfirmed = () if all_disabled is not False else (NOT_DISABLED,)
     return (*unconfirmed, *(not_put_back(what) for what in not_restored))
@@ -177,12 +177,12 @@ class MeasuredResult(Result):
     Attributes:
         bench: Bench of the measurement.
         stopped: Reason why the measurement was stopped.
-        causes: Causes that the error names with which it ended early; none where it names none.
+        causes: Causes that the error of an early end names.
         all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.
-        not_restored: Objects that could not be put back in the nodes.
+        not_restored: Objects that could not be restored in the nodes.
         drive_remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
         emulated: True if any node is emulated: then this is not a measurement; None if that is not known.
-        emulated_parts: Axes and accelerometer that are emulated, where others are not, or do not say.
+        emulated_parts: Axes and accelerometer that are emulated, if others are not, or do not answer.
     """
 
     bench: MeasuredBench
@@ -198,7 +198,7 @@ class MeasuredResult(Result):
         """Note which parts of the bench are emulated.
 
         Args:
-            answers: For each part True if it is emulated, False if it is not, None if it did not say.
+            answers: For each part True if it is emulated, False if it is not, None if it did not answer.
         """
         parts = tuple(name for name, answer in answers.items() if answer)
         is_known = bool(answers) and None not in answers.values()
@@ -223,5 +223,5 @@ class MeasuredResult(Result):
             self._note_other_failure(text)
 
     def _note_other_failure(self, text: str) -> None:
-        """Note why it failed where no run was stopped."""
+        """Note the reason of a failure without a stopped run."""
         self.stopped = text

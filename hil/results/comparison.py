@@ -110,7 +110,7 @@ class ComparisonRobot(ResultPart):
         tip_mm: Specification of its tip peak.
         rows: Row for each experiment and treatment.
         compliance: Compliance by axis and treatment.
-        not_restored: Objects that could not be put back in the nodes.
+        not_restored: Objects that could not be restored in the nodes.
         versions: Versions by package; None if nothing was run.
         ended: Reason why it was not run to the end.
         emulated: True if any of its nodes is emulated; None if that is not known.
@@ -184,7 +184,7 @@ class TourFact(ResultPart):
 
 
 class TourClaim(ResultPart):
-    """A number of a tour beside what is asked.
+    """A number of a tour, and its required bound.
 
     Attributes:
         claim: Claim in words.
@@ -215,9 +215,9 @@ class TourPart(ResultPart):
         failure: Reason why it ended early, or None.
         robot_file: Path of the robot file that was kept aside, from the tour's directory; None of a robot that has none.
         seed: Seed by which the robot was drawn.
-        facts: Numbers of the robot beside what was found, revealed at the end.
+        facts: True numbers of the robot beside the identified ones.
         heading: Title of its page.
-        claims: Numbers beside what is asked; None of a tour that claims nothing.
+        claims: Claims; None for a tour without any.
     """
 
     bench_file: str
@@ -236,7 +236,7 @@ class TreatmentTable(Result):
     Attributes:
         started_utc: Instant of the beginning, ISO 8601.
         request: Request of the comparison.
-        robots: Robots in their order; empty where none was run.
+        robots: Robots in their order; empty if none was run.
         emulated: True if any robot is emulated, even in part; None if that is not known of one, and of none that it is.
     """
 

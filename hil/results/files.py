@@ -46,7 +46,7 @@ class ResultFileError(HilError, ValueError):
     exit_code: ClassVar[int] = 3
 
     def __init__(self, path: Path, problem: str) -> None:
-        """Keep the file and what is wrong with it."""
+        """Keep the file and its defect."""
         self.path, self.problem = path, problem
         super().__init__(f"{path}: {problem}")
 

@@ -17,7 +17,7 @@ class FollowedOrder(ResultPart):
         phase_start_deg: φ_k at the start, as identified.
         phase_end_deg: φ_k at the end.
         turned_deg: How far φ_k was turned at the end.
-        was_taken_back: True if it wanted to leave its bounds, and was taken back to what was identified.
+        was_taken_back: True if it reached its bounds, and was reset to the identified value.
         time_s: Instants of the track; shape (n,).
         amplitude_arcsec: A_k then.
         phase_deg: φ_k then, not wrapped.
@@ -51,7 +51,7 @@ class FollowingPeak(ResultPart):
     Attributes:
         order: Order of the window; None for the whole motion.
         alone_mm: Peak with the cancellation alone.
-        following_mm: Peak where it follows.
+        following_mm: Peak with following.
         error_mm: Standard error of their difference.
     """
 

@@ -58,11 +58,11 @@ class TipPeak(ResultPart):
 
     Attributes:
         order: Order k.
-        rising_mm: Peak of the believed plant while the speed rises.
-        falling_mm: Peak of the believed plant while the speed falls.
+        rising_mm: Peak of the assumed plant while the speed rises.
+        falling_mm: Peak of the assumed plant while the speed falls.
         worst_mm: Peak of the worst plant, rising or falling.
         worst_member: Label of the worst plant.
-        other_mm: Largest peak of the believed plant on each of the slower and faster ramps, by their rate in rev/s².
+        other_mm: Largest peak of the assumed plant on each of the slower and faster ramps, by their rate in rev/s².
     """
 
     order: float
@@ -74,7 +74,7 @@ class TipPeak(ResultPart):
 
 
 class SpeedMarginsEntry(ResultPart):
-    """Margins of the believed plant's loop at one motor speed; `hil.design.frequency.Margins`."""
+    """Margins of the assumed plant's loop at one motor speed; `hil.design.frequency.Margins`."""
 
     speed_rps: float
     sensitivity_peak: Bounded

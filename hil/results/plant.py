@@ -111,7 +111,7 @@ class PlantResult(MeasuredResult):
         plan: The excitation; None, like all down to `identified`, where nothing was identified.
         plant: Plant that was fitted.
         parameters: Every number with its standard error, by name.
-        modes: Modes of an arm that rings with several, from the lowest; empty where there is one.
+        modes: Modes of an arm with several, from the lowest; empty for one.
         misfit: Residual in standard deviations of the scatter.
         cannot_tell: Sentences on the limits of these data.
         response: Motor angle per torque.

@@ -158,7 +158,7 @@ class RecordedAteResult(Result):
         changes: Each order against itself in these parts.
         scan: Blind scan; None if nothing could be scanned.
         ate: Entry of the model file; None if nothing was identified.
-        is_identified: True if an order stands above its noise.
+        is_identified: True if an order exceeds its noise.
         notes: Sentences for the engineer.
         not_identified: Reason why nothing was identified.
         plant: Plant that made an angle of the signal, in words; None for two encoders.

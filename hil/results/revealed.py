@@ -31,7 +31,7 @@ def facts_of(number: int, truth: Mapping[str, Any], known: IdentifiedAxis) -> It
     Args:
         number: Axis number.
         truth: The axis' table of the robot file.
-        known: What was identified of the axis.
+        known: Identified parts of the axis.
     """
     yield _antiresonance(number, truth, known)
     plant = known.plant

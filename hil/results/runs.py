@@ -96,7 +96,7 @@ RemainderCause = Literal[
 
 
 class CancellationRemainder(ResultPart):
-    """What a cancellation leaves of the vibration, by its trial's own recordings.
+    """Vibration that a cancellation leaves, by its trial's own recordings.
 
     Attributes:
         order: Order of the window in which most is left; None for the only one of a line motion.
@@ -126,7 +126,7 @@ class CancellationTrial(ResultPart):
         is_good: True if at least one order of one axis is accepted, and used.
         trials: Runs with the tried fraction on all axes, on each alone where there are several, and with the whole.
         parts: Verdict on each order of each axis.
-        remainder: What is left of the vibration, and why; None if nothing is used.
+        remainder: Remaining vibration, and its causes; None without cancellation.
     """
 
     before_m_s2: float
@@ -170,7 +170,7 @@ class FilterTrial(ResultPart):
         is_good: True if the tip's peak rises in no window and falls in one; else the run is made without them.
         runs: Runs with them, and as many without.
         peaks: The peak in each window, the worst first.
-        words: Refusal in words; empty where they are good.
+        words: Refusal in words; empty if they are good.
     """
 
     is_good: bool
@@ -273,7 +273,7 @@ class RunEntry(ResultPart):
         f_al_hz: Frequency by which the run is judged: the peak of |G_al|; None if it is not known, and nothing is judged.
         f_al_source: `model`, or `own` where the run's own vibration shows it.
         f_al_error_hz: Standard error of an f_al from the run's own vibration.
-        f_al_words: f_al and where it comes from, as a line.
+        f_al_words: f_al and its source, as a line.
         remark: Sentence on an f_al of a model that the run itself does not show.
         window_rps: Motor speeds of the window; None for the line motion.
         band_hz: Band of the vibration.
@@ -284,10 +284,10 @@ class RunEntry(ResultPart):
             above are then those of the worst.
         unjudged_orders: Sentences on orders that the limits let meet f_al and the ramp does not: the run is not within.
         unreached_orders: Sentences on orders that cannot meet f_al within the limits.
-        following: What a cancellation that follows made of each order, and its trial; None without one.
+        following: Effect of a cancellation that follows on each order, and its trial; None without one.
         shaper: Input shaper that has shaped the motion.
         ringing: Modes that ring after the stop of a point-to-point move.
-        filters: Filters that acted; none where none did. None in files from before they were kept.
+        filters: Filters that acted; empty if none did. None in files from before they were kept.
         cancelled: Orders that were cancelled, likewise.
     """
 
@@ -398,7 +398,7 @@ class ExperimentsResult(MeasuredResult):
     Attributes:
         runs: Entry for each window of each run.
         comparisons: Comparison of each treatment with none.
-        paper: Claims that the runs concern; empty where they ended early.
+        paper: Claims that the runs concern; empty if they ended early.
         arm: Masses of the arm as the model file had them; None without.
         files: Files that the runs took something from; None in results from before they were kept.
     """

@@ -46,7 +46,7 @@ class HeardEvent:
 
     Attributes:
         time_s: Its time.
-        kind: `emcy`, `nmt` for a command of the NMT master, or `gap` where no SYNC was heard for some cycles.
+        kind: `emcy`, `nmt` for a command of the NMT master, or `gap` for some cycles without SYNC.
         node: Node-ID; 0 for all.
         words: The event in words.
     """
@@ -85,12 +85,12 @@ class _Open:
 
 
 class SignalDecoder:
-    """Rows of a bus, from the frames that are heard.
+    """Rows of a bus, from its frames.
 
     Args:
         bench: Bench file, or None.
         descriptions: Device descriptions by node-ID.
-        bitrate: Bit rate in bit/s; None if nobody says it, and the load is given in kbit/s.
+        bitrate: Bit rate in bit/s; None if it is not known, and the load is in kbit/s.
 
     Attributes:
         signals: Signals so far, by their columns.
@@ -159,7 +159,7 @@ class SignalDecoder:
         return SignalRows(*rows, tuple(self.signals), events)
 
     def _choose_begin(self, heard: Heard) -> None:
-        """SYNC, or what comes most often where none is sent."""
+        """SYNC, or the most frequent identifier without SYNC."""
         if self._begin_id == FunctionCode.SYNC:
             return
         for can_id, count in zip(*np.unique(heard["can_id"], return_counts=True), strict=True):

@@ -41,7 +41,7 @@ def derived(
     Args:
         name: Name of the axis.
         time_s: Times of the rows; shape (n,).
-        found: What it sends.
+        found: Signals that it sends.
         target: Position set-points, in the unit of the position; shape (n,); None if none are sent.
         past: Its last rows; they are replaced.
     """

@@ -27,17 +27,17 @@ _SDO = (FunctionCode.SDO_RESPONSE, FunctionCode.SDO_REQUEST)
 
 
 class Overhearing:
-    """Set-up of the nodes as far as it has been heard.
+    """Overheard set-up of the nodes.
 
     Attributes:
         nodes: Nodes by node-ID.
     """
 
     def __init__(self, bench: Bench | None, descriptions: Mapping[int, Description]) -> None:
-        """Begin with what files say.
+        """Begin with the contents of files.
 
         Args:
-            bench: Bench file; it says the mapping that the master of this package uses, until another is heard.
+            bench: Bench file with the mapping of this package's master; an overheard mapping replaces it.
             descriptions: Device descriptions by node-ID.
         """
         self._bench, self._descriptions = bench, descriptions

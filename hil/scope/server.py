@@ -60,7 +60,7 @@ def page_files() -> dict[str, tuple[bytes, str]]:
 
 
 class _Guarded(RequestHandler):
-    """A handler that serves the page of this machine, and nobody else's."""
+    """A handler that serves this machine's page only."""
 
     def prepare(self) -> None:
         """Refuse other host names and other origins.
@@ -309,7 +309,7 @@ class ScopeServer:
             viewer.step()
 
     async def close(self) -> None:
-        """Send what is left, and stop."""
+        """Send the remaining rows, and stop."""
         self._sending.stop()
         self._step_all()
         for viewer in list(self._viewers):

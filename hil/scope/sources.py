@@ -42,7 +42,7 @@ class PageSource(Protocol):
     ended: str
 
     def poll(self) -> None:
-        """Take what has come since."""
+        """Take new rows."""
         ...
 
 

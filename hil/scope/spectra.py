@@ -29,7 +29,7 @@ def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
 
     Args:
         time_s: Times, rising; shape (n,).
-        values: The signal, NaN where a sample is missing; shape (n,).
+        values: The signal, NaN for a missing sample; shape (n,).
 
     Returns:
         Frequencies in Hz and amplitudes in the signal's unit; shape (n // 2 + 1,).
@@ -72,7 +72,7 @@ def order_spectrum(time_s: Real, values: Real, angle_rev: Real) -> tuple[Real, R
 
 
 def _even(time_s: Real, *signals: Real) -> tuple[float, list[Real]]:
-    """Period, and signals at even times with what is missing filled."""
+    """Period, and signals at even times, missing samples filled."""
     if not LEAST_WINDOW <= len(time_s) <= MOST_WINDOW or any(len(each) != len(time_s) for each in signals):
         raise SpectrumError(f"{len(time_s)} samples: {LEAST_WINDOW} to {MOST_WINDOW} can be looked at")
     steps = np.diff(time_s)

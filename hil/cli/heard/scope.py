@@ -158,7 +158,7 @@ def _title(bench: "Bench | None", address: "Address") -> str:
 
 
 def _run(made: "Callable[[], ScopeServer]", *, until_stdin_closes: bool) -> None:
-    """Serve what is made within the loop of events, until it ends."""
+    """Serve a page in the event loop until the end."""
     import asyncio
 
     async def served() -> None:

@@ -34,7 +34,7 @@ def bus_findings(trace: Trace, bitrate: int | None) -> Iterator[Said]:
 
     Args:
         trace: The log.
-        bitrate: Bit rate in bit/s; None if nobody says it.
+        bitrate: Bit rate in bit/s; None if it is not known.
     """
     yield from _damage(trace)
     yield from _load(trace, bitrate)

@@ -30,7 +30,7 @@ class Picture:
         y: Numbers upwards; shape (n,).
         x_label: Quantity and unit of x.
         y_label: Quantity and unit of y.
-        limits: Values of y that are drawn as limits, by what they are.
+        limits: Values of y that are drawn as limits, by name.
         is_line: True if the points are joined.
     """
 
@@ -49,8 +49,8 @@ class Finding:
     Attributes:
         kind: Its kind, a word or two joined by hyphens.
         severity: Weight of it.
-        words: What was seen, with the numbers.
-        remedy: The thing to change.
+        words: Observation with its numbers.
+        remedy: Change that removes it.
         stamps_s: First places, in s since the log's first frame.
         count: Number of places.
         node: Node-ID; None if it is of the bus.
@@ -69,11 +69,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class Untold:
-    """A matter that a log cannot tell.
+    """A question that a log cannot answer.
 
     Attributes:
         kind: What would have been looked for.
-        words: Why it cannot be told, and what would tell it.
+        words: Reason, and data that would answer it.
         node: Node-ID; None if it is of the bus.
     """
 
@@ -103,7 +103,7 @@ def picture_of(
         x: Numbers along; shape (n,).
         y: Numbers upwards; shape (n,).
         labels: Quantity and unit of each.
-        limits: Limits, by what they are.
+        limits: Limits, by name.
         is_line: True if the points are joined.
     """
     if len(x) > MOST_POINTS:

@@ -136,7 +136,7 @@ def _commands(trace: Trace) -> Iterator[Said]:
 
 
 def _worked(trace: Trace, stamp_ns: int) -> bool:
-    """Whether any drive was enabled just before an instant."""
+    """True if any drive was enabled just before an instant."""
     for node in trace.nodes.values():
         placed = node.pdo_with("tpdo", 0x6041)
         if placed is None:

@@ -217,7 +217,7 @@ class DriveAxis:
         It is safe if it is disabled and at standstill.
 
         Args:
-            may_be_in_fault: Accept a drive in fault; `fault` says which it is.
+            may_be_in_fault: Accept a drive in fault; `fault` has the fault.
 
         Raises:
             ProfileGapsError: Neither profile nor bench file knows how it counts.
@@ -349,7 +349,7 @@ class DriveAxis:
                 self.write_limit(limit, value_si)
 
     def write_limit(self, limit: Limit, value_si: float) -> None:
-        """Write one limit, where the drive holds it.
+        """Write one limit, if the drive has a parameter for it.
 
         Args:
             limit: The limit.

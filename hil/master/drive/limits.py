@@ -149,7 +149,7 @@ def limit_words(number: int, profile: Profile, limits: Limits) -> Iterable[str]:
     Args:
         number: Number of the axis.
         profile: Drive profile.
-        limits: Limits of the axis; of one that is not stated nothing is said.
+        limits: Limits of the axis; unstated ones have no sentence.
     """
     found = holders(profile)
     for holder, sentence in _SENTENCES.items():

@@ -38,7 +38,7 @@ class CyclicMode(NamedTuple):
         name: Its name.
         target: Object of the set-point.
         enabling: Bits of the control word that let it follow set-points, beside those of operation.
-        loss: What it does worse than CSP, as a sentence; empty where nothing.
+        loss: Disadvantage against CSP, as a sentence; empty without one.
     """
 
     number: int

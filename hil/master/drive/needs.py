@@ -75,7 +75,7 @@ class MissingObjectsError(NodeError):
     """Drives lack objects that a run needs; nothing has been written.
 
     Args:
-        missing: The objects by axis: its number, its node-ID, and what it lacks.
+        missing: The objects by axis: its number, its node-ID, and the missing objects.
     """
 
     def __init__(self, missing: list[tuple[int, int, tuple[Need, ...]]]) -> None:
@@ -85,7 +85,7 @@ class MissingObjectsError(NodeError):
 
 
 class ProfileGapsError(NotPossibleError):
-    """Drive profiles lack what the bench needs; nothing has been written."""
+    """Drive profiles lack entries that the bench needs; nothing has been written."""
 
     def __init__(self, gaps: Iterable[str]) -> None:
         """Keep the gaps, a sentence each, as `profile_gaps` gives them."""

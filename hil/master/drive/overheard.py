@@ -17,7 +17,7 @@ class OverheardQuestions(Questions):
     """
 
     def __init__(self, node: Node) -> None:
-        """Begin with what was heard."""
+        """Begin with the overheard values."""
         self._told = node
         self.node, self.missing = node.number, []
 

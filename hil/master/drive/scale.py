@@ -81,9 +81,9 @@ def read_scaling(asked: Questions, number: int, table: StatedScale, profile: Pro
     """Read the units of a drive.
 
     Args:
-        asked: Questions to the drive; they keep what it lacks.
+        asked: Questions to the drive; they keep the missing objects.
         number: Number of the axis.
-        table: What the bench file says of it.
+        table: Units in the bench file.
         profile: Drive profile.
 
     Returns:

@@ -73,7 +73,7 @@ def check_robot(new: MeasuredResult, old: MeasuredResult) -> None:
 
 
 def paired_runs(new: ExperimentsResult, old: ExperimentsResult) -> PairedRuns:
-    """Windows of the runs that can be held against each other.
+    """Windows of the runs that can be compared.
 
     A window belongs to that of the same motion, axis, treatment, loop and order. Where a motion's window is left over once in
     each result, the two are a pair as well: what differs between them is then treatment or loop.

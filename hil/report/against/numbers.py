@@ -167,7 +167,7 @@ def _values(part: IdentifiedError) -> dict[str, float]:
 
 
 def plant_numbers(new: PlantResult, old: PlantResult, names: tuple[tuple[str, str, str, float], ...]) -> Iterator[NumberPair]:
-    """Parameters of two plants; none where one has not identified.
+    """Parameters of two plants; none if one has no plant.
 
     Args:
         new: The new result.

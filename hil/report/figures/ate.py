@@ -76,7 +76,7 @@ class AteMaterial:
 
     @property
     def word(self) -> str:
-        """Word for what came from the robot: `measured`, or `emulated`."""
+        """Word for data of the robot: `measured`, or `emulated`."""
         return origin_of(self.result).word
 
     @property

@@ -52,7 +52,7 @@ def envelope(x: Real, y: Real, columns: int) -> tuple[Real, Real]:
 
     Args:
         x: Abscissa; shape (n,).
-        y: Ordinate, NaN where there is none; shape (n,).
+        y: Ordinate, NaN for a missing value; shape (n,).
         columns: Columns, of equally many samples each but for one.
 
     Returns:

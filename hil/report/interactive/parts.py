@@ -24,7 +24,7 @@ class InteractiveParts:
     """Parts of a page whose figures can be zoomed.
 
     Attributes:
-        policy: What the page may run and load: these scripts, and nothing from elsewhere.
+        policy: Content security policy: the page may run and load these scripts only.
         scripts: Texts of the scripts, in their order.
         style: Rules for the figures.
         numbers: Numbers of the figures as JSON.

@@ -62,7 +62,7 @@ def write_report(directory: Path, bench: Bench | None = None, *, is_interactive:
     Raises:
         NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: result.json cannot be read or the page cannot be written.
-        ValueError: result.json is not what a run writes.
+        ValueError: result.json is not the result of a run.
     """
     material = Material(directory, bench)
     with style.styled():
@@ -87,7 +87,7 @@ def write_report(directory: Path, bench: Bench | None = None, *, is_interactive:
 
 
 def heading(material: Material) -> str:
-    """Title of the page: what acted against the vibration."""
+    """Title of the page: the treatments of the runs."""
     acted = {treatment(run.treatment) for run in material.result.runs}
     if material.bench.is_paper and any(each.filters for each in acted):
         return "Vibration suppression with a variable notch"

@@ -57,7 +57,7 @@ def sections(result: MotionLearningResult) -> list[Section]:
 
 
 def parts(result: MotionLearningResult) -> ReportTable | None:
-    """Table of what the runs say of each order of each axis."""
+    """Table of the estimates of each order of each axis."""
     if not result.parts:
         return None
     header = ("", "Order", "A (arcsec)", "±", "φ (°)", "±", "Seen (%)", "")
@@ -126,7 +126,7 @@ def verdict(result: MotionLearningResult) -> PageVerdict:
 
 
 def cards(result: MotionLearningResult) -> list[Card]:
-    """The tip's peak without cancellation, and with what is kept."""
+    """The tip's peak without cancellation, and with the learnt one."""
     kept = next((run for run in result.runs if run.is_kept), None)
     if kept is None or kept.tip_peak_mm is None or result.base_peak_mm is None:
         return []

@@ -18,7 +18,7 @@ def write_explanation(path: Path, found: Explanation, made_utc: str) -> Path:
 
     Args:
         path: The page.
-        found: What the log tells.
+        found: Explanation of the log.
         made_utc: Date of the page.
 
     Raises:

@@ -22,15 +22,15 @@ class PageHead:
     """The head of a page.
 
     Attributes:
-        bench: Name of the bench, or of several, that it tells of.
+        bench: Name of the bench, or of several, of the page.
         started_utc: Instant at which the runs began; None if nothing was run.
-        notes: Sentences on what is missing on this page.
+        notes: Sentences on missing parts of the page.
         heading: Title above the verdict.
         subtitle: Sentence below the title.
         aftermath: One sentence per thing that was not restored on the drives.
         origin: Origin of the numbers: a robot, or an emulated one.
         is_paper: True for the paper's robot.
-        is_bench: True if `bench` is a bench; False if it says in words what the page is of.
+        is_bench: True if `bench` is a bench; False if it is a subject in words.
     """
 
     bench: str
@@ -169,7 +169,7 @@ def render(
         verdict: Result in a sentence, at the top.
         sections: Chapters in the order in which they are read.
         cards: Numbers before and after, below the verdict.
-        provenance: Names and texts on where, when and with what the runs were made.
+        provenance: Names and texts on place, time and versions of the runs.
         is_interactive: True if its figures can be zoomed, as far as they have what that takes.
 
     Returns:

@@ -23,7 +23,7 @@ def case_name(experiment: str, axis: int | None) -> str:
 
 
 def treatment_words(row: ComparisonRow | AxisCompliance) -> str:
-    """Treatment of a row in words; drive-closed unless it says otherwise."""
+    """Treatment of a row in words; a host-closed one is marked."""
     name: str = row.treatment
     return TITLES.get(name, name) + (", host-closed" if row.loop == "host" else "")
 
@@ -131,7 +131,7 @@ def _host_words(rows: list[list[Cell]], left: int) -> str:
 
 
 def _in_order(rows: Iterable[ComparisonRow], name: str, axis: int | None) -> list[ComparisonRow]:
-    """Drive-closed first, as they were run; what was left out behind."""
+    """Drive-closed first, as they were run; omitted ones at the end."""
     own = [row for row in rows if (row.experiment, row.axis) == (name, axis)]
     return sorted(own, key=lambda row: row.left_out is not None)
 

@@ -47,7 +47,7 @@ class ReportTable:
         text_columns: Indices of left-aligned columns.
         caption: Sentences below the table.
         is_prose: True if text wraps, and a row becomes a block on a narrow screen.
-        groups: Headings inside the table, by the row that each stands above.
+        groups: Headings inside the table, by the row below each.
     """
 
     key: str
@@ -257,7 +257,7 @@ def filter_names(filters: FilterSet) -> str:
 
 
 def _held(material: Material, filters: FilterSet) -> str:
-    """Where the parameters come from, as a sentence."""
+    """Sentence on the source of the parameters."""
     is_kept = any(run.filters is not None for run in material.result.runs)
     if filters.loop == "host":
         return "The parameters of the loop that the host closed."
@@ -289,7 +289,7 @@ def _margin_cells(worst: Margins | None) -> list[Cell]:
 
 
 def _both(paper: float | None, bench: float) -> str:
-    """The bench's value, and the paper's in brackets where it differs."""
+    """The bench's value, and the paper's in brackets if it differs."""
     if paper is None or math.isclose(paper, bench, rel_tol=1e-6):
         return f"{bench:g}"
     return f"{bench:g} ({paper:g})"
@@ -361,7 +361,7 @@ def _name(run: RunEntry) -> str:
 
 
 def motions(material: Material) -> ReportTable | None:
-    """Every motion once: what the bus carried, and how long it took."""
+    """Every motion once: load of the bus, and duration."""
     by_recording = {run.recording: run for run in material.result.runs}
     if not by_recording:
         return None
