@@ -98,7 +98,7 @@ class TransmissionErrorTable(Table):
         twice = sorted({order for order in orders if orders.count(order) > 1})
         if twice:
             own = ", ".join(f"{order:g}" for order in twice)
-            raise ValueError(f"more has order {own} twice, or beside a key of its own: a1_arcsec, a2_arcsec and a4_arcsec are")
+            raise ValueError(f"more has order {own} twice, or despite a key of its own (a1_arcsec, a2_arcsec, a4_arcsec)")
         return self
 
     @classmethod
@@ -153,11 +153,11 @@ def orders_of(text: str) -> tuple[float, ...]:
     try:
         orders = sorted(_whole_is_int(float(word)) for word in words)
     except ValueError:
-        raise ValueError(f"{text!r} is not a set of orders: numbers between commas are, 1,2,4") from None
+        raise ValueError(f"{text!r} is not a set of orders; expected numbers between commas, e.g. 1,2,4") from None
     if not all(0.0 < order <= HIGHEST_ORDER for order in orders):
-        raise ValueError(f"{text!r}: an order is above 0, and {HIGHEST_ORDER:g} at most")
+        raise ValueError(f"{text!r}: an order must be above 0, and at most {HIGHEST_ORDER:g}")
     if len(set(orders)) < len(orders):
-        raise ValueError(f"{text!r}: each order once")
+        raise ValueError(f"{text!r}: an order appears twice; give each once")
     if len(set(orders) - set(ORDERS)) > MOST_MORE_ORDERS:
         raise ValueError(f"{text!r}: beside {', '.join(map(str, ORDERS))} at most {MOST_MORE_ORDERS} others")
     return tuple(orders)
@@ -251,7 +251,7 @@ class Geometry(Table):
     @model_validator(mode="after")
     def _three_axes(self) -> Self:
         if len(set(self.axes)) != len(self.axes):
-            raise ValueError(f"axes {', '.join(map(str, self.axes))}: the chain has three different axes")
+            raise ValueError(f"axes {', '.join(map(str, self.axes))}: the chain needs three different axes")
         return self
 
     def check_axes(self, present: Collection[int], what: str) -> None:
@@ -360,7 +360,7 @@ class PointToPointMotion(Table):
     @model_validator(mode="after")
     def _goes_somewhere(self) -> Self:
         if abs(self.distance_rev) < LEAST_MOVE_REV:
-            raise ValueError(f"distance_rev {self.distance_rev:g} is no move: {LEAST_MOVE_REV:g} of the motor at least")
+            raise ValueError(f"distance_rev {self.distance_rev:g} is too short; expected at least {LEAST_MOVE_REV:g}")
         return self
 
     def trajectory(self) -> PointToPoint:

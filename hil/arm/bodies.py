@@ -43,11 +43,11 @@ class Inertia(Table):
     def _is_of_a_body(self) -> Self:
         low, middle, high = np.linalg.eigvalsh(self.tensor()).tolist()
         if low < -ROUNDED * high:
-            raise ValueError(f"the tensor has a principal moment of {low:g} kg·m²: no body has one below 0")
+            raise ValueError(f"the tensor has a principal moment of {low:g} kg·m²; it must be at least 0")
         if low + middle < high * (1.0 - ROUNDED):
             raise ValueError(
-                f"principal moments {low:g}, {middle:g} and {high:g} kg·m²: of a body, any two of them add up to the third or "
-                "more (triangle inequality)"
+                f"principal moments {low:g}, {middle:g} and {high:g} kg·m²; any two must add up to the third or more "
+                "(triangle inequality)"
             )
         return self
 
@@ -68,7 +68,7 @@ class Body(Table):
     @model_validator(mode="after")
     def _nothing_turns_without_a_mass(self) -> Self:
         if self.mass_kg == 0.0 and self.inertia_kg_m2 != Inertia():
-            raise ValueError("mass_kg is 0, but inertia_kg_m2 is not: no body is so")
+            raise ValueError("mass_kg is 0, but inertia_kg_m2 is not; give both or neither")
         return self
 
 

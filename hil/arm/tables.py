@@ -49,7 +49,7 @@ class ArmLink(Table):
     @model_validator(mode="after")
     def _turns(self) -> Self:
         if math.hypot(*self.direction) < 1e-6:
-            raise ValueError(f"direction {list(self.direction)} of {self.label} points nowhere")
+            raise ValueError(f"direction {list(self.direction)} of {self.label} has length 0")
         if self.range_deg is not None and not self.range_deg[0] < self.range_deg[1]:
             low, high = self.range_deg
             raise ValueError(f"range_deg of {self.label} goes from {low:g} to {high:g}: the first must be the lower")
@@ -107,7 +107,7 @@ class ArmTable(Table):
         axes = self.axes
         twice = sorted({axis for axis in axes if axes.count(axis) > 1})
         if twice:
-            raise ValueError(f"axis {twice[0]} moves two links of the arm: each has a drive of its own")
+            raise ValueError(f"axis {twice[0]} moves two links of the arm; each needs an axis of its own")
         if self.home_deg and len(self.home_deg) != len(self.link):
             raise ValueError(f"home_deg has {len(self.home_deg)} angles for {len(self.link)} links: one each, from the base on")
         for link, angle in zip(self.link, self.home_deg or (0.0,) * len(self.link), strict=True):
@@ -136,7 +136,7 @@ class ArmTable(Table):
             raise ValueError(f"{without[0]} has no drive: the file has axes {', '.join(map(str, sorted(present)))}")
         loose = sorted(set(present) - set(self.axes))
         if loose:
-            raise ValueError(f"axis {loose[0]} moves no link of the arm: every axis of the file does, where there is an [arm]")
+            raise ValueError(f"axis {loose[0]} moves no link of the arm; with an [arm] table, every axis must move one")
 
     def bodies(self) -> tuple[Body, ...]:
         """What each link weighs, the payload with the last."""

@@ -346,11 +346,11 @@ class Bench(Table):
             return with_levers(self, self.arm) if self.arm.link else self
         bare = [number for number, axis in self.axis.items() if axis.tip_lever_m <= 0.0]
         if bare:
-            raise ValueError(f"axis {bare[0]} has no tip_lever_m: the tip's distance from the axis, which an arm table would say")
+            raise ValueError(f"axis {bare[0]} has no tip_lever_m, the tip's distance from it; state it, or add an arm table")
         if self.specification.band_hz is not None:
             raise ValueError("specification.band_hz needs an arm table: without one a line is judged by the f_al of its axes")
         if self.identification_travel_deg is not None:
-            raise ValueError("identification_travel_deg needs an arm table: a single axis is the same plant wherever it stands")
+            raise ValueError("identification_travel_deg needs an arm table; without one, position does not change a plant")
         if self.accelerometer.mounting is not None:
             raise ValueError("accelerometer.mounting needs an arm table: the links on which the sensor sits")
         if self.line_motion is not None:
@@ -367,7 +367,7 @@ class Bench(Table):
         without = [number for number, axis in self.axis.items() if axis.load_encoder is None]
         if without:
             raise ValueError(
-                f"accelerometer.from_load_encoders: axis {without[0]} has no load_encoder table, whose joint would move unseen"
+                f"accelerometer.from_load_encoders: axis {without[0]} has no load_encoder table; every axis needs one"
             )
 
     def _check_arm(self, arm: ArmTable) -> None:
@@ -377,7 +377,7 @@ class Bench(Table):
             ValueError: An axis is not a joint of it, or the file has a planar chain beside it.
         """
         if self.geometry is not None:
-            raise ValueError("geometry and arm both say where the tip is: leave the geometry out")
+            raise ValueError("geometry and arm both define the tip; leave the geometry out")
         if arm.link:
             arm.check_axes(tuple(self.axis))
             if self.accelerometer.mounting is not None:

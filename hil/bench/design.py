@@ -111,7 +111,7 @@ def with_designs(bench: Bench, designs: Designs) -> Bench:
     if designs.robot != bench.name:
         raise NotPossibleError(f"the design file is of {designs.robot!r}, this bench is {bench.name!r}")
     if foreign := sorted(set(designs.axis) - set(bench.axis)):
-        raise NotPossibleError(f"the design file has filters of axis {foreign[0]}, which bench {bench.name!r} has not")
+        raise NotPossibleError(f"the design file has filters of axis {foreign[0]}, which bench {bench.name!r} does not have")
     changed = {
         number: bench.axis[number].model_copy(update={"notch": designed.notch}) for number, designed in designs.axis.items()
     }

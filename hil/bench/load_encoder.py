@@ -125,7 +125,7 @@ def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
         if number in bench.axis and bench.axis[number].load_encoder is None:
             why = "" if number in axes else ", and on an arm every joint swings"
             raise NotPossibleError(
-                f"axis {number} has no second encoder{why}: [axis.{number}.load_encoder] of the bench file names it"
+                f"axis {number} has no second encoder{why}; state [axis.{number}.load_encoder] in the bench file"
             )
     sensor = bench.accelerometer.model_copy(
         update={"node_id": None, "serial": None, "range_m_s2": None, "mounting": None, "from_load_encoders": True}
@@ -172,7 +172,7 @@ def check_counting(bench: Bench, recording: Recording, number: int) -> None:
             f"{seen}: it counts the wrong way; load_encoder.is_reversed = {str(not encoder.is_reversed).lower()}"
         )
     if abs(scale) <= tolerance:
-        raise NotPossibleError(f"{seen}: it stands still; load_encoder.object may name that of another joint, or none")
+        raise NotPossibleError(f"{seen}: it does not move; load_encoder.object may be that of another joint, or of none")
     raise NotPossibleError(
         f"{seen}: reduction_ratio {table.reduction_ratio / abs(scale):.4g} would agree with it, "
         f"or counts_per_rev {encoder.counts_per_rev * abs(scale):.0f}; {encoder.counts_per_rev} is given"

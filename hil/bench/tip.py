@@ -113,15 +113,15 @@ def _doubt(bench: Bench, recording: Recording, angles: Real, of: LinkFrame, acce
     if mounting.gravity is not (found > 0.5 * expected) and expected > 0.0:
         shown = f"at rest the accelerometer shows {found:.2f} m/s²"
         return (
-            f"{shown}, its weight: gravity = true"
+            f"{shown}, which is gravity; state gravity = true"
             if not mounting.gravity
-            else f"{shown}, not its weight: is it alive? gravity = false?"
+            else f"{shown}, which is not gravity; check the sensor, or state gravity = false"
         )
     away = float(np.linalg.norm(np.mean(acceleration_m_s2[:still], axis=0)))
     if mounting.gravity and away > 2.0 * math.sin(0.5 * MOST_ASKEW_RAD) * expected:
         degrees, most = math.degrees(2.0 * math.asin(min(1.0, 0.5 * away / expected))), math.degrees(MOST_ASKEW_RAD)
         return (
-            f"at rest the accelerometer shows its weight {degrees:.0f}° from where its mounting has it, {most:g}° at most: check "
+            f"at rest the accelerometer shows gravity {degrees:.0f}° off its mounting, {most:g}° at most; check "
             "axis and rpy_deg of accelerometer.mounting, and home_deg of the arm"
         )
     return None

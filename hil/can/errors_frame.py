@@ -41,8 +41,8 @@ _PROTOCOL = {
 _PLAIN = {
     TX_TIMEOUT: "a frame could not be sent in time",
     LOST_ARBITRATION: "arbitration lost",
-    TRANSCEIVER: "transceiver error: look at the wires",
-    NO_ACKNOWLEDGE: "nobody acknowledges: no other node, another bit rate, or no termination",
+    TRANSCEIVER: "transceiver error: check the wires",
+    NO_ACKNOWLEDGE: "no node acknowledges: no other node, another bit rate, or no termination",
     BUS_OFF: "the controller is bus-off",
     BUS_ERROR: "bus error",
     RESTARTED: "the controller was bus-off and has restarted by itself; set restart-ms 0",

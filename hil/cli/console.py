@@ -302,7 +302,7 @@ def confirm(motions: Iterable[str]) -> None:
     for line in motions:
         say(line)
     if not sys.stdin.isatty():
-        say("not a terminal: give --yes to move without confirmation")
+        say("standard input is not a terminal; give --yes to move without confirmation")
         raise typer.Exit(ExitStatus.USAGE)
     if not typer.confirm("Is everyone clear of the robot, and its emergency stop in reach?", err=True):
         raise typer.Exit(ExitStatus.USAGE)

@@ -51,7 +51,7 @@ def demo(
         int, typer.Option("--robot-seed", min=0, help="Seed of the robot that the tour shows (plant-emulator fleet).")
     ] = ROBOT_SEED,
     no_tour: Annotated[
-        bool, typer.Option("--no-tour", help="Only the paper's experiments, without a robot of one's own and a whole arm.")
+        bool, typer.Option("--no-tour", help="Only the paper's experiments, without the other two robots.")
     ] = False,
     live: LiveOption = None,
 ) -> None:
@@ -95,10 +95,10 @@ NEXT = (
         "hil run constant-acceleration --axis 2 --treatment notch --bench reference --bus local:/tmp/robot.sock",
     ),
     (
-        "what its plant is, as if nothing were known",
+        "identify its plant",
         "hil identify plant --bench reference --bus local:/tmp/robot.sock --axis 2 --model model.toml",
     ),
-    ("what a bench of your own puts on its bus", "hil plan --bench bench.toml"),
+    ("check the bus load of a bench of your own", "hil plan --bench bench.toml"),
 )
 """Commands that somebody may want after the demo, with what each is for."""
 
@@ -162,7 +162,7 @@ def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
     from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
     from hil.report.pages.demo import TOUR_FOLDER  # noqa: PLC0415
 
-    say(f"your own robot: of which nothing is known; drawn by seed {seed}, --robot-seed takes another")
+    say(f"your own robot: an unknown one, drawn by seed {seed}; --robot-seed draws another")
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
         robot = draw_robot(seed, Path(folder))
         with (
@@ -193,7 +193,7 @@ def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
     from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
     from hil.report.pages.demo import ARM_FOLDER  # noqa: PLC0415
 
-    say("a whole arm: six axes; known of it are its joints and the inertias of its motors")
+    say("a whole arm: six axes; only its joints and its motors' inertias are known")
     with EmulatorProcess("reference-arm") as emulator, shown_live(live, str(emulator.address), "reference-arm"):
         done = arm_tour.run(str(emulator.address), out / ARM_FOLDER, reporter=SpokenReporter())
     page = write_compare_report(out / ARM_FOLDER)

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 DESIGN_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
     {
-        ExitStatus.DONE: "a filter that keeps all that is asked",
+        ExitStatus.DONE: "a filter meets every requirement",
         ExitStatus.FILE: "bad file, or a bench that lacks what a design needs",
-        ExitStatus.NOT_MET: "no filter meets every requirement, or none improves on no filter",
+        ExitStatus.NOT_MET: "no filter meets every requirement, or the loop without a filter is better",
         ExitStatus.INTERRUPTED: "interrupted",
     },
 )
@@ -47,7 +47,7 @@ class ShapeName(StrEnum):
 
 ModelOption = Annotated[Path | None, typer.Option("--model", help="Model file of hil identify, before the bench file's model.")]
 UncertaintyOption = Annotated[
-    float | None, typer.Option(help="Of K_g and J_l; default: the model file's standard errors, or 5. 0: none.")
+    float | None, typer.Option(help="Uncertainty of K_g and J_l; default: the model file's standard errors, or 5. 0 for none.")
 ]
 SetFileOption = Annotated[
     Path | None, typer.Option("--set", help="Parameter set for drive-profiles upload; default: notch-axisN.toml in --out.")
@@ -73,17 +73,17 @@ def mount(app: typer.Typer) -> None:
 
 def notch(
     bench_file: BenchOption,
-    axis: Annotated[int, typer.Option("--axis", help="Axis whose notch is wanted.", autocompletion=AXES.one)],
+    axis: Annotated[int, typer.Option("--axis", help="Axis of the notch.", autocompletion=AXES.one)],
     model: ModelOption = None,
     order: Annotated[str, typer.Option(help="Harmonic order k, or two of them: 2, 1,2 or both for 2,4.")] = "2",
     shape: Annotated[
         ShapeName, typer.Option(help="switched: constant between f_s and f_e; trapezoid: scheduled.")
     ] = ShapeName.BEST,
     given: Annotated[bool, typer.Option("--given", help="Only judge the bench file's own notch.")] = False,
-    max_sensitivity: Annotated[float, typer.Option(help="M_s at every speed, at most.")] = 1.7,
-    phase_margin_deg: Annotated[float, typer.Option(help="At every speed, at least.")] = 35.0,
-    gain_margin_db: Annotated[float, typer.Option(help="At every speed, at least.")] = 6.0,
-    tip_mm: Annotated[float | None, typer.Option(help="A_acc; default: the bench file's specification.")] = None,
+    max_sensitivity: Annotated[float, typer.Option(help="Largest M_s at any speed.")] = 1.7,
+    phase_margin_deg: Annotated[float, typer.Option(help="Least phase margin at any speed.")] = 35.0,
+    gain_margin_db: Annotated[float, typer.Option(help="Least gain margin at any speed.")] = 6.0,
+    tip_mm: Annotated[float | None, typer.Option(help="Tip limit A_acc; default: the bench file's specification.")] = None,
     uncertainty_percent: UncertaintyOption = None,
     period_s: Annotated[float | None, typer.Option(help="Sampling time of the loop; default: the drive family's.")] = None,
     delay_samples: Annotated[int, typer.Option(min=0, max=20, help="Whole samples between measurement and torque.")] = 0,
@@ -92,9 +92,9 @@ def notch(
     set_file: SetFileOption = None,
     design_file: DesignFileOption = None,
     jobs: Annotated[
-        int | None, typer.Option(min=1, max=256, help="Processes; default: one per processor, with --quick none but this.")
+        int | None, typer.Option(min=1, max=256, help="Number of processes; default: one per processor, with --quick one.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Equal seeds give equal filters.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search; equal seeds give equal filters.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Search a fifth as long.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -250,7 +250,7 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
                 raise
             say(f"no parameter set: {error}")
     else:
-        say("no design file and no parameter set: the filters break a margin, raise a peak, or are none")
+        say("no design file and no parameter set: no filter was found, or the filters break a margin or raise a peak")
     for note in outcome.notes:
         say(note)
     say(f"report: {report}")

@@ -33,7 +33,7 @@ def mount(app: typer.Typer) -> None:
 
 def arm(
     bench_file: BenchOption,
-    model: Annotated[Path, typer.Option("--model", help="Model file with the postures; the arm's masses are put into it.")],
+    model: Annotated[Path, typer.Option("--model", help="Model file with the postures; the arm's masses are added to it.")],
     out: NewOutOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,

@@ -55,18 +55,18 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.experiments.ate.request import AteRequest
 
 ATE_EPILOG = epilog_of_runs({
-    ExitStatus.DONE: "identified as well as asked",
+    ExitStatus.DONE: "identified within the requested standard errors",
     ExitStatus.FILE: "bad file, or limits that leave no room",
-    ExitStatus.NOT_MET: "not identified, or less well than asked",
+    ExitStatus.NOT_MET: "not identified, or with larger standard errors than requested",
 })  # fmt: skip
 
 ReadModelOption = Annotated[
     Path | None,
-    typer.Option("--model", help="Model file: read where it is there, and written. Default: model.toml in the directory."),
+    typer.Option("--model", help="Model file: read if it exists, and written. Default: model.toml in the directory."),
 ]
 FirstRampOption = Annotated[
     float | None,
-    typer.Option(help="Of the first pass; later ones are slower. Default: chosen from f_a of the model file, or 4."),
+    typer.Option(help="Acceleration of the first pass; later ones are slower. Default: chosen from f_a of the model file, or 4."),
 ]
 SensorlessOption = Annotated[bool, typer.Option("--sensorless", help="From motor torque and encoder only; needs J_m and J_l.")]
 EncoderOption = Annotated[
@@ -85,7 +85,7 @@ def ate(
     bus: BusOption = None,
     model: ReadModelOption = None,
     acceleration_rps_s: FirstRampOption = None,
-    passes: Annotated[int, typer.Option(help="How many passes there may be, each forwards and back.")] = 6,
+    passes: Annotated[int, typer.Option(help="Largest number of passes, each forwards and back.")] = 6,
     sensorless: SensorlessOption = False,
     encoder: EncoderOption = False,
     orders: OrdersOption = "1,2,4",
@@ -115,12 +115,14 @@ def ate(
         if recording:
             where = result_directory(out, f"identify-ate-axis{axis}", force=force)
             if encoder:
-                raise typer.BadParameter("a --recording says by its columns which encoders there are", param_hint="--encoder")
+                raise typer.BadParameter("with --recording, the columns name the encoders; leave it out", param_hint="--encoder")
             from_recordings(recording, words, axis, orders, bench_file, model, where, sensorless=sensorless, as_json=as_json)
             return
         words.refuse_without_recording()
         if bench_file is None:
-            raise typer.BadParameter("it names the bench that is moved; --recording FILE moves nothing", param_hint="--bench")
+            raise typer.BadParameter(
+                "no bench file is given; give one, or a --recording, with which nothing moves", param_hint="--bench"
+            )
         bench = bench_on(bench_file, bus)
 
         from hil.bench.load_encoder import by_load_encoders  # noqa: PLC0415

@@ -68,7 +68,7 @@ class RecordingWords:
             "--description": self.description, "--node": self.node_id}  # fmt: skip
         for name, value in given.items():
             if value:
-                raise typer.BadParameter("it says something of a --recording, and none is given", param_hint=name)
+                raise typer.BadParameter("it describes a --recording, and none is given", param_hint=name)
 
 
 def from_recordings(
@@ -129,7 +129,7 @@ def from_recordings(
         say(f"model file: {file_of_model}")
     say_page(page)
     if not result.is_identified:
-        say("no order stands above its noise: no model file is written")
+        say("no order exceeds its noise: no model file is written")
         raise typer.Exit(ExitStatus.NOT_MET)
 
 

@@ -31,7 +31,7 @@ def move(
     axis: MovedAxisOption,
     to_rev: Annotated[float | None, typer.Option("--to", metavar="REV", help="Motor position, in revolutions.")] = None,
     by_rev: Annotated[
-        float | None, typer.Option("--by", metavar="REV", help="Way from where the motor stands, in revolutions.")
+        float | None, typer.Option("--by", metavar="REV", help="Distance from the present position, in revolutions.")
     ] = None,
     loop: LoopOption = "drive",
     bus: BusOption = None,
@@ -39,7 +39,7 @@ def move(
         Path | None, typer.Option("--out", help="Directory for the log of all frames; default: a new one in bench-out.")
     ] = None,
     force: ForceOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print where the axis stands as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the position of the axis as JSON.")] = False,
     yes: YesOption = False,
 ) -> None:
     """Move one axis slowly to a position.

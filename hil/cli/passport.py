@@ -47,15 +47,13 @@ def passport(
         Path | None, typer.Option("--file", help=f"The passport; left out: {PASSPORT_FILE} in the first folder.", dir_okay=False)
     ] = None,
     since: Annotated[
-        str | None, typer.Option("--since", metavar="DATE", help="Watch runs from this date on: that of a new gear.")
+        str | None, typer.Option("--since", metavar="DATE", help="Watch runs from this date on, such as that of a new gear.")
     ] = None,
     pole_pairs: Annotated[
         list[str] | None, typer.Option("--pole-pairs", metavar="AXIS=P", help="Pole pairs of an axis' motor: 2=5.")
     ] = None,
     slots: Annotated[list[str] | None, typer.Option("--slots", metavar="AXIS=Z", help="Slots of an axis' motor: 2=12.")] = None,
-    note: Annotated[
-        str, typer.Option(help="Conditions of the runs that are new, where their own notes say none: 22 °C, 3 kg, forwards.")
-    ] = "",
+    note: Annotated[str, typer.Option(help="Conditions of new runs whose own notes have none: 22 °C, 3 kg, forwards.")] = "",
     as_json: JsonOption = False,
 ) -> None:
     """Keep the identified errors of each gear, and report changes.
@@ -119,7 +117,7 @@ def _date(text: str | None) -> str:
     try:
         date = datetime.datetime.fromisoformat(text)
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is no date: 2026-03-01 is", param_hint="--since") from None
+        raise typer.BadParameter(f"{text!r} is no date; expected e.g. 2026-03-01", param_hint="--since") from None
     date = date.replace(tzinfo=datetime.UTC) if date.tzinfo is None else date.astimezone(datetime.UTC)
     return date.isoformat(timespec="seconds")
 

@@ -79,17 +79,15 @@ def run(
     design: Annotated[Path | None, typer.Option(help=f"Design file of hil design, for {names_of('design')}.")] = None,
     learnt: Annotated[Path | None, typer.Option(help=f"Model file of hil learn, for {names_of('learnt')}.")] = None,
     repeat: Annotated[
-        int, typer.Option(min=1, max=100, help="Run it so often and judge the mean, in which the sensor's noise is less.")
+        int, typer.Option(min=1, max=100, help="Number of runs; their mean is judged, with less sensor noise.")
     ] = 1,
     loop: LoopOption = "drive",
     bus: BusOption = None,
     out: NewOutOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
-    without_report: Annotated[bool, typer.Option("--no-report", help="Leave the page to hil report: it takes seconds.")] = False,
-    clock: Annotated[
-        ClockName | None, typer.Option(help="The clock that the bus must have; default: whichever it has (docs/realtime.md).")
-    ] = None,
+    without_report: Annotated[bool, typer.Option("--no-report", help="Write no page; hil report writes it later.")] = False,
+    clock: Annotated[ClockName | None, typer.Option(help="Required clock of the bus; default: any (docs/realtime.md).")] = None,
     overload: OverloadOption = False,
     reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
     live: LiveOption = None,

@@ -102,7 +102,7 @@ def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: sl
         return of.passed(name, False, recording.doubt, path)
     raw = np.stack([recording.columns[each] for each in TIP], axis=1)
     if not np.any(np.ptp(raw, axis=0) > 0.0):
-        return of.passed(name, False, f"all its axes show {raw[0].tolist()} m/s² and nothing else: is it alive?", path)
+        return of.passed(name, False, f"all its axes show {raw[0].tolist()} m/s² all the time; check the sensor", path)
     if table.tip_lever_m < LEAST_LEVER_M:
         return of.entry(name, "NOT TOLD", f"this axis moves it by a lever of {1e3 * table.tip_lever_m:.2g} mm only", path)
     angle = recording.axis(of.number, "position_rad")[rows]
@@ -110,7 +110,7 @@ def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: sl
     own = _ratio(expected, recording.felt_m_s2[rows], period_s, derivative=2)
     others = [_ratio(expected, raw[rows, i], period_s, derivative=2) for i in range(3)]
     if not own.is_told:
-        return of.entry(name, "NOT TOLD", f"{own.words} of what the bench file expects: too uncertain", path)
+        return of.entry(name, "NOT TOLD", f"{own.words} of the expected signal: too uncertain", path)
     if own.holds:
         return of.passed(name, True, f"{own.words} of what encoder, reduction_ratio and lever of the bench file expect", path)
     return of.passed(name, False, _wrong(of, own, others), path)

@@ -82,7 +82,7 @@ def decoded(trace: Trace, bench: Bench | None) -> Decoded:
         notes += units.notes
         for pdo in node.pdos:
             if not pdo.entries:
-                notes.append(f"{pdo.name}: its mapping is not in the log, so it is left out: --description FILE:NODE says it")
+                notes.append(f"{pdo.name}: its mapping is not in the log, so it is left out; give --description FILE:NODE")
                 continue
             rows = _mapped_rows(trace, pdo)
             others = int(np.count_nonzero(~rows))

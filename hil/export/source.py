@@ -61,7 +61,7 @@ def mapping_of(path: Path, known: Known, progress: Callable[[int], None] = lambd
 
     log = path / LOG_FILE if path.is_dir() else path
     if log.suffix == RECORDING_SUFFIX:
-        raise ExportError(path, f"a recording has no frames: its run's {LOG_FILE} has")
+        raise ExportError(path, f"a recording has no frames; give {LOG_FILE} of its run")
     if not log.is_file():
         raise ExportError(log, f"no such file; hil run writes {LOG_FILE} beside its result")
     trace = Trace(open_log(log, progress, known.interface), known.descriptions)
@@ -112,7 +112,7 @@ def series_in(
         what = mapping_of(path, known, progress)
         found = list(series_of(what))
         if not found:
-            raise ExportError(path, "no frame of it can be decoded: --description FILE:NODE says the mapping of a node")
+            raise ExportError(path, "no frame of it can be decoded; give --description FILE:NODE for the mapping of a node")
         return found, what
     try:
         return [of_recording(_recording_of(path, known.run))], None
@@ -135,6 +135,6 @@ def _recording_of(path: Path, run: str | None) -> Path:
         return chosen[0]
     if len(there) != 1:
         raise ExportError(
-            path, f"it has {len(there)} recordings, and --run says which: {names}" if there else "it has no recording"
+            path, f"it has {len(there)} recordings; give --run with one of {names}" if there else "it has no recording"
         )
     return there[0]

@@ -61,14 +61,12 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
         if builder.frames > MOST_FRAMES:
             raise LogError(path, f"more than {MOST_FRAMES} frames: cut the log")
     if not builder.frames and counters[candump.ELSEWHERE]:
-        raise LogError(path, f"no frame of interface {interface}, and {counters[candump.ELSEWHERE]} of others")
+        raise LogError(path, f"no frame of interface {interface}, but {counters[candump.ELSEWHERE]} of others")
     if not builder.frames:
         reason = ended[0] if ended else f"none of its {counters[candump.READ_LINES]} lines is one of candump's"
         raise LogError(path, f"no frame in it: {reason}")
     if unstamped:
-        raise LogError(
-            path, f"{unstamped} of {builder.frames} frames have no stamp, and without time nothing can be told: candump -ta"
-        )
+        raise LogError(path, f"{unstamped} of {builder.frames} frames have no time stamp; record with candump -ta")
     damage = Damage(
         unreadable=int(counters[candump.UNREADABLE]),
         first_unreadable=int(counters[candump.FIRST_UNREADABLE]),

@@ -76,7 +76,7 @@ class RunRequest:
             names = " or ".join(f"axis.{axis.number}.notch" for axis in axes)
             raise NotPossibleError(f"a run with the notch needs one: the bench file has no {names}")
         if self.loop == "host" and (self.adder is not None or self.uses_torque_offset):
-            raise NotPossibleError("additions to set-points and torques need a loop that the drives close (--loop drive)")
+            raise NotPossibleError("additions to set-points and torques need a drive-closed loop (--loop drive)")
         if self.uses_torque_offset:
             for axis in axes:
                 mode = mode_of(self.loop, axis.profile)
@@ -84,7 +84,7 @@ class RunRequest:
                     name = "no cyclic mode" if mode is None else mode.name
                     raise NotPossibleError(f"axis {axis.number}: a torque offset needs CSP, {axis.profile.label} has {name}")
         if self.loop == "drive" and self.fixed:
-            raise NotPossibleError("filters that do not follow the speed act where the host closes the loop (--loop host)")
+            raise NotPossibleError("fixed filters need a host-closed loop (--loop host)")
 
     def host_loops(self, axes: list[DriveAxis]) -> ServoBank | None:
         """Return the loops that the host closes, ready for the first cycle.

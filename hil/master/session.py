@@ -166,7 +166,7 @@ class Session:
         if gaps := [gap for axis in used for gap in axis.scale_gaps()]:
             raise ProfileGapsError(gaps)
         if self.network.pump_until(lambda: self.network.foreign_sync, LISTEN_S):
-            raise NodeError(self.bench.bus.master_node_id, "somebody else sends SYNC on this bus", "is another master running?")
+            raise NodeError(self.bench.bus.master_node_id, "another node sends SYNC on this bus", "is another master running?")
         if self.network.channel.is_lock_step:
             self.network.sync()  # from here on the world's clock is ours, so that equal seeds give equal frames
         self._identify(used, reset_faults=reset_faults, in_fault=in_fault)
@@ -177,7 +177,7 @@ class Session:
         self.network.pump_until(lambda: False, 0.0 if self.network.channel.is_lock_step else TWICE_S)
         for node in (*(axis.node for axis in self.axes.values()), *self.sensor.nodes):
             if self.network.answers_twice(node):
-                raise NodeError(node, "answers more often than it is asked", "do two nodes have this id?")
+                raise NodeError(node, "it answers more often than it is asked", "do two nodes have this id?")
         if not self.network.channel.is_lock_step:
             for axis, begun_s, begun_rad in begun:
                 axis.check_standing(begun_rad, self.clock.now() - begun_s)

@@ -171,10 +171,10 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             yield connection
     except sqlite3.OperationalError as error:
         if "locked" in str(error) or "busy" in str(error):
-            raise PassportFileError(path, "another program is writing it: wait until it has ended, and try again") from error
+            raise PassportFileError(path, "another program is writing it; wait until it ends, and try again") from error
         raise PassportFileError(path, f"cannot be used: {error}") from error
     except sqlite3.DatabaseError as error:
-        raise PassportFileError(path, f"no passport, or a damaged one: {error}; name another with --file") from error
+        raise PassportFileError(path, f"no passport, or a damaged one: {error}; give another with --file") from error
 
 
 def _check(path: Path, connection: sqlite3.Connection) -> None:
@@ -183,13 +183,13 @@ def _check(path: Path, connection: sqlite3.Connection) -> None:
     if mark == 0 and tables == 0:
         version = 0
     elif mark != APPLICATION_ID:
-        raise PassportFileError(path, "an SQLite file of another program, not a passport: name another with --file")
+        raise PassportFileError(path, "an SQLite file of another program, not a passport; give another with --file")
     elif not 1 <= version <= VERSION:
         raise PassportFileError(
             path, f"a passport of version {version}; this program knows 1 to {VERSION}: use a newer one, or another --file"
         )
     elif connection.execute("PRAGMA quick_check").fetchone()[0] != "ok":
-        raise PassportFileError(path, "damaged: put the copy of the last back-up in its place")
+        raise PassportFileError(path, "damaged; restore it from your last back-up")
     if version < VERSION:
         _bring_up(connection, version)
 
@@ -225,7 +225,7 @@ def add(path: Path, runs: Iterable[PassportRun]) -> int:
         (after,) = connection.execute("SELECT count(*) FROM run").fetchone()
         if after > MOST_KEPT_RUNS:
             connection.execute("ROLLBACK")
-            raise PassportFileError(path, f"it would hold {after} runs, {MOST_KEPT_RUNS} are the most: begin another")
+            raise PassportFileError(path, f"it would hold {after} runs, {MOST_KEPT_RUNS} are the most; begin another")
         connection.execute("COMMIT")
     return int(after - before)
 

@@ -243,7 +243,7 @@ def _axis_stability(
     if delay is None:
         return AxisStability(number, period, 0, reason="the bus does not carry the loop")
     if period is None:
-        return AxisStability(number, period, delay, reason=f"profile {table.profile} does not know the drive's period")
+        return AxisStability(number, period, delay, reason=f"profile {table.profile} lacks the drive's control period")
     model = table.loop(period, delay, with_notch=with_notch)
     if table.control == AS_FOUND:
         return AxisStability(number, period, delay, reason="its gains are as found in the drive")

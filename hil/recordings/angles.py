@@ -49,6 +49,6 @@ def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
         raise RecordingFileError(
             path,
             f"{column.name!r} begins anew each revolution and turns {step:.2f} of one from row {row + 1} to {row + 2}: "
-            f"above {LARGEST_STEP:g} nobody knows which way; record more often, or without the wrap",
+            f"above {LARGEST_STEP:g} the direction is not known; record more often, or without the wrap",
         )
     return np.asarray(turned * math.copysign(2.0 * math.pi, unit.factor)), len(jumps)

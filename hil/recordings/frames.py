@@ -65,14 +65,14 @@ class FrameFile:
         """
         self.path = path
         if description is None:
-            raise RecordingFileError(path, "frames need what decodes them: --description drive.eds --node 2, or a DBC file")
+            raise RecordingFileError(path, "frames need a description; give --description drive.eds --node 2, or a DBC file")
         if description.suffix.lower() == ".dbc":
             self._signals = _of_dbc(path, description)
         else:
             self._signals = list(_of_device(path, load(description, node_id=node_id)))
         if not self._signals:
             words = "maps no object into a TPDO" if description.suffix.lower() != ".dbc" else "has no signal"
-            raise RecordingFileError(path, f"{description} {words}: a DCF file of the drive as it was set up does")
+            raise RecordingFileError(path, f"{description} {words}; give a DCF file of the drive as it was set up")
         self.names = (STAMPS, *dict.fromkeys(signal.name for signal in self._signals))
 
     def columns(self, names: Sequence[str]) -> dict[str, Real]:
@@ -129,7 +129,7 @@ class FrameFile:
                 self.path, f"no log of frames: {damage.unreadable} lines are none, the first is line {damage.first_unreadable}"
             )
         if damage.elsewhere:
-            raise RecordingFileError(self.path, f"{damage.elsewhere} frames are of another interface: keep those of one alone")
+            raise RecordingFileError(self.path, f"{damage.elsewhere} frames are of another interface; keep those of one alone")
         return log
 
     def _refuse_cut_off(self) -> None:
@@ -143,13 +143,13 @@ class FrameFile:
             raise RecordingFileError(self.path, "no log of frames: a BLF file begins with LOGG")
         said, size = int.from_bytes(head[BLF_SIZE], "little"), self.path.stat().st_size
         if size < said:
-            raise RecordingFileError(self.path, f"cut off: {size} bytes of {said} that its head says; copy it anew")
+            raise RecordingFileError(self.path, f"cut off: {size} bytes of {said} in its header; copy it anew")
 
 
 def _of_device(path: Path, description: Description) -> Iterator[FrameSignal]:
     """Signals that a device maps into its TPDOs."""
     if description.node_id is None:
-        raise RecordingFileError(path, f"{description.path} says no node-ID: --node does")
+        raise RecordingFileError(path, f"{description.path} has no node-ID; give --node")
     for pdo in described_node(description.node_id, description).pdos:
         for entry in pdo.entries if pdo.direction == "tpdo" else ():
             yield FrameSignal(name_of(entry), pdo.can_id, entry.bytes, entry.numbers)

@@ -185,7 +185,7 @@ def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> d
             spelled = guessed[role][1] if role in guessed and guessed[role][0] == name else _suffix(role, name)
             is_guessed = True
         if spelled is None:
-            raise RecordingFileError(path, f"the unit of {name!r} is not known: --column {role}={name},UNIT says it")
+            raise RecordingFileError(path, f"the unit of {name!r} is not known; give --column {role}={name},UNIT")
         try:
             chosen[role] = Column(role, name, unit_of(role, spelled), is_guessed)
         except ValueError as error:
@@ -193,7 +193,7 @@ def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> d
     for role in ("motor", "time"):
         if role not in chosen:
             raise RecordingFileError(
-                path, f"no column is known as {role}: --column {role}=NAME,UNIT names it; there are {_some(names)}"
+                path, f"no column is known as {role}; give --column {role}=NAME,UNIT; there are {_some(names)}"
             )
     return chosen
 

@@ -76,7 +76,7 @@ def read_recording(path: Path, said: Said, axis: int) -> Recorded:
     column = choose_columns(path, source.names, said, axis)
     raw = source.columns([each.name for each in column.values()])
     raw, missing = complete_rows(path, raw)
-    notes = [f"{missing} rows that lack a number are left out"] if missing else []
+    notes = [f"{missing} rows without a number are left out"] if missing else []
     value: dict[Role, Real] = {"time": _running(path, column["time"], raw[column["time"].name])}
     for role, each in column.items():
         if each.unit.per_rev:

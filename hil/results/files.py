@@ -69,8 +69,8 @@ def load_any(path: Path) -> AnyResult:
     if schema != SCHEMA:
         raise ResultFileError(
             path,
-            f"schema {schema} is not {SCHEMA}, the one known here; run the command again, or take the version that has written "
-            "it (recordings and bus.log beside it can be read as before)",
+            f"schema {schema} is not {SCHEMA}, the one known here; run the command again, or use the version that wrote it "
+            "(recordings and bus.log beside it can be read as before)",
         )
     try:
         return _ANY.validate_json(_with_orders(value) if value.get("kind") in {"learn", "identify-ate"} else text)

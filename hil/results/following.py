@@ -38,7 +38,7 @@ class FollowedOrder(ResultPart):
     @property
     def words(self) -> str:
         """Start and end as a line."""
-        back = "; it wanted to leave its bounds and was taken back" if self.was_taken_back else ""
+        back = "; it reached its bounds and was reset" if self.was_taken_back else ""
         return (
             f"axis {self.axis}, order {self.order:g}: A {self.amplitude_start_arcsec:.2f} to {self.amplitude_end_arcsec:.2f} "
             f"arcsec, φ {self.phase_start_deg:.1f} to {self.phase_end_deg:.1f}° (turned by {self.turned_deg:+.1f}°){back}"
@@ -79,7 +79,7 @@ class FollowingBegin(ResultPart):
     @property
     def words(self) -> str:
         """The same as a clause."""
-        return f"axis {self.axis}, order {self.order:g} is followed where more than {100.0 * self.part:.0f} % of it is left"
+        return f"axis {self.axis}, order {self.order:g} is followed if more than {100.0 * self.part:.0f} % of it remains"
 
 
 class FollowingEntry(ResultPart):

@@ -29,7 +29,7 @@ def nodes_from(text: str) -> tuple[int, ...]:
     found = []
     for part in filter(None, (each.strip() for each in text.split(","))):
         if not part.isdigit() or int(part) not in _NODES:
-            raise NotPossibleError(f"--ask {text}: {part} is not a node-ID, 1 to 127 are")
+            raise NotPossibleError(f"--ask {text}: {part} is not a node-ID; expected 1 to 127")
         found.append(int(part))
     return tuple(dict.fromkeys(found))
 

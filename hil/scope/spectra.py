@@ -74,7 +74,7 @@ def order_spectrum(time_s: Real, values: Real, angle_rev: Real) -> tuple[Real, R
 def _even(time_s: Real, *signals: Real) -> tuple[float, list[Real]]:
     """Period, and signals at even times, missing samples filled."""
     if not LEAST_WINDOW <= len(time_s) <= MOST_WINDOW or any(len(each) != len(time_s) for each in signals):
-        raise SpectrumError(f"{len(time_s)} samples: {LEAST_WINDOW} to {MOST_WINDOW} can be looked at")
+        raise SpectrumError(f"{len(time_s)} samples: {LEAST_WINDOW} to {MOST_WINDOW} are possible")
     steps = np.diff(time_s)
     if not np.all(np.isfinite(time_s)) or np.any(steps <= 0.0):
         raise SpectrumError("the times do not rise")

@@ -120,7 +120,7 @@ class AccelerometerReader:
         settings = self.settings
         if is_lock_step:
             raise SerialAccelerometerError(
-                settings.port, "it keeps wall-clock time, but time on this bus is counted in SYNCs", "docs/serial.md, Clocks"
+                settings.port, "it needs wall-clock time, but this bus counts time in SYNCs", "docs/serial.md, Clocks"
             )
         try:
             self._port = serial.Serial(settings.port, settings.baud_rate, timeout=READ_TIMEOUT_S, exclusive=True)

@@ -101,12 +101,12 @@ class Fields:
         """
         for name in AXES:
             if self.names.count(name) != 1:
-                raise ValueError(f"fields name {name!r} {self.names.count(name)} times; x, y and z are wanted once each")
+                raise ValueError(f"fields name {name!r} {self.names.count(name)} times; expected x, y and z once each")
         if self.names.count(COUNTER) > 1:
             raise ValueError("fields name 'counter' twice")
         unknown = set(self.names) - {*AXES, COUNTER, IGNORED}
         if unknown:
-            raise ValueError(f"fields name {min(unknown)!r}; known are x, y, z, counter, and - for what is ignored")
+            raise ValueError(f"fields name {min(unknown)!r}; expected x, y, z, counter, or - for an ignored number")
 
     def sample(self, values: dict[str, float]) -> Sample | None:
         """The sample of these numbers; None if one is beyond the range."""
@@ -266,13 +266,13 @@ class BinaryFraming:
         if not self.sync:
             raise ValueError("a binary frame needs at least one sync byte")
         if self.layout[:1] not in {"<", ">"} or not re.fullmatch(r"[<>][0-9xbBhHiIlLqQfd]+", self.layout):
-            raise ValueError(f"format {self.layout!r}: '<' or '>' and then letters of x b B h H i I l L q Q f d are wanted")
+            raise ValueError(f"format {self.layout!r}: expected '<' or '>' and then letters of x b B h H i I l L q Q f d")
         try:
             size = struct.calcsize(self.layout)
         except struct.error as error:
             raise ValueError(f"format {self.layout!r}: {error}") from None
         if self.frame_bytes > MAX_FRAME_BYTES:
-            raise ValueError(f"a frame of {self.frame_bytes} bytes; at most {MAX_FRAME_BYTES} are read")
+            raise ValueError(f"a frame of {self.frame_bytes} bytes; the limit is {MAX_FRAME_BYTES}")
         numbers = len(struct.unpack(self.layout, bytes(size)))
         if numbers != len(self.fields.names):
             raise ValueError(f"format {self.layout!r} has {numbers} numbers, fields name {len(self.fields.names)}")

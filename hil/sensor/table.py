@@ -72,7 +72,7 @@ class SerialTable(Table):
         if given:
             raise ValueError(f"framing {self.framing!r} has no {given[0]}")
         if 0.0 in self.scale_m_s2:
-            raise ValueError("scale_m_s2 has a 0: that axis would measure nothing")
+            raise ValueError("scale_m_s2 has a 0; expected three factors other than 0")
         self._framing()
         self._modulo()
         if self.max_age_s < 2.0 / self.sample_rate_hz:
@@ -109,7 +109,7 @@ class SerialTable(Table):
         """
         if COUNTER not in self.fields:
             if self.counter_modulo is not None:
-                raise ValueError("counter_modulo without a counter among the fields")
+                raise ValueError("counter_modulo needs a counter among the fields")
             return None
         if self.counter_modulo is not None:
             return self.counter_modulo

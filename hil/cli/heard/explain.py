@@ -40,10 +40,10 @@ def explain(
         typer.Option(
             "--description",
             metavar="FILE[:NODE]",
-            help="EDS, DCF or XDD of a node: drive.eds:2. Not needed where the log holds the drive's set-up.",
+            help="EDS, DCF or XDD of a node: drive.eds:2. Not needed if the log contains the drive's set-up.",
         ),
     ] = None,
-    bitrate: Annotated[str | None, typer.Option(metavar="RATE", help="Bit rate, which no log holds: 1M, 500k.")] = None,
+    bitrate: Annotated[str | None, typer.Option(metavar="RATE", help="Bit rate, which a log does not contain: 1M, 500k.")] = None,
     interface: Annotated[
         str | None, typer.Option(metavar="NAME", help="Interface in a log of several: can1; default: that of the first frame.")
     ] = None,
@@ -102,7 +102,7 @@ def _bitrate(text: str | None) -> int | None:
     try:
         return parse_address(f"log:log@{text}").bitrate
     except AddressError:
-        raise typer.BadParameter(f"{text!r} is not a bit rate: 1M and 500k are", param_hint="--bitrate") from None
+        raise typer.BadParameter(f"{text!r} is not a bit rate; expected e.g. 1M or 500k", param_hint="--bitrate") from None
 
 
 def description_from(text: str) -> tuple[int, "Description"]:
@@ -119,7 +119,7 @@ def description_from(text: str) -> tuple[int, "Description"]:
         name, number = text, ""
     loaded = load(name, node_id=int(number) if number else None)
     if loaded.node_id is None:
-        raise typer.BadParameter(f"{text!r} says no node-ID: {name}:2 does", param_hint="--description")
+        raise typer.BadParameter(f"{text!r} has no node-ID; expected e.g. {name}:2", param_hint="--description")
     return loaded.node_id, loaded
 
 
@@ -137,7 +137,7 @@ def _tell(found: "Explanation") -> None:
     if not found.findings:
         typer.echo("nothing wrong is seen")
     if found.unknown:
-        typer.echo("\nThis log cannot tell:")
+        typer.echo("\nQuestions that this log cannot answer:")
     for unknown in found.unknown:
         typer.echo(f"- {unknown.kind}{'' if unknown.node is None else f', node {unknown.node}'}: {unknown.words}")
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 EXPORT_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NODE, ExitStatus.INTERRUPTED),
     {
-        ExitStatus.FILE: "bad file, a missing package, or nothing in it that such a file could hold",
+        ExitStatus.FILE: "bad file, a missing package, or no data for the format",
         ExitStatus.NODE: "the log contradicts the bench file",
         ExitStatus.INTERRUPTED: "interrupted",
     },
@@ -44,11 +44,13 @@ def export(
     to: Annotated[
         list[Path] | None, typer.Option("--to", metavar="FILE", help="File to write, by its suffix: .dbc, .mf4, .mcap, .parquet.")
     ] = None,
-    run: Annotated[str | None, typer.Option("--run", metavar="NAME", help="Recording of a directory that has several.")] = None,
+    run: Annotated[
+        str | None, typer.Option("--run", metavar="NAME", help="Name of a recording in a directory of several.")
+    ] = None,
     bench_file: OptionalBenchOption = None,
     description: Annotated[
         list[str] | None,
-        typer.Option("--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node whose set-up a log does not hold."),
+        typer.Option("--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node whose set-up is not in the log."),
     ] = None,
     interface: Annotated[str | None, typer.Option(metavar="NAME", help="Interface in a log of several: can1.")] = None,
     plotjuggler: Annotated[
@@ -57,7 +59,9 @@ def export(
     layout: Annotated[
         Path | None, typer.Option("--plotjuggler-layout", metavar="FILE", help="Write a layout of its plots.", dir_okay=False)
     ] = None,
-    speed: Annotated[float, typer.Option(min=0.01, max=1000.0, help="Pace of the stream, in times of the recording's.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option(min=0.01, max=1000.0, help="Pace of the stream, in multiples of the recording's.")
+    ] = 1.0,
 ) -> None:
     """Write a recording or bus log as DBC, MF4, MCAP, Parquet.
 
@@ -68,9 +72,9 @@ def export(
     files = to or []
     for file in files:
         if file.suffix.lower() not in FORMATS:
-            raise typer.BadParameter(f"{file}: {', '.join(FORMATS)} are known", param_hint="--to")
+            raise typer.BadParameter(f"{file}: unknown suffix; expected one of {', '.join(FORMATS)}", param_hint="--to")
     if not files and plotjuggler is None and layout is None:
-        raise typer.BadParameter("say what to write: --to FILE, --plotjuggler HOST:PORT or --plotjuggler-layout FILE")
+        raise typer.BadParameter("nothing to write; give --to FILE, --plotjuggler HOST:PORT or --plotjuggler-layout FILE")
     address = None if plotjuggler is None else _address(plotjuggler)
     with exit_on_error("interrupted"):
         from hil.export.source import Known
@@ -140,5 +144,5 @@ def _address(text: str) -> tuple[str, int]:
     """
     host, _, port = text.rpartition(":")
     if not host or not port.isdigit() or not 0 < int(port) < 1 << 16:
-        raise typer.BadParameter(f"{text!r} is no HOST:PORT: 127.0.0.1:9870 is", param_hint="--plotjuggler")
+        raise typer.BadParameter(f"{text!r} is no HOST:PORT; expected e.g. 127.0.0.1:9870", param_hint="--plotjuggler")
     return host.strip("[]"), int(port)

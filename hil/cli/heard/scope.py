@@ -70,7 +70,7 @@ def scope(
         _check_installed()
         if directory is not None:
             if bus is not None or description or ask:
-                raise fail("a directory is shown as it is: it takes no --bus, --description and --ask", ExitStatus.USAGE)
+                raise fail("--bus, --description and --ask are for a bus; leave them out for a directory", ExitStatus.USAGE)
             _show_recordings(directory, port, until_stdin_closes=until_stdin_closes)
             return
         _show_bus(bench_file, bus, description or [], ask, port, until_stdin_closes=until_stdin_closes)
@@ -135,7 +135,7 @@ def _show_bus(
     bench = None if bench_file is None else load_bench(bench_file)
     choice = choose_bus(bus, None if bench is None else (f"bench file {bench_file}", bench.bus.address))
     if choice is None:
-        raise fail(f"which bus? --bus ADDRESS, {BUS_VARIABLE} or --bench FILE says it", ExitStatus.USAGE)
+        raise fail(f"no bus is given; give --bus ADDRESS or --bench FILE, or set {BUS_VARIABLE}", ExitStatus.USAGE)
     say(str(choice))
     asked = nodes_from(ask)
     known = dict(description_from(text) for text in descriptions)

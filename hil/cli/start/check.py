@@ -25,9 +25,7 @@ from hil.cli.options import AXES, BenchOption, BusOption, ForceOption, JsonOptio
 if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
     from hil.bench.bench import Bench
 
-CHECK_EPILOG = epilog_of_runs(
-    {ExitStatus.DONE: "all was checked, and nothing failed", ExitStatus.NOT_MET: "a check failed, or could not be made"}
-)
+CHECK_EPILOG = epilog_of_runs({ExitStatus.DONE: "every check passed", ExitStatus.NOT_MET: "a check failed, or could not be made"})
 
 
 def mount(app: typer.Typer) -> None:

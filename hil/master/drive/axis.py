@@ -414,8 +414,8 @@ class DriveAxis:
             if error.code not in OUT_OF_RANGE:
                 raise
             raise NotPossibleError(
-                f"axis {self.number}: its drive refuses a SYNC period of {1e3 * sync_period_s:g} ms{self._period_step()}. Choose "
-                "another sync_period_s in the bench file, or host_sync_period_s where the host closes the loop"
+                f"axis {self.number}: the drive refuses a SYNC period of {1e3 * sync_period_s:g} ms{self._period_step()}; choose "
+                "another bus.sync_period_s, or bus.host_sync_period_s for a host-closed loop"
             ) from error
 
     def _write_period(self, sync_period_s: float) -> None:

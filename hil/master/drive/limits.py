@@ -137,7 +137,8 @@ def holders(profile: Profile) -> dict[Holder, list[str]]:
 _SENTENCES: Final[Mapping[Holder, str]] = {
     "master alone": "the master alone holds {}",
     "drive, as found": "the drive keeps its own value for {}",
-    "nobody": "nobody holds {}: the drive neither limits nor reports torque, so set its current limit with its maker's tool",
+    "nobody": "neither master nor drive holds {}: the drive neither limits nor reports torque; set its current limit with its "
+    "maker's tool",
 }
 
 

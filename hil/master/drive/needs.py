@@ -81,7 +81,7 @@ class MissingObjectsError(NodeError):
     def __init__(self, missing: list[tuple[int, int, tuple[Need, ...]]]) -> None:
         self.missing = missing
         lines = [f"\n  axis {axis}, node {node}, has no {need}" for axis, node, needs in missing for need in needs]
-        super().__init__(missing[0][1], "the bench needs objects that are not there; nothing has been written:" + "".join(lines))
+        super().__init__(missing[0][1], "drives lack objects that the bench needs; nothing has been written:" + "".join(lines))
 
 
 class ProfileGapsError(NotPossibleError):
@@ -90,7 +90,7 @@ class ProfileGapsError(NotPossibleError):
     def __init__(self, gaps: Iterable[str]) -> None:
         """Keep the gaps, a sentence each, as `profile_gaps` gives them."""
         self.gaps = tuple(gaps)
-        super().__init__("\n  ".join(("profiles lack what the bench needs; nothing has been written:", *self.gaps)))
+        super().__init__("\n  ".join(("drive profiles lack entries that the bench needs; nothing has been written:", *self.gaps)))
 
 
 def objects_needed(
@@ -177,7 +177,10 @@ def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: b
     for number, table in tables.items():
         found += profile_gaps(number, table, profiles[table.profile], loop, with_notch=in_drive)
         if loop == "host" and table.control == AS_FOUND:
-            found.append(f'axis {number}: control = "{AS_FOUND}", and the host closes the loop with the gains of the bench file')
+            found.append(
+                f'axis {number}: control = "{AS_FOUND}" leaves the gains to the drive; a host-closed loop needs them in the '
+                "bench file"
+            )
     return found
 
 
@@ -245,5 +248,5 @@ def _gain_gaps(table: AxisTable, profile: Profile, loop: LoopName | None) -> Ite
         return  # the host has the gains, or they are not written
     lacking = [name for name in Control.model_fields if name not in profile.parameters]
     if lacking:
-        remedy = f'gains_are_set = true where the drive has these gains already, else control = "{AS_FOUND}"'
-        yield f"no {', '.join(lacking)}, to which the gains of control are written: {remedy}"
+        remedy = f'state gains_are_set = true if the drive has these gains already, else control = "{AS_FOUND}"'
+        yield f"no {', '.join(lacking)} for the gains of control; {remedy}"

@@ -174,7 +174,7 @@ def _counts_per_rev(asked: Questions, number: int, table: StatedScale, profile: 
     if facts is None or facts.increments is None:
         found = None if facts is None else facts.counts_per_rev
     else:
-        purpose = f"positions are scaled by it; {key} in the bench file says it instead"
+        purpose = f"positions are scaled by it; {key} of the bench file can replace it"
         increments = asked.number(
             Need(object_address(facts.increments), "encoder increments", purpose), is_optional=stated is not None
         )
@@ -200,7 +200,7 @@ def _rated_torque_nm(asked: Questions, number: int, table: StatedScale, profile:
         return None if constant is None else 1000.0 * facts.current_step_a * constant
     if facts is None or facts.rated_torque is None:
         return stated
-    purpose = f"torques are per mille of it; {key} in the bench file says it instead"
+    purpose = f"torques are per mille of it; {key} of the bench file can replace it"
     steps = asked.number(Need(object_address(facts.rated_torque), "motor rated torque", purpose), is_optional=stated is not None)
     if steps is None:
         return stated
@@ -222,7 +222,7 @@ def _check_units(asked: Questions, number: int, profile: Profile) -> None:
             index, subindex = need.address
             raise NodeError(
                 asked.node,
-                f"axis {number} counts in units of its own: {index:04X}h:{subindex:02X}h is {value:X}h",
+                f"axis {number} has position units of its own: {index:04X}h:{subindex:02X}h is {value:X}h",
                 "write 0 to it",
             )
 

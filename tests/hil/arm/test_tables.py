@@ -66,11 +66,11 @@ def test_a_link_without_a_body_weighs_nothing():
         (f"home_deg = [1.0, 2.0]\n{LINK}", "2 angles for 1 links"),
         (f"home_deg = [100.0]\n{LINK}range_deg = [-90.0, 90.0]\n", "stands at 100° at home"),
         (f"{LINK}range_deg = [90.0, -90.0]\n", "the first must be the lower"),
-        ("[[link]]\naxis = 1\ndirection = [0.0, 0.0, 0.0]\n", "points nowhere"),
+        ("[[link]]\naxis = 1\ndirection = [0.0, 0.0, 0.0]\n", "has length 0"),
         (f"{LINK}speed_limit_deg_s = 0.0\n", "more than 0"),
         (f"{LINK}body = {{ mass_kg = -1.0 }}\n", "at least 0"),
         (f"{LINK}body = {{ mass_kg = 1.0, inertia_kg_m2 = {{ xx = 1.0, yy = 1.0, zz = 2.1 }} }}\n", "triangle"),
-        (f"{LINK}body = {{ mass_kg = 1.0, inertia_kg_m2 = {{ xx = 1.0, yy = 1.0, zz = 1.0, xy = 1.5 }} }}\n", "below 0"),
+        (f"{LINK}body = {{ mass_kg = 1.0, inertia_kg_m2 = {{ xx = 1.0, yy = 1.0, zz = 1.0, xy = 1.5 }} }}\n", "at least 0"),
         (f"{LINK}body = {{ mass_kg = 0.0, inertia_kg_m2 = {{ xx = 1.0, yy = 1.0, zz = 1.0 }} }}\n", "mass_kg is 0"),
     ],
 )

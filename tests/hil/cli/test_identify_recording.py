@@ -82,8 +82,8 @@ def test_a_layout_file_says_columns_units_and_ratio(tmp_path: Path) -> None:
         (("--recording", JOINT_1, "--axis", "1", "--column", "speed=x"), 2, "is no column"),
         (("--recording", JOINT_1, "--axis", "1", "--column", "motor=encoder_motorinc_1,furlong"), 3, "is not a unit of motor"),
         (("--recording", JOINT_1, "--axis", "6", "--orders", "0.2,1,2"), 9, "need 10"),
-        (("--recording", JOINT_1, "--axis", "1", "--encoder"), 2, "says by its columns which encoders there are"),
-        (("--axis", "1"), 2, "--recording FILE moves nothing"),
+        (("--recording", JOINT_1, "--axis", "1", "--encoder"), 2, "the columns name the encoders"),
+        (("--axis", "1"), 2, "no bench file is given"),
         (("--bench", "reference", "--axis", "1", "--ratio", "100"), 2, "none is given"),
     ],
 )
