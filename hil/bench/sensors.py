@@ -53,8 +53,8 @@ class AccelerometerTable(Table):
     def _one_of_both(self) -> "AccelerometerTable":
         if (self.node_id is not None) + (self.serial is not None) + self.from_load_encoders != 1:
             raise ValueError(
-                "the accelerometer needs either a node_id on the bus or a serial table; without one, state "
-                "from_load_encoders = true"
+                "the accelerometer needs either a node_id on the bus or a serial table; without a sensor, "
+                "state from_load_encoders = true"
             )
         if self.from_load_encoders and (self.range_m_s2 is not None or self.mounting is not None):
             raise ValueError("from_load_encoders = true excludes range_m_s2 and mounting: there is no sensor")

@@ -131,11 +131,11 @@ def _of_stretch(node: Node, stamp_s: Real, turned: Real, error: Real) -> Said | 
         return Finding(
             "loop-rings", Severity.WARNING,
             f"the following error of node {node.number} swings by {360.0 * swing:.2g}° of the motor at {frequency:.0f} Hz, "
-            f"whatever the speed: {100.0 * of_time:.0f} % of it; nothing that turns does so",
+            f"whatever the speed: {100.0 * of_time:.0f} % of it; no rotating part does so",
             "the loop is near the edge of its stability, or a resonance is excited: lower gains, a filter at that frequency",
             where, 1, node.number, drawn,
         )  # fmt: skip
-    tells = "where it turns more often, the two part" if varies else "a log in which the speed changes tells gear and loop apart"
+    tells = "with more turns, the two differ" if varies else "record a log with changing speed, which distinguishes gear and loop"
     return Untold(
         "what-swings", f"its following error swings by {360.0 * max(amplitude, swing):.2g}°, {round(order, 1):g} times in each "
         f"revolution or at {frequency:.0f} Hz: {tells}", node.number,
