@@ -113,7 +113,7 @@ class ArmTable(Table):
         for link, angle in zip(self.link, self.home_deg or (0.0,) * len(self.link), strict=True):
             low, high = link.range_deg or (-math.inf, math.inf)
             if not low <= angle <= high:
-                raise ValueError(f"{link.label} stands at {angle:g}° at home, outside of its range_deg, {low:g} to {high:g}")
+                raise ValueError(f"{link.label} is at {angle:g}° at home, outside of its range_deg, {low:g} to {high:g}")
         return self
 
     @property

@@ -77,6 +77,6 @@ def move(
         if as_json:
             typer.echo(json.dumps({"axis": axis, "from_rev": planned.from_rev, "stands_at_rev": stands_rev}))
         else:
-            typer.echo(f"axis {axis} stands at {stands_rev:.2f} rev")
+            typer.echo(f"axis {axis} is at {stands_rev:.2f} rev")
         if not planned.is_there and outcome.not_restored:
             raise typer.Exit(ExitStatus.SDO)

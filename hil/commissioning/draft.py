@@ -76,8 +76,8 @@ def draft(name: str, address: str, nodes: Sequence[FoundNode], drawing: ArmDrawi
     axes = _numbered([node for node in nodes if node.is_drive])
     joints = {} if drawing is None else _joints(drawing, len(axes))
     lines = [
-        f"# Made from a scan of {address}. Lines with {TO_BE_TYPED!r} are for you: nothing runs before they say what is true.",
-        "# hil check sees whether the robot does as this file says, before anything else moves it.",
+        f"# Made from a scan of {address}. Lines with {TO_BE_TYPED!r} are for you to fill in: nothing runs before.",
+        "# Run hil check before anything else moves the robot: it compares the robot with this file.",
         f"name = {toml_value(name)}",
         f"approach_rps = {APPROACH_RPS:g}                  # motor speed to the start of a motion and back: slow, raise it later",
         "",
@@ -192,8 +192,7 @@ def _sensor_lines(nodes: Sequence[FoundNode]) -> list[str]:
         lines.append(f"node_id = {_ask(f'node-ID of the sensor at the tip ({seen}), {remedy}')}")
     others = [node for node in nodes if not node.is_drive and node not in sensors]
     lines += [
-        f"# node {node.node} is not a drive, and no accelerometer that is known: {node.identity.name or 'nameless'}"
-        for node in others
+        f"# node {node.node} is neither a drive nor a known accelerometer: {node.identity.name or 'nameless'}" for node in others
     ]
     return [*lines, f"range_m_s2 = {_ask('largest measurement of the sensor, from its data sheet; or leave the line out')}"]
 
@@ -221,7 +220,7 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
     identity, known = node.identity, node.profile is not None
     who = identity.name or "a drive"
     choice = (
-        f"one of {', '.join(node.profiles)}" if node.profiles else "a drive profile: no profile of the package is of this device"
+        f"one of {', '.join(node.profiles)}" if node.profiles else "a drive profile; no profile of the package fits this device"
     )
     lines = ["", f"[axis.{number}]                            # {who}", f"node_id = {node.node}"]
     lines.append(f"profile = {toml_value(node.profiles[0]) if known else _ask(choice)}")
@@ -282,7 +281,7 @@ def _control_lines(number: int, node: FoundNode) -> list[str]:
     lines = [f"{key} = {_ask('gain of the loop, docs/tuning.md')}" for key in Control.model_fields]
     return [
         "",
-        f"[axis.{number}.control]                    # gains of the loop: the drive holds none that could be read",
+        f"[axis.{number}.control]                    # gains of the loop, which the drive does not show",
         *lines,
     ]
 
@@ -294,7 +293,7 @@ def _is_as_found(node: FoundNode) -> bool:
 
 def _position_words(node: FoundNode) -> str:
     at = node.position_rev
-    return "where its motor stands is not known" if at is None or not math.isfinite(at) else f"its motor stands at {at:.3f} rev"
+    return "the position of its motor is not known" if at is None or not math.isfinite(at) else f"its motor is at {at:.3f} rev"
 
 
 def _motion_lines() -> list[str]:

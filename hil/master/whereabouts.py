@@ -41,7 +41,7 @@ def way_out(axis: int, stands_rev: float, limits: Limits, low_rev: float, high_r
         high_rev: Highest position of the motion, counted from its start.
     """
     lowest, highest = limits.position_min_rev - low_rev, limits.position_max_rev - high_rev
-    here = f"it stands at {rev_text(stands_rev)} rev"
+    here = f"it is at {rev_text(stands_rev)} rev"
     if lowest > highest:
         return f"{here}, and the motion is longer than the limits of {name_range(limits)}"
     # to the hundredth of a turn, but never beyond
@@ -77,8 +77,8 @@ class Whereabouts:
     def __str__(self) -> str:
         """Return it in words."""
         if self.stands_rev is None:
-            return f"where axis {self.axis} stands is not known"
-        return f"axis {self.axis} stands at {rev_text(self.stands_rev)} rev"
+            return f"the position of axis {self.axis} is not known"
+        return f"axis {self.axis} is at {rev_text(self.stands_rev)} rev"
 
 
 def stop_text(found: Sequence[Whereabouts]) -> str:

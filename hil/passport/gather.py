@@ -95,7 +95,7 @@ def _files(folders: Iterable[Path]) -> list[Path]:
             found += [Path(here) / name for name in sorted(names) if name == RESULT_FILE or name.endswith(".toml")]
             if len(found) > MOST_FOUND_FILES:
                 raise NotPossibleError(
-                    f"more than {MOST_FOUND_FILES} files below {folder}: name the folders of the identifications"
+                    f"more than {MOST_FOUND_FILES} files below {folder}; give the folders of the identifications"
                 )
     return sorted((path for path in found if not path.is_symlink()), key=lambda path: (path.name != RESULT_FILE, str(path)))
 
@@ -188,7 +188,7 @@ def _run(robot: str, axis: int, part: IdentifiedError, date: str, path: Path) ->
     )
     longest = max(len(text) for text in (robot, part.note, str(path)))
     if longest > MOST_TEXT or len(lines) > MOST_ORDERS:
-        raise ValueError(f"{longest} characters in a text and {len(lines)} orders: {MOST_TEXT} and {MOST_ORDERS} are the most")
+        raise ValueError(f"{longest} characters in a text and {len(lines)} orders; the limits are {MOST_TEXT} and {MOST_ORDERS}")
     return PassportRun(
         content=hashlib.sha256(content.encode()).hexdigest(),
         robot=robot,

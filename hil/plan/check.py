@@ -366,7 +366,7 @@ def _numbers(cycle: Cycle, wire: WireTiming) -> str:
 def _loop_words(loops: tuple[AxisStability, ...], loop: LoopName) -> str:
     known = [axis for axis in loops if axis.level != "not known"]
     if not known:
-        return f"the {loop}-closed loops are not known to be stable: {loops[0].reason}"
+        return f"the stability of the {loop}-closed loops is not known: {loops[0].reason}"
     order = ("stable", "at the edge", "unstable")
     worst = max(known, key=lambda axis: (order.index(axis.level), axis.sensitivity_peak))
     number = f"pole radius {worst.pole_radius:.4f}" if worst.level == "unstable" else f"M_s {worst.sensitivity_peak:.2f}"

@@ -178,8 +178,8 @@ class Material:
             return {}
         if row.needs == "design":
             self.notes.append(
-                f"{run_name(run, with_window=False)}: this result does not hold the filters that acted, since an earlier version "
-                "has written it. The design file has them, or a new run."
+                f"{run_name(run, with_window=False)}: an earlier version wrote this result without its filters; see the design "
+                "file, or run again."
             )
             return {}
         axes = self.bench.chain_axes if run.axis is None else (run.axis,)
@@ -328,7 +328,7 @@ class Material:
             key: np.interp(row, row[~hole], recording.columns[key][~hole]) if not hole.all() else np.zeros(len(row))
             for key, hole in holes.items()
         }
-        self.notes.append(f"{name}: {count} samples did not come in; the figures bridge them by straight lines.")
+        self.notes.append(f"{name}: {count} samples are missing; the figures interpolate them linearly.")
         return Recording(columns)
 
     def estimate(self, axis: int) -> TransmissionErrorEstimate | None:

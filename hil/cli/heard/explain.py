@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 EXPLAIN_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
     {
-        ExitStatus.DONE: "nothing wrong is seen",
+        ExitStatus.DONE: "no fault found",
         ExitStatus.FILE: "no log, or a bad device description",
         ExitStatus.NOT_MET: "something is wrong",
         ExitStatus.INTERRUPTED: "interrupted",
@@ -135,7 +135,7 @@ def _tell(found: "Explanation") -> None:
             )
         typer.echo(f"   → {each.remedy}")
     if not found.findings:
-        typer.echo("nothing wrong is seen")
+        typer.echo("no fault found")
     if found.unknown:
         typer.echo("\nQuestions that this log cannot answer:")
     for unknown in found.unknown:

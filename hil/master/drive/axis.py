@@ -243,7 +243,7 @@ class DriveAxis:
         if state is State.FAULT and not may_be_in_fault:
             fault, here = self.fault() or "in fault", rev_text(self.position_rad() / math.tau)
             remedy = f"reset it with --reset-faults, or drive-profiles faults --node {node} --clear"
-            raise NodeError(node, f"axis {self.number} is {fault}, and stands at {here} rev", remedy)
+            raise NodeError(node, f"axis {self.number} is {fault}, and at {here} rev", remedy)
 
     def fault(self) -> str | None:
         """Return the drive's fault in words, or None."""

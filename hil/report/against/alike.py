@@ -114,13 +114,13 @@ def _check_motion(experiment: str, new: Bench, old: Bench) -> None:
     if own == other:
         return
     if own is None or other is None:
-        raise _unlike(f"{name} stands in one bench file only")
+        raise _unlike(f"{name} is in one bench file only")
     differing = [f"{key} = {other[key]} became {own[key]}" for key in own if own[key] != other.get(key)]
-    raise _unlike(f"the motion is another: in {name} {'; '.join(differing)}")
+    raise _unlike(f"the motion differs: in {name} {'; '.join(differing)}")
 
 
 def _unlike(why: str) -> NotPossibleError:
-    return NotPossibleError(f"unlike things are not compared: {why}")
+    return NotPossibleError(f"the results are too different to compare: {why}")
 
 
 def _command(result: MeasuredResult) -> str:

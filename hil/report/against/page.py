@@ -104,8 +104,7 @@ def _measured(directory: Path) -> MeasuredResult:
         return result
     command = result.kind.replace("-", " ")
     raise NotPossibleError(
-        f"{directory}: this is a result of hil {command}; those of hil run, identify ate and identify plant are held against "
-        "each other"
+        f"{directory}: this is a result of hil {command}; expected one of hil run, identify ate or identify plant"
     )
 
 

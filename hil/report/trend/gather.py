@@ -126,7 +126,7 @@ def _results(folder: Path) -> list[Path]:
         if RESULT_FILE in names and not (Path(here) / RESULT_FILE).is_symlink():
             found.append(Path(here) / RESULT_FILE)
         if len(found) > MOST_FOUND_FILES:
-            raise NotPossibleError(f"more than {MOST_FOUND_FILES} results below {folder}: name a folder of fewer")
+            raise NotPossibleError(f"more than {MOST_FOUND_FILES} results below {folder}; give a folder with fewer")
     return sorted(found)
 
 

@@ -64,7 +64,7 @@ def test_a_link_without_a_body_weighs_nothing():
         (f'tip_link = "tool0"\n{LINK}', "tip_link"),
         (LINK + LINK, "axis 1 moves two links"),
         (f"home_deg = [1.0, 2.0]\n{LINK}", "2 angles for 1 links"),
-        (f"home_deg = [100.0]\n{LINK}range_deg = [-90.0, 90.0]\n", "stands at 100° at home"),
+        (f"home_deg = [100.0]\n{LINK}range_deg = [-90.0, 90.0]\n", "is at 100° at home"),
         (f"{LINK}range_deg = [90.0, -90.0]\n", "the first must be the lower"),
         ("[[link]]\naxis = 1\ndirection = [0.0, 0.0, 0.0]\n", "has length 0"),
         (f"{LINK}speed_limit_deg_s = 0.0\n", "more than 0"),
