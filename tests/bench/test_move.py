@@ -140,9 +140,7 @@ def test_a_fault_whose_cause_stays_ends_the_move_before_anything_moves(bench: Be
 
 def test_another_axis_in_fault_is_refused_with_where_it_stands(bench: Bench, channel: InProcessChannel) -> None:
     channel.world.drives[3]._fault("motor speed", 0x8400)
-    with pytest.raises(
-        NodeError, match=r"axis 3 is in fault, error code 8400h \(speed controller\), and at 0 rev.*faults"
-    ):
+    with pytest.raises(NodeError, match=r"axis 3 is in fault, error code 8400h \(speed controller\), and at 0 rev.*faults"):
         plan_move(bench, MoveRequest(2, to_rev=0.5), channel=channel)
 
 
