@@ -31,11 +31,11 @@ class Recording:
     """The columns of one run, a row per SYNC.
 
     Names carry their units. `time_s`; for each axis n that moved `axis<n>_reference_rad`, `axis<n>_position_rad` (motor side),
-    `axis<n>_torque_nm`, `axis<n>_load_rad` by its second encoder (joint side), and where its drive sends it `axis<n>_notch_hz`
-    (zero frequency of the first filter, 0 while it is out); `tip_x_m_s2`, `tip_y_m_s2`, `tip_z_m_s2`, by the joints' encoders
-    where no sensor is there; `missing`, the number of expected answers that did not come in this cycle. On a bench with an arm
-    also `tip_along_m_s2`, along the lever of an axis that moves alone, and what a mounted sensor felt along its own axes:
-    `sensor_x_m_s2`, `sensor_y_m_s2`, `sensor_z_m_s2`.
+    `axis<n>_torque_nm`, `axis<n>_load_rad` by its second encoder (joint side), and if its drive sends it `axis<n>_notch_hz`
+    (zero frequency of the first filter, 0 while it is off); `tip_x_m_s2`, `tip_y_m_s2`, `tip_z_m_s2`, by the joints' encoders
+    without a sensor; `missing`, the number of missing answers in this cycle. On a bench with an arm also `tip_along_m_s2`, along
+    the lever of an axis that moves alone, and the signals of a mounted sensor along its own axes: `sensor_x_m_s2`,
+    `sensor_y_m_s2`, `sensor_z_m_s2`.
 
     Attributes:
         columns: Columns by name; all of shape (n,).

@@ -369,7 +369,7 @@ def run(
 def _told(runner: _TourRunner, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> ComparisonRequest:
     """Take all steps, and return the request of the comparison.
 
-    Where no notch keeps all that is asked that is said, and the comparison is made without a designed one.
+    If no notch meets all requirements, a step notes it, and the comparison has no designed notch.
     """
     for axis in runner.axes:
         runner.step(f"identify plant, axis {axis}", partial(runner.identify_plant, axis), _plant_page(axis))

@@ -150,7 +150,7 @@ class AxisTable(Table):
         gains_are_set: True if the drive has the gains of `control` already, since only its maker's tool can set them.
         notch: Variable notches.
         model: Assumed plant; None without one.
-        gear_stiffness_nm_rad: Stiffness of its gear at the joint; left out, that of `model`, which may stand for one mode alone.
+        gear_stiffness_nm_rad: Stiffness of its gear at the joint; left out, that of `model`, which may be that of one mode alone.
         encoder_counts_per_rev: Position units per motor revolution, for a drive without an object for it.
         rated_torque_nm: Torque of which torques are per mille, for a drive without an object for it.
         torque_constant_nm_a: Torque of the motor per ampere, for a drive that reports a current and no torque.
@@ -270,8 +270,8 @@ class Bench(Table):
     Attributes:
         reference: `paper` for the robot of the paper, which is judged in the paper's windows and beside its numbers; None for
             every other robot.
-        identification_travel_deg: How far an identification turns a joint of an arm from where it stands, to either side: further
-            on the arm is another plant. Left out, `IDENTIFICATION_TRAVEL_DEG`; a bench without an arm has none.
+        identification_travel_deg: Largest joint angle of an identification on an arm, to either side: beyond it the plant is
+            another. Left out, `IDENTIFICATION_TRAVEL_DEG`; a bench without an arm has none.
     """
 
     name: str

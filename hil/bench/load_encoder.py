@@ -62,7 +62,7 @@ def with_load_encoders(bench: Bench, recording: Recording, standing_rad: Mapping
         standing_rad: Motor angles of axes that did not move; those that are not given are at home.
 
     Raises:
-        NotPossibleError: An encoder counts the wrong way, or another turn than the bench file says.
+        NotPossibleError: An encoder counts the wrong way, or has another scale than in the bench file.
     """
     for number in recording.axes:
         if f"axis{number}_load_rad" in recording.columns:

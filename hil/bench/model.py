@@ -58,8 +58,8 @@ class IdentifiedPlant(Table):
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle; None without an accelerometer.
         note: Notes of the engineer: date, load, temperature.
         emulated: True if it was identified on an emulated robot; None if that was not recorded.
-        modes: Modes of an arm that rings with several, from the lowest; then the values are motor and leading mode, the lowest
-            that carries a good part of the tip's motion. Empty where there is one.
+        modes: Modes of an arm with several, from the lowest; then the values are motor and leading mode, the lowest with a
+            large part of the tip's motion. Empty for one mode.
     """
 
     values: PlantTable
@@ -93,9 +93,9 @@ class IdentifiedError(Table):
         damping: Damping ratio ζ, likewise.
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle.
         set_point_delay_s: Delay of the motor behind its set-points beyond SYNC period and interpolation.
-        gear_reaction: Part of τ_g dθ_sync/dθ_m with which the gear's torque τ_g loads the motor, as the motor's torque showed it;
-            0 where it did not.
-        motor_friction_nm: Friction of the motor beside which that reaction was told: no load of the gear. A plant's goes first.
+        gear_reaction: Part of τ_g dθ_sync/dθ_m with which the gear's torque τ_g loads the motor, identified from the motor's
+            torque; 0 if that did not show it.
+        motor_friction_nm: Friction of the motor, identified with that reaction: no load of the gear. A plant's value goes first.
         learnt_by: Source of the values, one of `LearntBy`.
         motor_inertia_kg_m2: J_m with which it was learnt, as it was given; None if a plant was known.
         note: Notes of the engineer: date, load, temperature.

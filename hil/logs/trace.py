@@ -50,7 +50,7 @@ class Rhythm:
 
     Attributes:
         cycle: Cycle of each frame, by the SYNC that is nearest to it but for the usual distance; shape (n,).
-        late_ns: Distance of each from where it usually is in its cycle, in ns; shape (n,).
+        late_ns: Distance of each from its usual place in the cycle, in ns; shape (n,).
         usual_ns: Usual distance from the SYNC: negative for frames that come before it.
         counts: Frames in each cycle from the first of them to the last.
         first: First of those cycles.
@@ -118,8 +118,7 @@ class Trace:
     def rhythm(self, stream: Stream) -> Rhythm | None:
         """Frames against the SYNCs; None if there are too few of either.
 
-        Their usual place in a cycle is the angle of the mean of e^{2πj t/T}, so that frames before a SYNC and behind it are told
-        apart wherever they usually are.
+        Their usual place in a cycle is the angle of the mean of e^{2πj t/T}, which is valid near a SYNC as well.
         """
         cycles = self.cycles
         if cycles is None or len(stream) < LEAST_FRAMES:

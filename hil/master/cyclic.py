@@ -39,7 +39,7 @@ class Slot:
         axis: The axis.
         control_word: Control word for the next cycle.
         target: Set-point for the next cycle: counts (CSP) or per mille of the rated torque (CST).
-        torque_offset: Torque offset for the next cycle, where the exchange has it: per mille of the rated torque.
+        torque_offset: Torque offset for the next cycle, if the exchange has it: per mille of the rated torque.
         status_word: Last status word.
         position_counts: Last position, in counts.
         torque_per_mille: Last torque, in per mille of the rated torque.

@@ -29,8 +29,8 @@ class Motion:
         time_s: Time from 0, one row per SYNC; shape (n,).
         motor_angle_rad: Motor angles relative to the start of each axis; shape (n, axes). The axes are brought to the first row
             before anything is recorded.
-        starts_at_home: True for a motion of the tool, whose angles count from where all motor angles are zero; else they count
-            from where each axis stands.
+        starts_at_home: True for a motion of the tool, whose angles count from zero motor angles; else they count from the present
+            position of each axis.
         torque_offset_nm: Torque added in the loop that the drive closes (60B2h), shape (n, axes); None: it is not mapped.
         returns: False for axes that remain at the end of the motion.
         excitation_rad: Part of the motor angles that excites a plant, in which no acceleration is limited; shape (n, axes); None

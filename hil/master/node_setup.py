@@ -70,7 +70,7 @@ class NodeSetup:
             with_notch: True if the drives' filters act.
 
         Raises:
-            HilError: A node refuses, is silent, or does not hold what was written.
+            HilError: A node refuses, is silent, or does not hold a written value.
         """
         exchange, nodes = self._exchange, self._nodes(self._axes)
         for node in nodes:

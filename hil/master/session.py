@@ -71,7 +71,7 @@ class Session:
         axes: The axes of the bench, by number.
         sensor: The accelerometer.
         supervisor: Supervisor of the nodes and the user.
-        emulated: For each axis, and for an accelerometer on the bus, True if it is emulated; None if it did not say.
+        emulated: For each axis, and for an accelerometer on the bus, True if it is emulated; None if it did not answer.
         not_restored: Settings that could not be restored, in words; empty when all were.
     """
 
@@ -312,7 +312,7 @@ class Session:
     def _standing_rad(self, motion: Motion) -> dict[int, float]:
         """Read the motor angles of axes that do not move.
 
-        Only on a bench with an arm, where they too turn the sensor; else empty.
+        Only on a bench with an arm, on which they turn the sensor as well; else empty.
         """
         if self.bench.arm is None:
             return {}

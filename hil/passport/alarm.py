@@ -80,8 +80,7 @@ class Watched:
         low: Value below which each run would have been a jump; NaN as above.
         high: Value above which it would.
         first: Index of the run with the first alarm; None without one.
-        expected: Value that the runs before the alarm let one expect of the last, under its conditions; their mean
-            where they are few.
+        expected: Expectation of the last run from the runs before the alarm, under its conditions; their mean if they are few.
         scatter: Standard deviation of those runs, their conditions taken out.
         explained: Fraction of their variance that each condition explains, beyond what chance would.
     """

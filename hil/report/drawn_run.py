@@ -37,7 +37,7 @@ class DrawnRun:
 def drawn_run(material: Material, run: RunEntry | None, label: str, look: style.Line) -> DrawnRun | None:
     """Return a run with label and line style, None without recording.
 
-    The label of a run that ended early says so.
+    The label of a run that ended early is marked.
 
     Args:
         material: Result and recordings.

@@ -27,7 +27,7 @@ class LaterText:
         """Begin to make it.
 
         Args:
-            make: Function that gives the text; what else it does is lost with the copy.
+            make: Function that returns the text; its other effects are lost with the copy.
         """
         self._make: Callable[[], str] | None = make
         self._text = ""

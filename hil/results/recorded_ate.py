@@ -26,7 +26,7 @@ class RecordedFile(ResultPart):
         duration_s: Duration.
         period_s: Mean sampling period.
         jitter_s: Range of the steps between time stamps, from the 1st to the 99th percentile.
-        clock: Time that was taken: the stamps, even sampling, or that which the motor's angle shows; None if none was needed.
+        clock: Source of time: the stamps, even sampling, or the motor's angle; None if no time was needed.
     """
 
     path: str
@@ -126,7 +126,7 @@ class ScanEntry(ResultPart):
     The curve is in scan.csv, that over the speed in map.csv.
 
     Attributes:
-        unit: Unit of the amplitudes: of the joint, through the arm where a sensor sits behind one.
+        unit: Unit of the amplitudes: of the joint, through the arm for a sensor behind it.
         false_alarm: Probability with which noise alone reaches the level anywhere in the scan.
         highest: Highest order, above the level or not.
         peaks: Orders above the level, the highest first.

@@ -60,8 +60,8 @@ class TrialPart(ResultPart):
     Attributes:
         axis: Axis number.
         order: Order k.
-        verdict: `accepted`; `refused` where it is wrong; `not judged` where it does too little to be seen. Only what is accepted
-            is used.
+        verdict: `accepted`; `refused` if it is wrong; `not judged` if its effect is too small to measure. Only accepted orders
+            are used.
         expected_fall_fraction: Fraction by which a right cancellation lowers this order when the tried fraction of it acts.
         fall_fraction: Fraction by which this order fell with it.
         fall_error: Standard error of that.
@@ -101,10 +101,10 @@ class CancellationRemainder(ResultPart):
     Attributes:
         order: Order of the window in which most is left; None for the only one of a line motion.
         left_mm: The tip's peak in it, the sensor's noise taken off.
-        asked_mm: Tip that is asked for: what the bench file says, or 1.3 times what the motion makes of its own.
-        jolt_mm: The tip's peak that the motion makes of its own, without any order.
+        asked_mm: Required tip peak: that of the bench file, or 1.3 times `jolt_mm`.
+        jolt_mm: The tip's peak by the motion itself, without any order.
         noise_mm: Tip's peak that may hide in the sensor's noise.
-        causes: Causes of what is above that, that of the worst window first; none where nothing is.
+        causes: Causes of a larger peak, that of the worst window first; empty without one.
         words: All of it as a line of text, with what to do.
     """
 
@@ -124,7 +124,7 @@ class CancellationTrial(ResultPart):
         before_m_s2: Vibration without it.
         gain: Fraction of the cancellation that was tried first.
         is_good: True if at least one order of one axis is accepted, and used.
-        trials: Runs with the tried fraction on all axes, on each alone where there are several, and with the whole.
+        trials: Runs with the tried fraction on all axes, on each alone if there are several, and with the whole.
         parts: Verdict on each order of each axis.
         remainder: Remaining vibration, and its causes; None without cancellation.
     """
@@ -271,7 +271,7 @@ class RunEntry(ResultPart):
         repeated: Number of runs in the recording's mean.
         ramp_peak_mm: Largest tip displacement on the whole ramp, without the jerks at its ends; None for the line motion.
         f_al_hz: Frequency by which the run is judged: the peak of |G_al|; None if it is not known, and nothing is judged.
-        f_al_source: `model`, or `own` where the run's own vibration shows it.
+        f_al_source: `model`, or `own` from the run's own vibration.
         f_al_error_hz: Standard error of an f_al from the run's own vibration.
         f_al_words: f_al and its source, as a line.
         remark: Sentence on an f_al of a model that the run itself does not show.

@@ -1,6 +1,6 @@
 """Readers of signals: frame, place and scale of each number.
 
-They follow from what is known of the nodes.
+They follow from the known set-up of the nodes.
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -111,7 +111,7 @@ class AccelerometerReader:
         """Open the port and wait for the first sample.
 
         Args:
-            is_lock_step: True if the bus counts its time in SYNCs, as `Channel.is_lock_step` says.
+            is_lock_step: True if the bus counts its time in SYNCs (`Channel.is_lock_step`).
 
         Raises:
             SerialAccelerometerError: The port does not exist, or gives no bytes, or no readable samples; the message says

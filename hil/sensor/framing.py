@@ -290,7 +290,7 @@ class BinaryFraming:
 class BinaryDecoder:
     """Turns frames of a fixed length into samples.
 
-    After a wrong checksum the search goes on at the byte behind the first sync byte, so that a frame is lost only where a false
+    After a wrong checksum the search continues at the byte behind the first sync byte, so that a frame is lost only if a false
     one has a right checksum.
     """
 

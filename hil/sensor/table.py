@@ -32,7 +32,7 @@ class SerialTable(Table):
         counter_modulo: Count at which the counter starts again; the default for binary frames follows from its type.
         sample_rate_hz: Sampling rate of the sensor.
         delay_s: Time from the acceleration to the first bit on the line.
-        at_sync: Measurement of a SYNC: the newest sample by then, or interpolated where the next one has arrived already.
+        at_sync: Measurement of a SYNC: the newest sample by then, or interpolated if the next one has arrived already.
         max_age_s: Largest age of a sample; with an older one the sensor counts as silent.
         separator: Text between the numbers of a line; a comma unless it is given.
         prefix: Beginning of every line; not in the checksum.

@@ -1,4 +1,4 @@
-"""Check whether two results can be compared, and their paired runs.
+"""Comparability of two results, and their paired runs.
 
 Two results can be compared if they are of one kind, from one robot, and of the same motions; all others raise an error.
 """
@@ -75,11 +75,11 @@ def check_robot(new: MeasuredResult, old: MeasuredResult) -> None:
 def paired_runs(new: ExperimentsResult, old: ExperimentsResult) -> PairedRuns:
     """Windows of the runs that can be compared.
 
-    A window belongs to that of the same motion, axis, treatment, loop and order. Where a motion's window is left over once in
-    each result, the two are a pair as well: what differs between them is then treatment or loop.
+    A window is paired with that of the same motion, axis, treatment, loop and order. If a motion has one window without a pair in
+    each result, these two are a pair as well; treatment or loop then differs.
 
     Raises:
-        NotPossibleError: They have no motion in common, or one that both name is another in each.
+        NotPossibleError: They have no motion in common, or a common motion differs.
     """
     shared = _cases(new.runs) & _cases(old.runs)
     if not shared:

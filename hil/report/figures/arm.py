@@ -15,7 +15,7 @@ BAND_SIGMAS = 2.0
 def line_dips(result: ArmResult) -> Drawing | None:
     """Draw the predicted dips along the line with their standard errors.
 
-    With the dips by the bench file's bodies, where it has them.
+    With the dips by the bench file's bodies, if it has any.
     """
     if not result.line:
         return None

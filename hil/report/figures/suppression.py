@@ -206,7 +206,7 @@ def _inner_legend(panel: Axes) -> None:
 
 
 def _scale_words(f_al: float | None) -> str:
-    """Clause on the scale of displacement, where there is one."""
+    """Clause on the scale of displacement, if there is one."""
     return "" if f_al is None else "; the scale on the right is the same as a displacement, divided by (2π f_al)²"
 
 

@@ -27,7 +27,7 @@ class PageHead:
         notes: Sentences on missing parts of the page.
         heading: Title above the verdict.
         subtitle: Sentence below the title.
-        aftermath: One sentence per thing that was not restored on the drives.
+        aftermath: One sentence per setting that was not restored on the drives.
         origin: Origin of the numbers: a robot, or an emulated one.
         is_paper: True for the paper's robot.
         is_bench: True if `bench` is a bench; False if it is a subject in words.

@@ -44,10 +44,10 @@ class TrendRun:
     Attributes:
         robot: Name of the bench, and whether it was emulated.
         date_utc: Beginning of its measurement, ISO 8601 in UTC.
-        folder: Directory of its result, from the folder that was asked for.
+        folder: Directory of its result, relative to the given folder.
         entry: Window of the run.
         margins: Worst margins of the axis' loop by the model, with the filters that acted; None if plant, gains or filters are
-            not known, for a line motion, and where the loop was closed on the host.
+            not known, for a line motion, and for a host-closed loop.
     """
 
     robot: str
