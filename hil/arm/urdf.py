@@ -145,7 +145,7 @@ def _read_links(file: _File, root: Element) -> None:
         if element.tag == "link":
             name = _name(file, element)
             if name in file.links:
-                file.refuse(element, f"link {name!r}", f"stands in line {file.links[name].line} already", "each name once")
+                file.refuse(element, f"link {name!r}", f"is in line {file.links[name].line} already", "each name once")
             file.links[name] = element
     if not file.links:
         file.refuse(root, "<robot>", "has no link", "an arm")
@@ -162,7 +162,7 @@ def _read_joints(file: _File, root: Element) -> None:
         name = _name(file, element)
         what = f"joint {name!r}"
         if name in names:
-            file.refuse(element, what, f"stands in line {names[name]} already", "each name once")
+            file.refuse(element, what, f"is in line {names[name]} already", "each name once")
         names[name] = element.line
         kind = element.attributes.get("type", "")
         if kind not in (*TURNING, "fixed"):
@@ -269,7 +269,7 @@ def _arm(
         turn, origin = joint.origin
         if np.max(np.abs(origin)) > LARGEST:
             file.refuse(
-                joint.element, what, f"stands {np.max(np.abs(origin)):g} m from the joint before it", f"{LARGEST:g} m at most"
+                joint.element, what, f"is {np.max(np.abs(origin)):g} m from the joint before it", f"{LARGEST:g} m at most"
             )
         limit = None if joint.kind == "continuous" else _limits(file, joint, what)
         links.append(

@@ -316,7 +316,7 @@ def _known_in(path: Path, robot: str) -> Identified:
     """
     known = load_identified(path) if path.exists() else Identified(robot=robot)
     if known.robot != robot:
-        raise NotPossibleError(f"{path} holds what was identified of {known.robot!r}, this is {robot!r}: choose another file")
+        raise NotPossibleError(f"{path} is the model file of {known.robot!r}, this is {robot!r}: choose another file")
     return known
 
 

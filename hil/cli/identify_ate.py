@@ -187,7 +187,7 @@ def _summary(outcome: "AteOutcome") -> None:
     delay_s = fit.delay_s if result.sensorless else part.accelerometer_delay_s
     typer.echo(f"  the {late} lags the motor angle by {1e3 * delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
     worst = max(fit.agreement, key=lambda each: each.sigma)
-    typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} times what noise explains at most ({worst.name})")
+    typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} times the limit of the noise ({worst.name})")
     typer.echo(
         f"  the transmission error explains {100.0 * fit.explained_by_error:.1f} % of the vibration{_by_order(fit.carried)}"
     )

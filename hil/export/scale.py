@@ -95,11 +95,11 @@ class NodeUnits:
         increments, turns, torque = values
         if increments is None or turns is None or torque is None:
             lacking = ", ".join(need.name for need in asked.missing)
-            self.notes.append(f"{name}: {lacking} not in the log; its numbers are as on the bus: --bench says its scale")
+            self.notes.append(f"{name}: {lacking} not in the log; its numbers are as on the bus; --bench gives the scale")
             return None
         if feed is not None and feed != increments // max(turns, 1):
             self.notes.append(
-                f"{name} may count by its feed constant (6092h); its numbers are as on the bus: --bench says its scale"
+                f"{name} may count by its feed constant (6092h); its numbers are as on the bus; --bench gives the scale"
             )
             return None
         polarity = asked.number(Need((0x607E, 0), "polarity", ""), is_optional=True)

@@ -45,7 +45,7 @@ class SessionSource(Protocol):
         ...
 
 
-AT_REST = "the axes stand, and their drives are disabled"
+AT_REST = "the axes are at rest, and their drives are disabled"
 """Note of an error that came after a motion had ended well."""
 TWICE_S = 0.05
 """Time to listen for a second answer to the last question: two nodes may share a node ID."""

@@ -351,7 +351,7 @@ def _bus_words(cycle: Cycle, wire: WireTiming | None, fits: bool | None) -> str:
         at = WireTiming(CLASSIC_MAX_BITRATE)
         rates = [rate for rate in RATES if cycle.delay_periods(WireTiming(rate)) == 1]
         if rates:
-            return f"{period} fits from {rate_text(rates[0])} on, but the bus address does not say its bit rate"
+            return f"{period} fits from {rate_text(rates[0])} on, but the bus address has no bit rate"
         return f"does not fit: {period} is too short even at {rate_text(at.bitrate)} ({_numbers(cycle, at)})"
     if fits:
         return f"fits: {period} at {wire.name} ({_numbers(cycle, wire)})"

@@ -39,11 +39,11 @@ class Need(NamedTuple):
         return f"{address_text(self.address)} {self.name}: {self.purpose}"
 
 
-STATUS = Need((Object.STATUS_WORD, 0), "status word", "the state of the drive is read there")
-VELOCITY = Need((Object.VELOCITY_ACTUAL, 0), "velocity actual value", "standstill is checked by it before anything is written")
+STATUS = Need((Object.STATUS_WORD, 0), "status word", "it has the state of the drive")
+VELOCITY = Need((Object.VELOCITY_ACTUAL, 0), "velocity actual value", "it shows standstill before anything is written")
 
-ERROR_CODE = Need((Object.ERROR_CODE, 0), "error code", "it says which fault a drive is in")
-CYCLE_PERIOD = Need((0x1006, 0), "communication cycle period", "a drive that has it knows the SYNC period by it")
+ERROR_CODE = Need((Object.ERROR_CODE, 0), "error code", "it has the fault of the drive")
+CYCLE_PERIOD = Need((0x1006, 0), "communication cycle period", "it sets the SYNC period, in drives that have it")
 
 _SUPERVISION = (
     Need((Object.ABORT_CONNECTION_OPTION, 0), "abort connection option code", "the drive stops when the master falls silent"),
@@ -52,18 +52,18 @@ _SUPERVISION = (
     Need((0x1017, 0), "producer heartbeat time", "the master watches the drive"),
 )
 _CYCLE = (
-    Need((Object.MODES_OF_OPERATION, 0), "modes of operation", "the mode of the run is chosen there"),
-    Need((Object.INTERPOLATION_PERIOD, 1), "interpolation time period value", "the drive follows the SYNC period by it"),
-    Need((Object.INTERPOLATION_PERIOD, 2), "interpolation time index", "the drive follows the SYNC period by it"),
+    Need((Object.MODES_OF_OPERATION, 0), "modes of operation", "it selects the mode of the run"),
+    Need((Object.INTERPOLATION_PERIOD, 1), "interpolation time period value", "it sets the SYNC period of the drive"),
+    Need((Object.INTERPOLATION_PERIOD, 2), "interpolation time index", "it sets the SYNC period of the drive"),
 )
 _MAPPED: Final[Mapping[int, tuple[str, str]]] = {
-    Object.CONTROL_WORD: ("control word", "the drive is enabled and stopped by it"),
+    Object.CONTROL_WORD: ("control word", "it enables and stops the drive"),
     Object.STATUS_WORD: ("status word", "the state of the drive is watched in each cycle"),
-    Object.POSITION_ACTUAL: ("position actual value", "the position limits and the following error are watched by it"),
-    Object.TORQUE_ACTUAL: ("torque actual value", "the torque limit is watched by it"),
+    Object.POSITION_ACTUAL: ("position actual value", "the master watches position limits and following error with it"),
+    Object.TORQUE_ACTUAL: ("torque actual value", "the master watches the torque limit with it"),
     Object.TARGET_POSITION: ("target position", "it is the set-point of a drive-closed run"),
     Object.TARGET_TORQUE: ("target torque", "it is the set-point of a host-closed run"),
-    Object.TORQUE_OFFSET: ("torque offset", "torque is added there to the drive's own"),
+    Object.TORQUE_OFFSET: ("torque offset", "it adds a torque to the drive's own"),
     Object.INTERPOLATION_DATA: ("interpolation data", "it is the set-point of a drive-closed run in IP"),
 }
 
@@ -120,10 +120,10 @@ def objects_needed(
             yield from _parameter(profile, name, f"control.{name} is written to it")
     yield from _CYCLE
     yield from _SUPERVISION
-    yield from _pdo("RPDO1", 0x1400, "set-points are sent by it")
-    yield from _pdo("TPDO1", 0x1800, "state, position and torque are sent by it")
+    yield from _pdo("RPDO1", 0x1400, "it carries the set-points")
+    yield from _pdo("TPDO1", 0x1800, "it carries state, position and torque")
     if with_notch_state and mapping.notch_state(profile):
-        yield from _pdo("TPDO2", 0x1801, "the state of the filter is sent by it")
+        yield from _pdo("TPDO2", 0x1801, "it carries the state of the filter")
     yield from encoder_objects(table, profile, with_notch_state=with_notch_state)
     mode = None if loop is None else mapping.mode_of(loop, profile)
     commands = () if mode is None else mapping.command(mode, with_torque_offset=with_torque_offset)
@@ -138,9 +138,9 @@ def encoder_objects(table: AxisTable, profile: Profile, *, with_notch_state: boo
     """
     for entry in mapping.load_position(table, profile):
         number = mapping.load_tpdo(profile, with_notch_state=with_notch_state)
-        yield from _pdo(f"TPDO{number}", 0x17FF + number, "the position of the second encoder is sent by it")
+        yield from _pdo(f"TPDO{number}", 0x17FF + number, "it carries the position of the second encoder")
         address = (entry.index, entry.subindex)
-        yield Need(address, "position of the second encoder", "load_encoder of the bench file is recorded by it")
+        yield Need(address, "position of the second encoder", "it is recorded for load_encoder of the bench file")
 
 
 def _parameter(profile: Profile, name: str | None, purpose: str) -> Iterator[Need]:

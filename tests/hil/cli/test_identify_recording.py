@@ -55,7 +55,7 @@ def test_a_second_axis_joins_the_model_file_of_the_same_robot_and_no_other(tmp_p
     assert set(load_identified(Path(model)).axis) == {1, 6}
     other = invoke("--recording", JOINT_1, "--axis", "1", "--model", model, "--out", str(tmp_path / "b"), "--robot", "another")
     assert other.exit_code == 3
-    assert "holds what was identified of 'LARA 8'" in other.stderr
+    assert "is the model file of 'LARA 8'" in other.stderr
 
 
 @pytest.mark.ci

@@ -83,7 +83,7 @@ def test_a_format_without_its_package_says_how_to_install_it(tmp_path, monkeypat
         (with_cell(7, "seven"), "line 8: 'seven' in the column 'motor_rad' is not a number"),
         ("\n".join([*text_of().splitlines()[:51], "0.2"]), "line 52 has 1 cells, 3 are named"),
         ("time_s,motor_rad,load_rad\n" + "0.0,,0.0\n" * 100, "a number is missing in 100 of 100 rows"),
-        ("time_s,motor_rad,load_rad\n" + "0.0,1.0,0.0\n" * 100, "does not run on"),
+        ("time_s,motor_rad,load_rad\n" + "0.0,1.0,0.0\n" * 100, "does not increase"),
         ("time_s,motor_rad,load_rad\n0.0,1.0,0.0\n", "1 rows are too few"),
         (text_of() + "0.0,1.0,1.0\n", "the time goes back by 0.796 s from row 200 to 201"),
         ("", "the file is empty"),
