@@ -105,7 +105,7 @@ def _running(path: Path, column: Column, stamps: Real) -> Real:
     if typical <= 0.0 or time[-1] <= 0.0:
         raise RecordingFileError(
             path,
-            f"the time {column.name!r} does not increase: its median step is {typical:.3g} s; check for a reversed order, too few "
-            "digits, or doubled stamps",
+            f"the time {column.name!r} does not increase: its median step is {typical:.3g} s; check for a reversed order, too "
+            "few digits, or doubled stamps",
         )
     return time
