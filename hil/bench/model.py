@@ -256,7 +256,7 @@ class Identified(Table):
         return self.model_copy(update={"arm": arm})
 
     def dumps(self) -> str:
-        """The file as TOML; `loads` of it gives the same."""
+        """The file as TOML, the inverse of `loads`."""
         lines = [f"robot = {toml_value(self.robot)}"]
         for number, axis in self.axis.items():
             for name in ("plant", "ate"):

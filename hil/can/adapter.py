@@ -24,7 +24,7 @@ class AdapterChannel:
     """None: python-can does not count lost frames."""
 
     def __init__(self, address: Address) -> None:
-        """Open the bus; `BusUnavailableError` where python-can cannot."""
+        """Open the bus; `BusUnavailableError` if python-can cannot."""
         self.address = address
         self._lost: BusLostError | None = None
         settings: dict[str, Any] = {} if address.bitrate is None else {"bitrate": address.bitrate}

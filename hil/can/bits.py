@@ -229,7 +229,7 @@ class FdBits(NamedTuple):
 
 
 def fd_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) -> FdBits:
-    """Bits that a CAN FD frame takes of the bus, intermission included.
+    """Count the bits of a CAN FD frame, intermission included.
 
     Args:
         can_id: The identifier, without flags.

@@ -231,7 +231,7 @@ class AdapterListener(_Listening):
     """Listener on any python-can bus; times are python-can's."""
 
     def __init__(self, address: Address) -> None:
-        """Open the bus; `BusUnavailableError` where python-can cannot."""
+        """Open the bus; `BusUnavailableError` if python-can cannot."""
         super().__init__(address)
         import can  # noqa: PLC0415 - slow to load
 

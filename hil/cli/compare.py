@@ -204,7 +204,7 @@ def _check_buses(benches: list[str], bus: str | None, robots: list[str]) -> None
 
 
 def _emulated(benches: list["Bench"], robots: list[str], emulators: ExitStack) -> list["Bench"]:
-    """Benches, each on the bus of its emulator where --emulate is given."""
+    """Benches, each on the bus of its emulator if --emulate is given."""
     if not robots:
         return benches
     from hil.emulator import EmulatorProcess

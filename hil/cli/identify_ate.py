@@ -196,7 +196,7 @@ def _summary(outcome: "AteOutcome") -> None:
 
 
 def _by_order(carried: "Mapping[str, float] | None") -> str:
-    """Return what each order carries of the vibration, the most first."""
+    """Return each order's part of the vibration, the largest first."""
     parts = sorted((carried or {}).items(), key=lambda each: -each[1])
     words = ", ".join(f"order {order} {100.0 * fraction:.0f} %" for order, fraction in parts if fraction >= 0.005)
     return f": {words}" if words else ""

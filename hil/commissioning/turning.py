@@ -94,7 +94,7 @@ def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path
 
 
 def check_quick_stop(of: Checked) -> list[CheckEntry]:
-    """Does a quick stop end a slow motion within its ramp?"""
+    """Check that a quick stop ends a slow motion within its ramp."""
     bench, name = of.session.bench, "quick stop, moving"
     here = of.session.axes[of.number].position_rad() / TURN
     builder = MotionBuilder(bench.bus.sync_period_s)

@@ -141,11 +141,11 @@ class Node:
     description: Description | None = None
 
     def value(self, index: int, subindex: int = 0) -> int | None:
-        """Content of an object as a number; None if it is not known."""
+        """Content of an object as a number; None if unknown."""
         return self.values.get((index, subindex))
 
     def pdo_with(self, direction: Direction, index: int, subindex: int = 0) -> tuple[Pdo, MappedNumber] | None:
-        """The PDO that holds an object, and where in it."""
+        """The PDO with an object, and its place in the PDO."""
         for pdo in self.pdos:
             entry = pdo.entry(index, subindex) if pdo.direction == direction else None
             if entry is not None:

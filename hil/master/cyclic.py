@@ -254,7 +254,7 @@ class CyclicExchange:
             self._exchange_on_schedule()
 
     def saw(self, frame: Frame) -> None:
-        """Count a frame that the master has sent beside the cycle."""
+        """Count a frame of the master outside of the cycle."""
         if not self.network.channel.is_lock_step:
             self.schedule.saw(frame)
 

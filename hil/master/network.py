@@ -185,7 +185,7 @@ class Network:
             self.log.add_message(LoggedMessage(self._lock_step_s, message, is_received=True))
 
     def frames_of(self, message: bytes) -> list[Frame]:
-        """The frames of a message of `cycle_in_messages`, logged, as `receive_all` gives them."""
+        """Log a message of `cycle_in_messages`, and return its frames."""
         if self._raw is None or not message:
             return []
         self._raw.put_back(message)

@@ -434,7 +434,7 @@ class Run:
         return stop_text(found)
 
     def recording(self) -> Recording:
-        """The recorded rows; the filters' frequencies only where drives send them."""
+        """The recorded rows; the filters' frequencies only if drives send them."""
         with_notch = self.exchange.tells_filter or self.bank is not None
         encoders = [encoder.axis.number for encoder in self.exchange.encoders]
         return self.table.recording([axis.number for axis in self.axes], with_notch=with_notch, encoders=encoders)

@@ -141,7 +141,7 @@ class Session:
         self.supervisor.interrupted_by = name
 
     def check_interrupt(self) -> None:
-        """Raise `InterruptedRunError` where Ctrl-C came while nothing moved."""
+        """Raise `InterruptedRunError` after Ctrl-C without a motion."""
         if self.supervisor.interrupted_by is not None:
             raise InterruptedRunError(f"interrupted by {self.supervisor.interrupted_by}")
 

@@ -15,7 +15,7 @@ AWAY_REV: Final = 0.01
 
 
 def rev_text(rev: float) -> str:
-    """A motor position for people, which a command takes as well.
+    """A motor position as text, valid for a command as well.
 
     >>> rev_text(10.987), rev_text(7.0), rev_text(-0.001)
     ('10.99', '7', '0')

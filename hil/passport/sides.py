@@ -15,7 +15,7 @@ _AMPLITUDE = re.compile(r"a(\d+(?:\.\d+)?)_arcsec")
 
 
 def sides_of_passes(agreement: Sequence[Agreement]) -> tuple[OrderSides, ...]:
-    """Orders of an identification, as its ramps forwards and back give them."""
+    """Orders of an identification by direction, from its ramps."""
     by_name = {each.name: each for each in agreement}
     made = []
     for name, amplitude in by_name.items():

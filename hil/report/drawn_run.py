@@ -137,7 +137,7 @@ def shown_acceleration(run: DrawnRun) -> Real:
 
 
 def direction_words(material: Material, axis: int | None) -> str:
-    """The acceleration that `shown_acceleration` gives, in words."""
+    """Direction of `shown_acceleration`, in words."""
     if material.bench.arm is None:
         return "vertical tip acceleration"
     return "tip acceleration along the axis' lever" if axis is not None else "tip acceleration along each run's worst direction"

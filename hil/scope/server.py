@@ -110,7 +110,7 @@ class _Viewer(_Guarded, WebSocketHandler):
     """
 
     def open(self, *_args: str, **_kwargs: str) -> None:
-        """Give what there is."""
+        """Choose the source, and send its signals and past rows."""
         name = self.get_query_argument("run", "")
         self.set_nodelay(True)
         self._row, self._events, self._width = 0, 0, -1

@@ -49,7 +49,7 @@ class Signal:
 
     @property
     def entry(self) -> dict[str, str]:
-        """The signal as the page takes it."""
+        """Entry of the signal for the page."""
         return {"name": self.name, "of": self.of, "quantity": self.quantity.value, "unit": self.unit}
 
 

@@ -106,7 +106,7 @@ def _bitrate(text: str | None) -> int | None:
 
 
 def description_from(text: str) -> tuple[int, "Description"]:
-    """A device description and the node-ID that it is for.
+    """A device description and its node-ID.
 
     Raises:
         typer.BadParameter: There is no node-ID.

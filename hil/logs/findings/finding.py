@@ -44,7 +44,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault, or what may become one.
+    """One fault, warning or note.
 
     Attributes:
         kind: Its kind, a word or two joined by hyphens.

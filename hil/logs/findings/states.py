@@ -116,7 +116,7 @@ def _torque(trace: Trace, node: Node) -> Iterator[Said]:
 
 
 def _commands(trace: Trace) -> Iterator[Said]:
-    """NMT commands that take process data away while they flow."""
+    """Find NMT commands that stop process data in use."""
     stream = trace.log.of(FunctionCode.NMT)
     if trace.cycles is None or not len(stream):
         return

@@ -31,7 +31,7 @@ ACCELERATION = tuple(MappedObject(ACCELERATION_OBJECT, sub, I16) for sub in (1, 
 
 
 class CyclicMode(NamedTuple):
-    """A mode in which a drive takes a set-point with every SYNC.
+    """A mode with a set-point at every SYNC.
 
     Attributes:
         number: Its number in 6060h.

@@ -96,7 +96,7 @@ class AteMaterial:
 
     @cached_property
     def passes(self) -> list[DrawnPass]:
-        """Passes as they are drawn; empty where nothing was identified."""
+        """Passes as they are drawn; empty without an identified error."""
         part, fit = self.part, self.result.fit
         if part is None or fit is None or part.arm_hz is None or part.damping is None:
             return []

@@ -108,7 +108,7 @@ def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
 
 
 def _shown_hz(outcome: NotchDesignOutcome) -> tuple[float, float]:
-    """Band of the figures: the resonance with what filters do beside it."""
+    """Band of the figures: the resonance and the filters' frequencies around it."""
     return SHOWN_FREQUENCIES[0] * outcome.f_al_hz, SHOWN_FREQUENCIES[1] * outcome.f_al_hz
 
 
