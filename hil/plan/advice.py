@@ -212,7 +212,7 @@ class Adviser:
         return [self._judge(title, needs, buses, wire) for applies, title, needs, buses, wire in changes if applies]
 
     def _elsewhere(self) -> list[Advice]:
-        """Changes elsewhere than on the bus: another period, or the loop in the drive."""
+        """Changes apart from the bus: another period, or a drive-closed loop."""
         changes = []
         cycle = self.verdict.cycle
         enough = cycle.shortest_period_s(self.wire, margin=MARGIN)
