@@ -118,7 +118,7 @@ def verdict(material: AteMaterial) -> PageVerdict:
     numbers = ", ".join(values_in_words(part))
     if result.is_within_goal:
         return PageVerdict("good", "✔", "The transmission error is identified", (numbers, *details))
-    return PageVerdict("open", "▲", "The transmission error is known less well than asked", (numbers, *details))
+    return PageVerdict("open", "▲", "The transmission error is less certain than requested", (numbers, *details))
 
 
 def provenance(material: AteMaterial) -> list[tuple[str, str]]:

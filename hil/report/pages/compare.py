@@ -106,8 +106,8 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
     vectors = [direction_table(each, f"directions-{name}") for name, each in materials.items() if each is not None]
     chapters.append(("directions", "The tip as a vector", [*vectors]))
-    chapters.append(("way", "How it came to that", [tables_compare.tour(result)]))
-    chapters.append(("robot", "Which robot it was", [tables_compare.revealed(result)]))
+    chapters.append(("way", "Steps of the tour", [tables_compare.tour(result)]))
+    chapters.append(("robot", "True numbers of the robot", [tables_compare.revealed(result)]))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]

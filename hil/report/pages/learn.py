@@ -180,7 +180,7 @@ def verdict(result: LearningResult) -> PageVerdict:
         return PageVerdict("bad", "■", "A pass was stopped", (result.stopped, *learnt))
     if result.not_learnt is not None:
         return PageVerdict("bad", "✘", "Not everything was learnt", (result.not_learnt, *learnt))
-    return PageVerdict("good", "✔", f"What cancels the transmission error of axis {names} is learnt", tuple(learnt))
+    return PageVerdict("good", "✔", f"The cancellation of axis {names} is learnt", tuple(learnt))
 
 
 def cards(result: LearningResult) -> list[Card]:

@@ -120,7 +120,7 @@ def verdict(result: MotionLearningResult) -> PageVerdict:
     return PageVerdict(
         "good",
         "✔",
-        f"What cancels the transmission error of axis {names} is learnt",
+        f"The cancellation of axis {names} is learnt",
         (f"In the model file {result.model}.", *left),
     )
 

@@ -175,7 +175,7 @@ def left_out(result: TreatmentTable) -> ReportTable | None:
         return None
     rows: list[list[Cell]] = [[name, "; ".join(names), reason] for (name, reason), names in reasons.items()]
     return ReportTable(
-        "left-out", "What was left out or not judged", "", ("robot", "what", "why"), rows, frozenset({0, 1, 2}), is_prose=True
+        "left-out", "Runs left out or not judged", "", ("robot", "what", "why"), rows, frozenset({0, 1, 2}), is_prose=True
     )
 
 
