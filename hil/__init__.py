@@ -1,9 +1,9 @@
-"""The bench: a CANopen master for robots with harmonic drives, from the first check of a bus to the report.
+"""Hardware-in-the-loop bench for robots with harmonic drives.
 
-A bench file describes a robot on a bus (`bench`). The master (`master`) moves its axes and records them, with the laws of
-`control`, over the channels of `can` and with an accelerometer of `sensor`. `design` holds identification and filter design,
-`plan` the load of the bus. `experiments`, `report` and `cli` build the commands of `hil` from these, and `run` one of them for
-Python (docs/python.md).
+A bench file describes a robot on a bus (`bench`). The CANopen master (`master`) moves its axes and records them, with the
+control laws of `control`, over the channels of `can` and with an accelerometer of `sensor`. `design` has identification and
+filter design, `plan` the load of the bus. `experiments`, `report` and `cli` build the commands of `hil` from these, and `run`
+is one of them for Python (docs/python.md).
 
 >>> from hil.bench.bench import load_bench
 >>> bench = load_bench("reference")
@@ -20,7 +20,10 @@ __all__ = ["ExperimentRun", "run"]
 
 
 def __getattr__(name: str) -> Any:
-    """Load `run` when it is asked for: an import of this package alone does not wait for numpy and scipy."""
+    """Load `run` on request.
+
+    An import of this package alone then does not load numpy and scipy.
+    """
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from hil import running  # noqa: PLC0415

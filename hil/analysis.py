@@ -1,6 +1,6 @@
-"""The metrics of a recording, with their exact definitions, and the scale by which they are judged.
+"""Metrics of a recording, and the scale of their verdict.
 
-An arm rings at f_al, the peak of |G_al|, so every speed, band and millimetre is reckoned from the f_al of the axis that moved:
+An arm rings at f_al, the peak of |G_al|. So every speed, band and displacement follows from the f_al of the axis that moved, and
 there is no verdict without it.
 """
 
@@ -66,7 +66,10 @@ class TipScale:
 
 
 def tip_scale(f_al_hz: float) -> TipScale:
-    """Scale of an axis: every window and band in units of its f_al."""
+    """Return the scale of an axis from its f_al.
+
+    Every window and band is in units of f_al.
+    """
     windows = {order: order_window_rps(f_al_hz, order) for order in ORDERS}
     return TipScale(f_al_hz, _times(f_al_hz, BAND_FACTORS), _times(f_al_hz, PEAK_BAND_FACTORS), windows)
 
@@ -77,12 +80,17 @@ def order_window_rps(f_al_hz: float, order: float) -> tuple[float, float]:
 
 
 def last_rps(end_rps: float, acceleration_rps_s: float) -> float:
-    """Motor speed up to which a ramp shows the arm: the motor is behind its set-points, and the braking comes before its time."""
+    """Return the motor speed up to which a ramp is judged.
+
+    The motor lags behind its set-points, and braking begins earlier.
+    """
     return end_rps - LAST_S * acceleration_rps_s
 
 
 def judged_orders(scale: TipScale | None, last_rps: float) -> tuple[int, ...]:
-    """Orders in whose windows a ramp is judged: those that meet f_al on it; of none the highest, which comes nearest.
+    """Return the orders in whose windows a ramp is judged.
+
+    They are those that meet f_al on it; if none does, the highest order, which comes nearest.
 
     Args:
         scale: Scale of the axis; None if no f_al is known.
@@ -95,12 +103,17 @@ def judged_orders(scale: TipScale | None, last_rps: float) -> tuple[int, ...]:
 
 
 def paper_scale(f_al_hz: float) -> TipScale:
-    """Scale of an axis of the paper's robot, whose windows and bands are given in rev/s and Hz."""
+    """Return the scale of an axis of the paper's robot.
+
+    Its windows and bands are given in rev/s and Hz.
+    """
     return TipScale(f_al_hz, PAPER_BAND_HZ, PAPER_PEAK_BAND_HZ, PAPER_WINDOWS_RPS)
 
 
 def joint_scale(scales: Sequence[TipScale]) -> TipScale:
-    """Scale of a motion of several axes: bands that hold those of all, and the lowest f_al, so that no displacement is too small.
+    """Return the scale of a motion of several axes.
+
+    Its bands cover those of all axes. Its f_al is the lowest, so that no displacement is too small.
 
     Raises:
         ValueError: There is no scale.
@@ -115,13 +128,19 @@ def joint_scale(scales: Sequence[TipScale]) -> TipScale:
 
 
 def band_scale(band_hz: tuple[float, float]) -> TipScale:
-    """Scale of an arm's line whose band is given: what counts in units of f_al follows from the middle of the band."""
+    """Return the scale of an arm's line with a given band.
+
+    Its f_al, for quantities in units of it, follows from the middle of the band.
+    """
     f_al_hz = math.sqrt(band_hz[0] * band_hz[1] / (BAND_FACTORS[0] * BAND_FACTORS[1]))
     return TipScale(f_al_hz, band_hz, band_hz)
 
 
 def ramp_scale(band_hz: tuple[float, float]) -> TipScale:
-    """Scale of an arm's ramp whose band is given: each order is judged at the speeds at which it lies in the band."""
+    """Return the scale of an arm's ramp with a given band.
+
+    Each order is judged at the speeds at which it is in the band.
+    """
     windows = {order: (band_hz[0] / order, band_hz[1] / order) for order in ORDERS}
     return replace(band_scale(band_hz), windows_rps=windows)
 
@@ -131,13 +150,19 @@ def _times(value: float, factors: tuple[float, float]) -> tuple[float, float]:
 
 
 def line_window_s(duration_s: float) -> tuple[float, float]:
-    """Times after the start of a line motion in which its tip displacement is judged: 0.5 to 2.0 s of 2.2 s."""
+    """Return begin and end of the judged part of a line.
+
+    In s after its start: 0.5 to 2.0 s of 2.2 s.
+    """
     begin_s = min(LINE_BEGIN_S, LINE_BEGIN_FRACTION * duration_s)
     return begin_s, duration_s - min(LINE_END_S, LINE_END_FRACTION * duration_s)
 
 
 def motor_speed_rps(recording: Recording, axis: int) -> Real:
-    """Motor speed f_m in rev/s from the recorded motor angle, low-passed without phase; shape (n,)."""
+    """Compute the motor speed f_m in rev/s; shape (n,).
+
+    From the recorded motor angle, low-passed without phase.
+    """
     period = recording.period_s
     speed = np.gradient(recording.axis(axis, "position_rad"), period) / (2.0 * math.pi)
     corner = min(SPEED_LOWPASS_HZ, 0.2 / period)
@@ -151,7 +176,9 @@ LEAST_SHOWN = 0.7
 
 
 def shown_band(period_s: float, band_hz: tuple[float, float]) -> tuple[float, float]:
-    """The part of a band that samples show: all of it, or up to 0.45 of their rate where little is missing.
+    """Return the part of a band that the sampling rate allows.
+
+    All of it, or up to 0.45 of the rate if little is missing.
 
     Raises:
         ValueError: The sampling period is too long for the band.
@@ -168,7 +195,9 @@ def shown_band(period_s: float, band_hz: tuple[float, float]) -> tuple[float, fl
 
 
 def band_passed(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
-    """The part of a vertical acceleration in a band (2nd-order Butterworth, forward and backward), as far as it is shown; (n,).
+    """Band-pass a vertical acceleration; shape (n,).
+
+    2nd-order Butterworth, forward and backward, as far as the sampling rate allows.
 
     Raises:
         ValueError: The sampling period is too long for the band.
@@ -178,12 +207,17 @@ def band_passed(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, 
 
 @lru_cache(maxsize=32)
 def _band(period_s: float, low_hz: float, high_hz: float) -> Real:
-    """Sections of the band pass; a search for a filter asks a thousand times for the same."""
+    """Return the sections of the band pass.
+
+    They are cached: a search for a filter needs the same ones a thousand times.
+    """
     return np.asarray(scipy.signal.butter(2, (low_hz, high_hz), "bandpass", fs=1.0 / period_s, output="sos"))
 
 
 def integrated_twice(acceleration_m_s2: Real, period_s: float, lowest_hz: float) -> Real:
-    """Displacement in m of a vibration in a band, without what is far below it; shape of `acceleration_m_s2`.
+    """Integrate a vibration twice to a displacement in m.
+
+    Without frequencies far below the band; shape of `acceleration_m_s2`.
 
     Args:
         acceleration_m_s2: Acceleration in the band; shape (n,).
@@ -210,9 +244,10 @@ def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, scale: TipScal
 
 
 def speed_window(recording: Recording, axis: int, window_rps: tuple[float, float]) -> NDArray[np.bool_]:
-    """Rows of a constant-acceleration run in which f_m rises through a window; shape (n,).
+    """Return the rows of a ramp with f_m in a window.
 
-    Where the ramp ends within the window, the rows end before its braking shows.
+    Shape (n,). Only the rising part of a constant-acceleration run counts. If the ramp ends within the window, the rows end
+    before its braking.
     """
     low, high = window_rps
     speed = np.abs(motor_speed_rps(recording, axis))
@@ -222,7 +257,10 @@ def speed_window(recording: Recording, axis: int, window_rps: tuple[float, float
 
 
 def ramp_rows(recording: Recording, axis: int) -> NDArray[np.bool_]:
-    """Rows of a whole rising ramp without the jerks at its ends; shape (n,)."""
+    """Return the rows of a rising ramp without its ends; shape (n,).
+
+    The jerks at its ends are left out.
+    """
     speed, edge = np.abs(motor_speed_rps(recording, axis)), round(BRAKING_S / recording.period_s)
     top = int(np.argmax(speed))
     standing = np.flatnonzero(speed[: top + 1] < 0.01 * speed[top])
@@ -231,7 +269,10 @@ def ramp_rows(recording: Recording, axis: int) -> NDArray[np.bool_]:
 
 
 def amplitude_spectrum(values: Real, period_s: float, window: str) -> tuple[Real, Real]:
-    """Frequencies in Hz and one-sided amplitudes, shapes (m,); a sine of amplitude 1 shows 1 with either window."""
+    """Return frequencies in Hz and one-sided amplitudes, shapes (m,).
+
+    A sine of amplitude 1 has 1 with either window.
+    """
     weights = scipy.signal.get_window(window, len(values))
     amplitude = np.asarray(2.0 * np.abs(np.fft.rfft(values * weights)) / float(np.sum(weights)), dtype=np.float64)
     amplitude[0] *= 0.5
@@ -252,7 +293,9 @@ DIRECTIONS: tuple[Direction, ...] = ("x", "y", "z", "worst")
 
 @dataclass(frozen=True)
 class DirectionMetrics:
-    """The tip's vibration along one direction of the base frame, or along the worst; see `hil.tip_vector`.
+    """The tip's vibration along one direction of the base frame.
+
+    Or along the worst one; see `hil.tip_vector`.
 
     Attributes:
         unit: The direction, of length 1: the worst is that of the largest displacement; None if no f_al is known.
@@ -273,7 +316,7 @@ class DirectionMetrics:
 
 @dataclass(frozen=True)
 class Metrics:
-    """Metrics by which a run is judged; None what cannot be reckoned without an f_al.
+    """Metrics of a run; None for those that need an unknown f_al.
 
     Attributes:
         tip_peak_mm: Largest |tip displacement| in the window.
@@ -302,12 +345,12 @@ class Metrics:
 
     @property
     def is_noise(self) -> bool:
-        """True if the tip's peak is not told apart from noise."""
+        """True if the tip's peak does not exceed the noise."""
         return is_noise(self.tip_peak_mm, self.noise_mm)
 
 
 def is_noise(tip_peak_mm: float | None, noise_mm: float | None) -> bool:
-    """True if a tip's peak is not told apart from what noise alone would show."""
+    """True if a tip's peak does not exceed that of noise alone."""
     return tip_peak_mm is not None and noise_mm is not None and tip_peak_mm <= NOISE_MARGIN * noise_mm
 
 
@@ -346,7 +389,9 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, s
 
 
 def line_motion_metrics(recording: Recording, start_s: float, duration_s: float, scale: TipScale | None) -> Metrics:
-    """Metrics of a line motion; without a scale only the area of its spectrum.
+    """Compute the metrics of a line motion.
+
+    Without a scale, only the area of its spectrum.
 
     Args:
         recording: The run.

@@ -1,6 +1,7 @@
-"""The demo's last part: the line of a whole arm, of which only the kinematics and the motors' data sheets are known, gets quiet.
+"""The demo's last part: cancellation on the line of a whole arm.
 
-Every step is that of a command (`hil learn --motion line-motion`, `hil compare`), with its report in a directory of its own.
+Only the arm's kinematics and the motors' data sheets are known. Every step is that of a command
+(`hil learn --motion line-motion`, `hil compare`), with its report in a directory of its own.
 """
 
 import datetime
@@ -65,18 +66,23 @@ class _ArmTourRunner:
         return f"{len(outcome.result.runs)} runs of the line: {learnt}", LEARN_PAGE
 
     def run(self, request: ComparisonRequest) -> tuple[str, str]:
-        """Run the line without anything, with the bench file's notch and with what was learnt."""
+        """Run the line untreated, with the notch, and with the learnt cancellation.
+
+        The notch is the bench file's.
+        """
         knowledge = known_from(self.out / BENCH_FILE, self.bench, learnt=self.model)
         robot = KnownRobot(self.bench, knowledge, BENCH_FILE)
         return run_side_by_side(robot, request, self.out, self.comparisons, self.reporter)
 
 
 def run(address: str, out: Path, *, reporter: Reporter = SILENT) -> TourOutcome:
-    """Learn on the reference arm's line, and run it side by side; `out/result.json` has steps and claims, also after a failure.
+    """Learn on the reference arm's line, and run it side by side.
+
+    `out/result.json` has steps and claims, also after a failure.
 
     Args:
         address: Address of the bus on which the reference arm is served.
-        out: Directory; made where it is missing. The model file of an earlier tour is replaced.
+        out: Directory; made if it is missing. The model file of an earlier tour is replaced.
         reporter: Listener of each step and run.
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -117,7 +123,10 @@ def run(address: str, out: Path, *, reporter: Reporter = SILENT) -> TourOutcome:
 
 
 def _claims_of(runner: _ArmTourRunner) -> tuple[TourClaim, ...]:
-    """Claims on the runs, as far as they were made; without any run nothing is found."""
+    """Return the claims on the runs that were made.
+
+    Without a run, they have no numbers.
+    """
     entries: list[RunEntry] = []
     for robot in runner.comparisons[0].result.robots if runner.comparisons else ():
         if (runner.out / robot.directory / RESULT_FILE).is_file():
@@ -126,7 +135,9 @@ def _claims_of(runner: _ArmTourRunner) -> tuple[TourClaim, ...]:
 
 
 def claims(entries: list[RunEntry], limit_mm: float) -> tuple[TourClaim, ...]:
-    """What is claimed of the line, with the numbers that were judged; a number that was not has none.
+    """Return the claims on the line with the judged numbers.
+
+    A number that was not judged is None.
 
     Args:
         entries: Runs of the line.

@@ -1,4 +1,7 @@
-"""The emulator as processes for `hil demo`: a robot that is served, which ends with ours, and one drawn by its seed."""
+"""Emulator processes for the demo: serve a robot, draw one.
+
+A served robot ends with our process; a drawn one follows from a seed.
+"""
 
 import subprocess
 import sys
@@ -27,7 +30,7 @@ class DrawnRobot:
     Attributes:
         seed: Its seed.
         robot_file: Robot file, with all its truth.
-        bench_file: Bench file, which knows nothing of plant and transmission error.
+        bench_file: Bench file, without plant and transmission error.
     """
 
     seed: int
@@ -36,7 +39,9 @@ class DrawnRobot:
 
 
 def draw_robot(seed: int, folder: Path) -> DrawnRobot:
-    """Let `plant-emulator fleet` draw a robot with a real gear, and write its files into a folder where they are not yet.
+    """Let `plant-emulator fleet` draw a robot with a real gear.
+
+    Write its files into a folder, if they are not there yet.
 
     Raises:
         NotPossibleError: It cannot; its output is in the message.
@@ -58,7 +63,12 @@ class EmulatorProcess:
     """
 
     def __init__(self, robot: str, bitrate: int | None = None) -> None:
-        """Name the robot, a file or `reference`, and the bit rate of its bus; None for an ideal one."""
+        """Keep the robot and the bit rate of its bus.
+
+        Args:
+            robot: Robot file, or `reference`.
+            bitrate: Bit rate in bit/s; None for a bus without bit times.
+        """
         self.robot = robot
         self._directory = tempfile.TemporaryDirectory(prefix="hil-")
         self.address = Address(LOCAL, str(Path(self._directory.name) / "robot.sock"), bitrate)

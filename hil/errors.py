@@ -1,4 +1,7 @@
-"""Errors of the bench: one root, attributes first, the message made from them, and an exit status."""
+"""Errors of the bench, with attributes, message and exit status.
+
+All have one base class.
+"""
 
 from typing import ClassVar, Literal
 
@@ -14,7 +17,7 @@ class HilError(Exception):
     """Root of the bench's errors.
 
     Attributes:
-        causes: Causes that the refusal names, any of which may be the true one; empty where it names none.
+        causes: Causes that the refusal names, any of which may be the true one; may be empty.
     """
 
     exit_code: ClassVar[int] = 1
@@ -22,7 +25,10 @@ class HilError(Exception):
 
 
 class UnsafeRequestError(HilError):
-    """A request would leave a limit of the bench file; nothing has been sent."""
+    """A request would exceed a limit; nothing has been sent.
+
+    The limit is one of the bench file.
+    """
 
     exit_code = 3
     causes = ("limits",)
@@ -36,7 +42,7 @@ class UnsafeRequestError(HilError):
 
 
 class NotPossibleError(HilError):
-    """The bench file asks for something that its drive, its profile or its own contents do not have."""
+    """A request that drive, profile or bench file cannot fulfil."""
 
     exit_code = 3
 
@@ -47,7 +53,10 @@ class NotPossibleError(HilError):
 
 
 class NodeError(errors.NodeError, HilError):
-    """A node is not what the bench needs it to be; nothing has been enabled."""
+    """A node is not as the bench needs it.
+
+    Nothing has been enabled.
+    """
 
 
 class NoAnswerError(errors.NoAnswerError, NodeError):
@@ -89,12 +98,18 @@ NOT_DISABLED = "NOT every drive has confirmed that it is disabled"
 
 
 def not_put_back(what: str) -> str:
-    """The words for an object, or a node, that a run has left otherwise than it was found."""
+    """Return the words for an object that a run has not restored.
+
+    Or for a node.
+    """
     return f"not put back as it was found: {what}"
 
 
 class SafetyStopError(HilError):
-    """A run was stopped: all axes were brought to rest and disabled as far as the bus allowed."""
+    """A run was stopped.
+
+    All axes were brought to rest and disabled, as far as the bus allowed.
+    """
 
     exit_code = 8
 
@@ -104,7 +119,7 @@ class SafetyStopError(HilError):
         Args:
             reason: The reason to stop.
             all_disabled: True if every drive has confirmed that it is disabled.
-            where: Where the axes stand, and how to go on; empty where nothing moved.
+            where: Positions of the axes, and how to go on; empty if nothing moved.
         """
         self.reason, self.all_disabled, self.where = reason, all_disabled, where
         end = "all axes are stopped and disabled" if all_disabled else NOT_DISABLED
@@ -112,12 +127,21 @@ class SafetyStopError(HilError):
 
 
 class InterruptedRunError(SafetyStopError):
-    """The user stopped the run; its exit status is that of any other stop where a drive has not confirmed it."""
+    """The user stopped the run.
+
+    If a drive has not confirmed that it is disabled, the exit status is that of any other stop.
+    """
 
     exit_code = 130
 
     def __init__(self, reason: str, *, all_disabled: bool = True, where: str = "") -> None:
-        """Keep the reason, whether every drive has confirmed that it is disabled, and where the axes stand."""
+        """Keep the reason and the state of the drives.
+
+        Args:
+            reason: The reason.
+            all_disabled: True if every drive has confirmed that it is disabled.
+            where: Positions of the axes, in words.
+        """
         super().__init__(reason, all_disabled=all_disabled, where=where)
         if not all_disabled:
             self.exit_code = SafetyStopError.exit_code  # type: ignore[misc]  # 130 tells a script that all is safe

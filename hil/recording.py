@@ -1,4 +1,7 @@
-"""Data that the master received: columns with units, as CSV, and every frame, as a candump log."""
+"""Recordings of the master: columns as CSV, frames as candump log.
+
+The columns' names have units.
+"""
 
 import csv
 import io
@@ -28,15 +31,15 @@ class Recording:
     """The columns of one run, a row per SYNC.
 
     Names carry their units. `time_s`; for each axis n that moved `axis<n>_reference_rad`, `axis<n>_position_rad` (motor side),
-    `axis<n>_torque_nm`, `axis<n>_load_rad` by its second encoder (joint side), and where its drive sends it `axis<n>_notch_hz`
-    (zero frequency of the first filter, 0 while it is out); `tip_x_m_s2`, `tip_y_m_s2`, `tip_z_m_s2`, by the joints' encoders
-    where no sensor is there; `missing`, the number of expected answers that did not come in this cycle. On a bench with an arm
-    also `tip_along_m_s2`, along the lever of an axis that moves alone, and what a mounted sensor felt along its own axes:
-    `sensor_x_m_s2`, `sensor_y_m_s2`, `sensor_z_m_s2`.
+    `axis<n>_torque_nm`, `axis<n>_load_rad` by its second encoder (joint side), and if its drive sends it `axis<n>_notch_hz`
+    (zero frequency of the first filter, 0 while it is off); `tip_x_m_s2`, `tip_y_m_s2`, `tip_z_m_s2`, by the joints' encoders
+    without a sensor; `missing`, the number of missing answers in this cycle. On a bench with an arm also `tip_along_m_s2`, along
+    the lever of an axis that moves alone, and the signals of a mounted sensor along its own axes: `sensor_x_m_s2`,
+    `sensor_y_m_s2`, `sensor_z_m_s2`.
 
     Attributes:
         columns: Columns by name; all of shape (n,).
-        doubt: Reason why what the sensor shows is not believed, or None; it is not saved.
+        doubt: Reason not to trust the sensor, or None; it is not saved.
     """
 
     columns: dict[str, Real] = field(default_factory=dict)
@@ -65,14 +68,17 @@ class Recording:
 
     @property
     def felt_m_s2(self) -> Real:
-        """The one acceleration that tells of a motion; shape (n,).
+        """Acceleration by which a motion is judged; shape (n,).
 
-        Along the lever of an axis that moves alone, where an arm tells it; else the vertical one.
+        Along the lever of an axis that moves alone, on a bench with an arm; else the vertical one.
         """
         return self.columns.get(ALONG, self.columns["tip_z_m_s2"])
 
     def save(self, path: Path) -> None:
-        """Write a CSV file: one line of names with units, then the numbers."""
+        """Write a CSV file.
+
+        One line of names with units, then the numbers.
+        """
         path.parent.mkdir(parents=True, exist_ok=True)
         numbers, header = np.column_stack(list(self.columns.values())), ",".join(self.columns)
         with naming(path):
@@ -119,10 +125,18 @@ class LoggedMessage(NamedTuple):
 
 
 class BusLog:
-    """Log of every frame of the master; kept in memory while an axis moves, written between the motions."""
+    """Log of every frame of the master.
+
+    In memory while an axis moves, written to the file between the motions.
+    """
 
     def __init__(self, path: Path | None, channel: str = "can") -> None:
-        """Log to a file, or nowhere; `channel` is the bus' name in the log."""
+        """Log to a file, or nowhere.
+
+        Args:
+            path: The file; None for none.
+            channel: Name of the bus in the log.
+        """
         self._path = path
         self._channel = channel
         self._kept: list[LoggedFrame | LoggedMessage] = []
@@ -142,7 +156,10 @@ class BusLog:
         self._kept.append(message)
 
     def write(self) -> None:
-        """Append the kept frames to the file, as candump writes them and python-can's writer does."""
+        """Append the kept frames to the file.
+
+        In candump's format, as python-can's writer has it.
+        """
         kept, self._kept = self._kept, []
         if self._path is None or not kept:
             return
@@ -161,7 +178,10 @@ def _each(kept: Iterable[LoggedFrame | LoggedMessage]) -> Iterator[LoggedFrame]:
 
 
 def _lines(frames: Iterable[LoggedFrame], channel: str) -> Iterator[str]:
-    """Lines of frames, none with a stamp before the first's. Data frames with 11 bits are nearly all, and a run has a million."""
+    """Return lines of frames, none with a stamp before the first's.
+
+    Almost all are data frames with 11-bit identifiers, and a run has a million of them.
+    """
     interface = f"can{channel}" if channel.isdigit() else channel
     heads: dict[int, str] = {}
     first_s = last_s = None

@@ -1,4 +1,4 @@
-"""Listener of a bench's progress: the protocol, and the one that shows nothing."""
+"""Reporter of a bench's progress: protocol, and a silent one."""
 
 from typing import Final, Protocol
 
@@ -10,10 +10,13 @@ class Reporter(Protocol):
         """Show that a run of an experiment begins."""
 
     def step(self, sentence: str) -> None:
-        """Show that a step begins: a trial, a pass, a part of a tour."""
+        """Show that a step begins.
+
+        A trial, a pass, or a part of a tour.
+        """
 
     def progress(self, fraction: float) -> None:
-        """Show the fraction of the present motion or search that is done, 0 to 1."""
+        """Show the progress of the present motion or search, 0 to 1."""
 
 
 class SilentReporter:

@@ -1,7 +1,7 @@
-"""Tables that bench files and robot files have in common: the same keys and ranges on both sides of the bus.
+"""Tables that bench files and robot files share.
 
-The values stay apart: a bench file has those that an engineer believes, a robot file those of the emulated robot. A side with
-more keys derives its table from the one here.
+Both sides of the bus have the same keys and ranges. The values differ: a bench file has an engineer's assumptions, a robot file
+the values of the emulated robot. A side with more keys derives its table from the one here.
 """
 
 from collections.abc import Collection, Mapping
@@ -48,7 +48,10 @@ MOST_MORE_ORDERS = 4
 
 
 class PlantTable(Table):
-    """The linear plant of an axis: motor side for the motor, arm side for gear and arm."""
+    """The linear plant of an axis.
+
+    Motor side for the motor, arm side for gear and arm.
+    """
 
     motor_inertia_kg_m2: Positive
     motor_damping_nm_s_rad: NotNegative
@@ -63,7 +66,9 @@ def _whole_is_int(order: float) -> float:
 
 
 class TransmissionErrorLine(Table):
-    """One order of the transmission error that is none of `ORDERS`; it may be a fraction: a belt's, a bearing's.
+    """One order of the transmission error besides `ORDERS`.
+
+    It may be a fraction, as of a belt or a bearing.
 
     Attributes:
         order: Periods of the error in one revolution of the motor.
@@ -93,12 +98,14 @@ class TransmissionErrorTable(Table):
         twice = sorted({order for order in orders if orders.count(order) > 1})
         if twice:
             own = ", ".join(f"{order:g}" for order in twice)
-            raise ValueError(f"more has order {own} twice, or beside a key of its own: a1_arcsec, a2_arcsec and a4_arcsec are")
+            raise ValueError(f"more has order {own} twice, or despite a key of its own (a1_arcsec, a2_arcsec, a4_arcsec)")
         return self
 
     @classmethod
     def of(cls, amplitudes_arcsec: Mapping[K, float], phases_deg: Mapping[K, float]) -> Self:
-        """The table of amplitudes and phases by their order; an order of `ORDERS` that is not there is 0.
+        """Return the table of amplitudes and phases by order.
+
+        A missing order of `ORDERS` is 0.
 
         Raises:
             ValueError: An amplitude has no phase, or the orders are more than a table holds.
@@ -132,23 +139,25 @@ class TransmissionErrorTable(Table):
 
 
 def orders_of(text: str) -> tuple[float, ...]:
-    """A set of orders from its words, the least first; whole ones as int.
+    """Read a set of orders, in rising order.
+
+    Whole ones are int.
 
     >>> orders_of("1,2,4,0.5")
     (0.5, 1, 2, 4)
 
     Raises:
-        ValueError: A word is no order, one stands twice, or there are more than a table holds.
+        ValueError: A word is no order, one appears twice, or there are more than a table holds.
     """
     words = [word.strip() for word in text.split(",")]
     try:
         orders = sorted(_whole_is_int(float(word)) for word in words)
     except ValueError:
-        raise ValueError(f"{text!r} is not a set of orders: numbers between commas are, 1,2,4") from None
+        raise ValueError(f"{text!r} is not a set of orders; expected numbers between commas, e.g. 1,2,4") from None
     if not all(0.0 < order <= HIGHEST_ORDER for order in orders):
-        raise ValueError(f"{text!r}: an order is above 0, and {HIGHEST_ORDER:g} at most")
+        raise ValueError(f"{text!r}: an order must be above 0, and at most {HIGHEST_ORDER:g}")
     if len(set(orders)) < len(orders):
-        raise ValueError(f"{text!r}: each order once")
+        raise ValueError(f"{text!r}: an order appears twice; give each once")
     if len(set(orders) - set(ORDERS)) > MOST_MORE_ORDERS:
         raise ValueError(f"{text!r}: beside {', '.join(map(str, ORDERS))} at most {MOST_MORE_ORDERS} others")
     return tuple(orders)
@@ -203,7 +212,10 @@ class NotchShape(Table):
 
 
 class NotchTable(NotchShape):
-    """A variable notch with the parameters of its switching: hysteresis, low-pass of the speed, slopes of the trapezoid."""
+    """A variable notch with the parameters of its switching.
+
+    Hysteresis, low-pass of the speed, slopes of the trapezoid.
+    """
 
     hysteresis_rps: NotNegative = 0.15
     speed_lowpass_hz: Positive = 50.0
@@ -239,14 +251,14 @@ class Geometry(Table):
     @model_validator(mode="after")
     def _three_axes(self) -> Self:
         if len(set(self.axes)) != len(self.axes):
-            raise ValueError(f"axes {', '.join(map(str, self.axes))}: the chain has three different axes")
+            raise ValueError(f"axes {', '.join(map(str, self.axes))}: the chain needs three different axes")
         return self
 
     def check_axes(self, present: Collection[int], what: str) -> None:
         """Refuse a robot that lacks an axis of the chain.
 
         Raises:
-            ValueError: An axis is missing; the message says what to put into the file.
+            ValueError: An axis is missing; the message has the remedy.
         """
         if not set(self.axes) <= set(present):
             raise ValueError(
@@ -268,16 +280,18 @@ class Point(Table):
 
 
 class LineMotion(Table):
-    """The line motion; the start of a planar chain is the robot's home, where all motor angles are zero.
+    """The line motion of a planar chain or an arm.
+
+    The start of a planar chain is the robot's home, where all motor angles are zero.
 
     Attributes:
         start_m: Place of the tip at the start.
         end_m: Place of the tip at the end.
-        orientation: `kept`, or `free`: the tip's axes are as they come. A planar chain's tool points down.
+        orientation: `kept`, or `free` for any axes of the tip. A planar chain's tool points down.
         start_rpy_deg: Roll, pitch and yaw of the tip's axes at the start; left out, those at home.
         end_rpy_deg: The same at the end; left out, those at the start.
         duration_s: Duration of the motion.
-        ramp_s: Duration of its speeding up, and of its slowing down.
+        ramp_s: Duration of its acceleration, and of its deceleration.
         dwell_s: Time of rest before it.
         tail_s: Time of rest after it.
     """
@@ -332,7 +346,10 @@ class ConstantAccelerationMotion(Table):
 
 
 class PointToPointMotion(Table):
-    """The move of one motor from rest to rest, after which the arm rings."""
+    """The move of one motor from rest to rest.
+
+    The arm rings after it.
+    """
 
     distance_rev: float
     speed_rps: Positive
@@ -343,7 +360,7 @@ class PointToPointMotion(Table):
     @model_validator(mode="after")
     def _goes_somewhere(self) -> Self:
         if abs(self.distance_rev) < LEAST_MOVE_REV:
-            raise ValueError(f"distance_rev {self.distance_rev:g} is no move: {LEAST_MOVE_REV:g} of the motor at least")
+            raise ValueError(f"distance_rev {self.distance_rev:g} is too short; expected at least {LEAST_MOVE_REV:g}")
         return self
 
     def trajectory(self) -> PointToPoint:

@@ -1,4 +1,7 @@
-"""One experiment from Python: what `hil run` does, with its result and its recording as objects."""
+"""One experiment from Python, as with `hil run`.
+
+Result and recording are objects.
+"""
 
 import math
 from dataclasses import dataclass
@@ -25,7 +28,7 @@ EXPERIMENTS = (CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT)
 
 @dataclass(frozen=True)
 class ExperimentRun:
-    """A run, with what came of it.
+    """A run with its result and recording.
 
     Attributes:
         result: Content of `result.json`.
@@ -39,7 +42,7 @@ class ExperimentRun:
 
     @property
     def entry(self) -> RunEntry:
-        """The window that speaks for the run: the tip's peak in it, and the verdict."""
+        """The leading window of the run: tip peak and verdict."""
         return leading(self.result.runs)[0]
 
 
@@ -59,13 +62,15 @@ def run(
     force: bool = False,
     yes: bool = False,
 ) -> ExperimentRun:
-    """Run one experiment on the robot of a bench file, as `hil run` does; `hil report` writes its page from the folder.
+    """Run one experiment on a bench file's robot, as `hil run`.
+
+    `hil report` writes its page from the folder.
 
     Args:
         bench_file: Path of the bench file, or a name of the package: `reference`.
         experiment: `constant-acceleration`, `line-motion` or `point-to-point`.
         axis: The axis that moves alone; None for a line motion.
-        treatment: What acts against the vibration.
+        treatment: Treatment of the vibration.
         loop: Side that closes the loop, the drive or the host.
         bus: Address of the bus; None: that of HIL_BUS, else that of the bench file.
         model: Model file of `hil identify`.

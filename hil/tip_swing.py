@@ -1,9 +1,9 @@
-"""The tip's swing at a resonance: the ellipse that it draws there, from the recorded vibration.
+"""Ellipse of the tip at a resonance, from the recorded vibration.
 
     u(t) = Re(a e^{iωt}),  a ∈ ℂ³
 
 A complex vector is an ellipse in space. With a turned by e^{−iψ}, 2ψ = arg(a·a), its real part is the long half-axis and its
-imaginary part the short one: an operating deflection shape of one point, as it was measured.
+imaginary part the short one: a measured operating deflection shape of one point.
 """
 
 import cmath
@@ -45,7 +45,10 @@ class Swing:
 
     @cached_property
     def half_axes_mm(self) -> tuple[Real, Real]:
-        """Long and short half-axis of the ellipse, in the frame of the amplitude; shape (3,) each."""
+        """Long and short half-axis of the ellipse; shape (3,) each.
+
+        In the frame of the amplitude.
+        """
         turned = self.amplitude_mm * cmath.exp(-0.5j * cmath.phase(complex(self.amplitude_mm @ self.amplitude_mm)))
         return np.real(turned), np.imag(turned)
 
@@ -57,7 +60,9 @@ class Swing:
 
 
 def spectrum_mm(moved_mm: Real, period_s: float, rows: Rows) -> tuple[Real, Real]:
-    """Amplitude spectrum of all directions together in a Hann window, interpolated between its bins.
+    """Compute the amplitude spectrum of all directions together.
+
+    In a Hann window, interpolated between its bins.
 
     Args:
         moved_mm: Displacement of the tip; shape (n, 3).
@@ -80,7 +85,9 @@ def spectrum_mm(moved_mm: Real, period_s: float, rows: Rows) -> tuple[Real, Real
 
 
 def resonances_hz(moved_mm: Real, period_s: float, rows: Rows, band_hz: tuple[float, float]) -> list[float]:
-    """Frequencies in a band at which the tip swings most, the lowest first: peaks of the spectrum, three at most.
+    """Return the frequencies of the tip's largest swings in a band.
+
+    They are peaks of the spectrum, three at most, the lowest first.
 
     Args:
         moved_mm: Displacement of the tip; shape (n, 3).

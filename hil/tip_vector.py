@@ -1,8 +1,8 @@
-"""The tip's vibration as a vector: displacement along x, y and z, and the direction in which it is worst.
+"""The tip's vibration as a vector, and its worst direction.
 
-An arm need not swing at the f_al of one of its axes, nor upwards: in a coupled arm it does neither. So an acceleration becomes
-a displacement by integrating it twice within the band of the vibration, X(f)/(2π f)², and not by one frequency's (2π f_al)².
-The spectrum's area begins at 0.2 f_al: below it there are the motion itself and, in a sensor that turns, gravity.
+An arm need not swing at the f_al of one of its axes, nor upwards: a coupled arm does neither. So an acceleration becomes a
+displacement by double integration within the band of the vibration, X(f)/(2π f)², and not by one frequency's (2π f_al)². The
+spectrum's area begins at 0.2 f_al: below it there are the motion itself and, for a sensor that turns, gravity.
 """
 
 import math
@@ -45,7 +45,7 @@ def tip_acceleration(recording: Recording) -> Real:
 
 
 def displacement_mm(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
-    """Displacement of the tip: its acceleration in a band, integrated twice, without phase.
+    """Integrate the tip's acceleration in a band twice, without phase.
 
         X(f) = −A(f)/(2π f)² · 1/(1 + ((f_1 f_2 − f²)/(f (f_2 − f_1)))⁸)
 
@@ -65,7 +65,10 @@ def displacement_mm(acceleration_m_s2: Real, period_s: float, band_hz: tuple[flo
 
 
 def _gain_mm_s2_m(length: int, period_s: float, band_hz: tuple[float, float]) -> Real:
-    """Displacement over acceleration at the frequencies of a transform, 0 at its first."""
+    """Return displacement over acceleration by frequency.
+
+    At the frequencies of a transform; 0 at its first.
+    """
     low_hz, high_hz = shown_band(period_s, band_hz)
     frequency = np.fft.rfftfreq(length, period_s)[1:]
     outside = (low_hz * high_hz - frequency**2) / (frequency * (high_hz - low_hz))
@@ -73,7 +76,9 @@ def _gain_mm_s2_m(length: int, period_s: float, band_hz: tuple[float, float]) ->
 
 
 def noise_rms_mm(variances: Sequence[float], period_s: float, band_hz: tuple[float, float]) -> float:
-    """Root mean square of the displacement that white noise of a sensor shows, in its worst direction.
+    """Return the rms displacement of a sensor's white noise.
+
+    In its worst direction.
 
     Args:
         variances: Variance of each direction's samples, (m/s²)².
@@ -89,10 +94,10 @@ def noise_rms_mm(variances: Sequence[float], period_s: float, band_hz: tuple[flo
 
 
 def steady_window_s(duration_s: float, ramp_s: float) -> tuple[float, float]:
-    """Times after the start of an arm's line in which its tip is judged: while it goes at one speed.
+    """Return begin and end of the judged part of an arm's line.
 
-    The tip is looked at along the line as well, and there its own speeding up is no vibration. A line with little or nothing of
-    such a time is judged in the times of `line_window_s`.
+    In s after its start: the part with constant speed. The tip is also judged along the line, where its own acceleration is no
+    vibration. A line without much constant speed is judged in the times of `line_window_s`.
     """
     begin_s, end_s = line_window_s(duration_s)
     from_s, to_s = max(begin_s, ramp_s + AFTER_RAMP_S), min(end_s, duration_s - ramp_s - BEFORE_RAMP_S)
@@ -102,7 +107,9 @@ def steady_window_s(duration_s: float, ramp_s: float) -> tuple[float, float]:
 def vector_metrics(
     acceleration_m_s2: Real, period_s: float, judged: Rows, moving: Rows, window: str, scale: TipScale | None
 ) -> dict[Direction, DirectionMetrics]:
-    """Metrics of the tip's vector along x, y, z and the worst direction.
+    """Compute the metrics of the tip's vector by direction.
+
+    Along x, y, z and the worst direction.
 
     Args:
         acceleration_m_s2: The tip's acceleration in the base frame; shape (n, 3).

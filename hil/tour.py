@@ -1,7 +1,7 @@
-"""Tour of the user's own robot, from a bench file without a model to a quiet arm: identify, design, upload, run side by side.
+"""Tour of the user's own robot: identify, design, upload, compare.
 
-Every step is that of a command (`hil identify plant`, `hil identify ate`, `hil design notch`, `drive-profiles upload`,
-`hil compare`), with its report in a directory of its own.
+It begins with a bench file without a model. Every step is that of a command (`hil identify plant`, `hil identify ate`,
+`hil design notch`, `drive-profiles upload`, `hil compare`), with its report in a directory of its own.
 """
 
 import datetime
@@ -89,20 +89,25 @@ class TourOutcome:
 
 
 def bench_without_model(name: str = NAME) -> str:
-    """Text of the reference bench file without plants and transmission errors, and no longer as the paper's robot."""
+    """Return the reference bench file without plants and transmission errors.
+
+    It is then no longer the paper's robot.
+    """
     text = _REFERENCE.sub("", _MODEL.sub("\n", REFERENCE.read_text(encoding="utf-8")))
     return text.replace('name = "reference"', f'name = "{name}"')
 
 
 def make_step(steps: list[TourStep], out: Path, name: str, make: Step, report: str = "") -> None:
-    """Make one step, and note its name, result, duration and report; a step that is refused may have left one too.
+    """Make one step, and note name, result, duration and report.
+
+    A step that is refused may have left a report, too.
 
     Args:
-        steps: Steps so far; this one is added, also where it fails.
+        steps: Steps so far; this one is added, also if it fails.
         out: Directory of the tour.
         name: Name of the step in words.
         make: The step; its result in words, and the path of its report from the tour's directory.
-        report: Path of the report that it may leave where it fails.
+        report: Path of the report that it may leave after a failure.
     """
     began = time.monotonic()
     what, holds, link = "", False, ""
@@ -119,9 +124,10 @@ def make_step(steps: list[TourStep], out: Path, name: str, make: Step, report: s
 
 
 def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
-    """The outcome with the better filters of the designed and the bench file's, and a clause on the bench file's.
+    """Return the outcome with the better filters, and a clause.
 
-    The bench file's are better where they are predicted to leave less at the tip, and keep all margins.
+    The filters are the designed ones, or those of the bench file if they are predicted to leave less at the tip and keep
+    all margins. The clause is on the bench file's.
 
     Args:
         outcome: Outcome of a design that has found filters.
@@ -235,7 +241,10 @@ class _TourRunner:
         return "; ".join(map(str, outcomes)), self.parameter_set(self._uploaded[0]).name
 
     def _check_same(self, axis: int) -> None:
-        """Check that the parameter set is the filter of the design file, which a run would write."""
+        """Check that parameter set and design file have the same filter.
+
+        A run would write the filter of the design file.
+        """
         wanted = ParameterSet.load(self.parameter_set(axis)).tuning
         for column, table in enumerate(load_designs(self.design).axis[axis].notch, start=1):
             for key, value in vars(table.notch()).items():
@@ -244,14 +253,20 @@ class _TourRunner:
                     raise NotPossibleError(f"axis {axis}: notch_{column}.{key} is not the same in parameter set and design file")
 
     def still_there(self) -> tuple[str, str]:
-        """Check that the drives hold the uploaded sets: every run has put its changes back."""
+        """Check that the drives still have the uploaded sets.
+
+        Every run should have restored its changes.
+        """
         differing = self._transact(lambda uploads: [str(write.entry) for each in uploads for write, _ in each.changes])
         if differing:
             raise NotPossibleError(f"after the runs the drives no longer hold what was uploaded: {', '.join(differing)}")
         return "every object of the sets read once more after the runs: as uploaded", self.parameter_set(self._uploaded[-1]).name
 
     def _transact(self, then: Callable[[list[Upload]], T]) -> T:
-        """Prepare the transaction of `drive-profiles upload`, each drive identified and read, and pass it to `then`."""
+        """Prepare the transaction of `drive-profiles upload` for `then`.
+
+        Each drive is identified and read.
+        """
         options = UploadOptions(store=True, journals=self.out / "drive-journals")
         with SdoBus(self.bench.bus.address) as bus:
             uploads = []
@@ -276,7 +291,10 @@ def _design_page(axis: int) -> str:
 
 
 def _written(uploads: list[Upload]) -> list[UploadResult]:
-    """Upload to all drives or none; Ctrl-C waits until the changes are put back."""
+    """Upload to all drives or none.
+
+    Ctrl-C waits until the changes are restored.
+    """
     with Interrupts(is_last=False) as interrupts:
         if threading.current_thread() is threading.main_thread():
             late = "the interrupt came too late: everything has been written; another one ends the tour"
@@ -295,18 +313,20 @@ def run(
     bench_text: str | None = None,
     robot: DrawnRobot | None = None,
 ) -> TourOutcome:
-    """Identify, design, upload, and run side by side; `out/result.json` has the steps, also after a failure.
+    """Identify, design, upload, and run side by side.
+
+    `out/result.json` has the steps, also after a failure.
 
     Args:
         address: Address of the bus.
-        out: Directory; made where it is missing. Model and design file of an earlier tour are replaced.
+        out: Directory; made if it is missing. Model and design file of an earlier tour are replaced.
         axes: Axes that are identified and get a filter; empty for those of the bench file with a notch.
         experiments: Experiments of the comparison, as far as the bench file has them.
         effort: Effort of the search for a filter; None for that of `hil design notch --quick`.
         reporter: Listener of each step, and of each run of the comparison.
         bench_text: Text of the bench file; None for the drawn robot's, and without one for the reference bench without any model.
-        robot: The drawn robot that is served; its file is not looked into before the end, when what it is stands beside what was
-            found.
+        robot: The drawn robot that is served. Its file is read only at the end, to compare its true numbers with the
+        identified ones.
     """
     out.mkdir(parents=True, exist_ok=True)
     started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
@@ -349,7 +369,7 @@ def run(
 def _told(runner: _TourRunner, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> ComparisonRequest:
     """Take all steps, and return the request of the comparison.
 
-    Where no notch keeps all that is asked that is said, and the comparison is made without a designed one.
+    If no notch meets all requirements, a step notes it, and the comparison has no designed notch.
     """
     for axis in runner.axes:
         runner.step(f"identify plant, axis {axis}", partial(runner.identify_plant, axis), _plant_page(axis))
@@ -374,7 +394,7 @@ def _told(runner: _TourRunner, request: ComparisonRequest, comparisons: list[Com
 
 
 def _revealed(robot: DrawnRobot, runner: _TourRunner) -> dict[str, Any]:
-    """The drawn robot, beside what was found of it."""
+    """True numbers of the drawn robot, beside the identified ones."""
     (runner.out / ROBOT_FILE).write_bytes(robot.robot_file.read_bytes())
     truth: dict[str, Any] = tomllib.loads(robot.robot_file.read_text(encoding="utf-8"))
     known = load_identified(runner.model).axis if runner.model.is_file() else {}
@@ -402,7 +422,7 @@ def run_side_by_side(
         robot: The robot, and all that is known of it by now.
         request: Request of the comparison.
         out: Directory of the tour.
-        comparisons: List to which its outcome is added, also where it failed.
+        comparisons: List to which its outcome is added, also after a failure.
         reporter: Listener of its runs.
     """
     planned = plan(robot, request)

@@ -1,8 +1,8 @@
-"""An arm as rigid links on joints that turn: tables of a bench or robot file, or of a URDF file.
+"""Arm of rigid links on revolute joints, from tables or URDF.
 
-`tables` has the links and what they carry, `urdf` reads them from a URDF file, `rotation` and `bodies` are the algebra behind
-both. `kinematics` moves it, along a line by `straight_line` and `line`; `mounting` reads a sensor on it. Pure: no bus, no clock,
-no drive.
+`tables` has the links and their masses; `urdf` reads them from a URDF file. `rotation` and `bodies` have the algebra for both.
+`kinematics` computes poses and motions, `straight_line` and `line` a straight line of the tip; `mounting` evaluates an
+accelerometer on the arm. Pure: no bus, no clock, no drive.
 
 >>> from drive_profiles.files.toml import loads
 >>> from hil.arm.tables import ArmTable

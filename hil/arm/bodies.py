@@ -1,4 +1,4 @@
-"""Rigid bodies of an arm: mass, centre and inertia as a file says them, moved into other frames, and put together."""
+"""Rigid bodies of an arm: mass, centre and inertia, in any frame."""
 
 from collections.abc import Sequence
 from typing import Annotated, Self
@@ -23,7 +23,10 @@ NOWHERE: Vector = (0.0, 0.0, 0.0)
 
 
 class Inertia(Table):
-    """Moments and products of inertia about the centre of mass; the products are the tensor's own elements, as in URDF."""
+    """Moments and products of inertia about the centre of mass.
+
+    The products are elements of the tensor, with its sign, as in URDF.
+    """
 
     xx: NotBelow = 0.0
     yy: NotBelow = 0.0
@@ -40,11 +43,11 @@ class Inertia(Table):
     def _is_of_a_body(self) -> Self:
         low, middle, high = np.linalg.eigvalsh(self.tensor()).tolist()
         if low < -ROUNDED_MASS * high:
-            raise ValueError(f"the tensor has a principal moment of {low:g} kg·m²: no body has one below 0")
+            raise ValueError(f"the tensor has a principal moment of {low:g} kg·m²; it must be at least 0")
         if low + middle < high * (1.0 - ROUNDED_MASS):
             raise ValueError(
-                f"principal moments {low:g}, {middle:g} and {high:g} kg·m²: of a body, any two of them add up to the third or "
-                "more (triangle inequality)"
+                f"principal moments {low:g}, {middle:g} and {high:g} kg·m²; any two must add up to the third or more "
+                "(triangle inequality)"
             )
         return self
 
@@ -65,12 +68,12 @@ class Body(Table):
     @model_validator(mode="after")
     def _nothing_turns_without_a_mass(self) -> Self:
         if self.mass_kg == 0.0 and self.inertia_kg_m2 != Inertia():
-            raise ValueError("mass_kg is 0, but inertia_kg_m2 is not: no body is so")
+            raise ValueError("mass_kg is 0, but inertia_kg_m2 is not; give both or neither")
         return self
 
 
 def moved(body: Body, turn: Real, origin_m: Real) -> Body:
-    """A body in the frame in which its own one is turned and moved.
+    """Return a body in the frame that carries its own frame.
 
     Args:
         body: The body in its own frame.

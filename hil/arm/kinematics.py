@@ -1,10 +1,10 @@
-"""Kinematics of an arm with revolute joints in a row: where its tip is, how each axis moves it, and the way back from a pose.
+"""Kinematics of an arm with revolute joints in a row.
 
-Any number of axes in any directions. A joint's frame stands at a place in the frame before it, turned by a rotation, and turns
-about its axis by the joint angle: R_i = R_{i−1} Q_i exp(q_i [a_i]×), p_i = p_{i−1} + R_{i−1} r_i, as a URDF describes it.
+Any number of axes in any directions. The frame of a joint has a constant place and rotation in the frame before it, and turns
+about the joint's axis by the joint angle: R_i = R_{i−1} Q_i exp(q_i [a_i]×), p_i = p_{i−1} + R_{i−1} r_i, as a URDF describes it.
 
     J_i = (z_i × (p − p_i); z_i),  z_i = R_i a_i          geometric Jacobian of a point p, in the base frame
-    Δq = Jᵀ (J Jᵀ + λ² 1)⁻¹ e,    λ² = ½ eᵀe + λ_0²      damped least squares
+    Δq = Jᵀ (J Jᵀ + λ² 1)⁻¹ e,    λ² = ½ eᵀe + λ_0²      damped least squares, from a pose to joint angles
 
 Source: Sugihara, Solvability-unconcerned inverse kinematics by the Levenberg–Marquardt method, IEEE T-RO 27 (2011), for λ.
 """
@@ -35,11 +35,11 @@ RANK_FRACTION = 1e-6
 
 @dataclass(frozen=True)
 class LinkFrame:
-    """A point that moves with a link, with a frame of its own.
+    """Point on a link, with a frame of its own.
 
     Attributes:
         link: Number of joints that move it: 0 for the base, the number of all joints for the last link.
-        origin_m: Where it is in the link's frame; shape (3,).
+        origin_m: Its place in the link's frame; shape (3,).
         frame: Its axes in the link's frame, as columns; shape (3, 3).
     """
 
@@ -82,11 +82,14 @@ class Kinematics:
 
     @cached_property
     def length_m(self) -> float:
-        """Sum of the distances from joint to joint and on to the tip: no point is farther from the base; 1 µm at least."""
+        """Bound on the distance from the base to any point, in m.
+
+        Sum of the distances from joint to joint and on to the tip; 1 µm at least.
+        """
         return max(1e-6, float(np.sum(np.linalg.norm(self.origins_m, axis=1)) + np.linalg.norm(self.tip.origin_m)))
 
     def links(self, angles: Array) -> tuple[Array, Array]:
-        """Rotation and origin of each joint's frame in the base frame, after its turn.
+        """Return rotation and origin of each joint's frame after its turn.
 
         Args:
             angles: Joint angles in rad; shape (..., n).
@@ -105,9 +108,10 @@ class Kinematics:
         return rotations, origins
 
     def skeleton(self, angles: Array) -> Array:
-        """The arm as a line in the base frame: base, each joint and its corner, tip; shape (..., 2 n + 2, 3).
+        """Return the arm as a polyline in the base frame.
 
-        From a joint a link goes along the joint's axis to its corner, and from there straight to the next joint.
+        Shape (..., 2 n + 2, 3): the base, each joint and its corner, and the tip. From a joint, a link goes along the
+        joint's axis to its corner, and from there straight to the next joint.
         """
         rotations, origins = self.links(angles)
         tip, _ = self._pose(rotations, origins, self.tip)
@@ -119,7 +123,10 @@ class Kinematics:
         return np.concatenate([base, line, tip[..., np.newaxis, :]], axis=-2)
 
     def pose(self, angles: Array, of: LinkFrame | None = None) -> tuple[Array, Array]:
-        """Position and axes of a point in the base frame, of the tip unless another is given; shapes (..., 3), (..., 3, 3)."""
+        """Return position and axes of a point in the base frame.
+
+        The point is the tip unless another is given; shapes (..., 3) and (..., 3, 3).
+        """
         return self._pose(*self.links(angles), self.tip if of is None else of)
 
     @staticmethod
@@ -131,7 +138,9 @@ class Kinematics:
         return origin + rotation @ of.origin_m, rotation @ of.frame
 
     def jacobian(self, angles: Array, of: LinkFrame | None = None) -> Array:
-        """Geometric Jacobian of a point in the base frame, of the tip unless another is given.
+        """Return the geometric Jacobian of a point in the base frame.
+
+        The point is the tip unless another is given.
 
         Returns:
             Speed of the point (three rows) and turning speed (three rows) by each joint's speed; shape (..., 6, n).
@@ -148,15 +157,20 @@ class Kinematics:
         return np.swapaxes(np.concatenate([linear, angular], axis=-1), -1, -2)
 
     def levers(self, angles: Array, of: LinkFrame | None = None) -> Array:
-        """Lever of each joint at a point, along the point's own axes: its acceleration there over q̈_i; shape (..., 3, n)."""
+        """Return the levers of all joints at a point.
+
+        A lever is the acceleration of the point over q̈_i, along the point's own axes; shape (..., 3, n). The point is
+        the tip unless another is given.
+        """
         rotations, origins = self.links(angles)
         of = self.tip if of is None else of
         _, frame = self._pose(rotations, origins, of)
         return np.asarray(np.swapaxes(frame, -1, -2) @ self._jacobian(rotations, origins, of)[..., :3, :])
 
     def acceleration(self, angles: Array, speeds: Array, accelerations: Array, of: LinkFrame | None = None) -> Array:
-        """Acceleration of a point in the base frame, J q̈ + J̇ q̇, gravity left out; shape (..., 3).
+        """Return the acceleration of a point, J q̈ + J̇ q̇.
 
+        In the base frame, without gravity; shape (..., 3).
         α_i = α_{i−1} + z_i q̈_i + ω_{i−1} × z_i q̇_i, a = Σ α_i × r_i + ω_i × (ω_i × r_i) over the links' vectors r_i.
 
         Args:
@@ -181,7 +195,7 @@ class Kinematics:
     # -- the way back ------------------------------------------------------------------------------------------------------
 
     def solve(self, near: Array, position_m: Array, frame: Array | None, rounds: int = ROUNDS) -> tuple[Array, Array]:
-        """Joint angles that bring the tip into poses, by damped least squares from angles that are near.
+        """Find joint angles for poses of the tip by damped least squares.
 
         Args:
             near: Angles to begin with; shape (..., n).
@@ -190,8 +204,8 @@ class Kinematics:
             rounds: Most rounds.
 
         Returns:
-            The angles, shape (..., n), and what is left: the error in m and, of the axes, in rad, shape (..., 3) or (..., 6).
-            Where the arm does not reach a pose, they are those that come nearest.
+            The angles, shape (..., n), and the remaining error: in m and, of the axes, in rad, shape (..., 3) or (..., 6).
+            If the arm does not reach a pose, the angles are those that come nearest.
         """
         angles = np.array(near, dtype=np.float64)
         found, least = angles, np.full(angles.shape[:-1], math.inf)
@@ -207,7 +221,10 @@ class Kinematics:
         return found, self._error(found, position_m, frame)
 
     def _step(self, angles: Array, error: Array) -> tuple[Array, Array]:
-        """One round of damped least squares; positions count in units of the arm's length."""
+        """Compute one step of damped least squares, and the scaled error.
+
+        Positions are in units of the arm's length.
+        """
         rows = error.shape[-1]
         scale = np.array([1.0 / self.length_m] * 3 + [1.0] * 3)[:rows]
         jacobian = self.jacobian(angles)[..., :rows, :] * scale[:, np.newaxis]
@@ -219,7 +236,7 @@ class Kinematics:
         return (back @ np.linalg.solve(jacobian @ back + damping * np.eye(rows), scaled[..., np.newaxis]))[..., 0], scaled
 
     def _error(self, angles: Array, position_m: Array, frame: Array | None) -> Array:
-        """Way and turn from where the tip is to where it is wanted."""
+        """Return the tip's displacement and turn to the wanted pose."""
         origin, own = self.pose(angles)
         if frame is None:
             return np.asarray(position_m - origin)
@@ -228,26 +245,39 @@ class Kinematics:
     # -- singularities -------------------------------------------------------------------------------------------------------
 
     def singular_values(self, angles: Array, *, with_frame: bool) -> Array:
-        """Singular values of the tip's Jacobian, the largest first, positions in units of the arm's length; shape (..., m)."""
+        """Return the singular values of the tip's Jacobian; shape (..., m).
+
+        The largest is first; positions are in units of the arm's length.
+        """
         rows = 6 if with_frame else 3
         scale = np.array([1.0 / self.length_m] * 3 + [1.0] * 3)[:rows]
         return np.asarray(np.linalg.svd(self.jacobian(angles)[..., :rows, :] * scale[:, np.newaxis], compute_uv=False))
 
     def rank(self, *, with_frame: bool) -> int:
-        """Directions in which the arm can move its tip in a posture that is not singular."""
+        """Count the directions in which the arm can move its tip.
+
+        Valid in any posture that is not singular.
+        """
         probes = np.arange(1, PROBES + 1)[:, np.newaxis] * np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0] * self.count))
         values = self.singular_values(probes[:, : self.count], with_frame=with_frame)
         return int(np.max(np.count_nonzero(values > RANK_FRACTION * values[..., :1], axis=-1)))
 
     def condition(self, angles: Array, *, with_frame: bool) -> Array:
-        """Largest over least singular value, of as many as the arm's rank: joint speed that a direction costs; shape (...)."""
+        """Return the condition number of the tip's Jacobian; shape (...).
+
+        It is the largest over the least singular value, of as many as the arm's rank: the joint speed that the slowest
+        direction costs.
+        """
         values = self.singular_values(angles, with_frame=with_frame)
         least = values[..., self.rank(with_frame=with_frame) - 1]
         return np.asarray(values[..., 0] / np.maximum(least, 1e-300))
 
 
 def turn(axis: Array, angle_rad: Array) -> Array:
-    """Rotation about an axis of length 1: 1 + sin q [a]× + (1 − cos q) [a]×²; angles of shape (...) give (..., 3, 3)."""
+    """Return the rotation by an angle about an axis of length 1.
+
+    1 + sin q [a]× + (1 − cos q) [a]×²; angles of shape (...) give (..., 3, 3).
+    """
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     angle = np.asarray(angle_rad, dtype=np.float64)[..., np.newaxis, np.newaxis]
@@ -255,7 +285,10 @@ def turn(axis: Array, angle_rad: Array) -> Array:
 
 
 def rotation_vector(rotation: Array) -> Array:
-    """Axis times angle of rotations, the angle up to π; shape (..., 3, 3) gives (..., 3)."""
+    """Return axis times angle of rotations, the angle up to π.
+
+    Shape (..., 3, 3) gives (..., 3).
+    """
     rotation = np.asarray(rotation, dtype=np.float64)
     twist = 0.5 * np.stack(
         [

@@ -1,4 +1,4 @@
-"""The line motion of an arm, from its tables: the straight line, and which axes move on it."""
+"""Straight-line motion of an arm, and the axes that move on it."""
 
 import math
 from dataclasses import dataclass
@@ -34,7 +34,9 @@ class ArmLine:
 
     @cached_property
     def moved(self) -> NDArray[np.int64]:
-        """Indices of the joints that the line turns, or that do not stand at home on it, from the base on.
+        """Indices of the joints that move on the line.
+
+        From the base on. A joint counts if the line turns it, or holds it away from home.
 
         Raises:
             LineError: The arm cannot follow the line.
@@ -52,7 +54,9 @@ class ArmLine:
         return tuple(self.arm.axes[joint] for joint in self.moved)
 
     def turned(self, time_s: Array) -> Array:
-        """Angles of the joints that move, from home on, over the time; shape (n,) gives (n, moved).
+        """Return the angles of the moving joints from home over time.
+
+        Shape (n,) gives (n, moved).
 
         Raises:
             LineError: The arm cannot follow the line.
@@ -93,7 +97,10 @@ def _position(point: Point) -> Array:
 
 
 def moved_axes(arm: ArmTable, motion: LineMotion | None) -> tuple[int, ...]:
-    """Numbers of the axes that an arm's line moves, from the base on; of a line that it cannot follow all of them."""
+    """Return the numbers of the axes that the arm's line moves.
+
+    From the base on. All axes if the arm cannot follow the line; none without a line.
+    """
     if motion is None:
         return ()
     try:

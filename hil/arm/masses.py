@@ -1,4 +1,4 @@
-"""What an arm's masses make of a posture: the mass matrix, gravity's torques, and the levers of the tip."""
+"""Mass matrix, torques of gravity and levers of an arm."""
 
 import math
 from collections.abc import Iterator
@@ -16,7 +16,9 @@ LEAST_FREE = 1e-9
 
 
 def mass_matrix(arm: ArmTable, joints_rad: Real) -> Real:
-    """H(q) = Σ m J_vᵀ J_v + J_ωᵀ I J_ω over all bodies, in kg·m²; shape (n_links, n_links), from the base on.
+    """Return the mass matrix in kg·m²; shape (n_links, n_links).
+
+    H(q) = Σ m J_vᵀ J_v + J_ωᵀ I J_ω over all bodies, joints from the base on.
 
     Args:
         arm: The arm.
@@ -47,7 +49,7 @@ def gravity_torques(arm: ArmTable, joints_rad: Real) -> Real:
 
 
 def levers(arm: ArmTable, joints_rad: Real) -> Real:
-    """Distance of the tip from the axis of each joint in m; shape (n_links,)."""
+    """Return the tip's distance from each joint's axis in m; shape (n_links,)."""
     located = list(_frames(arm, joints_rad))
     frame, origin, _ = located[-1]
     _, linear = _jacobian(located, origin + frame @ np.array(arm.tip_m))
@@ -55,7 +57,9 @@ def levers(arm: ArmTable, joints_rad: Real) -> Real:
 
 
 def check_masses(arm: ArmTable) -> None:
-    """Refuse an arm that has nothing to turn at a joint, so that its motion is not determined.
+    """Refuse an arm on which a joint turns no mass.
+
+    Its motion would not be determined.
 
     Raises:
         ValueError: With the link.
@@ -77,13 +81,16 @@ def check_masses(arm: ArmTable) -> None:
 
 
 def _scaled(matrix: Real) -> Real:
-    """A mass matrix with a diagonal of 1, so that its determinant tells how far the joints are from moving alike."""
+    """Scale a mass matrix to a diagonal of 1.
+
+    Its determinant then tells how nearly the joints move the same masses in the same way.
+    """
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     return np.asarray(matrix / np.outer(size, size))
 
 
 def _frames(arm: ArmTable, joints_rad: Real) -> Iterator[tuple[Real, Real, Real]]:
-    """Rotation, origin and joint axis of each link in the frame of the base."""
+    """Yield each link's rotation, origin and joint axis in the base frame."""
     frame, origin = np.eye(3), np.zeros(3)
     for link, angle in zip(arm.link, np.asarray(joints_rad).tolist(), strict=True):
         direction = link.unit_direction()
@@ -93,7 +100,10 @@ def _frames(arm: ArmTable, joints_rad: Real) -> Iterator[tuple[Real, Real, Real]
 
 
 def _jacobian(located: list[tuple[Real, Real, Real]], point: Real) -> tuple[Real, Real]:
-    """Angular and linear velocity of a point per rad/s of each joint; shape (3, n) each."""
+    """Return angular and linear velocity of a point per joint speed.
+
+    Per rad/s of each joint; shape (3, n) each.
+    """
     about = np.array([axis for _, _, axis in located]).T
     linear = np.array([np.cross(axis, point - origin) for _, origin, axis in located]).T
     return about, linear

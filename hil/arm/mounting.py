@@ -1,8 +1,8 @@
-"""A real accelerometer on an arm: where it sits, how it is turned, and what it feels there; read back through the kinematics.
+"""Accelerometer on an arm: mounting, and acceleration from its signals.
 
-A sensor that is fixed to a link turns with it, and feels the specific force f = R_sᵀ (a − g): in free fall nothing, at rest what
-holds it up. So a = R_s f + g in the base frame, R_s by the joint angles. An axis moves it by its lever ℓ = z × (p_s − p), whose
-length and direction along the sensor's axes stay what they are while this axis alone turns.
+A sensor that is fixed to a link turns with it, and measures the specific force f = R_sᵀ (a − g): zero in free fall, −g at rest.
+So a = R_s f + g in the base frame, with R_s from the joint angles. An axis moves the sensor by its lever ℓ = z × (p_s − p).
+Length and direction of the lever along the sensor's axes remain constant as long as this axis alone turns.
 """
 
 import math
@@ -18,14 +18,14 @@ from hil.robot_tables import AxisNumber
 
 
 class Mounting(Table):
-    """Where an accelerometer sits on an arm, and how it is turned.
+    """Place and orientation of an accelerometer on an arm.
 
     Attributes:
         axis: Number of the axis whose link carries it; left out, the last.
         origin_m: Its origin in the frame of this link.
         rpy_deg: Roll, pitch and yaw of its axes in the same frame.
-        misalignment_deg: By how much its own axes are turned against those: what it is glued, and made, askew.
-        gravity: True if it feels its weight, as one with a response down to 0 Hz does.
+        misalignment_deg: Rotation of its own axes against those, from gluing and manufacture.
+        gravity: True if it measures gravity, as a sensor with a response down to 0 Hz does.
     """
 
     axis: AxisNumber | None = None
@@ -51,21 +51,25 @@ class Mounting(Table):
 
 
 def in_base(arm: Kinematics, of: LinkFrame, angles: Array, sensed_m_s2: Array, gravity_m_s2: Array) -> Array:
-    """Acceleration in the base frame of what a sensor feels that turns with its link: a = R_s f + g.
+    """Return the acceleration of a sensor in the base frame.
+
+    a = R_s f + g.
 
     Args:
         arm: The arm.
         of: The sensor's place and axes.
         angles: Joint angles; shape (n, joints).
-        sensed_m_s2: What it feels along its own axes; shape (n, 3).
-        gravity_m_s2: Acceleration of free fall; shape (3,); zeros for a sensor that does not feel its weight.
+        sensed_m_s2: The signals f along the sensor's own axes; shape (n, 3).
+        gravity_m_s2: Acceleration of free fall; shape (3,); zeros for a sensor that does not measure gravity.
     """
     _, frames = arm.pose(angles, of)
     return np.asarray((frames @ sensed_m_s2[..., np.newaxis])[..., 0] + gravity_m_s2)
 
 
 def along_lever(arm: Kinematics, of: LinkFrame, angles: Array, joint: int, acceleration_m_s2: Array) -> Array:
-    """Acceleration of a point along the direction in which one joint moves it; zeros where it does not.
+    """Return a point's acceleration along the direction of one joint's motion.
+
+    Zero if the joint does not move the point.
 
     Args:
         arm: The arm.

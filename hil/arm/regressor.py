@@ -1,7 +1,8 @@
-"""The mass matrix of an arm as a linear function of its links' masses: H(q) = Y(q) θ.
+"""Regressor of an arm's mass matrix: H(q) = Y(q) θ.
 
-Of each link θ has ten numbers in its own frame: mass m, first moment m c, and the inertia about the frame's origin. What moves no
-joint, or another number moves alike, cannot be told apart by H: `hil.design.coupled.masses` finds what can.
+The mass matrix is linear in the masses θ. θ has ten numbers per link, in the link's own frame: mass m, first moment m c, and
+the inertia about the frame's origin. Some of these numbers move no joint, or act on H only in combination with others;
+`hil.design.coupled.masses` finds the combinations that H determines.
 """
 
 import math
@@ -26,7 +27,10 @@ END_KG = 5.0
 
 
 def regressor(arm: Kinematics, joints_rad: Real) -> Real:
-    """Y(q); shape (..., n, n, 10 n) for joint angles of shape (..., n)."""
+    """Return Y(q); shape (..., n, n, 10 n).
+
+    Joint angles have the shape (..., n).
+    """
     rotations, origins = arm.links(joints_rad)
     lead, n = origins.shape[:-2], arm.count
     directions = np.einsum("...ijk,ik->...ij", rotations, arm.axes)
@@ -57,7 +61,10 @@ def link_masses(arm: ArmTable) -> Real:
 
 
 def made_up_masses(arm: Kinematics) -> Real:
-    """θ of rods from joint to joint with a load at the tip: somewhere to begin from; shape (10 n,)."""
+    """Return θ of rods with a load at the tip.
+
+    The rods go from joint to joint. A starting value; shape (10 n,).
+    """
     numbers = []
     for i in range(arm.count):
         is_last = i + 1 == arm.count
@@ -78,7 +85,7 @@ def workspace(low_rad: Real, high_rad: Real, count: int, seed: int = 1) -> Real:
 
     Args:
         low_rad: Least angles; shape (n,). An angle that is to stay has equal ends.
-        high_rad: Largest angles; shape (n,); a full turn serves where there is no end.
+        high_rad: Largest angles; shape (n,); a full turn for a joint without end.
         count: Number of postures.
         seed: Equal seeds give equal postures.
     """

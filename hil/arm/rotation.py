@@ -1,4 +1,4 @@
-"""Rotations: roll, pitch and yaw to a matrix and back, and the turn about an axis."""
+"""Rotation matrices: from roll, pitch and yaw, and about an axis."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,10 @@ _GIMBAL = 1e-9
 
 
 def turned(direction: Sequence[float] | Real, angle_rad: float) -> Real:
-    """The rotation by an angle about an axis of length 1; shape (3, 3). Rodrigues' formula."""
+    """Return the rotation about an axis of length 1; shape (3, 3).
+
+    Rodrigues' formula.
+    """
     x, y, z = (float(value) for value in direction)
     cos, sin = math.cos(angle_rad), math.sin(angle_rad)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -22,7 +25,10 @@ def turned(direction: Sequence[float] | Real, angle_rad: float) -> Real:
 
 
 def rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Real:
-    """R = R_z(yaw) R_y(pitch) R_x(roll): turns about axes that stay fixed, roll first, as URDF counts them; shape (3, 3)."""
+    """Return R = R_z(yaw) R_y(pitch) R_x(roll); shape (3, 3).
+
+    Turns about fixed axes, roll first, as in URDF.
+    """
     cr, sr, cp, sp = math.cos(roll_rad), math.sin(roll_rad), math.cos(pitch_rad), math.sin(pitch_rad)
     cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
     return np.array(
@@ -35,7 +41,10 @@ def rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Real:
 
 
 def roll_pitch_yaw(matrix: Real) -> tuple[float, float, float]:
-    """Roll, pitch and yaw in rad of a rotation, so that `rotation` gives it again; at a pitch of ±90° the roll is 0."""
+    """Return roll, pitch and yaw of a rotation in rad.
+
+    They are the inverse of `rotation`; at a pitch of ±90° the roll is 0.
+    """
     flat = math.hypot(matrix[0, 0], matrix[1, 0])
     pitch = math.atan2(-matrix[2, 0], flat)
     if flat < _GIMBAL:

@@ -1,8 +1,9 @@
-"""A straight line of any arm's tip from a pose to a pose: joint angles over the way, or why the arm cannot follow it, and where.
+"""Straight line of an arm's tip in joint angles.
 
-The tip moves straight from place to place; its axes turn about one direction at the pace of the way, or are free. The line is
-first walked in small steps from the angles at its start, so that the arm stays in the same configuration; then all points that
-are asked are solved at once from angles between those steps.
+The tip moves straight from place to place; its axes turn about one direction in proportion to the distance covered, or are free.
+A first pass solves the line in small steps from the angles at its start, so that the arm remains in the same configuration.
+All requested points are then solved at once, beginning with angles interpolated between those steps.
+A line that the arm cannot follow raises an error with the reason and the place.
 """
 
 import math
@@ -30,7 +31,7 @@ class LineError(ValueError):
     """A line that the arm cannot follow.
 
     Attributes:
-        fraction: Where it ends, as a fraction of the way.
+        fraction: Its end, as a fraction of the line.
         at_m: The same in m from its start.
         why: Reason in words.
     """
@@ -47,7 +48,12 @@ class LineError(ValueError):
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the tip is, and its axes in the base frame as columns; None if these are free."""
+    """Position of the tip, and its axes in the base frame.
+
+    Attributes:
+        position_m: Position; shape (3,).
+        frame: The axes as columns; shape (3, 3); None if they are free.
+    """
 
     position_m: Array
     frame: Array | None
@@ -74,13 +80,13 @@ class StraightLine:
 
     Attributes:
         arm: The arm.
-        near: Joint angles near the start, which tell the arm's configuration; shape (n,).
+        near: Joint angles near the start, which select the arm's configuration; shape (n,).
         start: Pose at the start.
-        end: Pose at the end; its axes are free where the start's are.
+        end: Pose at the end; its axes are free if the start's are.
         move: The speed along the line.
         dwell_s: Time of rest before the motion.
         tail_s: Time of rest after the motion.
-        names: What the joints are called in messages.
+        names: Names of the joints in messages.
     """
 
     arm: Kinematics
@@ -114,13 +120,19 @@ class StraightLine:
 
     @cached_property
     def _turned(self) -> Array:
-        """Turn of the tip from start to end, axis times angle in the base frame; shape (3,)."""
+        """Axis times angle of the tip's turn from start to end.
+
+        In the base frame; shape (3,).
+        """
         if self.start.frame is None or self.end.frame is None:
             return np.zeros(3)
         return rotation_vector(self.end.frame @ self.start.frame.T)
 
     def poses(self, fraction: Array) -> tuple[Array, Array | None]:
-        """Places and axes of the tip at fractions of the way; shapes (n, 3) and (n, 3, 3), or None if the axes are free."""
+        """Return positions and axes of the tip at fractions of the line.
+
+        Shapes (n, 3) and (n, 3, 3); None for the axes if they are free.
+        """
         s = np.asarray(fraction, dtype=np.float64)
         positions = self.start.position_m + s[:, np.newaxis] * (self.end.position_m - self.start.position_m)
         if self.start.frame is None:
@@ -131,10 +143,12 @@ class StraightLine:
 
     @cached_property
     def walked(self) -> tuple[Array, Array]:
-        """Fractions of the way and the joint angles there, in steps; shapes (m,) and (m, n).
+        """Fractions of the line and joint angles, in small steps.
+
+        Shapes (m,) and (m, n).
 
         Raises:
-            LineError: The arm does not reach a point of the line, or passes a singular posture; the first such point is named.
+            LineError: The arm does not reach a point of the line, or passes a singular posture; with the first such point.
         """
         steps = math.ceil(max(self.length_m / STEP_M, self.turned_rad / STEP_RAD))
         fractions = np.linspace(0.0, 1.0, min(max(steps, FEWEST_STEPS), MOST_STEPS) + 1)
@@ -160,7 +174,7 @@ class StraightLine:
         x, y, z = position_m.tolist()
         why = f"the arm does not bring its tip to x = {x:.3f}, y = {y:.3f}, z = {z:.3f} m"
         if self.with_frame:
-            why += " with the direction that is wanted"
+            why += " in the wanted direction"
         why += f"; the nearest found is {1e3 * missing_m:.3g} mm" + (
             f" and {math.degrees(missing_rad):.2g}°" if self.with_frame else ""
         )
@@ -178,7 +192,9 @@ class StraightLine:
         )  # fmt: skip
 
     def angles(self, fraction: Array) -> Array:
-        """Joint angles at fractions of the way, exact; shape (n,) gives (n, joints).
+        """Return exact joint angles at fractions of the line.
+
+        Shape (n,) gives (n, joints).
 
         Raises:
             LineError: The arm cannot follow the line.
@@ -205,7 +221,7 @@ class StraightLine:
 
         Args:
             limits: Limits of the joints, from the base on.
-            period_s: Time between the instants that are looked at.
+            period_s: Time between the checked instants.
 
         Raises:
             LineError: A joint does, or the arm cannot follow the line.
@@ -236,12 +252,15 @@ class StraightLine:
 
 
 def _is_reached(left: Array) -> bool:
-    """True if what is left of a way and a turn is nothing."""
+    """True if the remaining displacement and turn are below the tolerances."""
     return float(np.linalg.norm(left[:3])) <= REACHED_M and float(np.linalg.norm(left[3:])) <= REACHED_RAD
 
 
 def _smooth_between(fractions: Array, walked: Array, wanted: Array) -> Array:
-    """Angles between equal steps by Catmull and Rom's cubic, smooth enough to begin from; shape (n, joints)."""
+    """Interpolate angles between equal steps by Catmull and Rom's cubic.
+
+    The result is smooth enough as a starting value; shape (n, joints).
+    """
     slopes = np.gradient(walked, fractions, axis=0)
     step = float(fractions[1] - fractions[0])
     at = np.clip((wanted / step).astype(np.int64), 0, len(fractions) - 2)

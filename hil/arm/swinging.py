@@ -1,4 +1,4 @@
-"""An arm on its gears: the frequencies at which it swings while all motors are held, and how it looks then.
+"""Frequencies and shapes of an arm's modes, with all motors held.
 
     H(q) v̈ + K v = 0:  K^{−1/2} H K^{−1/2} w = ω^{−2} w,  v = K^{−1/2} w
 
@@ -21,12 +21,14 @@ Real = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ModeShape:
-    """One mode of an arm in a posture, scaled to a motion of the tip of length 1, or without one to a joint's turn of 1.
+    """One mode of an arm in a posture.
+
+    The motion of the tip has the length 1; if the tip does not move, the largest turn of a joint is 1.
 
     Attributes:
         frequency_hz: Its frequency, all motors held.
         joints_rad: Deflection of each joint, from the base on; shape (n_links,).
-        tip_m: Motion of the tip that goes with it, in the frame of the base; shape (3,).
+        tip_m: Motion of the tip that belongs to it, in the frame of the base; shape (3,).
     """
 
     frequency_hz: float

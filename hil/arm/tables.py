@@ -1,7 +1,7 @@
-"""Tables of an arm: its links from the base on, what they weigh, what it carries, and where its tip is.
+"""Tables of an arm: links from the base on, masses, payload, tip.
 
 The frame of a link is that of the link before it, moved by `origin_m`, turned by `rpy_deg`, then turned by the joint's angle
-about `direction`. A joint's angle is `home_deg` where its motor stands at zero, and grows with the motor's.
+about `direction`. A joint's angle is `home_deg` at zero of its motor, and grows with the motor's angle.
 """
 
 import math
@@ -49,7 +49,7 @@ class ArmLink(Table):
     @model_validator(mode="after")
     def _turns(self) -> Self:
         if math.hypot(*self.direction) < 1e-6:
-            raise ValueError(f"direction {list(self.direction)} of {self.label} points nowhere")
+            raise ValueError(f"direction {list(self.direction)} of {self.label} has length 0")
         if self.range_deg is not None and not self.range_deg[0] < self.range_deg[1]:
             low, high = self.range_deg
             raise ValueError(f"range_deg of {self.label} goes from {low:g} to {high:g}: the first must be the lower")
@@ -61,7 +61,10 @@ class ArmLink(Table):
         return f"the link of axis {self.axis}" if self.name is None else f"link {self.name!r} (axis {self.axis})"
 
     def rotation(self) -> Real:
-        """Turn from the frame before the link into the joint's own, at a joint angle of 0; shape (3, 3)."""
+        """Return the rotation from the preceding frame into the joint's own.
+
+        At a joint angle of 0; shape (3, 3).
+        """
         return rotation(*map(math.radians, self.rpy_deg))
 
     def unit_direction(self) -> Real:
@@ -71,7 +74,7 @@ class ArmLink(Table):
 
 
 class ArmTable(Table):
-    """Links from the base on, each on the one before it; or the URDF file that has them.
+    """Links from the base on, in a row, or their URDF file.
 
     Attributes:
         link: The links; empty as long as the URDF file has not been read.
@@ -80,7 +83,7 @@ class ArmTable(Table):
         tip_m: Tip in the frame of the last link; of a URDF file, in the frame of `tip_link`.
         tip_rpy_deg: Roll, pitch and yaw of the tool's frame in the same frame.
         payload: Load in the frame of the last link; of a URDF file, in the frame of `tip_link`.
-        home_deg: Joint angles at home, where all motors stand at zero, from the base on; left out, 0.
+        home_deg: Joint angles at home, with all motors at zero, from the base on; left out, 0.
         gravity_m_s2: Acceleration of free fall in the frame of the base.
     """
 
@@ -104,13 +107,13 @@ class ArmTable(Table):
         axes = self.axes
         twice = sorted({axis for axis in axes if axes.count(axis) > 1})
         if twice:
-            raise ValueError(f"axis {twice[0]} moves two links of the arm: each has a drive of its own")
+            raise ValueError(f"axis {twice[0]} moves two links of the arm; each needs an axis of its own")
         if self.home_deg and len(self.home_deg) != len(self.link):
             raise ValueError(f"home_deg has {len(self.home_deg)} angles for {len(self.link)} links: one each, from the base on")
         for link, angle in zip(self.link, self.home_deg or (0.0,) * len(self.link), strict=True):
             low, high = link.range_deg or (-math.inf, math.inf)
             if not low <= angle <= high:
-                raise ValueError(f"{link.label} stands at {angle:g}° at home, outside of its range_deg, {low:g} to {high:g}")
+                raise ValueError(f"{link.label} is at {angle:g}° at home, outside of its range_deg, {low:g} to {high:g}")
         return self
 
     @property
@@ -133,7 +136,7 @@ class ArmTable(Table):
             raise ValueError(f"{without[0]} has no drive: the file has axes {', '.join(map(str, sorted(present)))}")
         loose = sorted(set(present) - set(self.axes))
         if loose:
-            raise ValueError(f"axis {loose[0]} moves no link of the arm: every axis of the file does, where there is an [arm]")
+            raise ValueError(f"axis {loose[0]} moves no link of the arm; with an [arm] table, every axis must move one")
 
     def bodies(self) -> tuple[Body, ...]:
         """What each link weighs, the payload with the last."""

@@ -1,7 +1,8 @@
-"""The links of an arm from a URDF file: its chain of turning joints; what is fixed to a link is merged into it.
+"""Chain of revolute joints and links, from a URDF file.
 
-A file is refused that describes no such chain, each time with the element's name: loops, branches, joints that slide or mimic,
-masses that are none, joints without a drive. Frames and units are URDF's: m, kg, rad, roll, pitch and yaw about fixed axes.
+Links that are fixed to another one are merged into it. A file that describes no such chain is refused, each time with the
+element's name: loops, branches, joints that slide or mimic, negative masses, joints without a drive. Frames and units are those
+of URDF: m, kg, rad, roll, pitch and yaw about fixed axes.
 
 Source: the URDF XML specification of ROS, http://wiki.ros.org/urdf/XML.
 """
@@ -71,9 +72,9 @@ class _File:
 
 
 def with_links(arm: ArmTable, folder: Path, joints: Mapping[str, int]) -> tuple[ArmTable, Mapping[int, float]]:
-    """An arm with the links of the URDF file that it names, and the reduction ratios that this one has, by axis.
+    """Return an arm with links and reduction ratios of its URDF file.
 
-    An arm with links of its own is given back as it is.
+    An arm with links of its own is returned unchanged.
 
     Args:
         arm: The table of the robot or bench file.
@@ -82,7 +83,7 @@ def with_links(arm: ArmTable, folder: Path, joints: Mapping[str, int]) -> tuple[
 
     Raises:
         FileError: The file describes no arm of these axes; with the element.
-        ValueError: What the table says beside it does not fit.
+        ValueError: Another value of the table contradicts the file.
     """
     if arm.urdf is None:
         return arm, {}
@@ -102,7 +103,9 @@ def with_links(arm: ArmTable, folder: Path, joints: Mapping[str, int]) -> tuple[
 
 
 def turning_joints(path: Path) -> tuple[str, ...]:
-    """Names of the joints that need a drive, from the base on, of a URDF file of at most 4 MiB.
+    """Return the names of a URDF file's joints that need a drive.
+
+    From the base on; the file has at most 4 MiB.
 
     Raises:
         FileError: The file describes no arm; with line and name of the element.
@@ -142,7 +145,7 @@ def _read_links(file: _File, root: Element) -> None:
         if element.tag == "link":
             name = _name(file, element)
             if name in file.links:
-                file.refuse(element, f"link {name!r}", f"stands in line {file.links[name].line} already", "each name once")
+                file.refuse(element, f"link {name!r}", f"is in line {file.links[name].line} already", "each name once")
             file.links[name] = element
     if not file.links:
         file.refuse(root, "<robot>", "has no link", "an arm")
@@ -159,7 +162,7 @@ def _read_joints(file: _File, root: Element) -> None:
         name = _name(file, element)
         what = f"joint {name!r}"
         if name in names:
-            file.refuse(element, what, f"stands in line {names[name]} already", "each name once")
+            file.refuse(element, what, f"is in line {names[name]} already", "each name once")
         names[name] = element.line
         kind = element.attributes.get("type", "")
         if kind not in (*TURNING, "fixed"):
@@ -177,7 +180,10 @@ def _read_joints(file: _File, root: Element) -> None:
 
 
 def _chain(file: _File) -> list[tuple[_Joint | None, list[tuple[str, Real, Real]]]]:
-    """The base, then each turning joint, with the links that are fixed behind it: name, rotation and origin of their frames."""
+    """Return the base and each turning joint, with links fixed behind.
+
+    Each link with its name, and rotation and origin of its frame.
+    """
     above: dict[str, _Joint] = {}
     for joint in file.joints:
         if joint.child in above:
@@ -221,7 +227,10 @@ def _chain(file: _File) -> list[tuple[_Joint | None, list[tuple[str, Real, Real]
 
 
 def _fixed_to(file: _File, start: str) -> tuple[list[tuple[str, Real, Real]], list[tuple[_Joint, tuple[Real, Real]]]]:
-    """Links that do not move against one, in its frame, and the turning joints on them, likewise."""
+    """Return a link's fixed links, and the turning joints on them.
+
+    Each in the frame of that link.
+    """
     children: dict[str, list[_Joint]] = {}
     for joint in file.joints:
         children.setdefault(joint.parent, []).append(joint)
@@ -260,7 +269,7 @@ def _arm(
         turn, origin = joint.origin
         if np.max(np.abs(origin)) > LARGEST:
             file.refuse(
-                joint.element, what, f"stands {np.max(np.abs(origin)):g} m from the joint before it", f"{LARGEST:g} m at most"
+                joint.element, what, f"is {np.max(np.abs(origin)):g} m from the joint before it", f"{LARGEST:g} m at most"
             )
         limit = None if joint.kind == "continuous" else _limits(file, joint, what)
         links.append(
@@ -304,7 +313,7 @@ def _tip(file: _File, fixed: list[tuple[str, Real, Real]], tip_link: str | None)
 
 
 def _body(file: _File, link: str) -> Body | None:
-    """The mass of a link in its own frame; None if it has none."""
+    """Return the mass of a link in its frame, or None."""
     element = file.links[link].child("inertial")
     if element is None:
         return None

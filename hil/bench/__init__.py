@@ -1,6 +1,6 @@
-"""The files that describe a robot: bench file, model file and design file.
+"""Files that describe a robot: bench, model and design file.
 
-`bench` has the bus, the axes with their limits and believed models, and the motions. `model` has the identified plants and
+`bench` has the bus, the axes with their limits and assumed models, and the motions. `model` has the identified plants and
 transmission errors with their standard errors, `design` the designed filters; either can replace the values of a bench file.
 
 >>> from hil.bench.bench import load_bench

@@ -1,4 +1,7 @@
-"""The bench file: bus and drives of a robot, the believed model of its axes, and limits that must never be exceeded."""
+"""Bench file: bus, drives, assumed models and limits of a robot.
+
+Master and drives never exceed the limits.
+"""
 
 import math
 from difflib import get_close_matches
@@ -52,7 +55,10 @@ SHIPPED = {"reference": REFERENCE, "reference-arm": REFERENCE_ARM}
 
 
 class RealTimeTable(Table):
-    """Requests to the operating system for runs in wall-clock time; the result lists those that were refused."""
+    """Requests to the operating system for runs in wall-clock time.
+
+    The result lists those that were refused.
+    """
 
     priority: Annotated[int, Field(ge=0, le=98)] = 80
     cpus: tuple[Annotated[int, Field(ge=0)], ...] = ()
@@ -84,12 +90,12 @@ class Bus(Table):
 
 
 class Limits(Table):
-    """Limits that an axis must never exceed, motor side; enforced by the master and written to the drive.
+    """Limits of an axis (motor side), held by master and drive.
 
-    `acceleration_rps_s` is the largest change of speed that a motion may ask for; left out, `torque_nm` alone bounds it, by the
-    inertia that the bench file knows. What an identification or a cancellation adds to the set-points of a motion is no motion:
-    torque, speed and `cancellation_rev` bound it. `cancellation_rev` is the largest addition of a cancellation to a set-point;
-    left out, a twentieth of `following_error_rev`.
+    `acceleration_rps_s` is the largest change of speed of a motion; left out, `torque_nm` alone bounds it, by the inertia
+    that the bench file knows. The additions of an identification or a cancellation to the set-points are no part of the
+    motion: torque, speed and `cancellation_rev` bound them. `cancellation_rev` is the largest addition of a cancellation to
+    a set-point; left out, a twentieth of `following_error_rev`.
     """
 
     torque_nm: Positive
@@ -110,7 +116,10 @@ class Limits(Table):
 
 
 class Model(PlantTable):
-    """The believed plant, for design and report; in a run only the check of a host-closed loop depends on it."""
+    """The assumed plant and transmission error, for design and report.
+
+    In a run, only the check of a host-closed loop depends on it.
+    """
 
     ate: TransmissionErrorTable
 
@@ -135,17 +144,17 @@ class AxisTable(Table):
         serial_number: Serial number of the drive; None if any is accepted.
         reduction_ratio: Reduction ratio N of the gear.
         joint: Name of its joint in the arm's URDF file.
-        tip_lever_m: Distance of the tip from the axis; left out on a bench with an arm, whose kinematics say it: 0 until then.
+        tip_lever_m: Distance of the tip from the axis; left out on a bench with an arm, whose kinematics has it: 0 until then.
         limits: Limits that the axis must never exceed.
         control: Gains of its loop, or `as found`: the drive's, which are neither written nor known.
         gains_are_set: True if the drive has the gains of `control` already, since only its maker's tool can set them.
         notch: Variable notches.
-        model: Believed plant; None without one.
-        gear_stiffness_nm_rad: Stiffness of its gear at the joint; left out, that of `model`, which may stand for one mode alone.
-        encoder_counts_per_rev: Position units per motor revolution, for a drive without an object that says it.
-        rated_torque_nm: Torque of which torques are per mille, for a drive without an object that says it.
+        model: Assumed plant; None without one.
+        gear_stiffness_nm_rad: Stiffness of its gear at the joint; left out, that of `model`, which may be that of one mode alone.
+        encoder_counts_per_rev: Position units per motor revolution, for a drive without an object for it.
+        rated_torque_nm: Torque of which torques are per mille, for a drive without an object for it.
         torque_constant_nm_a: Torque of the motor per ampere, for a drive that reports a current and no torque.
-        motor_inertia_kg_m2: J_m of the motor's data sheet, for cancelling and learning where no plant is known.
+        motor_inertia_kg_m2: J_m of the motor's data sheet, for cancelling and learning if no plant is known.
         motor: Poles and slots of the motor, for a passport; None if nothing is known of them.
         load_encoder: Second encoder, on the joint; its position is recorded. None: there is none, or it is not wanted.
     """
@@ -183,7 +192,7 @@ class AxisTable(Table):
             purpose: Use of the gains, as the subject of the error's sentence.
 
         Raises:
-            NotPossibleError: They are as found in the drive, so nobody knows them.
+            NotPossibleError: They are as found in the drive, and so not known.
         """
         if isinstance(self.control, Control):
             return self.control
@@ -201,7 +210,7 @@ class AxisTable(Table):
             purpose: Use of the accelerometer, as the subject of the error's sentence.
 
         Raises:
-            NotPossibleError: It is too short for anything to be felt.
+            NotPossibleError: It is too short for a measurement.
         """
         if self.tip_lever_m >= LEAST_LEVER_M:
             return self.tip_lever_m
@@ -222,7 +231,10 @@ class AxisTable(Table):
         return TwoInertia(reduction_ratio=self.reduction_ratio, **self.model.model_dump(exclude={"ate"}))
 
     def loop(self, period_s: float, delay_samples: int = 0, *, with_notch: bool = True) -> Loop | None:
-        """The loop around the model; None if plant or gains are not known."""
+        """Return the loop around the model.
+
+        None if plant or gains are not known.
+        """
         plant = self.plant()
         if plant is None or not isinstance(self.control, Control):
             return None
@@ -235,7 +247,7 @@ class Specification(Table):
 
     Attributes:
         tip_mm: Largest displacement.
-        quiet_mm: Largest displacement that a cancellation may leave without its cause being told.
+        quiet_mm: Largest displacement that a cancellation may leave with an unknown cause.
         line_area_reduction_pct: Reduction of the spectrum's area that is asked in the line motion; None: only the peak is asked.
         band_hz: Band of the line motion's vibration on a bench with an arm, which several resonances share; None: by f_al.
     """
@@ -258,8 +270,8 @@ class Bench(Table):
     Attributes:
         reference: `paper` for the robot of the paper, which is judged in the paper's windows and beside its numbers; None for
             every other robot.
-        identification_travel_deg: How far an identification turns a joint of an arm from where it stands, to either side: further
-            on the arm is another plant. Left out, `IDENTIFICATION_TRAVEL_DEG`; a bench without an arm has none.
+        identification_travel_deg: Largest joint angle of an identification on an arm, to either side: beyond it the plant is
+            another. Left out, `IDENTIFICATION_TRAVEL_DEG`; a bench without an arm has none.
     """
 
     name: str
@@ -284,14 +296,20 @@ class Bench(Table):
 
     @property
     def chain_axes(self) -> tuple[int, ...]:
-        """Axes of the line motion, from the base on: those of the geometry, or of an arm those that move; none without one."""
+        """Axes of the line motion, from the base on.
+
+        Those of the geometry, or of an arm those that move; empty without either.
+        """
         if self.arm is not None:
             return moved_axes(self.arm, self.line_motion)
         return () if self.geometry is None else self.geometry.axes
 
     @property
     def travel_deg(self) -> float:
-        """How far an identification may turn a joint to either side, by the arm; infinite without one."""
+        """Largest joint angle of an identification to either side.
+
+        On an arm; infinite without one.
+        """
         return math.inf if self.arm is None else self.identification_travel_deg or IDENTIFICATION_TRAVEL_DEG
 
     def travel_rev(self, axis: int) -> float:
@@ -328,11 +346,11 @@ class Bench(Table):
             return with_levers(self, self.arm) if self.arm.link else self
         bare = [number for number, axis in self.axis.items() if axis.tip_lever_m <= 0.0]
         if bare:
-            raise ValueError(f"axis {bare[0]} has no tip_lever_m: the tip's distance from the axis, which an arm table would say")
+            raise ValueError(f"axis {bare[0]} has no tip_lever_m, the tip's distance from it; state it, or add an arm table")
         if self.specification.band_hz is not None:
             raise ValueError("specification.band_hz needs an arm table: without one a line is judged by the f_al of its axes")
         if self.identification_travel_deg is not None:
-            raise ValueError("identification_travel_deg needs an arm table: a single axis is the same plant wherever it stands")
+            raise ValueError("identification_travel_deg needs an arm table; without one, position does not change a plant")
         if self.accelerometer.mounting is not None:
             raise ValueError("accelerometer.mounting needs an arm table: the links on which the sensor sits")
         if self.line_motion is not None:
@@ -349,17 +367,17 @@ class Bench(Table):
         without = [number for number, axis in self.axis.items() if axis.load_encoder is None]
         if without:
             raise ValueError(
-                f"accelerometer.from_load_encoders: axis {without[0]} has no load_encoder table, whose joint would move unseen"
+                f"accelerometer.from_load_encoders: axis {without[0]} has no load_encoder table; every axis needs one"
             )
 
     def _check_arm(self, arm: ArmTable) -> None:
-        """Refuse what does not go with an arm, once its links are known.
+        """Refuse a bench file that contradicts its arm's links.
 
         Raises:
             ValueError: An axis is not a joint of it, or the file has a planar chain beside it.
         """
         if self.geometry is not None:
-            raise ValueError("geometry and arm both say where the tip is: leave the geometry out")
+            raise ValueError("geometry and arm both define the tip; leave the geometry out")
         if arm.link:
             arm.check_axes(tuple(self.axis))
             if self.accelerometer.mounting is not None:
@@ -372,7 +390,9 @@ def source_of(path: str | Path) -> Path:
 
 
 def load_bench(path: str | Path) -> Bench:
-    """The bench of a file, or of a name of `SHIPPED`; relative paths of profiles in it count from the file.
+    """Load the bench of a file, or of a name of `SHIPPED`.
+
+    Relative paths of profiles in it count from the file.
 
     Raises:
         FileError: The file is not valid; every problem is listed by line.
@@ -398,11 +418,13 @@ LEVER_TOLERANCE = 0.02
 
 
 def with_arm(bench: Bench, folder: Path) -> Bench:
-    """A bench whose arm has its links, from the URDF file where it names one.
+    """Return a bench whose arm has its links.
+
+    They come from the URDF file, if it names one.
 
     Raises:
         FileError: The URDF file describes no such arm.
-        ValueError: What the bench file says does not fit the arm.
+        ValueError: The bench file contradicts the arm.
     """
     if bench.arm is None or bench.arm.link:
         return bench
@@ -419,7 +441,9 @@ def with_arm(bench: Bench, folder: Path) -> Bench:
 
 
 def with_levers(bench: Bench, arm: ArmTable) -> Bench:
-    """A bench whose axes have the levers by which the links of its arm move the sensor at home.
+    """Return a bench with levers from the arm's links.
+
+    A lever moves the sensor, at home.
 
     Raises:
         ValueError: The file states another lever.
@@ -446,7 +470,10 @@ T = TypeVar("T", AxisTable, AccelerometerTable)
 
 
 def _with_profile_in(folder: Path, table: T) -> T:
-    """The table with the path of its profile made absolute; a name of the package stays a name."""
+    """Return the table with an absolute path of its profile.
+
+    A name of the package is left unchanged.
+    """
     if is_name(table.profile):
         return table
     return table.model_copy(update={"profile": str(folder / table.profile)})

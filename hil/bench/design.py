@@ -1,4 +1,4 @@
-"""The design file: filters that have been designed for a robot, with their predicted margins and tip peaks."""
+"""Design file: designed filters with predicted margins and tip peaks."""
 
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +18,7 @@ class DesignedAxis(Table):
 
     Attributes:
         notch: The filters, written as in a bench file.
-        tip_peak_mm: Tip peak predicted for the believed plant on the bench file's ramp, by order.
+        tip_peak_mm: Tip peak predicted for the assumed plant on the bench file's ramp, by order.
         worst_tip_peak_mm: Tip peak of the worst of the plants, up or down the ramp, by order.
         sensitivity_peak: Largest M_s of all speeds and plants.
         phase_margin_deg: Smallest phase margin of all speeds and plants.
@@ -51,7 +51,10 @@ class Designs(Table):
     axis: dict[AxisNumber, DesignedAxis] = Field(default_factory=dict)
 
     def dumps(self) -> str:
-        """The file as TOML; its `[[axis.N.notch]]` may be copied into a bench file."""
+        """Return the file as TOML.
+
+        Its `[[axis.N.notch]]` may be copied into a bench file.
+        """
         lines = [f"robot = {toml_value(self.robot)}"]
         for number, axis in sorted(self.axis.items()):
             lines += ["", f"[axis.{number}]"]
@@ -61,7 +64,7 @@ class Designs(Table):
         return "\n".join(lines) + "\n"
 
     def save(self, path: Path) -> None:
-        """Write the file whole or not at all; an existing one is replaced.
+        """Write the file atomically; replace an existing one.
 
         Raises:
             FileError: The file cannot be written.
@@ -100,7 +103,7 @@ def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> D
 
 
 def with_designs(bench: Bench, designs: Designs) -> Bench:
-    """The bench with its axes' filters replaced by those that have been designed for them.
+    """Return the bench with the designed filters of its axes.
 
     Raises:
         NotPossibleError: The file belongs to another robot, or names an axis that the bench does not have.
@@ -108,7 +111,7 @@ def with_designs(bench: Bench, designs: Designs) -> Bench:
     if designs.robot != bench.name:
         raise NotPossibleError(f"the design file is of {designs.robot!r}, this bench is {bench.name!r}")
     if foreign := sorted(set(designs.axis) - set(bench.axis)):
-        raise NotPossibleError(f"the design file has filters of axis {foreign[0]}, which bench {bench.name!r} has not")
+        raise NotPossibleError(f"the design file has filters of axis {foreign[0]}, which bench {bench.name!r} does not have")
     changed = {
         number: bench.axis[number].model_copy(update={"notch": designed.notch}) for number, designed in designs.axis.items()
     }

@@ -1,10 +1,10 @@
-"""What encoders on the joints tell: whether they count as the bench file says, and the tip's acceleration where no sensor is.
+"""Encoders on the joints: checks, and the tip's acceleration from them.
 
-A joint's encoder sees the joint. What bends behind it, the links and the tool, it does not see. On an arm every joint swings,
-also one whose motor is braked, so all encoders are recorded: the tip is where the links have it at the angles of all of them.
+An encoder on a joint measures the joint's angle, without the bending of links and tool behind it. On an arm every joint swings,
+also one whose motor is braked, so all encoders are recorded: the kinematics has the tip from the angles of all of them.
 
-An answer that is lost is not a measurement: its angle is not a number in the recording. For the tip a short gap is bridged by a
-cubic spline through the joint's angle beside that of the motor, and counted among the missed; a long one is no run to judge by.
+A lost answer is no measurement: its angle is NaN in the recording. For the tip, a cubic spline through the joint's angle less
+that of the motor bridges a short gap, which counts among the missed cycles; a run with a long gap is not judged.
 """
 
 import math
@@ -42,22 +42,27 @@ LEAST_KNOWN_ROWS = 4
 
 
 def watched_axes(bench: Bench, moved: Collection[int]) -> tuple[int, ...]:
-    """Numbers of the axes that do not move and are recorded all the same: the other joints of an arm without a sensor."""
+    """Return the axes that do not move, but are recorded.
+
+    They are the other joints of an arm without a sensor.
+    """
     if bench.arm is None or not bench.accelerometer.from_load_encoders:
         return ()
     return tuple(number for number in sorted(bench.axis) if number not in moved)
 
 
 def with_load_encoders(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NOBODY) -> Recording:
-    """A recording whose load encoders have been held against the motors; without a sensor, with the tip that they tell.
+    """Check a recording's load encoders against the motors.
+
+    Return it; without a sensor, with the tip from the encoders.
 
     Args:
         bench: The bench file.
         recording: The run, as it was received.
-        standing_rad: Motor angles of axes that did not move; those that are not given stand at home.
+        standing_rad: Motor angles of axes that did not move; those that are not given are at home.
 
     Raises:
-        NotPossibleError: An encoder counts the wrong way, or another turn than the bench file says.
+        NotPossibleError: An encoder counts the wrong way, or has another scale than in the bench file.
     """
     for number in recording.axes:
         if f"axis{number}_load_rad" in recording.columns:
@@ -72,10 +77,11 @@ def with_load_encoders(bench: Bench, recording: Recording, standing_rad: Mapping
 
 
 def bridged(recording: Recording) -> tuple[dict[int, Real] | None, str | None]:
-    """Angles of all encoders without gaps, by axis, each of shape (n,), and the reason why they are not believed, or None.
+    """Return gapless angles of all encoders, and a doubt.
 
-    None instead of the angles where one has hardly answered at all. A gap is bridged in the joint's angle less that of its motor
-    through the gear, as far as that moved; at the ends the nearest one stays.
+    By axis, each of shape (n,); the doubt is the reason not to trust them, or None. None instead of the angles if an encoder has
+    hardly answered at all. A gap is bridged in the joint's angle less that of its motor through the gear, if the motor moved; at
+    the ends the nearest value is used.
     """
     angles, doubt = {}, None
     for name, values in recording.columns.items():
@@ -104,7 +110,9 @@ def bridged(recording: Recording) -> tuple[dict[int, Real] | None, str | None]:
 
 
 def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
-    """A bench that takes the tip from the joints' encoders, whatever sensor it has, for runs of these axes, one at a time.
+    """Return a bench with the tip from the joints' encoders.
+
+    For runs of these axes, one at a time, whatever sensor the bench has.
 
     Args:
         bench: The bench file.
@@ -117,7 +125,7 @@ def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
         if number in bench.axis and bench.axis[number].load_encoder is None:
             why = "" if number in axes else ", and on an arm every joint swings"
             raise NotPossibleError(
-                f"axis {number} has no second encoder{why}: [axis.{number}.load_encoder] of the bench file names it"
+                f"axis {number} has no second encoder{why}; state [axis.{number}.load_encoder] in the bench file"
             )
     sensor = bench.accelerometer.model_copy(
         update={"node_id": None, "serial": None, "range_m_s2": None, "mounting": None, "from_load_encoders": True}
@@ -127,7 +135,9 @@ def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
 
 
 def check_counting(bench: Bench, recording: Recording, number: int) -> None:
-    """Refuse an encoder whose angle is not that of its joint by the motor; a short travel tells nothing.
+    """Refuse an encoder whose angle contradicts that of the motor.
+
+    A short travel is not checked.
 
     Args:
         bench: The bench file.
@@ -162,7 +172,7 @@ def check_counting(bench: Bench, recording: Recording, number: int) -> None:
             f"{seen}: it counts the wrong way; load_encoder.is_reversed = {str(not encoder.is_reversed).lower()}"
         )
     if abs(scale) <= tolerance:
-        raise NotPossibleError(f"{seen}: it stands still; load_encoder.object may name that of another joint, or none")
+        raise NotPossibleError(f"{seen}: it does not move; load_encoder.object may be that of another joint, or of none")
     raise NotPossibleError(
         f"{seen}: reduction_ratio {table.reduction_ratio / abs(scale):.4g} would agree with it, "
         f"or counts_per_rev {encoder.counts_per_rev * abs(scale):.0f}; {encoder.counts_per_rev} is given"
@@ -172,10 +182,10 @@ def check_counting(bench: Bench, recording: Recording, number: int) -> None:
 def tip_of_joints(
     bench: Bench, recording: Recording, angles: Mapping[int, Real], standing_rad: Mapping[int, float] = NOBODY
 ) -> Real:
-    """Acceleration of the tip along x, y and z by the joints' encoders, in m/s²; shape (n, 3).
+    """Compute the tip's acceleration from the joints' encoders.
 
-    The links of an arm have the tip where all joints put it. Without one an axis that moves alone has it on its lever; several
-    move it as the planar chain of the geometry does.
+    Along x, y and z in m/s²; shape (n, 3). On an arm, the links have the tip from all joints. Without one, an axis that
+    moves alone moves it by its lever, and several axes move it as the planar chain of the geometry.
 
     Args:
         bench: The bench file.
@@ -208,10 +218,11 @@ def tip_of_joints(
 
 
 def second_derivative(values: Real, period_s: float) -> Real:
-    """Second derivative over time of evenly sampled values, up to `LOWPASS_HZ`, without delay; shape (n,).
+    """Compute the second derivative of evenly sampled values; shape (n,).
 
-    The values are continued oddly about both ends, where a motion rests, and −(2π f)²/(1 + (f/f_c)⁸) acts on their spectrum: as
-    exact in the band as the samples are, where differences of neighbours lose a tenth at a tenth of the sampling rate.
+    Without delay, up to `LOWPASS_HZ`. The values are continued oddly about both ends, where a motion rests, and −(2π f)²/(1
+    + (f/f_c)⁸) is applied to their spectrum. In the band it is as exact as the samples are; differences of neighbouring
+    samples lose a tenth at a tenth of the sampling rate.
 
     >>> import numpy as np
     >>> t = 0.002 * np.arange(1000)

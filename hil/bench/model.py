@@ -1,4 +1,7 @@
-"""The model file: the identified plant and transmission error of a robot's axes, each number with its standard error."""
+"""Model file: identified plants and transmission errors of a robot.
+
+Each number has its standard error.
+"""
 
 import math
 import re
@@ -19,14 +22,14 @@ Errors = dict[str, NotNegative]
 
 
 class IdentifiedMode(Table):
-    """A mode of an arm that rings with several, with the motor held.
+    """A mode of an arm with several modes, with the motor held.
 
     Attributes:
         antiresonance_hz: Its frequency, a dip of the motor's response.
         resonance_hz: The peak above it.
         damping: Its damping ratio.
-        inertia_kg_m2: Its effective inertia about the joint; those of all modes add up to the joint's.
-        tip_part: Part of the tip's rigid motion that it carries; None without an accelerometer.
+        inertia_kg_m2: Its effective inertia about the joint; the sum over all modes is the joint's.
+        tip_part: Its part of the tip's rigid motion; None without an accelerometer.
         standard_error: Standard errors of these.
     """
 
@@ -51,12 +54,12 @@ class IdentifiedPlant(Table):
         cannot_tell: Facts that these data cannot show, in words.
         coulomb_friction_nm: Coulomb friction τ_C at the motor; None if no slow run was made.
         gravity_moment_nm: Gravity moment m g l of the arm; None if no slow run was made.
-        torque_lag_s: Lag of the drive's current loop, from the torque that it reports to the one that the motor feels.
+        torque_lag_s: Lag of the drive's current loop, from the reported torque to the torque on the motor.
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle; None without an accelerometer.
         note: Notes of the engineer: date, load, temperature.
         emulated: True if it was identified on an emulated robot; None if that was not recorded.
-        modes: Modes of an arm that rings with several, from the lowest; then the values are motor and leading mode, the lowest
-            that carries a good part of the tip's motion. Empty where there is one.
+        modes: Modes of an arm with several, from the lowest; then the values are motor and leading mode, the lowest with a
+            large part of the tip's motion. Empty for one mode.
     """
 
     values: PlantTable
@@ -90,9 +93,9 @@ class IdentifiedError(Table):
         damping: Damping ratio ζ, likewise.
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle.
         set_point_delay_s: Delay of the motor behind its set-points beyond SYNC period and interpolation.
-        gear_reaction: Part of τ_g dθ_sync/dθ_m with which the gear's torque τ_g loads the motor, as the motor's torque showed it;
-            0 where it did not.
-        motor_friction_nm: Friction of the motor beside which that reaction was told: no load of the gear. A plant's goes first.
+        gear_reaction: Part of τ_g dθ_sync/dθ_m with which the gear's torque τ_g loads the motor, identified from the motor's
+            torque; 0 if that did not show it.
+        motor_friction_nm: Friction of the motor, identified with that reaction: no load of the gear. A plant's value goes first.
         learnt_by: Source of the values, one of `LearntBy`.
         motor_inertia_kg_m2: J_m with which it was learnt, as it was given; None if a plant was known.
         note: Notes of the engineer: date, load, temperature.
@@ -114,7 +117,10 @@ class IdentifiedError(Table):
 
 
 def values_in_words(part: IdentifiedError) -> list[str]:
-    """Amplitude and phase of each order with their standard errors: `A_2 = 5.00 ± 0.02 arcsec`, `φ_2 = 222.0 ± 0.1°`."""
+    """Write amplitude and phase of each order with standard errors.
+
+    `A_2 = 5.00 ± 0.02 arcsec`, `φ_2 = 222.0 ± 0.1°`.
+    """
     values, errors = part.values, part.standard_error
     words = []
     for order, amplitude in values.amplitudes_arcsec().items():
@@ -128,9 +134,10 @@ SIGNIFICANT_SIGMAS = 3.0
 
 
 def significant(part: IdentifiedError) -> TransmissionErrorTable:
-    """The orders whose amplitude is more than noise makes: a cancellation of noise would only add to the vibration.
+    """Return the orders whose amplitude exceeds noise.
 
-    An amplitude without a standard error is believed, and so is what was learnt on a motion: a run with just that was quieter.
+    A cancellation of noise would only add to the vibration. An amplitude without a standard error counts as significant,
+    and so does one that was learnt on a motion: a run with it was quieter.
     """
     values, errors = part.values, part.standard_error
     sigmas = 0.0 if part.learnt_by == "probing" else SIGNIFICANT_SIGMAS
@@ -147,7 +154,14 @@ SAME_POSTURE_DEG = 3.0
 
 
 class IdentifiedPosture(Table):
-    """Modes that one motor has felt of an arm in a posture, the other motors held.
+    """Modes of an arm in a posture, from one axis.
+
+    All other motors were held.
+
+    Attributes:
+        joints_deg: The posture: joint angles from the base on.
+        mode: The modes, from the lowest.
+        emulated: True if it was identified on an emulated robot; None if that was not recorded.
 
     Attributes:
         joints_deg: The posture: joint angles from the base on.
@@ -172,7 +186,7 @@ class IdentifiedAxis(Table):
     Attributes:
         plant: The plant, as designs and cancellations use it.
         ate: The transmission error.
-        posture: What it has felt of an arm, by posture.
+        posture: Modes of the arm that it has measured, by posture.
     """
 
     plant: IdentifiedPlant | None = None
@@ -181,11 +195,11 @@ class IdentifiedAxis(Table):
 
 
 class IdentifiedArm(Table):
-    """Masses of an arm and stiffnesses of its gears, from what motors have felt in several postures.
+    """Masses of an arm and stiffnesses of its gears, from several postures.
 
     Attributes:
-        axes: Axes for which it is known; all others count as rigid, and stand where they stood.
-        joints_deg: Joint angles from the base on, of which those of the others count.
+        axes: Axes with a known stiffness; all others count as rigid, at a constant angle.
+        joints_deg: Joint angles from the base on; those of the other axes are used.
         masses: Numbers of `hil.arm.regressor`, ten for each link, which give its mass matrix: none of them is known by itself.
         stiffness_nm_rad: Stiffness of each gear, in the order of `axes`.
         standard_error_nm_rad: Standard errors of these.
@@ -228,7 +242,10 @@ class Identified(Table):
         return self.model_copy(update={"axis": dict(sorted({**self.axis, number: axis}.items()))})
 
     def with_posture(self, number: int, posture: IdentifiedPosture) -> "Identified":
-        """The file with what an axis has felt in one posture added, or replaced where it was nearly the same."""
+        """Return the file with one posture of an axis added.
+
+        It replaces a posture that was nearly the same.
+        """
         axis = self.axis.get(number, IdentifiedAxis())
         others = tuple(each for each in axis.posture if not each.is_at(posture.joints_deg))
         axis = axis.model_copy(update={"posture": (*others, posture)})
@@ -239,7 +256,7 @@ class Identified(Table):
         return self.model_copy(update={"arm": arm})
 
     def dumps(self) -> str:
-        """The file as TOML; `loads` of it gives the same."""
+        """The file as TOML, the inverse of `loads`."""
         lines = [f"robot = {toml_value(self.robot)}"]
         for number, axis in self.axis.items():
             for name in ("plant", "ate"):
@@ -254,7 +271,7 @@ class Identified(Table):
         return "\n".join(lines) + "\n"
 
     def save(self, path: Path) -> None:
-        """Write the file whole or not at all; an existing one is replaced.
+        """Write the file atomically; replace an existing one.
 
         Raises:
             FileError: The file cannot be written.
@@ -272,7 +289,9 @@ def load_identified(path: Path) -> Identified:
 
 
 def check_file(path: Path, robot: str) -> None:
-    """Check that a model file can take what will be identified, before anything moves for it.
+    """Check that a model file can take an identification.
+
+    Before anything moves for it.
 
     Args:
         path: The file; it may be missing, its folder may not.
@@ -287,7 +306,9 @@ def check_file(path: Path, robot: str) -> None:
 
 
 def _known_in(path: Path, robot: str) -> Identified:
-    """What a model file holds of a robot; nothing where it is missing.
+    """Return a model file's contents for a robot.
+
+    Empty if the file is missing.
 
     Raises:
         FileError: The file is not a model file.
@@ -295,7 +316,7 @@ def _known_in(path: Path, robot: str) -> Identified:
     """
     known = load_identified(path) if path.exists() else Identified(robot=robot)
     if known.robot != robot:
-        raise NotPossibleError(f"{path} holds what was identified of {known.robot!r}, this is {robot!r}: choose another file")
+        raise NotPossibleError(f"{path} is the model file of {known.robot!r}, this is {robot!r}: choose another file")
     return known
 
 
@@ -315,8 +336,8 @@ def update_file(
         robot: Name of the bench on which the part was identified.
         number: Number of the axis.
         part: Plant or transmission error of the axis.
-        posture: What the axis has felt of its arm in a posture.
-        keeps_known: Keep the file's own part where it has one.
+        posture: Modes of the arm that the axis has measured in a posture.
+        keeps_known: Keep the file's own part if it has one.
 
     Raises:
         FileError: The file is not a model file, or cannot be written.
@@ -333,10 +354,10 @@ def update_file(
 
 
 def with_identified(bench: Bench, identified: Identified) -> Bench:
-    """The bench with the believed models of its axes replaced by the identified ones.
+    """Return the bench with identified models in place of assumed ones.
 
-    Where only one part of an axis was identified, the other is kept from the bench. Without either plant the axis has no model;
-    without either error it has none. Of an identified error the bench believes the significant orders.
+    If only one part of an axis was identified, the other is kept from the bench. An axis without any plant, or without any
+    transmission error, has no model. The bench takes the significant orders of an identified error.
     """
     axes = {}
     for number, table in bench.axis.items():
@@ -361,9 +382,10 @@ def with_identified(bench: Bench, identified: Identified) -> Bench:
 
 
 def stiffness_of(modes: Sequence[IdentifiedMode]) -> float:
-    """Stiffness of a gear behind which an arm rings with several modes, in N·m/rad at the joint: K_g = Σ J_i ω_i².
+    """Return the stiffness K_g = Σ J_i ω_i² of a gear.
 
-    Far above all modes the arm stands still, and the motor turns the gear alone: the limit of Σ J_i s² ω_i²/(s² + ω_i²).
+    In N·m/rad at the joint, for an arm with several modes. Far above all modes the arm is at rest, and the motor turns the gear
+    alone: the limit of Σ J_i s² ω_i²/(s² + ω_i²).
     """
     return sum(mode.inertia_kg_m2 * (2.0 * math.pi * mode.antiresonance_hz) ** 2 for mode in modes)
 
@@ -379,5 +401,8 @@ def _table(name: str, values: Mapping[str, Any]) -> list[str]:
 
 
 def _key(name: str) -> str:
-    """A key as TOML writes it: `a0.5_arcsec` would be two keys without quotes."""
+    """Return a key as TOML writes it.
+
+    Without quotes, `a0.5_arcsec` would be two keys.
+    """
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)

@@ -1,4 +1,4 @@
-"""Table of the bench file for what an axis' motor is made of."""
+"""Table of the bench file for poles and slots of a motor."""
 
 from typing import Annotated
 
@@ -10,7 +10,13 @@ Count = Annotated[int, Field(ge=1, le=1000)]
 
 
 class MotorTable(Table):
-    """Poles and slots of a motor, which say what orders it can make of its own; of its data sheet.
+    """Poles and slots of a motor, from its data sheet.
+
+    They determine the orders that the motor itself can cause.
+
+    Attributes:
+        pole_pairs: Pole pairs p; None if they are not known.
+        slots: Slots of the stator; None if they are not known.
 
     Attributes:
         pole_pairs: Pole pairs p; None if they are not known.

@@ -1,4 +1,4 @@
-"""Tables of the bench file for what is measured beside the motor: the accelerometer at the tip, and the encoder of a joint."""
+"""Tables of the bench file for accelerometer and joint encoders."""
 
 import math
 from typing import Annotated
@@ -17,15 +17,17 @@ NodeId = Annotated[int, Field(ge=1, le=127)]
 
 
 class AccelerometerTable(Table):
-    """The sensor at the tip: a node of the bus, a device on a serial port, or none but the encoders of the joints.
+    """The sensor at the tip.
+
+    A node of the bus, a device on a serial port, or none: then the encoders of the joints replace it.
 
     Attributes:
         node_id: Node-ID of the sensor; None for a sensor on a serial port.
         profile: Drive profile of the node; None for a sensor on a serial port.
         serial: Port and framing of a serial sensor; None for a node.
-        from_load_encoders: There is no sensor: the joints' own encoders, on the load side, tell the tip's acceleration.
+        from_load_encoders: True for no sensor: the tip's acceleration comes from the joints' own encoders, on the load side.
         range_m_s2: Largest measurement of the sensor, or None; a run in which a sample reaches it is not judged.
-        mounting: Where it sits on the arm, and how it is turned; None if it gives the tip's acceleration in the base frame.
+        mounting: Place and orientation on the arm; None if it gives the tip's acceleration in the base frame.
     """
 
     node_id: NodeId | None = None
@@ -37,12 +39,12 @@ class AccelerometerTable(Table):
 
     @property
     def title(self) -> str:
-        """What tells the tip's motion, in words."""
+        """Source of the tip's motion, in words."""
         return "encoder on the joint" if self.from_load_encoders else "accelerometer"
 
     @property
     def free_range_m_s2(self) -> float | None:
-        """What the range leaves beside the weight that a mounted sensor feels; None if it is not known."""
+        """Range of a mounted sensor less gravity; None if not known."""
         if self.range_m_s2 is None or self.mounting is None or not self.mounting.gravity:
             return self.range_m_s2
         return max(0.0, self.range_m_s2 - STANDARD_GRAVITY_M_S2)
@@ -51,10 +53,11 @@ class AccelerometerTable(Table):
     def _one_of_both(self) -> "AccelerometerTable":
         if (self.node_id is not None) + (self.serial is not None) + self.from_load_encoders != 1:
             raise ValueError(
-                "the accelerometer has either a node_id on the bus or a serial table, or none is there: from_load_encoders = true"
+                "the accelerometer needs either a node_id on the bus or a serial table; without a sensor, "
+                "state from_load_encoders = true"
             )
         if self.from_load_encoders and (self.range_m_s2 is not None or self.mounting is not None):
-            raise ValueError("from_load_encoders = true: there is no sensor that has range_m_s2 or a mounting")
+            raise ValueError("from_load_encoders = true excludes range_m_s2 and mounting: there is no sensor")
         return self
 
 
@@ -64,7 +67,7 @@ class LoadEncoderTable(Table):
     Attributes:
         counts_per_rev: Steps per revolution of the joint.
         object: Object that shows its position; None: the drive profile's, or 60E4:1, the first additional encoder (CiA 402).
-        is_reversed: It counts down where the motor counts up.
+        is_reversed: True if it counts down while the motor counts up.
     """
 
     counts_per_rev: Annotated[int, Field(ge=256, le=2**31 - 1)]

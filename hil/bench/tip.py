@@ -1,6 +1,7 @@
-"""What a bench's sensor tells of the tip: its columns in the base frame, and along the lever of an axis that moves alone.
+"""The tip's acceleration from the bench's sensor.
 
-Without an arm in the bench file a recording stays as the sensor gave it.
+In the base frame, and along the lever of an axis that moves alone. Without an arm in the bench file a recording is left
+unchanged.
 """
 
 import math
@@ -30,7 +31,10 @@ NOBODY: Mapping[int, float] = MappingProxyType({})
 
 
 def sensor_frame(bench: Bench, arm: Kinematics) -> LinkFrame:
-    """Where the bench's sensor sits: as it is mounted, or at the tip."""
+    """Return place and axes of the bench's sensor.
+
+    As it is mounted, or at the tip.
+    """
     mounting = bench.accelerometer.mounting
     return arm.tip if mounting is None or bench.arm is None else mounting.frame(bench.arm)
 
@@ -41,7 +45,7 @@ def joint_angles(bench: Bench, recording: Recording, standing_rad: Mapping[int, 
     Args:
         bench: The bench file.
         recording: Recording of the axes that moved.
-        standing_rad: Motor angles of others; an axis that is in neither stands at home.
+        standing_rad: Motor angles of others; an axis that is in neither is at home.
 
     Raises:
         ValueError: The bench has no arm.
@@ -57,16 +61,16 @@ def joint_angles(bench: Bench, recording: Recording, standing_rad: Mapping[int, 
 
 
 def with_tip(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NOBODY) -> Recording:
-    """A recording with the tip's acceleration in the base frame, read through the kinematics of the bench's arm.
+    """Return a recording with the tip's acceleration in the base frame.
 
-    A sensor with a mounting gives what it feels along its own axes: this is kept in columns of its own. Where one axis moves
-    alone, a column more has the acceleration along its lever, in proportion to the one at home: so whoever reads it takes the
-    bench's lever, wherever the other axes stand.
+    The kinematics of the bench's arm gives it. The signals of a mounted sensor along its own axes are kept in columns of
+    their own. If one axis moves alone, a further column has the acceleration along its lever, in proportion to the lever at
+    home: it is valid with the bench's lever, wherever the other axes are.
 
     Args:
         bench: The bench file.
         recording: The run, as the sensor gave it.
-        standing_rad: Motor angles of axes that did not move; those that are not given stand at home.
+        standing_rad: Motor angles of axes that did not move; those that are not given are at home.
     """
     if bench.arm is None or not len(recording.time_s):
         return recording
@@ -89,7 +93,10 @@ def with_tip(bench: Bench, recording: Recording, standing_rad: Mapping[int, floa
 
 
 def _doubt(bench: Bench, recording: Recording, angles: Real, of: LinkFrame, acceleration_m_s2: Real) -> str | None:
-    """Reason why a mounted sensor is not believed, or None: its range, or a weight that is not where the mounting has it."""
+    """Return a reason not to trust a mounted sensor, or None.
+
+    The sensor reaches the end of its range, or gravity has another direction than the mounting says.
+    """
     sensor, arm, mounting = bench.accelerometer, bench.arm, bench.accelerometer.mounting
     raw = np.stack([recording.columns[name] for name in TIP], axis=1)
     if sensor.range_m_s2 is not None:
@@ -106,22 +113,24 @@ def _doubt(bench: Bench, recording: Recording, angles: Real, of: LinkFrame, acce
     if mounting.gravity is not (found > 0.5 * expected) and expected > 0.0:
         shown = f"at rest the accelerometer shows {found:.2f} m/s²"
         return (
-            f"{shown}, its weight: gravity = true"
+            f"{shown}, which is gravity; state gravity = true"
             if not mounting.gravity
-            else f"{shown}, not its weight: is it alive? gravity = false?"
+            else f"{shown}, which is not gravity; check the sensor, or state gravity = false"
         )
     away = float(np.linalg.norm(np.mean(acceleration_m_s2[:still], axis=0)))
     if mounting.gravity and away > 2.0 * math.sin(0.5 * MOST_ASKEW_RAD) * expected:
         degrees, most = math.degrees(2.0 * math.asin(min(1.0, 0.5 * away / expected))), math.degrees(MOST_ASKEW_RAD)
         return (
-            f"at rest the accelerometer shows its weight {degrees:.0f}° from where its mounting has it, {most:g}° at most: check "
+            f"at rest the accelerometer shows gravity {degrees:.0f}° off its mounting, {most:g}° at most; check "
             "axis and rpy_deg of accelerometer.mounting, and home_deg of the arm"
         )
     return None
 
 
 def vertical_levers_m(bench: Bench, recording: Recording) -> list[Real]:
-    """Lever of each axis that moved, by which it moves the sensor upwards, along the motion: one of shape (n,) for each axis.
+    """Return the vertical lever of each axis that moved.
+
+    It moves the sensor upwards, along the motion; one of shape (n,) for each axis.
 
     Raises:
         ValueError: The bench has no arm.

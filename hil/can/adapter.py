@@ -24,7 +24,7 @@ class AdapterChannel:
     """None: python-can does not count lost frames."""
 
     def __init__(self, address: Address) -> None:
-        """Open the bus; `BusUnavailableError` where python-can cannot."""
+        """Open the bus; `BusUnavailableError` if python-can cannot."""
         self.address = address
         self._lost: BusLostError | None = None
         settings: dict[str, Any] = {} if address.bitrate is None else {"bitrate": address.bitrate}
@@ -52,7 +52,10 @@ class AdapterChannel:
             raise self._bus_lost(error) from error
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """The next frame, or None when none came in time. CAN FD frames are skipped."""
+        """Receive the next frame, or None if none comes in time.
+
+        CAN FD frames are skipped.
+        """
         if self._lost is not None:
             raise self._lost
         deadline = time.monotonic() + timeout_s
@@ -77,7 +80,10 @@ class AdapterChannel:
             self.send(frame)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """The next frame as a list of one; empty when none came in time."""
+        """Receive the next frame as a list of one.
+
+        Empty if none comes in time.
+        """
         frame = self.receive(timeout_s)
         return [] if frame is None else [frame]
 
@@ -86,7 +92,7 @@ class AdapterChannel:
         return self._lost
 
     def close(self) -> None:
-        """Leave the bus; an error of a port that has gone is ignored."""
+        """Leave the bus, and ignore the error of a lost port."""
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()
 

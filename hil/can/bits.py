@@ -1,4 +1,4 @@
-"""Length of CAN frames on the wire, in bits, with the stuff bits that their contents need.
+"""Length of CAN frames in bits on the wire, with stuff bits.
 
 Layout of classic frames (ISO 11898-1:2015, 10.4), most significant bit first:
 
@@ -51,7 +51,9 @@ _STUFF_AFTER = 5
 
 
 def frame_bits(frame: Frame, *, stuffed: bool = True) -> int:
-    """Bits that a data or remote frame takes of the bus, intermission included.
+    """Count the bits of a data or remote frame on the bus.
+
+    The intermission is included.
 
     Args:
         frame: The frame on the bus; of the data of a remote frame only the length counts.
@@ -67,7 +69,9 @@ def frame_bits(frame: Frame, *, stuffed: bool = True) -> int:
 
 
 def duration_ns(frame: Frame, bitrate: int) -> int:
-    """Time that a data or remote frame takes of the bus, intermission included, in ns, rounded up.
+    """Return the bus time of a data or remote frame in ns.
+
+    The intermission is included; rounded up.
 
     Args:
         frame: The frame on the bus.
@@ -81,10 +85,11 @@ def duration_ns(frame: Frame, bitrate: int) -> int:
 
 @lru_cache(maxsize=4096)
 def arbitration_key(can_id: int) -> int:
-    """The arbitration field as a number: of frames that start together the one with the lowest number wins.
+    """Return the arbitration field as a number: the lowest wins.
 
-    The bits from the base identifier on as both formats send them, most significant first: 11 bits, RTR and IDE; or 11 bits, SRR,
-    IDE, 18 bits and RTR. So a data frame wins against a request for it, and a short identifier against a long one that begins so.
+    Of frames that start together, that with the lowest number wins. Bits from the base identifier on, as both formats send
+    them, most significant first: 11 bits, RTR and IDE; or 11 bits, SRR, IDE, 18 bits and RTR. So a data frame wins against
+    a request for it, and a short identifier against a long one with the same first 11 bits.
     """
     identifier, remote = can_id & CAN_EFF_MASK, can_id >> 30 & 1
     if can_id & CAN_EFF_FLAG:
@@ -93,7 +98,9 @@ def arbitration_key(can_id: int) -> int:
 
 
 def sent_bits(frame: Frame) -> str:
-    """The bits from SOF to the last of the CRC as they are sent, stuff bits included, dominant as "0".
+    """Return the bits as sent, from SOF to the CRC.
+
+    Stuff bits are included, and "0" is dominant.
 
     Raises:
         ValueError: The frame is one that `frame_bits` refuses.
@@ -124,7 +131,7 @@ LAST = 256
 
 
 class Head(NamedTuple):
-    """Counts that all frames of one identifier and length share, whatever they carry.
+    """Counts that all frames of one identifier and length share.
 
     Attributes:
         bits: Bits of the frame and the intermission, without stuff bits.
@@ -145,7 +152,9 @@ class Head(NamedTuple):
 
 @lru_cache(maxsize=4096)
 def head(can_id: int, data_length: int) -> Head:
-    """Counts that all classic frames of one identifier, with its flags, and length share.
+    """Return the counts for classic frames of one identifier and length.
+
+    The identifier has its flags.
 
     Raises:
         ValueError: The frame is one that `frame_bits` refuses.
@@ -158,7 +167,7 @@ def head(can_id: int, data_length: int) -> Head:
 
 
 def stuffed_by(known: Head, data: bytes) -> int:
-    """Stuff bits that the data and the CRC of a classic frame need."""
+    """Count the stuff bits of a classic frame's data and CRC."""
     _, _, row, register, tables, _ = known
     if len(tables) == MAX_DATA_LENGTH:  # most frames are full, and a loop takes half as long again
         a, b, c, d, e, f, g, h = data
@@ -175,7 +184,9 @@ def stuffed_by(known: Head, data: bytes) -> int:
 
 @lru_cache(maxsize=4096)
 def fd_head(can_id: int, data_length: int, extended: bool = False) -> Head:
-    """Counts that all CAN FD frames with bit rate switching of one identifier and length share.
+    """Return the counts for CAN FD frames of one identifier and length.
+
+    The frames have bit rate switching.
 
     Raises:
         ValueError: The frame is one that `fd_bits` refuses, or has more than 8 bytes.
@@ -194,7 +205,10 @@ def fd_head(can_id: int, data_length: int, extended: bool = False) -> Head:
 
 
 def fd_stuffed_by(known: Head, data: bytes) -> int:
-    """Stuff bits that the data of a CAN FD frame need, all of them at the data bit rate."""
+    """Count the stuff bits of a CAN FD frame's data.
+
+    All of them have the data bit rate.
+    """
     if not data:
         return 0
     row = known.row
@@ -205,14 +219,17 @@ def fd_stuffed_by(known: Head, data: bytes) -> int:
 
 
 class FdBits(NamedTuple):
-    """Bits of a CAN FD frame at either bit rate, stuff bits and intermission included."""
+    """Bits of a CAN FD frame at either bit rate.
+
+    Stuff bits and intermission are included.
+    """
 
     nominal_bits: int
     data_phase_bits: int
 
 
 def fd_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) -> FdBits:
-    """Bits that a CAN FD frame takes of the bus, intermission included.
+    """Count the bits of a CAN FD frame, intermission included.
 
     Args:
         can_id: The identifier, without flags.
@@ -233,7 +250,9 @@ def fd_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) 
 
 
 def fd_sent_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) -> str:
-    """The bits from SOF to the last of the CRC as they are sent, all stuff bits included, dominant as "0".
+    """Return the bits of a CAN FD frame as sent.
+
+    From SOF to the last bit of the CRC, with all stuff bits; "0" is dominant.
 
     Args:
         can_id: The identifier, without flags.
@@ -257,7 +276,9 @@ def fd_sent_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = T
 
 
 def crc_fd(bits: int, length: int, width: int, start: int | None = None) -> int:
-    """The CRC of 17 or 21 bits of a CAN FD frame, from SOF to the stuff count, without fixed stuff bits.
+    """Return the CRC of a CAN FD frame, 17 or 21 bits.
+
+    From SOF to the stuff count, without fixed stuff bits.
 
     Args:
         bits: The sequence as a number.
@@ -274,7 +295,9 @@ def crc_fd(bits: int, length: int, width: int, start: int | None = None) -> int:
 
 
 def fd_duration_ns(can_id: int, data: bytes, extended: bool = False, *, bitrate: int, data_bitrate: int) -> int:
-    """Time that a CAN FD frame with bit rate switching takes of the bus, intermission included, in ns, rounded up.
+    """Return the bus time of a CAN FD frame in ns.
+
+    With bit rate switching; the intermission is included; rounded up.
 
     Args:
         can_id: The identifier, without flags.
@@ -291,9 +314,10 @@ def fd_duration_ns(can_id: int, data: bytes, extended: bool = False, *, bitrate:
 
 
 def worst_case_bits(data_length: int, extended: bool = False) -> int:
-    """The most bits that a data frame of this length can take, intermission included.
+    """Return the most bits that a data frame can have.
 
-    At worst the first five bits are equal and every four after them bring a further stuff bit: ⌊(n − 1)/4⌋ in n bits.
+    The intermission is included. At worst the first five bits are equal, and every four after them need a further stuff bit:
+    ⌊(n − 1)/4⌋ in n bits.
 
     Raises:
         ValueError: No length from 0 to 8.
@@ -305,7 +329,10 @@ def worst_case_bits(data_length: int, extended: bool = False) -> int:
 
 
 def crc15(bits: int, length: int) -> int:
-    """The CRC of a sequence of bits, from SOF to the last of the data; the register starts at 0."""
+    """Return the CRC from SOF to the last bit of the data.
+
+    The register starts at 0.
+    """
     register = 0
     # zeros ahead of the sequence leave the register at 0, so whole bytes may be taken
     for byte in bits.to_bytes((length + 7) // 8, "big"):
@@ -314,7 +341,10 @@ def crc15(bits: int, length: int) -> int:
 
 
 def stuff_bits(bits: int, length: int) -> int:
-    """Number of bits that a sender inserts into a sequence; one that is inserted counts for the next five."""
+    """Count the stuff bits of a sequence.
+
+    A stuff bit counts for the next five equal bits.
+    """
     whole = length // 8
     inserted, state = _stuffed(bits >> 8 * whole, length - 8 * whole, _NOTHING_YET)
     for byte in (bits & (1 << 8 * whole) - 1).to_bytes(whole, "big"):
@@ -324,7 +354,10 @@ def stuff_bits(bits: int, length: int) -> int:
 
 
 def _stuffed(bits: int, length: int, state: int) -> tuple[int, int]:
-    """Bits inserted into a sequence, and the state after it: twice the run of equal bits so far, plus their value."""
+    """Return the number of stuff bits, and the state after a sequence.
+
+    The state is twice the run of equal bits so far, plus their value.
+    """
     inserted, run, last = 0, state >> 1, state & 1
     for position in range(length - 1, -1, -1):
         bit = bits >> position & 1
@@ -352,7 +385,10 @@ _MAX_INSERTED = (8 * MAX_DATA_LENGTH + CRC_BITS) // (_STUFF_AFTER - 1) + 1
 
 @cache
 def _rows() -> tuple[Row, ...]:
-    """Steps through the data, by the state of the stuffing at their beginning; built on first use, in 9 ms."""
+    """Build the steps through the data, by initial state of stuffing.
+
+    On first use, in 9 ms.
+    """
     states = range(2 * _STUFF_AFTER)
     ends = [[_stuffed(bits, 7, state)[0] for bits in range(128)] for state in states]
     rows: list[list[Row]] = [[[] for _ in states] for _ in range(_MAX_INSERTED + 2)]
@@ -366,7 +402,10 @@ def _rows() -> tuple[Row, ...]:
 
 @cache
 def _crc_tables() -> tuple[tuple[tuple[int, ...], ...], ...]:
-    """Change of the CRC register at the end of the data by each value of each byte, by number of data bytes."""
+    """Build the tables of changes of the CRC register.
+
+    At the end of the data, by number of data bytes, place and value of a byte.
+    """
     tables = [_CRC_OF]
     for _ in range(MAX_DATA_LENGTH - 1):
         tables.insert(0, tuple((register << 8 & _CRC_MASK) ^ _CRC_OF[register >> 7] for register in tables[0]))
@@ -374,7 +413,10 @@ def _crc_tables() -> tuple[tuple[tuple[int, ...], ...], ...]:
 
 
 def _content(frame: Frame) -> tuple[int, int]:
-    """The bits from SOF to the last of the data, as a number, and their count."""
+    """Return the bits from SOF to the last of the data.
+
+    As a number, with their count.
+    """
     can_id, data = frame
     if not 0 <= can_id <= 0xFFFF_FFFF or can_id & CAN_ERR_FLAG:
         raise ValueError(f"{can_id:#x} is not a frame on the wire")
@@ -397,7 +439,10 @@ def _content(frame: Frame) -> tuple[int, int]:
 
 
 def _fd_content(can_id: int, data: bytes, extended: bool, brs: bool) -> tuple[int, int, int, int]:
-    """The bits from SOF to BRS, and those from SOF to the last of the data, each as a number and its count."""
+    """Return the bits to BRS, and those to the last data bit.
+
+    Both from SOF, each as a number with its count.
+    """
     if len(data) not in FD_LENGTHS:
         raise ValueError(f"a CAN FD frame carries {', '.join(map(str, FD_LENGTHS))} bytes, not {len(data)}")
     if not 0 <= can_id <= (CAN_EFF_MASK if extended else CAN_SFF_MASK):

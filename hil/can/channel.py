@@ -1,4 +1,4 @@
-"""The interface of a bus to the master: send a frame, receive one within a time."""
+"""The master's interface of a bus: send and receive frames."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -22,7 +22,10 @@ class Channel(Protocol):
 
     @property
     def overflows(self) -> int | None:
-        """Received frames that were lost for want of room since the bus was opened; None if the bus does not count them."""
+        """Received frames that were lost for want of room.
+
+        Since the bus was opened; None if the bus does not count them.
+        """
         ...
 
     def send(self, frame: Frame) -> None:
@@ -42,7 +45,9 @@ class Channel(Protocol):
         ...
 
     def send_all(self, frames: Sequence[Frame]) -> None:
-        """Put frames on the bus, one after the other; in one piece where the bus takes that.
+        """Put frames on the bus, one after the other.
+
+        In one message if the bus accepts that.
 
         Raises:
             BusLostError: A frame cannot be sent; those behind it are not sent either.
@@ -50,7 +55,9 @@ class Channel(Protocol):
         ...
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """The next frame and those that came in one message with it; empty when none came in time.
+        """Receive the next frame and those in one message with it.
+
+        Empty if none comes in time.
 
         Raises:
             BusLostError: The bus is gone.

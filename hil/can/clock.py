@@ -1,6 +1,6 @@
-"""Records on the local bus that are not frames: the kind of its clock, and the time on it.
+"""Records of the local bus that are not frames: clock and time.
 
-A message of a seqpacket socket is one record, or up to `MAX_RECORDS` of them where both ends understand that.
+A message of a seqpacket socket is one record, or up to `MAX_RECORDS` of them if both ends understand that.
 
 The records look like error messages of a controller (``CAN_ERR_FLAG``) of a class that SocketCAN does not use, so that a client
 that does not know them skips them. They are sent only to a client that has sent a question.
@@ -87,7 +87,10 @@ def read_question(data: bytes) -> Question | None:
 
 
 def period_over(count: int) -> Frame:
-    """The frame that says that the period of the count-th SYNC of a client is over."""
+    """Return the frame for the end of a client's SYNC period.
+
+    It has the count of the SYNC.
+    """
     return Frame(CLOCK_ID, _PERIOD.pack(PERIOD_OVER, count & 0xFFFF_FFFF))
 
 
@@ -105,5 +108,8 @@ def stamp(time_ns: int) -> Frame:
 
 
 def read_stamp(data: bytes) -> int | None:
-    """Read the time in ns of such a frame; None if it is another."""
+    """Read the time in ns of such a frame.
+
+    None for any other frame.
+    """
     return int.from_bytes(data[1:], "little") if len(data) == 8 and data[0] == STAMP else None

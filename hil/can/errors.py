@@ -17,7 +17,10 @@ class BusUnavailableError(ChannelError):
 
 
 class BusLostError(ChannelError):
-    """The bus has failed since it was opened: closed, interface down, or a queue that does not drain."""
+    """The bus has failed since it was opened.
+
+    It is closed, its interface is down, or its queue does not drain.
+    """
 
     def __init__(self, address: Address, reason: str) -> None:
         """Keep address and reason."""

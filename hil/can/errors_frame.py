@@ -1,4 +1,6 @@
-"""SocketCAN's error frames in words: a controller's report about itself, and its meaning for the bench.
+"""SocketCAN's error frames in words.
+
+A controller's report about itself, and its meaning for the bench.
 
 Source: <linux/can/error.h>.
 """
@@ -39,8 +41,8 @@ _PROTOCOL = {
 _PLAIN = {
     TX_TIMEOUT: "a frame could not be sent in time",
     LOST_ARBITRATION: "arbitration lost",
-    TRANSCEIVER: "transceiver error: look at the wires",
-    NO_ACKNOWLEDGE: "nobody acknowledges: no other node, another bit rate, or no termination",
+    TRANSCEIVER: "transceiver error: check the wires",
+    NO_ACKNOWLEDGE: "no node acknowledges: no other node, another bit rate, or no termination",
     BUS_OFF: "the controller is bus-off",
     BUS_ERROR: "bus error",
     RESTARTED: "the controller was bus-off and has restarted by itself; set restart-ms 0",
@@ -65,7 +67,10 @@ class ControllerEvent(NamedTuple):
 
 
 def decode(frame: Frame) -> ControllerEvent | None:
-    """The event of an error frame; None for any other frame, and for undefined classes. No bytes make this raise."""
+    """Return the event of an error frame, or None.
+
+    None for any other frame, and for undefined classes. No bytes raise an error.
+    """
     can_id, data = frame
     if not can_id & CAN_ERR_FLAG or not can_id & _KNOWN:
         return None

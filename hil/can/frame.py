@@ -1,4 +1,4 @@
-"""One CAN frame, and the 16-byte record in which it crosses a socket.
+"""One CAN frame, and its 16-byte record on a socket.
 
 The record is Linux's ``struct can_frame``: the same bytes on AF_CAN and on the local bus, so one raw channel serves
 both.
@@ -50,7 +50,10 @@ def pack(frame: Frame) -> bytes:
 
 
 def unpack(record: bytes) -> Frame | None:
-    """Give the frame of a record, or None for one that is not a frame: wrong length, or more than 8 bytes announced."""
+    """Return the frame of a record, or None.
+
+    None if the length is wrong, or the record announces more than 8 bytes.
+    """
     if len(record) != RECORD.size:
         return None
     can_id, length, data = RECORD.unpack(record)

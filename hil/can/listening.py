@@ -1,5 +1,6 @@
-"""Listening on a bus: every frame with its time, read by a thread of its own, as arrays; nothing is ever sent on it.
+"""Listener on a bus: every frame with its time, as arrays.
 
+A thread reads the frames; nothing is ever sent.
 A local bus gives the time on its own clock, SocketCAN that of the kernel, python-can that of its adapter.
 """
 
@@ -74,7 +75,7 @@ def open_listener(address: Address) -> Listener:
 
 
 class _Listening:
-    """What listeners have in common: a thread that reads, and what it has read."""
+    """Base of the listeners: a thread and its messages."""
 
     def __init__(self, address: Address) -> None:
         self.address = address
@@ -85,12 +86,16 @@ class _Listening:
         self._thread = threading.Thread(target=self._run, name=f"listening on {address}", daemon=True)
 
     def _read(self) -> Any:
-        """The next message; None if none comes within a moment. Raises `OSError` where the bus is gone."""
+        """Return the next message; None if none comes within a moment.
+
+        Raises:
+            OSError: The bus is gone.
+        """
         raise NotImplementedError
 
     @staticmethod
     def _gathered(read: Callable[[int], T]) -> T | None:
-        """What a socket gives next; None if nothing comes within a moment.
+        """Next message of a socket; None if none comes within a moment.
 
         Args:
             read: Reads the socket with flags of `recv`.
@@ -126,10 +131,17 @@ class _Listening:
 
 
 class LocalListener(_Listening):
-    """Listener on a local bus. Its times are those of the bus, which in lock-step are counted in SYNCs."""
+    """Listener on a local bus.
+
+    Its times are those of the bus, which in lock-step are counted in SYNCs.
+    """
 
     def __init__(self, address: Address) -> None:
-        """Join the bus and ask for time stamps; `BusUnavailableError` where no server listens."""
+        """Join the bus and ask for time stamps.
+
+        Raises:
+            BusUnavailableError: No server listens at the address.
+        """
         super().__init__(address)
         self._socket = connect_local(address)
         self._last_ns = 0
@@ -181,7 +193,7 @@ class CanListener(_Listening):
     """Listener on a CAN interface; times are the kernel's."""
 
     def __init__(self, address: Address) -> None:
-        """Open the socket; `BusUnavailableError` where that fails."""
+        """Open the socket; `BusUnavailableError` if that fails."""
         super().__init__(address)
         self._socket = bind_can(address)
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
@@ -219,7 +231,7 @@ class AdapterListener(_Listening):
     """Listener on any python-can bus; times are python-can's."""
 
     def __init__(self, address: Address) -> None:
-        """Open the bus; `BusUnavailableError` where python-can cannot."""
+        """Open the bus; `BusUnavailableError` if python-can cannot."""
         super().__init__(address)
         import can  # noqa: PLC0415 - slow to load
 
@@ -238,7 +250,7 @@ class AdapterListener(_Listening):
             raise OSError(str(error)) from error
 
     def take(self) -> Heard:
-        """The frames that have come since, those of CAN FD left out; shape (n,)."""
+        """Return the frames since the last call, without CAN FD; shape (n,)."""
         from hil.can.adapter import frame_of  # noqa: PLC0415 - python-can is slow to load
 
         messages = [each for each in self._taken() if not each.is_fd]
@@ -251,7 +263,7 @@ class AdapterListener(_Listening):
         )
 
     def close(self) -> None:
-        """Leave the bus; an error of a port that has gone is ignored."""
+        """Leave the bus, and ignore the error of a lost port."""
         self._is_closed = True
         if self._thread.is_alive():
             self._thread.join(_JOIN_S)

@@ -1,4 +1,7 @@
-"""One raw socket for two buses: AF_CAN, and the local bus' Unix socket, which carries the same 16-byte records."""
+"""Raw socket for AF_CAN and for the local bus.
+
+The local bus is a Unix socket with the same 16-byte records.
+"""
 
 import contextlib
 import errno
@@ -45,7 +48,9 @@ _PROCESSOR_FIELD = 36
 
 
 def connect_local(address: Address) -> socket.socket:
-    """A connected socket of the local bus: seqpacket where the system has it, else stream.
+    """Return a connected socket of the local bus.
+
+    Seqpacket if the system has it, else stream.
 
     Raises:
         BusUnavailableError: No server listens at the address.
@@ -72,16 +77,19 @@ def connect_local(address: Address) -> socket.socket:
 
 
 def wait_at_most(sock: socket.socket, timeout_s: float) -> None:
-    """Let every read of a blocking socket end after so long, in the kernel: waiting then costs no system call of its own."""
+    """Limit the time of every read of a blocking socket.
+
+    The kernel keeps the limit, so that waiting costs no further system call.
+    """
     microseconds = max(1, round(1e6 * timeout_s))  # 0 would mean for ever
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _TIMEVAL.pack(*divmod(microseconds, 1_000_000)))
 
 
 def bind_to_one_core(sock: socket.socket) -> set[int] | None:
-    """Keep both ends of a lock-step socket on one core, that of this end; return the former cores, or None.
+    """Bind both ends of a lock-step socket to one core.
 
-    In lock-step the two ends never work at the same time, and waking a core that sleeps costs more than their work; for the
-    measurements see docs/realtime.md.
+    It is the core of this end; return the former cores, or None. In lock-step the two ends never work at the same time, and
+    waking a sleeping core costs more than their work; for the measurements see docs/realtime.md.
     """
     try:
         pid, _, _ = struct.unpack("3i", sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
@@ -131,7 +139,10 @@ def bind_can(address: Address, filters: Sequence[tuple[int, int]] = ()) -> socke
 
 
 def _widen(sock: socket.socket) -> None:
-    """Room for `CAN_BUFFER_BYTES` of received frames; without the right to force it, as much as the system allows."""
+    """Reserve room for `CAN_BUFFER_BYTES` of received frames.
+
+    Without the right to force it, as much as the system allows.
+    """
     try:
         sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, CAN_BUFFER_BYTES)
     except OSError:
@@ -139,7 +150,9 @@ def _widen(sock: socket.socket) -> None:
 
 
 def _check_up(address: Address) -> None:
-    """Refuse an interface that is down: it could be bound to, but would never give a frame.
+    """Refuse an interface that is down.
+
+    A socket can be bound to it, but would never receive a frame.
 
     Raises:
         BusUnavailableError: The interface is down.
@@ -153,7 +166,10 @@ def _check_up(address: Address) -> None:
 
 
 def _dropped(ancillary: list[tuple[int, int, bytes]]) -> int | None:
-    """Number of frames that the kernel has dropped for this socket since it was opened; None if the kernel gave no count."""
+    """Return the number of frames that the kernel has dropped.
+
+    For this socket since it was opened; None if the kernel gave no count.
+    """
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == _SO_RXQ_OVFL and len(data) == _DROPPED.size:
             return int(_DROPPED.unpack(data)[0])
@@ -161,7 +177,9 @@ def _dropped(ancillary: list[tuple[int, int, bytes]]) -> int | None:
 
 
 class RawChannel:
-    """A channel on a raw socket. The first failure is latched: a bus that comes back needs a new channel.
+    """A channel on a raw socket.
+
+    After the first failure every call fails: a bus that comes back needs a new channel.
 
     Attributes:
         address: Address of the bus; the local bus adds its bit rate.
@@ -173,7 +191,15 @@ class RawChannel:
     """
 
     def __init__(self, address: Address, filters: Sequence[tuple[int, int]] = ()) -> None:
-        """Open the socket; `BusUnavailableError` where that fails. `filters` (identifier, mask) are the kernel's, on AF_CAN."""
+        """Open the socket.
+
+        Args:
+            address: Address of the bus.
+            filters: Identifier and mask of the kernel's filters, on AF_CAN.
+
+        Raises:
+            BusUnavailableError: The socket cannot be opened.
+        """
         self.address = address
         self._is_local = address.interface == LOCAL
         self.is_lock_step = self._is_local
@@ -195,7 +221,10 @@ class RawChannel:
         self._cores = bind_to_one_core(self._socket) if self.is_lock_step else None
 
     def send(self, frame: Frame) -> None:
-        """Put a frame on the bus; waits a moment where the local bus is busy, never on a real one."""
+        """Put a frame on the bus.
+
+        If a lock-step bus is busy, this waits a moment; otherwise it never waits.
+        """
         if self._lost is not None:
             raise self._lost
         record = pack(frame)
@@ -205,7 +234,10 @@ class RawChannel:
         self._transmit(record)
 
     def send_all(self, frames: Sequence[Frame]) -> None:
-        """Put frames on the bus, in one message where the local bus accepts that."""
+        """Put frames on the bus, in one message if possible.
+
+        Only the local bus may accept such messages.
+        """
         if not self._takes_several or len(frames) > clock.MAX_RECORDS:
             for frame in frames:
                 self.send(frame)
@@ -226,7 +258,10 @@ class RawChannel:
         self._transmit(records)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """The frames of the next message, or none when none came in time."""
+        """Receive the frames of the next message.
+
+        Empty if none comes in time.
+        """
         frame = self.receive(timeout_s)
         if frame is None:
             return []
@@ -236,11 +271,16 @@ class RawChannel:
 
     @property
     def takes_messages(self) -> bool:
-        """True if a cycle may be one message each way, and nothing of an earlier one waits to be read."""
+        """True if a cycle may be one message each way.
+
+        No frame of an earlier message may still be unread.
+        """
         return self._takes_several and self.is_lock_step and not self._early
 
     def send_message(self, records: bytes) -> None:
-        """Send the records of a cycle in one message; the last is SYNC. For whom `takes_messages` is true.
+        """Send the records of a cycle in one message.
+
+        The last is SYNC; only if `takes_messages` is true.
 
         Raises:
             BusLostError: The bus is gone.
@@ -252,7 +292,9 @@ class RawChannel:
         self._transmit(records)
 
     def receive_message(self, timeout_s: float) -> bytes:
-        """The records of the next message, or nothing when none came in time; that of the bus' clock at its end is left out.
+        """Receive the records of the next message; empty if none comes.
+
+        Without the record of the bus' clock at its end.
 
         Raises:
             BusLostError: The bus is gone.
@@ -318,7 +360,10 @@ class RawChannel:
         return self._read(0)
 
     def _read(self, flags: int) -> Frame | None:
-        """The next frame, other records skipped; None if none comes within the socket's time-out."""
+        """Return the next frame, or None; skip other records.
+
+        None if none comes within the socket's time-out.
+        """
         frame = self._from_stream(b"") if self._buffer else None
         while frame is None:
             try:
@@ -345,7 +390,7 @@ class RawChannel:
         return self._noted(frame) if frame.can_id & CAN_ERR_FLAG else frame
 
     def _take_message(self, message: bytes) -> None:
-        """Take the records of a message, one behind the other; those that are not frames are skipped."""
+        """Take the records of a message, and skip those without a frame."""
         if len(message) % RECORD.size:
             return
         keep = self._early.append
@@ -360,7 +405,10 @@ class RawChannel:
                 self._is_over = True
 
     def _ask_for_the_clock(self) -> None:
-        """Ask the local bus for its clock and bit rate; a bus that does not answer is in lock-step and has none."""
+        """Ask the local bus for its clock and bit rate.
+
+        A bus that does not answer is in lock-step and has no bit rate.
+        """
         self._socket.send(pack(clock.question(several=not self._is_stream)))
         deadline = time.monotonic() + _ANSWER_S
         while (left := deadline - time.monotonic()) > 0.0:
@@ -380,11 +428,17 @@ class RawChannel:
                 self._early.append(frame)
 
     def _is_period_over(self, data: bytes) -> bool:
-        """True if the record says that the period of our last SYNC is over, so that no more frames will come in it."""
+        """True if the period of our last SYNC is over.
+
+        No more frames will come in it.
+        """
         return clock.read_period_over(data) == self._syncs & 0xFFFF_FFFF
 
     def _read_can(self, timeout_s: float) -> Frame | None:
-        """The next frame of a CAN interface; frames lost before it are counted. None if none comes in time."""
+        """Return the next frame of a CAN interface, or None.
+
+        None if none comes in time. Frames lost before it are counted.
+        """
         while True:
             try:
                 # the kernel counts a socket's own time-out in jiffies, up to 10 ms each
@@ -405,7 +459,9 @@ class RawChannel:
                 return self._noted(frame) if frame.can_id & CAN_ERR_FLAG else frame
 
     def _noted(self, frame: Frame) -> Frame:
-        """Count the content of an error frame; the frame is passed on, so that a log has it.
+        """Count the content of an error frame, and return the frame.
+
+        A log can then contain it.
 
         Raises:
             BusLostError: The controller is bus-off, or has been and has recovered.
@@ -420,7 +476,10 @@ class RawChannel:
         return frame
 
     def _from_stream(self, more: bytes) -> Frame | None:
-        """The first frame of the bytes received so far; records that are not frames are skipped."""
+        """Return the first frame of the bytes received so far.
+
+        Records that are not frames are skipped.
+        """
         self._buffer += more
         while len(self._buffer) >= RECORD.size:
             record, self._buffer = self._buffer[: RECORD.size], self._buffer[RECORD.size :]

@@ -1,4 +1,4 @@
-"""hil compare: treatments of the vibration side by side, over experiments and robots, in one report."""
+"""`hil compare`: treatments side by side, over experiments and robots."""
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
@@ -51,8 +51,7 @@ if TYPE_CHECKING:
 
 COMPARE_EPILOG = epilog_of_runs({
     ExitStatus.DONE: "compared",
-    ExitStatus.NOT_MET: "what was asked for by name was left out, a cancellation was refused by its trial, or a run could not be "
-    "judged",
+    ExitStatus.NOT_MET: "a requested treatment was left out, a trial refused a cancellation, or a run could not be judged",
 })  # fmt: skip
 EXPERIMENTS = ("constant-acceleration", "line-motion", "point-to-point")
 DEFAULT_EXPERIMENTS = EXPERIMENTS[:2]
@@ -99,7 +98,7 @@ def compare(
         ),
     ] = None,
     repeat: Annotated[
-        int, typer.Option(min=1, max=100, help="Run each so often and judge the mean, in which the sensor's noise is less.")
+        int, typer.Option(min=1, max=100, help="Number of runs of each motion; their mean is judged, with less sensor noise.")
     ] = 1,
     out: NewOutOption = None,
     force: ForceOption = False,
@@ -108,7 +107,9 @@ def compare(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare what can act against the transmission error: nothing, lower gains, filters, cancellation, in one table.
+    """Compare treatments of the transmission error in one table.
+
+    They are: nothing, lower gains, filters, cancellation, input shapers.
 
     Example: hil compare --bench bench.toml --model model.toml --design design.toml --out compared
     """
@@ -117,7 +118,7 @@ def compare(
 
         _check_buses(bench_file, bus, emulate or [])
         if live is not None and len(bench_file) > 1:
-            raise fail("--live shows a single robot", ExitStatus.USAGE)
+            raise fail("--live shows one robot; give one --bench", ExitStatus.USAGE)
         where = result_directory(out, "compare", force=force)
         benches = [load_bench(name) if emulate else bench_on(name, bus) for name in bench_file]
 
@@ -154,17 +155,20 @@ def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> 
     names = [present_name(name.strip()) for text in treatments for name in text.split(",") if name.strip()]
     for name in names:
         if name not in TREATMENTS:
-            raise fail(f"--treatment {name}: expected of {', '.join(TREATMENTS)}", ExitStatus.USAGE)
+            raise fail(f"--treatment {name}: expected one of {', '.join(TREATMENTS)}", ExitStatus.USAGE)
     chosen = tuple(name for name in TREATMENTS if not names or name in names)
     if set(chosen) == {"none"}:
-        raise fail("--treatment none: there is nothing to compare it with", ExitStatus.USAGE)
+        raise fail("--treatment none: it is compared with others; give a second --treatment", ExitStatus.USAGE)
     return ComparisonRequest(wanted, tuple(dict.fromkeys(axes)), chosen, frozenset(names))
 
 
 def _knowledge(
     benches: dict[str, "Bench"], models: list[Path], designs: list[Path], learnt: list[Path]
 ) -> dict[str, "Knowledge"]:
-    """Return the knowledge of each robot from its files, by its name; `benches` by their files."""
+    """Return the knowledge of each robot from its files, by name.
+
+    `benches` has the benches by their files.
+    """
     from hil.bench.design import load_designs
     from hil.bench.model import load_identified
     from hil.experiments.comparison.plan import knowledge_by_robot
@@ -188,11 +192,11 @@ def _knowledge(
 
 def _check_buses(benches: list[str], bus: str | None, robots: list[str]) -> None:
     if bus is not None and len(benches) > 1:
-        raise fail("--bus is for a single robot; of several each bench file names its own", ExitStatus.USAGE)
+        raise fail("--bus is for one robot; with several, each bench file has its own bus", ExitStatus.USAGE)
     if len(benches) > 1 and not robots and os.environ.get(BUS_VARIABLE):
-        raise fail(f"{BUS_VARIABLE} is for a single robot; of several each bench file names its own: unset it", ExitStatus.USAGE)
+        raise fail(f"{BUS_VARIABLE} is for one robot; with several, each bench file has its own bus: unset it", ExitStatus.USAGE)
     if robots and bus is not None:
-        raise fail("--emulate starts a bus of its own; it takes no --bus", ExitStatus.USAGE)
+        raise fail("--emulate starts a bus of its own; leave --bus out", ExitStatus.USAGE)
     if len(robots) not in {0, 1, len(benches)}:
         raise fail(
             f"{len(robots)} times --emulate for {len(benches)} bench files: give one for all, or one each", ExitStatus.USAGE
@@ -200,7 +204,7 @@ def _check_buses(benches: list[str], bus: str | None, robots: list[str]) -> None
 
 
 def _emulated(benches: list["Bench"], robots: list[str], emulators: ExitStack) -> list["Bench"]:
-    """Benches, each on the bus of its emulator where --emulate is given."""
+    """Benches, each on the bus of its emulator if --emulate is given."""
     if not robots:
         return benches
     from hil.emulator import EmulatorProcess
@@ -228,7 +232,7 @@ def _confirm(plans: list["ComparisonPlan"]) -> None:
 def _run(
     plans: list["ComparisonPlan"], request: "ComparisonRequest", out: Path, repeat: int, *, overload: bool, as_json: bool
 ) -> None:
-    """Run, write the report, print the table, and leave with the exit status."""
+    """Run, write the report, print the table, exit with the status."""
     from hil.experiments.comparison.run import compare as run_all
     from hil.experiments.comparison.table import summary
 
@@ -258,7 +262,7 @@ def _run(
 
 
 def _leave(done: "ComparisonOutcome") -> None:
-    """Leave with the exit status, and say why."""
+    """Exit with the status, and print the reason."""
     say_not_restored(done.not_restored)
     if done.failure is not None:
         raise exit_with(done.failure)

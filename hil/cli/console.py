@@ -1,4 +1,4 @@
-"""Exit statuses, the handler of errors, progress and questions, as all commands of ``hil`` use them."""
+"""Exit statuses, errors, progress and questions of all `hil` commands."""
 
 import sys
 from collections.abc import Iterable, Iterator
@@ -32,7 +32,7 @@ class ExitStatus(ToolExitStatus):
 
 
 def epilog_of_runs(own: dict[ToolExitStatus, str] | None = None) -> str:
-    """Return the exit statuses of a command that moves a robot, for the end of its help.
+    """Return the exit statuses of a motion command for its help.
 
     Args:
         own: Sentences that replace the tool's for this command.
@@ -70,17 +70,20 @@ def exit_status_of(error: Exception) -> int:
 
 
 def message_of(error: Exception) -> str:
-    """Return the message of an error; for a file, its name, the reason, and what is noted of the robot."""
+    """Return the message of an error.
+
+    For a file error: the file's name, the reason, and notes on the robot.
+    """
     if isinstance(error, OSError):
         return "; ".join([f"{error.filename or 'output'}: {error.strerror or error}", *getattr(error, "__notes__", ())])
     return str(error)
 
 
 def exit_with(error: Exception) -> typer.Exit:
-    """Print the message of an error, and return the exit for the command to raise.
+    """Print the message of an error, and return the exit to raise.
 
     Raises:
-        Exception: The error itself, where it is unexpected, with its traceback; or where standard output is closed.
+        Exception: The error itself, if it is unexpected, with its traceback; or if standard output is closed.
     """
     status = exit_status_of(error)
     if status == ExitStatus.INTERNAL or isinstance(error, BrokenPipeError):
@@ -91,10 +94,12 @@ def exit_with(error: Exception) -> typer.Exit:
 
 @contextmanager
 def exit_on_error(interrupted: str = "interrupted before anything moved") -> Iterator[None]:
-    """Turn errors into a message and an exit status; an unexpected one keeps its traceback.
+    """Turn errors into a message and an exit status.
+
+    An unexpected error keeps its traceback.
 
     Args:
-        interrupted: The message where the user has stopped the command.
+        interrupted: The message if the user stops the command.
     """
     try:
         yield
@@ -108,7 +113,7 @@ def exit_on_error(interrupted: str = "interrupted before anything moved") -> Ite
 
 
 def say_not_restored(objects: Iterable[str]) -> None:
-    """Print the objects that could not be put back in the nodes."""
+    """Print the objects that could not be restored in the nodes."""
     from hil.errors import not_put_back  # noqa: PLC0415
 
     for name in objects:
@@ -116,7 +121,9 @@ def say_not_restored(objects: Iterable[str]) -> None:
 
 
 def write_page(directory: Path) -> Path | None:
-    """Write the report of a directory; an interrupt leaves that to `hil report`, so that the end of the runs is still said.
+    """Write the report of a directory.
+
+    An interrupt leaves that to `hil report`, so that the end of the runs is printed all the same.
 
     Args:
         directory: Directory with the result of the runs.
@@ -140,7 +147,9 @@ def say_page(page: Path | None) -> None:
 
 
 def bench_on(bench_file: str, bus: str | None) -> "Bench":
-    """Return a bench on the bus that is named first: by `--bus`, by HIL_BUS, by the bench file; and say which that is.
+    """Return a bench on the chosen bus, and print the choice.
+
+    `--bus` takes precedence over HIL_BUS, and HIL_BUS over the bench file.
 
     Raises:
         AddressError: The address cannot be read.
@@ -156,7 +165,7 @@ def bench_on(bench_file: str, bus: str | None) -> "Bench":
 
 
 def bench_on_emulator(bench: "Bench", address: str) -> "Bench":
-    """Return a bench on the bus of an emulator that the command has started, and say so."""
+    """Return a bench on the bus of a command's emulator; print it."""
     from drive_profiles.address import choose_bus  # noqa: PLC0415
 
     say(str(choose_bus(address, option_name="the emulator that this command has started")))
@@ -164,14 +173,17 @@ def bench_on_emulator(bench: "Bench", address: str) -> "Bench":
 
 
 def is_on_local_bus(bench: "Bench") -> bool:
-    """True for a bench on a local bus, where all robots are emulated; whether a node is, it says itself (1009h)."""
+    """True for a bench on a local bus (all robots emulated).
+
+    On any other bus, each node's hardware version (1009h) shows whether it is emulated.
+    """
     from drive_profiles.address import LOCAL, parse_address  # noqa: PLC0415
 
     return parse_address(bench.bus.address).interface == LOCAL
 
 
 def result_directory(out: Path | None, name: str, *, force: bool) -> Path:
-    """Return the directory for the files of a command, `--out` or a new one.
+    """Return the directory for a command's files: `--out`, or a new one.
 
     Args:
         out: Value of `--out`.
@@ -187,7 +199,7 @@ def result_directory(out: Path | None, name: str, *, force: bool) -> Path:
 
 
 class SpokenReporter(SilentReporter):
-    """Reporter that says each run and each step in a line on standard error."""
+    """Reporter that prints each run and each step on standard error."""
 
     def run(self, title: str) -> None:
         """Show that a run begins."""
@@ -199,9 +211,10 @@ class SpokenReporter(SilentReporter):
 
 
 class RunProgress(SpokenReporter):
-    """A bar on a terminal, a line per run elsewhere; on standard error, so that standard output stays for results.
+    """A bar on a terminal, a line per run elsewhere.
 
-    Not live, it has no thread, which would take the interpreter from a run in real time.
+    It prints on standard error, so that standard output has only results. Without `is_live` it has no thread, which would
+    take the interpreter from a run in real time.
     """
 
     def __init__(self, total: int, *, is_live: bool = True) -> None:
@@ -255,7 +268,9 @@ def motion_lines(pairs: "Iterable[tuple[Bench, Experiment]]") -> Iterator[str]:
 
 
 def confirm_motion(bench: "Bench", motions: Iterable[str], *, yes: bool) -> None:
-    """Ask before the robot of a bench moves, unless it is emulated or `--yes` is given; first its bus is looked for.
+    """Ask before a bench's robot moves, and check its bus first.
+
+    Do not ask if the robot is emulated, or `--yes` is given.
 
     Args:
         bench: The bench file.
@@ -276,7 +291,7 @@ def confirm_motion(bench: "Bench", motions: Iterable[str], *, yes: bool) -> None
 
 
 def confirm(motions: Iterable[str]) -> None:
-    """Ask before a robot that is not emulated moves, once for all motions.
+    """Ask before a real robot moves, once for all motions.
 
     Args:
         motions: Lines that say what moves, how far and how fast.
@@ -287,7 +302,7 @@ def confirm(motions: Iterable[str]) -> None:
     for line in motions:
         say(line)
     if not sys.stdin.isatty():
-        say("not a terminal: give --yes to move without confirmation")
+        say("standard input is not a terminal; give --yes to move without confirmation")
         raise typer.Exit(ExitStatus.USAGE)
     if not typer.confirm("Is everyone clear of the robot, and its emergency stop in reach?", err=True):
         raise typer.Exit(ExitStatus.USAGE)

@@ -1,4 +1,7 @@
-"""hil demo: the paper's experiments on an emulated robot, and the tour of a robot of which nothing is known."""
+"""`hil demo`: the paper's experiments, and tours of two other robots.
+
+All robots are emulated.
+"""
 
 import shutil
 import sys
@@ -48,16 +51,18 @@ def demo(
         int, typer.Option("--robot-seed", min=0, help="Seed of the robot that the tour shows (plant-emulator fleet).")
     ] = ROBOT_SEED,
     no_tour: Annotated[
-        bool, typer.Option("--no-tour", help="Only the paper's experiments, without a robot of one's own and a whole arm.")
+        bool, typer.Option("--no-tour", help="Only the paper's experiments, without the other two robots.")
     ] = False,
     live: LiveOption = None,
 ) -> None:
-    """Start an emulated robot, run the paper's experiments over CAN, and write the report; then your own robot, and a whole arm.
+    """Run the paper's experiments on an emulated robot, with a report.
 
-    The second part takes another robot, drawn by a seed, as somebody meets it who knows nothing of it: identify, design, upload,
-    and run with nothing, the notch, the designed notch and cancellation side by side. At the end stands what it really was.
+    Two more emulated robots follow: an unknown one, and a whole arm.
 
-    The last part takes a whole arm of six axes, learns on its line what shakes it, and runs the line with what was learnt.
+    The second part draws the unknown robot by a seed. It identifies, designs, uploads, and compares
+    runs with nothing, the notch, the designed notch and cancellation. The end shows the robot's true numbers.
+
+    The last part takes a whole arm of six axes, learns a cancellation on its line, and runs the line with it.
 
     Example: hil demo --out demo
     """
@@ -90,19 +95,19 @@ NEXT = (
         "hil run constant-acceleration --axis 2 --treatment notch --bench reference --bus local:/tmp/robot.sock",
     ),
     (
-        "what its plant is, as if nothing were known",
+        "identify its plant",
         "hil identify plant --bench reference --bus local:/tmp/robot.sock --axis 2 --model model.toml",
     ),
-    ("what a bench of your own puts on its bus", "hil plan --bench bench.toml"),
+    ("check the bus load of a bench of your own", "hil plan --bench bench.toml"),
 )
 """Commands that somebody may want after the demo, with what each is for."""
 
 
 def next_steps(prefix: str = "") -> list[str]:
-    """Lines on what can be done next, each command as it can be typed here.
+    """Return lines on further steps, each with its command.
 
     Args:
-        prefix: Folder of the tools, with its slash; empty where the shell finds them.
+        prefix: Folder of the tools, with its slash; empty if the shell finds them.
     """
     lines = ["", "What next:"]
     for purpose, command in NEXT:
@@ -117,7 +122,9 @@ def next_steps(prefix: str = "") -> list[str]:
 
 
 def tool_prefix(program: str) -> str:
-    """Folder in front of a tool's name, with its slash, as somebody in this directory types it; empty where PATH has the tool.
+    """Return the folder in front of a tool's name, with its slash.
+
+    As you type it in this directory; empty if PATH has the tool.
 
     Args:
         program: Path of the running tool.
@@ -131,9 +138,10 @@ def tool_prefix(program: str) -> str:
 
 
 def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
-    """Tell the demo's other parts, link to them from the first part's report, and return the exit status.
+    """Run the demo's other parts, and return the exit status.
 
-    After a part that was interrupted, or failed in another way than by what it found, the next does not run.
+    The first part's report links to them. After a part that was interrupted, or failed for another reason than its
+    findings, the next does not run.
     """
     from hil.report.pages.demo import write_report  # noqa: PLC0415
 
@@ -147,14 +155,14 @@ def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
 
 
 def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
-    """Tell the tour, the demo's second part, and return the exit status."""
+    """Run the tour, the demo's second part, and return the exit status."""
     from hil import tour  # noqa: PLC0415
     from hil.emulator import EmulatorProcess, draw_robot  # noqa: PLC0415
     from hil.experiments.comparison.table import summary  # noqa: PLC0415
     from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
     from hil.report.pages.demo import TOUR_FOLDER  # noqa: PLC0415
 
-    say(f"your own robot: of which nothing is known; drawn by seed {seed}, --robot-seed takes another")
+    say(f"your own robot: an unknown one, drawn by seed {seed}; --robot-seed draws another")
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
         robot = draw_robot(seed, Path(folder))
         with (
@@ -178,14 +186,14 @@ def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
 
 
 def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
-    """Tell the arm's tour, the demo's last part, and return the exit status."""
+    """Run the arm's tour, the demo's last part, and return the status."""
     from hil import arm_tour  # noqa: PLC0415
     from hil.emulator import EmulatorProcess  # noqa: PLC0415
     from hil.experiments.comparison.table import summary  # noqa: PLC0415
     from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
     from hil.report.pages.demo import ARM_FOLDER  # noqa: PLC0415
 
-    say("a whole arm: six axes; known of it are its joints and the inertias of its motors")
+    say("a whole arm: six axes; only its joints and its motors' inertias are known")
     with EmulatorProcess("reference-arm") as emulator, shown_live(live, str(emulator.address), "reference-arm"):
         done = arm_tour.run(str(emulator.address), out / ARM_FOLDER, reporter=SpokenReporter())
     page = write_compare_report(out / ARM_FOLDER)

@@ -1,4 +1,7 @@
-"""hil design notch: a variable notch for an axis, from its plant; nothing is sent, it needs no robot."""
+"""`hil design notch`: a variable notch for an axis, from its plant.
+
+It needs no robot.
+"""
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
@@ -26,9 +29,9 @@ if TYPE_CHECKING:
 DESIGN_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
     {
-        ExitStatus.DONE: "a filter that keeps all that is asked",
+        ExitStatus.DONE: "a filter meets every requirement",
         ExitStatus.FILE: "bad file, or a bench that lacks what a design needs",
-        ExitStatus.NOT_MET: "no filter meets every requirement, or none improves on no filter",
+        ExitStatus.NOT_MET: "no filter meets every requirement, or the loop without a filter is better",
         ExitStatus.INTERRUPTED: "interrupted",
     },
 )
@@ -44,7 +47,7 @@ class ShapeName(StrEnum):
 
 ModelOption = Annotated[Path | None, typer.Option("--model", help="Model file of hil identify, before the bench file's model.")]
 UncertaintyOption = Annotated[
-    float | None, typer.Option(help="Of K_g and J_l; default: the model file's standard errors, or 5. 0: none.")
+    float | None, typer.Option(help="Uncertainty of K_g and J_l; default: the model file's standard errors, or 5. 0 for none.")
 ]
 SetFileOption = Annotated[
     Path | None, typer.Option("--set", help="Parameter set for drive-profiles upload; default: notch-axisN.toml in --out.")
@@ -70,17 +73,17 @@ def mount(app: typer.Typer) -> None:
 
 def notch(
     bench_file: BenchOption,
-    axis: Annotated[int, typer.Option("--axis", help="Axis whose notch is wanted.", autocompletion=AXES.one)],
+    axis: Annotated[int, typer.Option("--axis", help="Axis of the notch.", autocompletion=AXES.one)],
     model: ModelOption = None,
     order: Annotated[str, typer.Option(help="Harmonic order k, or two of them: 2, 1,2 or both for 2,4.")] = "2",
     shape: Annotated[
         ShapeName, typer.Option(help="switched: constant between f_s and f_e; trapezoid: scheduled.")
     ] = ShapeName.BEST,
     given: Annotated[bool, typer.Option("--given", help="Only judge the bench file's own notch.")] = False,
-    max_sensitivity: Annotated[float, typer.Option(help="M_s at every speed, at most.")] = 1.7,
-    phase_margin_deg: Annotated[float, typer.Option(help="At every speed, at least.")] = 35.0,
-    gain_margin_db: Annotated[float, typer.Option(help="At every speed, at least.")] = 6.0,
-    tip_mm: Annotated[float | None, typer.Option(help="A_acc; default: the bench file's specification.")] = None,
+    max_sensitivity: Annotated[float, typer.Option(help="Largest M_s at any speed.")] = 1.7,
+    phase_margin_deg: Annotated[float, typer.Option(help="Least phase margin at any speed.")] = 35.0,
+    gain_margin_db: Annotated[float, typer.Option(help="Least gain margin at any speed.")] = 6.0,
+    tip_mm: Annotated[float | None, typer.Option(help="Tip limit A_acc; default: the bench file's specification.")] = None,
     uncertainty_percent: UncertaintyOption = None,
     period_s: Annotated[float | None, typer.Option(help="Sampling time of the loop; default: the drive family's.")] = None,
     delay_samples: Annotated[int, typer.Option(min=0, max=20, help="Whole samples between measurement and torque.")] = 0,
@@ -89,15 +92,15 @@ def notch(
     set_file: SetFileOption = None,
     design_file: DesignFileOption = None,
     jobs: Annotated[
-        int | None, typer.Option(min=1, max=256, help="Processes; default: one per processor, with --quick none but this.")
+        int | None, typer.Option(min=1, max=256, help="Number of processes; default: one per processor, with --quick one.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Equal seeds give equal filters.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search; equal seeds give equal filters.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Search a fifth as long.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Design the variable notch of an axis: smallest tip peak on the ramp within all margins, for every plant of a set.
+    """Design the variable notch of an axis for a set of plants.
 
-    Nothing is sent: it needs no robot.
+    It finds the smallest tip peak on the ramp within all margins. It sends nothing, and needs no robot.
 
     Example: hil design notch --bench bench.toml --axis 2 --model model.toml --out design
     """
@@ -131,7 +134,9 @@ def notch(
 
 
 def _orders(text: str) -> tuple[int, ...]:
-    """Orders of the option; those without a filter or an error are refused by the design.
+    """Return the orders of the option.
+
+    The design refuses those without a filter or an error.
 
     Raises:
         ValueError: The text names no orders.
@@ -165,7 +170,10 @@ def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
 def _requirements(
     bench: "Bench", max_sensitivity: float, phase_margin_deg: float, gain_margin_db: float, tip_mm: float | None
 ) -> "Requirements":
-    """Return the requirements on a filter; the tip's is the bench file's unless it is given."""
+    """Return the requirements on a filter.
+
+    The tip's requirement is the bench file's unless it is given.
+    """
     from hil.design.notch_problem import Requirements
 
     return Requirements(
@@ -198,7 +206,7 @@ class _Bar(SilentReporter):
 
 @contextmanager
 def _bar(label: str) -> Iterator[Reporter]:
-    """Show a bar on standard error, where that is a terminal."""
+    """Show a bar on standard error, if that is a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -242,7 +250,7 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
                 raise
             say(f"no parameter set: {error}")
     else:
-        say("no design file and no parameter set: the filters break a margin, raise a peak, or are none")
+        say("no design file and no parameter set: no filter was found, or the filters break a margin or raise a peak")
     for note in outcome.notes:
         say(note)
     say(f"report: {report}")

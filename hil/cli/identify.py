@@ -1,4 +1,7 @@
-"""hil identify: plant and transmission error of an axis, measured on the robot; masses of an arm from its axes' plants."""
+"""`hil identify`: plant and transmission error of an axis, an arm's masses.
+
+Plant and transmission error are measured on the robot; the masses come from the plants of several axes.
+"""
 
 import importlib
 

@@ -1,4 +1,7 @@
-"""hil identify arm: the masses of an arm from the plants of its axes in several postures; nothing is sent."""
+"""`hil identify arm`: masses of an arm from its axes' plants.
+
+The plants are of several postures; nothing is sent.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -30,14 +33,15 @@ def mount(app: typer.Typer) -> None:
 
 def arm(
     bench_file: BenchOption,
-    model: Annotated[Path, typer.Option("--model", help="Model file with the postures; the arm's masses are put into it.")],
+    model: Annotated[Path, typer.Option("--model", help="Model file with the postures; the arm's masses are added to it.")],
     out: NewOutOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Identify the masses of an arm from plants in three postures or more, and predict the dips of every other.
+    """Identify the masses of an arm from plants in several postures.
 
-    Nothing is sent: it needs no robot. hil identify plant --posture-deg measures the postures.
+    It needs three postures or more, and predicts the dips of every other. It sends nothing, and needs no robot.
+    hil identify plant --posture-deg measures the postures.
 
     Example: hil identify arm --bench bench.toml --model model.toml
     """
@@ -64,7 +68,7 @@ def arm(
 
 
 def _summary(result: "ArmResult") -> None:
-    """Print gears, dips along the line, and what is to be said."""
+    """Print gears, dips along the line, and notes."""
     known = result.arm
     typer.echo(f"{known.postures} postures, misfit {known.misfit:.2f} standard errors")
     for axis, stiffness, error in zip(known.axes, known.stiffness_nm_rad, known.standard_error_nm_rad, strict=True):

@@ -1,4 +1,7 @@
-"""hil identify ate: the transmission error of one axis, from ramps in both directions."""
+"""`hil identify ate`: the transmission error of one axis.
+
+From ramps in both directions, or from recordings.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -52,18 +55,18 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.experiments.ate.request import AteRequest
 
 ATE_EPILOG = epilog_of_runs({
-    ExitStatus.DONE: "identified as well as asked",
+    ExitStatus.DONE: "identified within the requested standard errors",
     ExitStatus.FILE: "bad file, or limits that leave no room",
-    ExitStatus.NOT_MET: "not identified, or less well than asked",
+    ExitStatus.NOT_MET: "not identified, or with larger standard errors than requested",
 })  # fmt: skip
 
 ReadModelOption = Annotated[
     Path | None,
-    typer.Option("--model", help="Model file: read where it is there, and written. Default: model.toml in the directory."),
+    typer.Option("--model", help="Model file: read if it exists, and written. Default: model.toml in the directory."),
 ]
 FirstRampOption = Annotated[
     float | None,
-    typer.Option(help="Of the first pass; later ones are slower. Default: chosen from f_a of the model file, or 4."),
+    typer.Option(help="Acceleration of the first pass; later ones are slower. Default: chosen from f_a of the model file, or 4."),
 ]
 SensorlessOption = Annotated[bool, typer.Option("--sensorless", help="From motor torque and encoder only; needs J_m and J_l.")]
 EncoderOption = Annotated[
@@ -82,7 +85,7 @@ def ate(
     bus: BusOption = None,
     model: ReadModelOption = None,
     acceleration_rps_s: FirstRampOption = None,
-    passes: Annotated[int, typer.Option(help="How many passes there may be, each forwards and back.")] = 6,
+    passes: Annotated[int, typer.Option(help="Largest number of passes, each forwards and back.")] = 6,
     sensorless: SensorlessOption = False,
     encoder: EncoderOption = False,
     orders: OrdersOption = "1,2,4",
@@ -100,9 +103,10 @@ def ate(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Identify the angular transmission error of one axis: ramps through f_m4 and f_m2, forwards and back.
+    """Identify the angular transmission error of one axis from ramps.
 
-    Nothing needs to be known but the bench file. With --recording nothing moves: it is found in files that are there already.
+    The ramps pass f_m4 and f_m2, forwards and back. Only the bench file has to be known. With --recording nothing moves:
+    the error comes from files that are there already.
 
     Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
@@ -111,12 +115,14 @@ def ate(
         if recording:
             where = result_directory(out, f"identify-ate-axis{axis}", force=force)
             if encoder:
-                raise typer.BadParameter("a --recording says by its columns which encoders there are", param_hint="--encoder")
+                raise typer.BadParameter("with --recording, the columns name the encoders; leave it out", param_hint="--encoder")
             from_recordings(recording, words, axis, orders, bench_file, model, where, sensorless=sensorless, as_json=as_json)
             return
         words.refuse_without_recording()
         if bench_file is None:
-            raise typer.BadParameter("it names the bench that is moved; --recording FILE moves nothing", param_hint="--bench")
+            raise typer.BadParameter(
+                "no bench file is given; give one, or a --recording, with which nothing moves", param_hint="--bench"
+            )
         bench = bench_on(bench_file, bus)
 
         from hil.bench.load_encoder import by_load_encoders  # noqa: PLC0415
@@ -142,7 +148,7 @@ def ate(
 
 
 def _tell(outcome: "AteOutcome", where: Path, model: Path, *, as_json: bool) -> None:
-    """Write the report, print the result, and leave with the exit status of a failure."""
+    """Write the report, print the result, exit with a failure's status."""
     page = write_page(where)
     if as_json:
         typer.echo(outcome.result.dumps())
@@ -181,7 +187,7 @@ def _summary(outcome: "AteOutcome") -> None:
     delay_s = fit.delay_s if result.sensorless else part.accelerometer_delay_s
     typer.echo(f"  the {late} lags the motor angle by {1e3 * delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
     worst = max(fit.agreement, key=lambda each: each.sigma)
-    typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} times what noise explains at most ({worst.name})")
+    typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} times the limit of the noise ({worst.name})")
     typer.echo(
         f"  the transmission error explains {100.0 * fit.explained_by_error:.1f} % of the vibration{_by_order(fit.carried)}"
     )
@@ -190,7 +196,7 @@ def _summary(outcome: "AteOutcome") -> None:
 
 
 def _by_order(carried: "Mapping[str, float] | None") -> str:
-    """Return what each order carries of the vibration, the most first."""
+    """Return each order's part of the vibration, the largest first."""
     parts = sorted((carried or {}).items(), key=lambda each: -each[1])
     words = ", ".join(f"order {order} {100.0 * fraction:.0f} %" for order, fraction in parts if fraction >= 0.005)
     return f": {words}" if words else ""

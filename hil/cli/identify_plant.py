@@ -1,4 +1,7 @@
-"""hil identify plant: inertias, stiffness, damping, friction and gravity of one axis, from no knowledge of it."""
+"""`hil identify plant`: the plant of one axis, without prior knowledge.
+
+Inertias, stiffness, damping, friction and gravity.
+"""
 
 from collections.abc import Iterator
 from enum import StrEnum
@@ -93,19 +96,21 @@ def plant(
     axis: MovedAxisOption,
     bus: BusOption = None,
     model: Annotated[
-        Path | None, typer.Option("--model", help="Model file to put it into. Default: model.toml in the directory.")
+        Path | None, typer.Option("--model", help="Model file for the plant. Default: model.toml in the directory.")
     ] = None,
     amplitude_nm: Annotated[
         float | None, typer.Option(help="Peak of the excitation, as a torque at the motor; default: found by a pilot run.")
     ] = None,
     low_hz: Annotated[float | None, typer.Option(help="Lower end of the band; default: found by a pilot run.")] = None,
-    high_hz: Annotated[float | None, typer.Option(help="Upper end of the band; default: likewise, within 0.4 per SYNC.")] = None,
+    high_hz: Annotated[
+        float | None, typer.Option(help="Upper end of the band; default: likewise, within 0.4 of the SYNC rate.")
+    ] = None,
     bias_rps: Annotated[
         float | None, typer.Option(help="Motor speed under the excitation; default: one at which the gear does not ring.")
     ] = None,
-    periods: Annotated[int, typer.Option(help="Periods to average over, at least.")] = 10,
+    periods: Annotated[int, typer.Option(help="Least number of averaged periods.")] = 10,
     excitation: Annotated[
-        PlantExcitation, typer.Option(help="Torque offset (60B2h), or reference; auto: torque where the drive takes it.")
+        PlantExcitation, typer.Option(help="Torque offset (60B2h), or reference; auto: torque if the drive accepts it.")
     ] = PlantExcitation.AUTO,
     shape: Annotated[PlantShape, typer.Option(help="Form of the excitation.")] = PlantShape.MULTISINE,
     no_accelerometer: Annotated[
@@ -113,7 +118,7 @@ def plant(
     ] = False,
     posture_deg: Annotated[
         str | None,
-        typer.Option(help="Joint angles of the arm, as 2=30,3=-90: it goes there first, joint by joint, and comes back."),
+        typer.Option(help="Joint angles of the arm, as 2=30,3=-90: it moves there first, joint by joint, and back."),
     ] = None,
     out: NewOutOption = None,
     force: ForceOption = False,
@@ -122,9 +127,9 @@ def plant(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Identify the plant of one axis: K_g, J_m, J_l, dampings, f_a, f_r, ζ, friction and gravity, with standard errors.
+    """Identify the plant of one axis, with standard errors.
 
-    Nothing needs to be known but the bench file.
+    K_g, J_m, J_l, dampings, f_a, f_r, ζ, friction and gravity. Only the bench file has to be known.
 
     Example: hil identify plant --bench bench.toml --axis 2 --model model.toml
     """

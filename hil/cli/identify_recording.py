@@ -1,4 +1,4 @@
-"""hil identify ate --recording: the transmission error of one axis, from files that others have recorded."""
+"""`hil identify ate --recording`: a transmission error from existing recordings."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ RobotNameOption = Annotated[str | None, typer.Option("--robot", help="Name of a 
 
 @dataclass(frozen=True)
 class RecordingWords:
-    """What the command line says of recordings.
+    """Options of the command line on recordings.
 
     Attributes:
         column: Texts of `--column`.
@@ -68,7 +68,7 @@ class RecordingWords:
             "--description": self.description, "--node": self.node_id}  # fmt: skip
         for name, value in given.items():
             if value:
-                raise typer.BadParameter("it says something of a --recording, and none is given", param_hint=name)
+                raise typer.BadParameter("it describes a --recording, and none is given", param_hint=name)
 
 
 def from_recordings(
@@ -83,14 +83,16 @@ def from_recordings(
     sensorless: bool,
     as_json: bool,
 ) -> None:
-    """Identify from recordings, write the model file and the report, and print the result.
+    """Identify from recordings; write the model file and the report.
+
+    Print the result.
 
     Args:
         files: The recordings.
-        words: What is said of them.
+        words: Options on them.
         axis: Axis number.
         orders: Orders as they were written.
-        bench_file: Bench file that says lever and plant of a sensor; None without one.
+        bench_file: Bench file with lever and plant of a sensor; None without one.
         model: Model file; None for one in the directory.
         where: Directory of the files.
         sensorless: True to take the motor's torque.
@@ -127,7 +129,7 @@ def from_recordings(
         say(f"model file: {file_of_model}")
     say_page(page)
     if not result.is_identified:
-        say("no order stands above its noise: no model file is written")
+        say("no order exceeds its noise: no model file is written")
         raise typer.Exit(ExitStatus.NOT_MET)
 
 

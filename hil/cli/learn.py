@@ -1,4 +1,7 @@
-"""hil learn: adaptive cancellation, pass by pass, then frozen in a model file."""
+"""`hil learn`: adaptive cancellation, then frozen in a model file.
+
+It learns pass by pass.
+"""
 
 from collections.abc import Iterator
 from enum import StrEnum
@@ -54,7 +57,7 @@ ProbeOption = Annotated[
 ]
 PaceOption = Annotated[
     float | None,
-    typer.Option(min=0.5, max=2.0, help="With --motion line-motion: also in this multiple of its time, where other orders show."),
+    typer.Option(min=0.5, max=2.0, help="With --motion line-motion: also at this multiple of its duration, for other orders."),
 ]
 
 
@@ -72,9 +75,7 @@ def mount(app: typer.Typer) -> None:
 
 def learn(
     bench_file: BenchOption,
-    model: Annotated[
-        Path, typer.Option("--model", help="Model file: read where it is there, for the motor's inertia, and written.")
-    ],
+    model: Annotated[Path, typer.Option("--model", help="Model file: read if it exists, for the motor's inertia, and written.")],
     axis: Annotated[
         list[int] | None,
         typer.Option("--axis", help="The axis that is moved; several, one after the other.", autocompletion=AXES.one),
@@ -96,16 +97,16 @@ def learn(
         typer.Option(
             "--motor-inertia-kg-m2",
             metavar="[AXIS=]VALUE",
-            help="Of the motor's data sheet, where no file has a plant; of several axes one each: 2=2.6e-4.",
+            help="J_m of the motor's data sheet, if no file has a plant; for several axes one each: 2=2.6e-4.",
         ),
     ] = None,
     bus: BusOption = None,
     passes: Annotated[
         int, typer.Option(min=2, max=50, help="Number of back-and-forth passes; the first runs without cancellation.")
     ] = 5,
-    acceleration_rps_s: Annotated[float, typer.Option(min=0.1, max=100.0, help="Of every ramp.")] = 4.0,
+    acceleration_rps_s: Annotated[float, typer.Option(min=0.1, max=100.0, help="Acceleration of every ramp.")] = 4.0,
     orders: OrdersOption = "1,2,4",
-    note: Annotated[str, typer.Option(help="Load, temperature: goes into the model file beside the date.")] = "",
+    note: Annotated[str, typer.Option(help="Conditions such as load and temperature, for the model file.")] = "",
     out: NewOutOption = None,
     force: ForceOption = False,
     overload: OverloadOption = False,
@@ -113,10 +114,10 @@ def learn(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Learn what cancels the transmission error: an axis goes to and fro, and each pass cancels more of it.
+    """Learn a cancellation of the transmission error, pass by pass.
 
-    With --motion a motion of the bench file is learnt on itself, all axes at once. What is learnt is frozen in the model file,
-    for hil run --treatment cancellation-learnt --learnt.
+    An axis moves forwards and back, and each pass cancels more of the error. With --motion, all axes learn at once on a
+    motion of the bench file. The model file has the result, for hil run --treatment cancellation-learnt --learnt.
 
     Example: hil learn --bench bench.toml --axis 2 --axis 3 --plant model.toml --model learnt.toml --note "22 °C, no load"
     """
@@ -170,7 +171,7 @@ def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
         typer.Exit: They do not.
     """
     if motion is None and not axes:
-        raise fail("which axis? --axis for ramps of an axis, or --motion for a motion of the bench file", ExitStatus.USAGE)
+        raise fail("no axis is given; give --axis for its ramps, or --motion for a motion of the bench file", ExitStatus.USAGE)
     if motion is LearnedMotion.LINE_MOTION and axes:
         raise fail("a line-motion takes no --axis", ExitStatus.USAGE)
     if motion is LearnedMotion.CONSTANT_ACCELERATION and len(axes) != 1:
@@ -178,19 +179,19 @@ def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
 
 
 def _check_pace(pace: float | None, motion: LearnedMotion | None) -> None:
-    """Refuse another pace of what is not a line, or the line's own.
+    """Refuse --pace without the line motion, or a pace of 1.
 
     Raises:
-        typer.Exit: It is.
+        typer.Exit: It is refused.
     """
     if pace is not None and motion is not LearnedMotion.LINE_MOTION:
-        raise fail("--pace is of --motion line-motion: a ramp goes through its speeds anyway", ExitStatus.USAGE)
+        raise fail("--pace is for --motion line-motion; a ramp passes all speeds anyway", ExitStatus.USAGE)
     if pace == 1.0:
-        raise fail("--pace 1 is the line's own: 0.75, say, shows orders that it hardly brings into the band", ExitStatus.USAGE)
+        raise fail("--pace 1 is the line's own pace; give another one, such as 0.75, for other orders", ExitStatus.USAGE)
 
 
 def _tell(outcome: "LearningOutcome", where: Path, model: Path, *, as_json: bool) -> None:
-    """Write the report, print the result, and leave with the exit status of a failure."""
+    """Write the report, print the result, exit with a failure's status."""
     from hil.experiments.cancellation.learn_run import summary  # noqa: PLC0415
 
     page = write_page(where)

@@ -1,4 +1,4 @@
-"""hil learn --motion: what cancels the transmission errors of a motion's axes, learnt on that motion."""
+"""`hil learn --motion`: cancellation for a motion's axes, learnt on that motion."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -47,7 +47,9 @@ def learn_motion(
     yes: bool,
     as_json: bool,
 ) -> None:
-    """Learn on a motion, write the report, print the result, and leave with the exit status of a failure.
+    """Learn on a motion, write the report, and print the result.
+
+    Exit with the status of a failure.
 
     Args:
         bench: The bench file.
@@ -55,7 +57,7 @@ def learn_motion(
         where: Directory of the files.
         model: The model file.
         plant: Model file with the plants; None without one.
-        overload: Run even what does not fit on the bus.
+        overload: Run even if the frames do not fit on the bus.
         yes: Move a real robot without asking.
         as_json: Print result.json instead of text.
     """

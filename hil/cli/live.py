@@ -1,4 +1,7 @@
-"""`--live [PORT]` of the commands that move: a scope in a process of its own, on the bus of the run."""
+"""`--live [PORT]` of motion commands: a scope in another process.
+
+It listens on the bus of the run.
+"""
 
 import contextlib
 from collections.abc import Iterator
@@ -48,12 +51,12 @@ def with_port(args: list[str]) -> list[str]:
 
 @contextlib.contextmanager
 def shown_live(port: int | None, address: str, bench_file: str) -> Iterator[None]:
-    """Show a bus live while something runs on it; None for no port shows nothing.
+    """Show a bus live during runs; nothing without a port.
 
     Args:
         port: Port of the page; 0 for a free one.
         address: Address of the bus.
-        bench_file: Bench file, or a name that stands for one.
+        bench_file: Bench file, or a name of the package.
 
     Raises:
         NotPossibleError: It cannot be shown; nothing has moved.

@@ -1,4 +1,4 @@
-"""hil: run the paper's experiments on an emulated robot or a real one, and report on them."""
+"""`hil`: experiments on an emulated or a real robot, and reports."""
 
 from drive_profiles.cli.application import Tool
 from hil.cli import compare, demo, design, identify, learn, move, passport, plan, report, run

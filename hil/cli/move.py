@@ -31,7 +31,7 @@ def move(
     axis: MovedAxisOption,
     to_rev: Annotated[float | None, typer.Option("--to", metavar="REV", help="Motor position, in revolutions.")] = None,
     by_rev: Annotated[
-        float | None, typer.Option("--by", metavar="REV", help="Way from where the motor stands, in revolutions.")
+        float | None, typer.Option("--by", metavar="REV", help="Distance from the present position, in revolutions.")
     ] = None,
     loop: LoopOption = "drive",
     bus: BusOption = None,
@@ -39,12 +39,13 @@ def move(
         Path | None, typer.Option("--out", help="Directory for the log of all frames; default: a new one in bench-out.")
     ] = None,
     force: ForceOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print where the axis stands as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the position of the axis as JSON.")] = False,
     yes: YesOption = False,
 ) -> None:
-    """Move one axis slowly to a position, also after a stop or a fault, which it resets.
+    """Move one axis slowly to a position.
 
-    It goes at `approach_rps` or a quarter of the axis' speed limit, whichever is slower. Ctrl-C stops it as it stops a run.
+    It also works after a stop or a fault, which it resets. The speed is `approach_rps` or a quarter of the axis' speed limit,
+    whichever is lower. Ctrl-C stops it as it stops a run.
 
     Examples:
         hil move --axis 2 --to 0 --bench bench.toml
@@ -76,6 +77,6 @@ def move(
         if as_json:
             typer.echo(json.dumps({"axis": axis, "from_rev": planned.from_rev, "stands_at_rev": stands_rev}))
         else:
-            typer.echo(f"axis {axis} stands at {stands_rev:.2f} rev")
+            typer.echo(f"axis {axis} is at {stands_rev:.2f} rev")
         if not planned.is_there and outcome.not_restored:
             raise typer.Exit(ExitStatus.SDO)

@@ -14,12 +14,12 @@ FORMER_SPELLINGS = {"token_normalize_func": present_token}
 
 
 def names_of(*needs: str) -> str:
-    """Return the names of the treatments with one of these needs, for a help text."""
+    """Return the names of treatments with given needs, for a help text."""
     return ", ".join(each.name for each in TABLE if each.needs in needs)
 
 
 def described(row: Treatment) -> str:
-    """Return a treatment's name and its title, where that says more than the name."""
+    """Return a treatment's name, and its title if that differs."""
     return row.name if row.title == row.name else f"{row.name} ({row.title})"
 
 
@@ -57,9 +57,7 @@ OrdersOption = Annotated[
 ]
 NewOutOption = Annotated[Path | None, typer.Option("--out", help="Directory; default: a new one in bench-out.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace the files of an older result in --out.")]
-OverloadOption = Annotated[
-    bool, typer.Option("--overload", help="Run even what does not fit on the bus at its bit rate (hil plan).")
-]
+OverloadOption = Annotated[bool, typer.Option("--overload", help="Run even if the frames do not fit on the bus (hil plan).")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Move a real robot without asking.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print result.json on standard output, all else on standard error.")]
 
@@ -82,10 +80,12 @@ def orders_from(text: str) -> tuple[float, ...]:
 
 
 def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:
-    """Return the inertias that `--motor-inertia-kg-m2` gives, by axis; a value without an axis is that of the only one.
+    """Return the inertias of `--motor-inertia-kg-m2` by axis.
+
+    A value without an axis is that of the only axis.
 
     Raises:
-        typer.BadParameter: One is no inertia, stands twice, or its axis is not known.
+        typer.BadParameter: A value is no inertia, an axis has two, or is unknown.
     """
     found: dict[int, float] = {}
     for text in texts:
@@ -94,13 +94,14 @@ def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:
             axis = int(name) if name else axes[0] if len(axes) == 1 else None
             inertia = float(value)
         except ValueError:
-            raise typer.BadParameter(f"{text!r} is no inertia: 2.6e-4 is, and 2=2.6e-4 for axis 2", param_hint=INERTIA) from None
+            what = f"{text!r} is no inertia; expected e.g. 2.6e-4, or 2=2.6e-4 for axis 2"
+            raise typer.BadParameter(what, param_hint=INERTIA) from None
         if axis is None:
-            raise typer.BadParameter(f"of which axis is {text}? 2={text} is of axis 2", param_hint=INERTIA)
+            raise typer.BadParameter(f"{text} names no axis; with several, give e.g. 2={text} for axis 2", param_hint=INERTIA)
         if not LEAST_INERTIA_KG_M2 <= inertia <= MOST_INERTIA_KG_M2:
             limits = f"{LEAST_INERTIA_KG_M2:g} to {MOST_INERTIA_KG_M2:g}"
             raise typer.BadParameter(f"{text}: a motor has {limits} kg·m²", param_hint=INERTIA)
         if axis in found:
-            raise typer.BadParameter(f"axis {axis} has two", param_hint=INERTIA)
+            raise typer.BadParameter(f"axis {axis} has two inertias; give one", param_hint=INERTIA)
         found[axis] = inertia
     return found

@@ -1,4 +1,7 @@
-"""hil passport: what identifications have found of each gear over months, in one file, with alarms on change."""
+"""`hil passport`: identified errors of each gear over months.
+
+In one file, with alarms on changes.
+"""
 
 # ruff: noqa: PLC0415 - numpy and the figures are imported inside the command, so that --help stays quick
 
@@ -44,18 +47,16 @@ def passport(
         Path | None, typer.Option("--file", help=f"The passport; left out: {PASSPORT_FILE} in the first folder.", dir_okay=False)
     ] = None,
     since: Annotated[
-        str | None, typer.Option("--since", metavar="DATE", help="Watch runs from this date on: that of a new gear.")
+        str | None, typer.Option("--since", metavar="DATE", help="Watch runs from this date on, such as that of a new gear.")
     ] = None,
     pole_pairs: Annotated[
         list[str] | None, typer.Option("--pole-pairs", metavar="AXIS=P", help="Pole pairs of an axis' motor: 2=5.")
     ] = None,
     slots: Annotated[list[str] | None, typer.Option("--slots", metavar="AXIS=Z", help="Slots of an axis' motor: 2=12.")] = None,
-    note: Annotated[
-        str, typer.Option(help="Conditions of the runs that are new, where their own notes say none: 22 °C, 3 kg, forwards.")
-    ] = "",
+    note: Annotated[str, typer.Option(help="Conditions of new runs whose own notes have none: 22 °C, 3 kg, forwards.")] = "",
     as_json: JsonOption = False,
 ) -> None:
-    """Keep what identifications have found of each gear, and tell what has changed.
+    """Keep the identified errors of each gear, and report changes.
 
     Example: hil passport bench-out --file passport.sqlite --pole-pairs 2=5 --slots 2=12
     """
@@ -98,7 +99,7 @@ def passport(
 
 
 def _say_motors(found: "list[Trend]", told: "list[OrderOrigin]") -> None:
-    """Name orders that no model file has, since they are the motor's."""
+    """Print orders that no model file has, since they are the motor's."""
     shown = {(trend.robot, trend.axis, trend.order) for trend in found}
     for each in told:
         if (each.robot, each.axis, each.order) not in shown:
@@ -116,7 +117,7 @@ def _date(text: str | None) -> str:
     try:
         date = datetime.datetime.fromisoformat(text)
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is no date: 2026-03-01 is", param_hint="--since") from None
+        raise typer.BadParameter(f"{text!r} is no date; expected e.g. 2026-03-01", param_hint="--since") from None
     date = date.replace(tzinfo=datetime.UTC) if date.tzinfo is None else date.astimezone(datetime.UTC)
     return date.isoformat(timespec="seconds")
 

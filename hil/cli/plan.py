@@ -1,4 +1,7 @@
-"""hil plan: the frames of a cycle, the check that they fit, and the stability of the loop at their delay."""
+"""`hil plan`: frames of a cycle, and whether they fit.
+
+And the stability of the loop with the delay of the bus.
+"""
 
 import math
 from dataclasses import asdict
@@ -44,9 +47,10 @@ def plan(
     treatment: PlainTreatmentOption = "notch",
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead of tables.")] = False,
 ) -> None:
-    """Say what a cycle puts on the bus, whether it fits, and whether the loop is stable at the delay that this makes.
+    """Check the frames of a cycle, and the loop's stability.
 
-    Nothing is sent: it needs no robot.
+    It prints the frames, whether they fit on the bus, and whether the loop is stable with the resulting delay. It sends
+    nothing, and needs no robot.
 
     Example: hil plan --bench bench.toml --loop host --bitrate 1M
     """
@@ -102,7 +106,10 @@ def _axes(text: str) -> tuple[int, ...]:
 
 
 def _wires(verdict: "PlanVerdict") -> "list[WireTiming]":
-    """Timing of the plan's bus, or of all bit rates where none is given."""
+    """Return the timing of the plan's bus.
+
+    Without a bit rate, that of all bit rates.
+    """
     from hil.plan.check import RATES  # noqa: PLC0415
     from hil.plan.wire import WireTiming  # noqa: PLC0415
 
@@ -219,7 +226,9 @@ def _microseconds(time_ns: int | None) -> str:
 
 
 def document(bench: "Bench", loop: str, verdict: "PlanVerdict", adviser: "Adviser") -> dict[str, Any]:
-    """Plan as JSON data: SI units, times of arrival in ns, None for unknown and unbounded values.
+    """Return the plan as JSON data.
+
+    SI units, times of arrival in ns, None for unknown and unbounded values.
 
     Args:
         bench: The bench file.

@@ -1,4 +1,7 @@
-"""hil report: the report of a directory once more, against an older one, or of all runs below a folder."""
+"""`hil report`: the report of a directory, or of all runs.
+
+Anew, against an older directory, or of all runs below a folder.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -55,7 +58,7 @@ def report(
     """  # fmt: skip
     with exit_on_error("interrupted"):
         if trend and (interactive or against is not None):
-            raise fail("--trend has no figures to zoom and no other side: give it alone", ExitStatus.USAGE)
+            raise fail("--trend takes neither --interactive nor --against; give it alone", ExitStatus.USAGE)
         if trend:
             _write_trend(directory)
             return
@@ -107,9 +110,9 @@ def _write_trend(folder: Path) -> None:
 
 def _advice(directory: Path) -> str:
     if (directory / "design.json").is_file():
-        return "it is that of a design, whose report (design.html) hil design notch writes: run that again"
+        return "it belongs to a design; hil design notch writes its report (design.html)"
     below = sorted((path.parent for path in directory.glob("*/result.json")), key=lambda each: each.stat().st_mtime)
     if below:
         count = "one below it has" if len(below) == 1 else f"{len(below)} below it have, of which the newest is named here"
         return f"{count}: hil report {below[-1]}"
-    return "run, identify, learn, compare or demo make one: give their --out, or the directory in bench-out that they have named"
+    return "run, identify, learn, compare or demo make one: give its --out, or its directory in bench-out"

@@ -79,17 +79,15 @@ def run(
     design: Annotated[Path | None, typer.Option(help=f"Design file of hil design, for {names_of('design')}.")] = None,
     learnt: Annotated[Path | None, typer.Option(help=f"Model file of hil learn, for {names_of('learnt')}.")] = None,
     repeat: Annotated[
-        int, typer.Option(min=1, max=100, help="Run it so often and judge the mean, in which the sensor's noise is less.")
+        int, typer.Option(min=1, max=100, help="Number of runs; their mean is judged, with less sensor noise.")
     ] = 1,
     loop: LoopOption = "drive",
     bus: BusOption = None,
     out: NewOutOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
-    without_report: Annotated[bool, typer.Option("--no-report", help="Leave the page to hil report: it takes seconds.")] = False,
-    clock: Annotated[
-        ClockName | None, typer.Option(help="The clock that the bus must have; default: whichever it has (docs/realtime.md).")
-    ] = None,
+    without_report: Annotated[bool, typer.Option("--no-report", help="Write no page; hil report writes it later.")] = False,
+    clock: Annotated[ClockName | None, typer.Option(help="Required clock of the bus; default: any (docs/realtime.md).")] = None,
     overload: OverloadOption = False,
     reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
     live: LiveOption = None,
@@ -136,17 +134,19 @@ def run_and_report(
     repeat: int = 1,
     has_report: bool = True,
 ) -> int:
-    """Run experiments, write the report, print the result, and return the exit status.
+    """Run experiments, write the report, and return the exit status.
+
+    Print the result.
 
     Args:
         bench: The bench file.
         experiments: Experiments in their order.
-        out: Directory of the files; made where it is missing.
+        out: Directory of the files; made if it is missing.
         as_json: Print result.json instead of text.
         is_paper: Judge all of the paper's claims.
         reset_faults: Reset drives that are in fault first.
         clock: Clock that the bus must have; None for either.
-        overload: Run even what does not fit on the bus.
+        overload: Run even if the frames do not fit on the bus.
         knowledge: Knowledge that some treatments need beside the bench file.
         repeat: Number of runs of each motion.
         has_report: Write the report; without it `hil report` does so later.
@@ -182,7 +182,7 @@ def run_and_report(
 
 
 def _status(outcome: "ExperimentsOutcome") -> int:
-    """Return the exit status of runs, and say why."""
+    """Return the exit status of runs, and print the reason."""
     say_not_restored(outcome.not_restored)
     if outcome.stopped is not None:
         say(str(outcome.stopped))
@@ -244,7 +244,10 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
 
 
 def _say_directions(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
-    """Print the tip along x, y and z of every window that was judged as a vector."""
+    """Print the tip along x, y and z of each window.
+
+    Only of windows that were judged as a vector.
+    """
     for run in outcome.result.runs:
         found = {name: each.tip_peak_mm for name, each in (run.directions or {}).items() if each.tip_peak_mm is not None}
         if found:

@@ -1,8 +1,7 @@
-"""The first hour with a robot: its bench file from a scan, and what is to be seen of each axis before anything else moves it.
+"""Commissioning: bench file from a scan, and first checks of each axis.
 
-`scan` and `draft` write the file. `held` has one enabled axis under limits that are narrower than the bench file's; `standing`,
-`turning`, `limits` and `sensing` are the checks, from those that move nothing to those that need all before them; `check` puts
-them in their order.
+`scan` and `draft` write the file. `held` has one enabled axis under limits narrower than the bench file's; `standing`, `turning`,
+`limits` and `sensing` are the checks, from those without motion to those that need all others; `check` has their order.
 
 >>> from hil.bench.bench import load_bench
 >>> from hil.commissioning.held import narrowed

@@ -1,4 +1,7 @@
-"""The checks of an axis in their order: what can stop it first, then what moves it; a failed check ends what depends on it."""
+"""Checks of an axis in their order.
+
+First those of means to stop it, then those that move it. After a failed check, the later ones are not made.
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -32,7 +35,9 @@ STEPS: Final[tuple[Step, ...]] = (
 
 
 def known_axes(bench: Bench, axes: Sequence[int]) -> tuple[int, ...]:
-    """Numbers of the axes to check, each once; all of the bench where none is named.
+    """Return the axes to check, each once.
+
+    All of the bench if none is named.
 
     Raises:
         NotPossibleError: The bench has no such axis.
@@ -80,7 +85,10 @@ def check_axes(
 
 
 def _check_axis(of: Checked, result: CheckResult, reporter: Reporter) -> None:
-    """All checks of an axis, up to the first that fails or cannot be made; those behind it are not made."""
+    """Make the checks of an axis up to the first failure.
+
+    Later ones are not made.
+    """
     ended: str | None = None
     for title, make, names in STEPS:
         if ended is not None:

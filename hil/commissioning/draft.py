@@ -1,4 +1,7 @@
-"""Text of a bench file from what a bus says: what nobody can read from it stands there as a text that no run accepts."""
+"""Text of a bench file from a scan of the bus.
+
+Values that no scan can find are placeholders, with which no command accepts the file.
+"""
 
 import math
 import os
@@ -38,7 +41,7 @@ class ArmDrawing:
     Attributes:
         path: URDF file.
         folder: Folder of the bench file, from which its path counts.
-        joints: Joints of the drives, in rising node-IDs; empty where that is not known.
+        joints: Joints of the drives, in rising node-IDs; empty if that is not known.
         tip_link: Link that is the tip; None: the only one at the end.
     """
 
@@ -73,8 +76,8 @@ def draft(name: str, address: str, nodes: Sequence[FoundNode], drawing: ArmDrawi
     axes = _numbered([node for node in nodes if node.is_drive])
     joints = {} if drawing is None else _joints(drawing, len(axes))
     lines = [
-        f"# Made from a scan of {address}. Lines with {TO_BE_TYPED!r} are for you: nothing runs before they say what is true.",
-        "# hil check sees whether the robot does as this file says, before anything else moves it.",
+        f"# Made from a scan of {address}. Lines with {TO_BE_TYPED!r} are for you to fill in: nothing runs before.",
+        "# Run hil check before anything else moves the robot: it compares the robot with this file.",
         f"name = {toml_value(name)}",
         f"approach_rps = {APPROACH_RPS:g}                  # motor speed to the start of a motion and back: slow, raise it later",
         "",
@@ -91,7 +94,7 @@ def draft(name: str, address: str, nodes: Sequence[FoundNode], drawing: ArmDrawi
 
 
 def left_to_type(text: str) -> list[tuple[int, str]]:
-    """Lines of a bench file that are still to be typed, with their keys."""
+    """Return the lines of a bench file with placeholders, and their keys."""
     rows = text.splitlines()
     there = {line: key for key, line in key_lines(text).items()}
     return [
@@ -113,7 +116,10 @@ def _numbered(drives: list[FoundNode]) -> dict[int, FoundNode]:
 
 
 def _joints(drawing: ArmDrawing, drives: int) -> dict[int, str]:
-    """Joints by the row of their drive; empty where the user has not said."""
+    """Return the joints by the row of their drive.
+
+    Empty if the user has named none.
+    """
     if not drawing.joints:
         return {}
     unknown = [name for name in drawing.joints if name not in drawing.names]
@@ -125,7 +131,10 @@ def _joints(drawing: ArmDrawing, drives: int) -> dict[int, str]:
 
 
 def _sync_lines(address: str, axes: dict[int, FoundNode]) -> list[str]:
-    """The shortest SYNC period in which the bus carries all drives with a torque offset each, by the arithmetic of `hil plan`."""
+    """Return the lines with the shortest SYNC period that fits.
+
+    The bus then carries all drives with a torque offset each, by the arithmetic of `hil plan`.
+    """
     parsed = parse_address(address)
     known = {number: node for number, node in axes.items() if node.profile is not None}
     if len(known) < len(axes):
@@ -149,7 +158,10 @@ def _axes_fit(count: int) -> str:
 
 
 def _stand_in(address: str, axes: dict[int, FoundNode]) -> Bench:
-    """A bench by which frames can be counted; no motion is planned by it, and it is not written."""
+    """Return a bench for counting frames.
+
+    No motion is planned with it, and it is not written.
+    """
     limits = {"torque_nm": 1.0, "speed_rps": 100.0, "position_min_rev": -1.0, "position_max_rev": 1.0}
     tables = {
         number: {
@@ -166,7 +178,10 @@ def _stand_in(address: str, axes: dict[int, FoundNode]) -> Bench:
 
 
 def _sensor_lines(nodes: Sequence[FoundNode]) -> list[str]:
-    """The accelerometer: a node that is not a drive and has a profile of one."""
+    """Return the lines of the accelerometer.
+
+    It is a node that is not a drive and has an accelerometer's profile.
+    """
     sensors = [node for node in nodes if not node.is_drive and node.profile is not None and node.profile.kind == "accelerometer"]
     lines = ["", "[accelerometer]"]
     if len(sensors) == 1:
@@ -177,8 +192,7 @@ def _sensor_lines(nodes: Sequence[FoundNode]) -> list[str]:
         lines.append(f"node_id = {_ask(f'node-ID of the sensor at the tip ({seen}), {remedy}')}")
     others = [node for node in nodes if not node.is_drive and node not in sensors]
     lines += [
-        f"# node {node.node} is not a drive, and no accelerometer that is known: {node.identity.name or 'nameless'}"
-        for node in others
+        f"# node {node.node} is neither a drive nor a known accelerometer: {node.identity.name or 'nameless'}" for node in others
     ]
     return [*lines, f"range_m_s2 = {_ask('largest measurement of the sensor, from its data sheet; or leave the line out')}"]
 
@@ -206,7 +220,7 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
     identity, known = node.identity, node.profile is not None
     who = identity.name or "a drive"
     choice = (
-        f"one of {', '.join(node.profiles)}" if node.profiles else "a drive profile: no profile of the package is of this device"
+        f"one of {', '.join(node.profiles)}" if node.profiles else "a drive profile; no profile of the package fits this device"
     )
     lines = ["", f"[axis.{number}]                            # {who}", f"node_id = {node.node}"]
     lines.append(f"profile = {toml_value(node.profiles[0]) if known else _ask(choice)}")
@@ -235,7 +249,10 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
 
 
 def _limit_lines(number: int, node: FoundNode) -> list[str]:
-    """Limits of an axis: the rated torque where the drive says it, everything else by its user."""
+    """Return the lines of an axis' limits.
+
+    The rated torque if the drive has it; the user enters all others.
+    """
     allows = "" if node.speed_limit_rps is None else f"; the drive itself allows {node.speed_limit_rps:.4g}"
     torque = _ask("largest motor torque, in N·m")
     if node.scaling is not None:
@@ -252,7 +269,10 @@ def _limit_lines(number: int, node: FoundNode) -> list[str]:
 
 
 def _control_lines(number: int, node: FoundNode) -> list[str]:
-    """Gains of the loop as the drive holds them, or to be typed; none where only its maker's tool sets them."""
+    """Return the lines of the loop's gains.
+
+    As the drive has them, or placeholders; none if only the maker's tool sets them.
+    """
     if _is_as_found(node):
         return []
     if node.control is not None:
@@ -261,19 +281,19 @@ def _control_lines(number: int, node: FoundNode) -> list[str]:
     lines = [f"{key} = {_ask('gain of the loop, docs/tuning.md')}" for key in Control.model_fields]
     return [
         "",
-        f"[axis.{number}.control]                    # gains of the loop: the drive holds none that could be read",
+        f"[axis.{number}.control]                    # gains of the loop, which the drive does not show",
         *lines,
     ]
 
 
 def _is_as_found(node: FoundNode) -> bool:
-    """True if the profile does not know the gains of the loop, which the maker's tool sets."""
+    """True if the profile has no gains, which the maker's tool sets."""
     return node.profile is not None and not node.knows_gains
 
 
 def _position_words(node: FoundNode) -> str:
     at = node.position_rev
-    return "where its motor stands is not known" if at is None or not math.isfinite(at) else f"its motor stands at {at:.3f} rev"
+    return "the position of its motor is not known" if at is None or not math.isfinite(at) else f"its motor is at {at:.3f} rev"
 
 
 def _motion_lines() -> list[str]:

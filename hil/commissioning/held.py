@@ -1,4 +1,7 @@
-"""One axis in the master's hand, cycle by cycle, near where it stands: under limits narrower than the bench file's."""
+"""One enabled axis, cycle by cycle, near its position.
+
+Its limits are narrower than the bench file's.
+"""
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -34,7 +37,9 @@ RECORDED_S: Final = 20.0
 
 
 def narrowed(bench: Bench, number: int, start_rev: float) -> Bench:
-    """A bench that leaves an axis no more than the checks need, and never more than the bench file does.
+    """Return a bench with limits that suffice for the checks.
+
+    They are never wider than those of the bench file.
 
     Args:
         bench: The bench file.
@@ -54,11 +59,11 @@ def narrowed(bench: Bench, number: int, start_rev: float) -> Bench:
 
 
 class HeldAxis(Run):
-    """One axis that follows set-points as they are given, with all the supervision of a run.
+    """One axis that follows given set-points, supervised as in a run.
 
     Attributes:
         stopped: Reason why it was stopped, or None.
-        is_masters_fault: True if that reason lies in the master: it was late.
+        is_masters_fault: True if the reason lies in the master: it was late.
     """
 
     def __init__(
@@ -70,7 +75,7 @@ class HeldAxis(Run):
             session: Session that has been brought up.
             axis: The axis.
             exchange: Its PDOs, and those of the sensor.
-            start_rad: Motor angle at which it stands.
+            start_rad: Present motor angle.
             standing_rad: Motor angles of the other axes.
         """
         times = sample_times(RECORDED_S, exchange.period_s)
@@ -97,13 +102,15 @@ class HeldAxis(Run):
         return state_of(self.slot.status_word)
 
     def rise(self) -> bool:
-        """Enable the drive where it stands; False if something has stopped it."""
+        """Enable the drive at its position; False after a stop."""
         if self._guarded(self.enable):
             self.starts[0] = self.slot.position_rad
         return self.stopped is None
 
     def go(self, angles_rad: Real) -> bool:
-        """Follow motor angles, counted from the start, shape (n,); False if something has stopped it.
+        """Follow motor angles from the start; False after a stop.
+
+        The angles have the shape (n,).
 
         Raises:
             UnsafeRequestError: They accelerate by more than the limit; none of them is sent.
@@ -116,7 +123,10 @@ class HeldAxis(Run):
         return self.go(np.zeros(max(1, round(duration_s / self.period_s))))
 
     def watch(self, duration_s: float) -> Real:
-        """Motor angles while the drive has no torque; shape (n,). Stops where the bus gives out."""
+        """Return motor angles while the drive has no torque; shape (n,).
+
+        Stops the run if the bus fails.
+        """
         seen: list[float] = []
         for _ in range(max(1, round(duration_s / self.period_s))):
             self.slot.control_word = DISABLE_VOLTAGE
@@ -126,14 +136,14 @@ class HeldAxis(Run):
         return np.array(seen)
 
     def command(self, word: int, angles_rad: Sequence[float]) -> float | None:
-        """Send a control word while set-points go on, until the drive has no torque.
+        """Send a control word with set-points, until torque ends.
 
         Args:
             word: The control word.
             angles_rad: Set-points from the start on; there are as many cycles as set-points.
 
         Returns:
-            Time until the drive was out of operation; None if it was not, and has lost its voltage.
+            Time until the drive was out of operation; None if it remained in operation, and its voltage was disabled.
 
         Raises:
             SafetyStopError: It has not confirmed that either.
@@ -174,7 +184,9 @@ class HeldAxis(Run):
         return None
 
     def lower(self) -> None:
-        """Take the torque away, as the end of every run does; after a stop there is none.
+        """Disable the axis, as at the end of every run.
+
+        After a stop it has no torque.
 
         Raises:
             SafetyStopError: The drive has not confirmed it.
@@ -188,7 +200,7 @@ class HeldAxis(Run):
         return state_of(self.supervisor.network.read(axis.node, *address, DataType.UNSIGNED16, "status word"))
 
     def _cut(self) -> None:
-        """Take the voltage away from a drive that has not stopped when it had to.
+        """Disable the voltage of a drive that has not stopped.
 
         Raises:
             SafetyStopError: The drive has not confirmed it.
@@ -214,7 +226,9 @@ class HeldAxis(Run):
             self.step([reference], row if row < self._longest else None)
 
     def _guarded(self, action: Callable[[], None]) -> bool:
-        """Do something that a reason to stop may end; the axis is then brought to rest and disabled.
+        """Do something that a reason to stop may end.
+
+        The axis is then brought to rest and disabled.
 
         Raises:
             SafetyStopError: The user wants it, or the drive has not confirmed that it is disabled.
@@ -234,7 +248,9 @@ class HeldAxis(Run):
 
 @contextmanager
 def held_axis(session: Session, number: int, limits_si: Mapping[str, float] | None = None) -> Iterator[HeldAxis]:
-    """One axis, set up under narrow limits in master and drive, disabled until it is told otherwise; put back at the end.
+    """Set up one axis under narrow limits, and restore it.
+
+    The limits are those in master and drive. The axis is disabled until `rise`.
 
     Args:
         session: Session that has been brought up.

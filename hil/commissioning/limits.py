@@ -1,7 +1,7 @@
-"""Does the drive itself keep to its position limits, each in its direction?
+"""Check of the drive's own position limits, in each direction.
 
-The drive is told a near limit on one side and a far one on the other; the master's own lie beyond both. It must go to the far
-side, where a limit with the wrong sign would stop it, and must not go over the near one.
+The drive gets a near limit on one side and a far one on the other; the master's own lie beyond both. It must reach the far side,
+where a limit with the wrong sign would stop it, and must not pass the near one.
 """
 
 from typing import Final
@@ -66,7 +66,10 @@ def _check(of: Checked, sign: float) -> CheckEntry:
 
 
 def _there(held: HeldAxis) -> Real:
-    """Angles from the start to where the motor is asked to go, and a rest there; shape (n,)."""
+    """Return angles to the requested position, and a rest there.
+
+    From the start; shape (n,).
+    """
     times = sample_times(ASKED_S, held.period_s)
     way = TURN * ASKED_REV * np.asarray(Smooth(ASKED_S, ASKED_RAMP_S).position(times))
     return np.concatenate([way, np.full(round(0.1 / held.period_s), way[-1])])

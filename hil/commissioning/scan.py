@@ -1,4 +1,7 @@
-"""What is on a bus, by reading alone: nodes, their profiles, how drives count, and what they allow."""
+"""Scan of a bus by reading alone.
+
+Nodes, their profiles, units and limits.
+"""
 
 import math
 from collections.abc import Mapping
@@ -32,12 +35,12 @@ class FoundNode:
     Attributes:
         identity: Identity that it states.
         profiles: Labels of the profiles that fit.
-        scaling: How a drive counts; None of other nodes, and where it does not say.
+        scaling: Units of a drive; None for other nodes, and if the drive lacks them.
         doubt: Reason why it is not known how it counts, or None.
-        unsaid: Keys of the bench file that have to say how it counts, since it does not.
+        unsaid: Keys of the bench file for units that the drive lacks.
         control: Gains that it holds; None if it holds none, or its profile does not know them.
         knows_gains: True if its profile knows all gains of the loop.
-        speed_limit_rps: Speed that the drive itself allows; None if it does not say.
+        speed_limit_rps: Speed that the drive itself allows; None if it has no object for it.
         position_rev: Position of its motor; None if that is not known.
     """
 
@@ -68,7 +71,9 @@ class FoundNode:
 
 
 def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> list[FoundNode]:
-    """Ask all nodes who they are, and the drives among them how they count; nothing is written.
+    """Read the identity of all nodes, and the drives' units.
+
+    Nothing is written.
 
     Args:
         address: The bus.
@@ -97,7 +102,9 @@ def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> l
 
 
 def profiles_of(identity: DeviceIdentity, name: str | None) -> tuple[str, ...]:
-    """Labels of the profiles of a device: the one that the user names, else those that fit its identity.
+    """Return the labels of a device's profiles.
+
+    The one that the user names, else those that fit its identity.
 
     Raises:
         DriveProfileError: The profile that is named is not there, or is of another vendor's devices.
@@ -109,7 +116,7 @@ def profiles_of(identity: DeviceIdentity, name: str | None) -> tuple[str, ...]:
 
 
 def _found(network: Network, identity: DeviceIdentity, profiles: tuple[str, ...]) -> FoundNode:
-    """A node with all that it says of itself."""
+    """A node with all data that it has on itself."""
     found = FoundNode(identity, profiles)
     profile = found.profile
     if profile is None or profile.kind != "drive":
@@ -137,7 +144,7 @@ def _found(network: Network, identity: DeviceIdentity, profiles: tuple[str, ...]
 
 @dataclass(frozen=True)
 class _Parameters:
-    """Parameters of a drive, read one at a time; None for what it does not give."""
+    """Parameters of a drive, read one at a time; None if missing."""
 
     network: Network
     node: int

@@ -1,4 +1,4 @@
-"""Words and shape of what the checks give."""
+"""Results of the checks, and their words."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class Checked:
         Args:
             name: Name of the check.
             verdict: Its outcome.
-            seen: What was seen, in words.
+            seen: Observation in words.
             recording: Path of its recording.
         """
         return CheckEntry(axis=self.number, name=name, verdict=verdict, seen=seen, recording=recording)
@@ -42,7 +42,9 @@ class Checked:
         return CheckEntry(axis=self.number, name=name, verdict="NOT TOLD", seen=why, is_made=False)
 
     def stopped(self, name: str, held: HeldAxis, when: str, recording: str | None = None) -> CheckEntry:
-        """One check in which the axis was stopped; a stop that lies in the master says nothing of the robot.
+        """Return a failed check in which the axis was stopped.
+
+        If the reason lies in the master, the check is not made: the stop proves nothing about the robot.
 
         Args:
             name: Name of the check.
@@ -54,12 +56,12 @@ class Checked:
         return self.not_made(name, seen) if held.is_masters_fault else self.passed(name, False, seen, recording)
 
     def passed(self, name: str, is_good: bool, seen: str, recording: str | None = None) -> CheckEntry:
-        """One check that can be told.
+        """One check that passed or failed.
 
         Args:
             name: Name of the check.
             is_good: True if all is as it must be.
-            seen: What was seen, in words.
+            seen: Observation in words.
             recording: Path of its recording.
         """
         return self.entry(name, "PASS" if is_good else "FAIL", seen, recording)

@@ -1,8 +1,8 @@
-"""Checks that the arm answers the motor: the accelerometer's axis, direction and mounting, and the scale of the encoder.
+"""Checks of accelerometer and encoder by a swing of the motor.
 
-The motor swings θ_m(t) = A (1 − cos ωt)/2 over whole periods. Well below its resonances the arm follows as θ_m/N, so a sensor at
-the lever ℓ shows −ω² ℓ θ_m/N; each axis of the sensor is compared with that by its component at ω, and what else is near ω tells
-how well.
+The accelerometer's axis, direction and mounting, and the scale of the encoder. The motor swings θ_m(t) = A (1 − cos ωt)/2 over
+whole periods. Well below its resonances the arm follows as θ_m/N, so a sensor at the lever ℓ measures −ω² ℓ θ_m/N. Each axis of
+the sensor is compared with that by its component at ω; other components near ω give the standard error.
 """
 
 import math
@@ -33,7 +33,7 @@ NAMES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Ratio:
-    """What is seen over what is expected.
+    """Measured over expected component.
 
     Attributes:
         value: The ratio; its sign is the direction.
@@ -50,7 +50,7 @@ class Ratio:
 
     @property
     def holds(self) -> bool:
-        """True if it is 1, as far as can be told."""
+        """True if it is 1 within its uncertainty."""
         return 1.0 / SCALE - 2.0 * self.error <= self.value <= SCALE + 2.0 * self.error
 
     @property
@@ -60,7 +60,7 @@ class Ratio:
 
 
 def check_sensing(of: Checked) -> list[CheckEntry]:
-    """Swing the motor, and see whether the arm does as the bench file says."""
+    """Swing the motor, and compare the arm's motion with the bench file."""
     if (trouble := room_trouble(of, 0.0, SWING_REV)) is not None:
         return [of.not_made("accelerometer", trouble)]
     with held_axis(of.session, of.number) as held:
@@ -84,7 +84,9 @@ def check_sensing(of: Checked) -> list[CheckEntry]:
 
 
 def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: slice, path: str) -> CheckEntry:
-    """The sensor's axis and direction, and by its size the scale of the encoder.
+    """Check the sensor's axis and direction, and the encoder's scale.
+
+    The scale follows from the size of the signal.
 
     Args:
         of: The axis.
@@ -100,7 +102,7 @@ def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: sl
         return of.passed(name, False, recording.doubt, path)
     raw = np.stack([recording.columns[each] for each in TIP], axis=1)
     if not np.any(np.ptp(raw, axis=0) > 0.0):
-        return of.passed(name, False, f"all its axes show {raw[0].tolist()} m/s² and nothing else: is it alive?", path)
+        return of.passed(name, False, f"all its axes show {raw[0].tolist()} m/s² all the time; check the sensor", path)
     if table.tip_lever_m < LEAST_LEVER_M:
         return of.entry(name, "NOT TOLD", f"this axis moves it by a lever of {1e3 * table.tip_lever_m:.2g} mm only", path)
     angle = recording.axis(of.number, "position_rad")[rows]
@@ -108,14 +110,14 @@ def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: sl
     own = _ratio(expected, recording.felt_m_s2[rows], period_s, derivative=2)
     others = [_ratio(expected, raw[rows, i], period_s, derivative=2) for i in range(3)]
     if not own.is_told:
-        return of.entry(name, "NOT TOLD", f"{own.words} of what the bench file expects: too uncertain", path)
+        return of.entry(name, "NOT TOLD", f"{own.words} of the expected signal: too uncertain", path)
     if own.holds:
         return of.passed(name, True, f"{own.words} of what encoder, reduction_ratio and lever of the bench file expect", path)
     return of.passed(name, False, _wrong(of, own, others), path)
 
 
 def _wrong(of: Checked, own: Ratio, others: list[Ratio]) -> str:
-    """What a sensor that shows something else is likely to be, in words."""
+    """Return the likely cause of a wrong sensor signal, in words."""
     seen = f"{own.words} of what the bench file expects"
     if -SCALE <= own.value <= -1.0 / SCALE:
         return f"{seen}: it moves against the motor; the encoder counts backwards (607Eh), or the sensor sits upside down"
@@ -150,13 +152,15 @@ def _load_encoder(of: Checked, table: AxisTable, recording: Recording, rows: sli
 
 
 def _ratio(expected: Real, seen: Real, period_s: float, derivative: int = 0) -> Ratio:
-    """Component of a signal at the swing's frequency over the expected one's, with its standard error.
+    """Return the ratio of components at the swing's frequency.
+
+    Measured over expected signal, with its standard error.
 
     Args:
-        expected: What is expected, shape (n,), over whole periods of the swing.
-        seen: What is seen; shape (n,).
+        expected: The expected signal over whole periods of the swing; shape (n,).
+        seen: The measured signal; shape (n,).
         period_s: Sampling time.
-        derivative: How often the expected one is differentiated by time.
+        derivative: Order of the time derivative that applies to the expected one.
     """
     count = len(expected)
     line = round(SWING_HZ * count * period_s)

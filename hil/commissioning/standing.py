@@ -1,4 +1,7 @@
-"""Checks of an axis that stands: does it stay without torque, does it stop when it is told to, and when nobody speaks?"""
+"""Checks of an axis at rest.
+
+Brake without torque, quick stop, and loss of the master's heartbeat.
+"""
 
 from typing import Final
 
@@ -23,7 +26,10 @@ CONSUMER_PERIODS: Final = 3.0
 
 
 def check_standstill(of: Checked) -> list[CheckEntry]:
-    """Does the axis stand without torque, before it is enabled and after a quick stop, and does the quick stop end its torque?"""
+    """Check the axis at rest without torque, and its quick stop.
+
+    It must remain at rest before it is enabled and after a quick stop, and the quick stop must end its torque.
+    """
     with held_axis(of.session, of.number) as held:
         before = held.watch(WATCH_S)
         if not _stands(before):
@@ -39,12 +45,12 @@ def check_standstill(of: Checked) -> list[CheckEntry]:
         return [
             of.passed("stands enabled", True, f"enabled for {WATCH_S:g} s, no stop, no emergency"),
             of.passed("quick stop, standing", True, f"out of operation after {1e3 * took_s:.0f} ms"),
-            of.passed("brake holds", _stands(after), f"{_turned(after)} after torque was taken away (a brake, or friction)"),
+            of.passed("brake holds", _stands(after), f"{_turned(after)} after the torque ended (a brake, or friction)"),
         ]
 
 
 def check_heartbeat(of: Checked) -> list[CheckEntry]:
-    """Does the drive stop by itself when the master falls silent?"""
+    """Check that the drive stops without the master's heartbeat."""
     with held_axis(of.session, of.number) as held:
         if not (held.rise() and held.rest(0.1)):
             return [of.stopped("heartbeat loss", held, "while it had to stand")]
@@ -54,7 +60,7 @@ def check_heartbeat(of: Checked) -> list[CheckEntry]:
             seen = f"still enabled {1e3 * (limit_s + LATE_S):.0f} ms after the master's last heartbeat (1016h, 6007h)"
             return [of.passed("heartbeat loss", False, seen)]
         held.stopped = "heartbeat"
-        seen = f"out of operation {1e3 * took_s:.0f} ms after the master fell silent, told to after {1e3 * limit_s:.0f} ms"
+        seen = f"out of operation {1e3 * took_s:.0f} ms after the master's last heartbeat, expected after {1e3 * limit_s:.0f} ms"
         return [of.passed("heartbeat loss", True, seen)]
 
 

@@ -1,4 +1,7 @@
-"""Checks in a slow third of a turn and back: brake, encoder and torque; and a quick stop out of it."""
+"""Checks in a slow third of a turn and back.
+
+Brake, encoder and torque; and a quick stop during the motion.
+"""
 
 from typing import Final
 
@@ -22,20 +25,26 @@ LEFT_REV: Final = 0.05
 
 
 def room_trouble(of: Checked, low_rev: float, high_rev: float) -> str | None:
-    """Reason why the motor cannot go so far from where it stands to either side, or None."""
+    """Return a reason why the motor lacks room, or None.
+
+    It needs so much to either side of its position.
+    """
     limits = of.session.bench.axis[of.number].limits
     here = of.session.axes[of.number].position_rad() / TURN
     if limits.position_min_rev + LEFT_REV <= here + low_rev and here + high_rev <= limits.position_max_rev - LEFT_REV:
         return None
     return (
-        f"the motor stands at {here:.2f} rev and would go from {here + low_rev:.2f} to {here + high_rev:.2f} rev, its limits are "
+        f"the motor is at {here:.2f} rev and would go from {here + low_rev:.2f} to {here + high_rev:.2f} rev, its limits are "
         f"{limits.position_min_rev:g} and {limits.position_max_rev:g} rev: move it away from them "
         f"with hil move --axis {of.number} --to REV"
     )
 
 
 def check_turn(of: Checked) -> list[CheckEntry]:
-    """Does the brake open, does the encoder follow, and does the reported torque push along the motion?"""
+    """Check brake, encoder sign and torque sign in a slow turn.
+
+    The brake must open, the encoder follow, and the reported torque have the sign of the motion.
+    """
     bench, table = of.session.bench, of.session.bench.axis[of.number]
     here = of.session.axes[of.number].position_rad() / TURN
     planned = probe_motion(bench, PlantRequest(of.number), here)
@@ -61,7 +70,7 @@ def check_turn(of: Checked) -> list[CheckEntry]:
 
 
 def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path: str) -> list[CheckEntry]:
-    """What a turn that was not stopped tells.
+    """Checks by a turn that was not stopped.
 
     Args:
         of: The axis.
@@ -81,11 +90,11 @@ def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path
     words = f"friction {friction[0]:+.3g} ± {friction[1]:.1g} N·m along the motion"
     if friction[0] > SEEN_SIGMAS * friction[1]:
         return [*checks, of.passed("torque sign", True, words, path)]
-    return [*checks, of.entry("torque sign", "NOT TOLD", f"{words}: too little to be told from zero", path)]
+    return [*checks, of.entry("torque sign", "NOT TOLD", f"{words}: too little to differ from zero", path)]
 
 
 def check_quick_stop(of: Checked) -> list[CheckEntry]:
-    """Does a quick stop end a slow motion within its ramp?"""
+    """Check that a quick stop ends a slow motion within its ramp."""
     bench, name = of.session.bench, "quick stop, moving"
     here = of.session.axes[of.number].position_rad() / TURN
     builder = MotionBuilder(bench.bus.sync_period_s)

@@ -1,4 +1,6 @@
-r"""Recordings and logs of a bus in the formats of other programs: DBC, MF4, MCAP, Parquet, and PlotJuggler's stream.
+r"""Export of recordings and bus logs to other programs.
+
+DBC, MF4, MCAP, Parquet, and PlotJuggler's stream.
 
 >>> import numpy as np
 >>> from hil.export.series import Series

@@ -1,4 +1,7 @@
-"""A DBC file of the mapping that ran; cantools is loaded only where one is written."""
+"""DBC file of the actual PDO mapping.
+
+cantools is loaded only to write one.
+"""
 
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -42,7 +45,7 @@ def write_dbc(path: Path, what: Decoded) -> None:
     except ImportError:
         raise MissingPackageError(path, "cantools", "dbc") from None
     if not what.pdos:
-        raise ExportError(path, f"no PDO of {what.trace.log.path} has a known mapping: --description FILE:NODE says it")
+        raise ExportError(path, f"no PDO of {what.trace.log.path} has a known mapping; give --description FILE:NODE")
 
     def signal(name: str, start: int, bits: int, choices: dict[int, str] | None = None, each: NamedNumber | None = None) -> Any:
         factor, is_real = (1, False) if each is None else (each.unit.factor, each.entry.is_real)

@@ -52,12 +52,12 @@ class NamedPdo:
 
 @dataclass(frozen=True)
 class Decoded:
-    """What a log's process data mean.
+    """Meaning of a log's process data.
 
     Attributes:
         trace: The log.
         pdos: PDOs with their numbers.
-        notes: Sentences on what is not known, or left out.
+        notes: Sentences on unknown or omitted parts.
     """
 
     trace: Trace
@@ -82,7 +82,7 @@ def decoded(trace: Trace, bench: Bench | None) -> Decoded:
         notes += units.notes
         for pdo in node.pdos:
             if not pdo.entries:
-                notes.append(f"{pdo.name}: its mapping is not in the log, so it is left out: --description FILE:NODE says it")
+                notes.append(f"{pdo.name}: its mapping is not in the log, so it is left out; give --description FILE:NODE")
                 continue
             rows = _mapped_rows(trace, pdo)
             others = int(np.count_nonzero(~rows))
@@ -109,7 +109,10 @@ def _named(entry: MappedNumber, units: NodeUnits) -> NamedNumber:
 
 
 def _mapped_rows(trace: Trace, pdo: Pdo) -> NDArray[np.bool_]:
-    """Frames of a PDO that came under its mapping, and not under another one before or behind; shape (n,)."""
+    """Return the frames of a PDO under its mapping; shape (n,).
+
+    Others came under an earlier or later mapping.
+    """
     index = MAPPING_PARAMETERS[pdo.direction] + pdo.number - 1
     own = tuple(entry.value for entry in pdo.entries)
     stream = trace.of(pdo)

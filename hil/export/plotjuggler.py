@@ -1,4 +1,6 @@
-"""PlotJuggler's stream: a JSON object for each row, by UDP, at the recording's own pace; and a layout of its plots.
+"""PlotJuggler's stream, and a layout of its plots.
+
+A JSON object for each row, by UDP, at the recording's own pace.
 
 Source: PlotJuggler, UDP Server plugin with the JSON protocol: keys become curves under "/"; `timestamp` is the time.
 """
@@ -20,7 +22,7 @@ COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#ff7f0e", "#9467bd", "#8c564b", "#1
 def send(
     series: Sequence[Series], host: str, port: int, speed: float = 1.0, progress: Callable[[int], None] = lambda rows: None
 ) -> int:
-    """Send rows to a program that listens, and nothing else; returns how many were sent.
+    """Send rows to a listening program; return their number.
 
     Args:
         series: The numbers.

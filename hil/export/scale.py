@@ -1,4 +1,7 @@
-"""Units of the numbers in PDOs: by the very objects that the master has read, as a log has overheard them."""
+"""Units of the numbers in PDOs of a log.
+
+They come from the same objects that the master reads, as overheard in the log.
+"""
 
 from dataclasses import dataclass
 
@@ -31,8 +34,8 @@ class WireUnit:
     Attributes:
         name: Name of the number, with its unit as in a recording.
         factor: SI value of 1, with its sign.
-        unit: WireUnit in words; "" where it is not known, or there is none.
-        kind: Data type, where the bench file or a profile says it.
+        unit: WireUnit in words; "" if it is not known, or there is none.
+        kind: Data type, if bench file or profile has it.
     """
 
     name: str
@@ -45,8 +48,8 @@ class NodeUnits:
     """Units of a node's numbers.
 
     Attributes:
-        prefix: Name of the axis, or of the node where no bench file knows it.
-        notes: Sentences on what is not known.
+        prefix: Name of the axis, or of the node without a bench file.
+        notes: Sentences on unknown scales.
     """
 
     def __init__(self, node: Node, bench: Bench | None) -> None:
@@ -57,7 +60,7 @@ class NodeUnits:
             bench: Bench file; None if there is none.
 
         Raises:
-            NodeError: What the log holds contradicts the bench file.
+            NodeError: The log contradicts the bench file.
         """
         self._node, self._own = node, {}
         self.notes: list[str] = []
@@ -80,7 +83,10 @@ class NodeUnits:
             self._scaling = self._standard()
 
     def _standard(self) -> Scaling | None:
-        """The scale by 608Fh and 6076h, for a drive of which nothing else is known."""
+        """Return the scale by 608Fh and 6076h.
+
+        For a drive of which nothing else is known.
+        """
         asked = OverheardQuestions(self._node)
         needs = (((0x608F, 1), "608Fh:1"), ((0x608F, 2), "608Fh:2"), ((0x6076, 0), "6076h"))
         values = [asked.number(Need(address, name, "")) for address, name in needs]
@@ -89,11 +95,11 @@ class NodeUnits:
         increments, turns, torque = values
         if increments is None or turns is None or torque is None:
             lacking = ", ".join(need.name for need in asked.missing)
-            self.notes.append(f"{name}: {lacking} not in the log; its numbers are as on the bus: --bench says its scale")
+            self.notes.append(f"{name}: {lacking} not in the log; its numbers are as on the bus; --bench gives the scale")
             return None
         if feed is not None and feed != increments // max(turns, 1):
             self.notes.append(
-                f"{name} may count by its feed constant (6092h); its numbers are as on the bus: --bench says its scale"
+                f"{name} may count by its feed constant (6092h); its numbers are as on the bus; --bench gives the scale"
             )
             return None
         polarity = asked.number(Need((0x607E, 0), "polarity", ""), is_optional=True)

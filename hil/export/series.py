@@ -31,7 +31,7 @@ class Series:
 
 
 def unit_of(column: str) -> str:
-    """Unit of a column by the ending of its name; "" where it has none.
+    """Return the unit of a column by its suffix, or "".
 
     >>> unit_of("axis2_position_rad"), unit_of("tip_x_m_s2"), unit_of("missing")
     ('rad', 'm/s²', '')

@@ -1,6 +1,6 @@
-"""What can be exported: a run's directory, one of its recordings, or a log of a bus.
+"""Sources of an export: directory of a run, recording, or log.
 
-What reads a log, and results for its bench file, takes longer to load than a recording to write: it is loaded where it is needed.
+Modules that read a log, or a result for its bench file, load slowly, so they are imported only where they are needed.
 """
 
 # ruff: noqa: PLC0415 - as the docstring says
@@ -27,7 +27,7 @@ RECORDING_SUFFIX = ".csv"
 
 @dataclass(frozen=True)
 class Known:
-    """What is said beside a source.
+    """Additional statements on a source.
 
     Attributes:
         bench: Bench file; None: that of the result in the log's folder.
@@ -47,7 +47,7 @@ def mapping_of(path: Path, known: Known, progress: Callable[[int], None] = lambd
 
     Args:
         path: Directory of a run, or a log.
-        known: What is said beside it.
+        known: Additional statements on it.
         progress: Called with the number of bytes that have been read.
 
     Raises:
@@ -61,7 +61,7 @@ def mapping_of(path: Path, known: Known, progress: Callable[[int], None] = lambd
 
     log = path / LOG_FILE if path.is_dir() else path
     if log.suffix == RECORDING_SUFFIX:
-        raise ExportError(path, f"a recording has no frames: its run's {LOG_FILE} has")
+        raise ExportError(path, f"a recording has no frames; give {LOG_FILE} of its run")
     if not log.is_file():
         raise ExportError(log, f"no such file; hil run writes {LOG_FILE} beside its result")
     trace = Trace(open_log(log, progress, known.interface), known.descriptions)
@@ -69,7 +69,9 @@ def mapping_of(path: Path, known: Known, progress: Callable[[int], None] = lambd
 
 
 def bench_beside(log: Path) -> Bench | None:
-    """The bench file in the result that lies beside a log; None if there is none.
+    """Return the bench file of the result beside a log.
+
+    None if there is no result.
 
     Raises:
         HilError: There is a result, and it cannot be read.
@@ -90,15 +92,17 @@ def bench_beside(log: Path) -> Bench | None:
 def series_in(
     path: Path, known: Known, progress: Callable[[int], None] = lambda size: None
 ) -> tuple[list[Series], Decoded | None]:
-    """Numbers against time of a source, and what is known of its frames where it is a log.
+    """Return the numbers of a source over time, and its frames' meaning.
+
+    The meaning is that of a log.
 
     Args:
         path: Directory of a run, a recording, or a log.
-        known: What is said beside it.
+        known: Additional statements on it.
         progress: Called with the number of bytes that have been read.
 
     Raises:
-        HilError: There are none, or several recordings and none is named.
+        HilError: There are no numbers, or several recordings and none is named.
     """
     if not path.exists():
         raise ExportError(path, "no such file or directory")
@@ -108,7 +112,7 @@ def series_in(
         what = mapping_of(path, known, progress)
         found = list(series_of(what))
         if not found:
-            raise ExportError(path, "no frame of it can be decoded: --description FILE:NODE says the mapping of a node")
+            raise ExportError(path, "no frame of it can be decoded; give --description FILE:NODE for the mapping of a node")
         return found, what
     try:
         return [of_recording(_recording_of(path, known.run))], None
@@ -131,6 +135,6 @@ def _recording_of(path: Path, run: str | None) -> Path:
         return chosen[0]
     if len(there) != 1:
         raise ExportError(
-            path, f"it has {len(there)} recordings, and --run says which: {names}" if there else "it has no recording"
+            path, f"it has {len(there)} recordings; give --run with one of {names}" if there else "it has no recording"
         )
     return there[0]

@@ -1,4 +1,7 @@
-"""Files of numbers against time: MF4, Parquet and MCAP; their packages are loaded only where one is written."""
+"""Files of numbers over time: MF4, Parquet and MCAP.
+
+Their packages are loaded only to write one.
+"""
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -42,7 +45,9 @@ def write_mf4(path: Path, series: Sequence[Series]) -> None:
 
 
 def write_parquet(path: Path, series: Sequence[Series]) -> None:
-    """Write a Parquet file: a row for each stamp, in which columns of other frames hold nothing.
+    """Write a Parquet file with a row for each stamp.
+
+    Columns of other frames are empty in a row.
 
     Args:
         path: The file.
@@ -82,7 +87,9 @@ def write_parquet(path: Path, series: Sequence[Series]) -> None:
 
 
 def write_mcap(path: Path, series: Sequence[Series]) -> None:
-    """Write an MCAP file: a channel of JSON messages with its schema for each of the series, in the order of their stamps.
+    """Write an MCAP file with a channel for each series.
+
+    JSON messages with their schema, in the order of their stamps.
 
     Args:
         path: The file.
@@ -116,7 +123,7 @@ def write_mcap(path: Path, series: Sequence[Series]) -> None:
 
 
 def json_schema(series: Series) -> dict[str, Any]:
-    """JSON Schema of a row; a number that was not there is null."""
+    """Return the JSON Schema of a row; a missing number is null."""
     properties = {TIME: {"type": "number"}} | {
         name: {"type": ["number", "null"], "description": unit_of(name)} for name in series.columns
     }

@@ -1,6 +1,6 @@
-r"""Logs of a bus that anybody has recorded: frames as arrays, what was set up in them, and what goes wrong.
+r"""Logs of a bus: frames as arrays, set-up of nodes, and faults.
 
-Pure numerics above the reading of files; nothing here knows a bench file.
+Any program may have recorded them. Pure numerics except for the reading of files; no module knows a bench file.
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory

@@ -1,6 +1,8 @@
-"""candump's logs, read as fast as the disk gives them: `(1.5) can0 181#0011` and `(1.5)  can0  181   [2]  00 11`.
+"""Fast reader of candump's logs.
 
-Source: can-utils, `candump -l`, `candump -t a|z|A` and `-x`; what is not a frame is counted, and left out.
+Lines such as `(1.5) can0 181#0011` and `(1.5)  can0  181   [2]  00 11`. Lines that are no frame are counted and skipped.
+
+Source: can-utils, `candump -l`, `candump -t a|z|A` and `-x`.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,7 +35,9 @@ Chunk = tuple[NDArray[np.int64], NDArray[np.uint32], NDArray[np.uint8], NDArray[
 
 
 def chunks(path: Path, counters: NDArray[np.int64], progress: Callable[[int], None]) -> Iterator[Chunk]:
-    """Stamps in ns (−1: none), identifiers, lengths and data of a file, piece by piece.
+    """Yield the frames of a file in chunks.
+
+    Stamps in ns (−1: none), identifiers, lengths and data.
 
     Args:
         path: The file.
@@ -55,7 +59,10 @@ def chunks(path: Path, counters: NDArray[np.int64], progress: Callable[[int], No
 
 
 def _pieces(file: BinaryIO) -> Iterator[NDArray[np.uint8]]:
-    """Whole lines, about a chunk of them; the last has its end put to it."""
+    """Yield chunks of whole lines.
+
+    The last line gets an end if it has none.
+    """
     rest = b""
     while piece := file.read(CHUNK_BYTES - len(rest)):
         whole = rest + piece
@@ -72,7 +79,7 @@ def _pieces(file: BinaryIO) -> Iterator[NDArray[np.uint8]]:
 
 
 def hash_of(interface: str) -> int:
-    """Hash by which the reader knows an interface (FNV-1a, 32 bits), never 0."""
+    """Return the hash of an interface's name (FNV-1a, 32 bits), never 0."""
     found = 2_166_136_261
     for octet in interface.encode():
         found = (found ^ octet) * 16_777_619 & 0xFFFF_FFFF

@@ -6,7 +6,7 @@ from hil.errors import HilError
 
 
 class LogError(HilError):
-    """A file is not a log of a bus, or holds nothing that can be looked at."""
+    """The file is no log of a bus, or has no frames."""
 
     exit_code = 3
 

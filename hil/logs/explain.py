@@ -1,4 +1,4 @@
-"""All that is found in a log, worst first, and what it cannot tell."""
+"""Explanation of a log: findings, worst first, and open questions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ class Explanation:
 
     Attributes:
         trace: The log that was looked through.
-        findings: What goes wrong, worst first, and of equally bad ones the first first.
-        unknown: Matters that it cannot tell.
+        findings: Findings, worst first; equally bad ones in their order of time.
+        unknown: Questions that it cannot answer.
     """
 
     trace: Trace
@@ -38,7 +38,7 @@ def explain(log: Log, descriptions: Mapping[int, Description], bitrate: int | No
     Args:
         log: The log.
         descriptions: Device descriptions by node-ID.
-        bitrate: Bit rate in bit/s; None if nobody says it.
+        bitrate: Bit rate in bit/s; None if it is not known.
     """
     trace = Trace(log, descriptions)
     said = [

@@ -1,4 +1,7 @@
-"""The frames of a log as arrays, by their identifiers: those of one are looked at together, and an hour of a bus must fit."""
+"""Frames of a log as arrays, by identifier.
+
+The arrays are small enough for an hour of a bus.
+"""
 
 import mmap
 from collections.abc import Mapping
@@ -25,15 +28,25 @@ MAPPED_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class Damage:
-    """Parts of a log that could not be read, or cannot be so.
+    """Parts of a log that could not be read.
 
     Attributes:
         unreadable: Lines that are no frame.
-        first_unreadable: Number of the first of them, from 1; 0 where there is none.
+        first_unreadable: Number of the first of them, from 1; 0 without any.
+        flexible: Frames of CAN FD, which are left out.
+        elsewhere: Frames of other interfaces, which are left out too.
+        backwards: Frames whose stamp is before that of the preceding frame.
+        first_backwards: Position of the first of them, from 0; −1 without any.
+        furthest_back_ns: The largest of those steps, as a positive number of ns.
+        ended: Reason why the reading ended before the end of the file, or "".
+
+    Attributes:
+        unreadable: Lines that are no frame.
+        first_unreadable: Number of the first of them, from 1; 0 without any.
         flexible: Frames of CAN FD, which are left out.
         elsewhere: Frames of other interfaces, which are left out too.
         backwards: Frames whose stamp is before that of the frame before them.
-        first_backwards: Position of the first of them, from 0; −1 where there is none.
+        first_backwards: Position of the first of them, from 0; −1 without any.
         furthest_back_ns: The largest of those steps, as a positive number of ns.
         ended: Why the file ended before its end, or "".
     """
@@ -75,7 +88,10 @@ class Stream:
         return Stream(self.can_id, self.position[rows], self.stamp_ns[rows], self.length[rows], self.data[rows])
 
     def byte(self, number: int) -> NDArray[np.uint8]:
-        """A byte of each frame; 0 where a frame is shorter; shape (n,)."""
+        """Return a byte of each frame; shape (n,).
+
+        0 for a shorter frame.
+        """
         return ((self.data >> np.uint64(8 * number)) & np.uint64(0xFF)).astype(np.uint8)
 
     def bytes_of(self, row: int) -> bytes:
@@ -91,7 +107,7 @@ class Log:
         path: The file.
         streams: Frames by identifier, with the flags of SocketCAN.
         damage: Parts that could not be read.
-        began_s: Stamp of the first frame as it stands in the file, in s.
+        began_s: Stamp of the first frame as in the file, in s.
         duration_ns: Time from the first frame to the last.
     """
 
@@ -106,7 +122,7 @@ class Log:
         return sum(map(len, self.streams.values()))
 
     def __contains__(self, can_id: int) -> bool:
-        """Whether there is a frame of an identifier."""
+        """True if there is a frame of an identifier."""
         return can_id in self.streams
 
     @property
@@ -125,7 +141,10 @@ class Log:
         return Stream(can_id, np.empty(0, np.uint32), np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.uint64))
 
     def near(self, base: int, nodes: range = range(1, 128)) -> list[Stream]:
-        """Frames of all nodes that share a base of the predefined connection set, node by node."""
+        """Return the frames of all nodes with one base, by node.
+
+        The base is one of the predefined connection set.
+        """
         return [self.streams[base + node] for node in nodes if base + node in self.streams]
 
     def errors(self) -> list[Stream]:
@@ -134,7 +153,10 @@ class Log:
 
 
 class _Growing:
-    """Columns of one identifier that grow in place: many small pieces would be in the memory twice when they are joined."""
+    """Columns of one identifier that grow in place.
+
+    Many small pieces would need twice the memory while they are joined.
+    """
 
     def __init__(self) -> None:
         """Begin with nothing."""
@@ -151,13 +173,16 @@ class _Growing:
         self.count = end
 
     def columns(self) -> tuple[Positions, Integers, NDArray[np.uint8], Words]:
-        """The columns, no longer than they are; one whose numbers are all the same takes no memory."""
+        """Return the columns, cut to their used length.
+
+        A column with equal numbers takes no memory.
+        """
         position, stamp_ns, length, data = (column[: self.count] for column in self._columns)
         return position, stamp_ns, _thin(length), _thin(data)
 
 
 def _longer(column: NDArray[Any], count: int, rows: int) -> NDArray[Any]:
-    """A column with more rows, of which the first `count` are those of the old one.
+    """Return a longer copy of a column with the same first rows.
 
     Args:
         column: The old one.
@@ -171,14 +196,17 @@ def _longer(column: NDArray[Any], count: int, rows: int) -> NDArray[Any]:
 
 
 def _thin(column: NDArray[Any]) -> NDArray[Any]:
-    """The column itself, or one number that stands for all rows."""
+    """The column itself, or one number for all rows."""
     if len(column) < FIRST_ROWS or np.any(column != column[0]):
         return column
     return np.broadcast_to(column[0].copy(), column.shape)
 
 
 class LogBuilder:
-    """A log while it is read, chunk by chunk: what has been read lies by identifier, once."""
+    """Builder of a log from chunks of frames.
+
+    It sorts the frames by identifier, without a second copy.
+    """
 
     def __init__(self, path: Path) -> None:
         """Begin with nothing.

@@ -1,6 +1,7 @@
-"""Nodes of a log, and what their process data are: by the SDO traffic that set them up, or by a device description.
+"""Nodes of a log, and the contents of their process data.
 
-Without either a PDO stays bytes, and only its timing is looked at.
+They come from the SDO traffic of the set-up, or from a device description.
+Without either, only the timing of a PDO is checked.
 
 Source: CiA 301, 7.5.2.35 to 7.5.2.38 (PDO communication and mapping parameters); CiA 402-2 for the objects' types.
 """
@@ -56,7 +57,10 @@ class MappedNumber:
     is_real: bool = False
 
     def numbers(self, stream: Stream) -> NDArray[np.float64]:
-        """The number in each frame, also where it is a floating-point one; shape (n,)."""
+        """Return the number in each frame as float; shape (n,).
+
+        Integers and floating-point numbers.
+        """
         if not self.is_real:
             return self.of(stream).astype(np.float64)
         raw = stream.data >> np.uint64(self.start)
@@ -94,8 +98,8 @@ class Pdo:
         number: From 1.
         can_id: Identifier.
         transmission_type: Transmission type; None if it is not known.
-        entries: Its numbers; empty where the mapping is not known.
-        is_reconstructed: Whether the identifier alone was seen, of the predefined connection set.
+        entries: Its numbers; empty if the mapping is not known.
+        is_reconstructed: True if only its identifier of the predefined connection set was seen.
     """
 
     node: int
@@ -112,18 +116,20 @@ class Pdo:
         return f"{self.direction.upper()} {self.number} of node {self.node}"
 
     def entry(self, index: int, subindex: int = 0) -> MappedNumber | None:
-        """The number of an object in it, None if it is not mapped."""
+        """Return the number of a mapped object, or None."""
         return next((entry for entry in self.entries if entry.address == (index, subindex)), None)
 
 
 @dataclass
 class Node:
-    """A node of a log, as it stands while the log's process data flow: a run that is well brought up puts all back at its end.
+    """A node during the process data of a log.
+
+    It has the objects' contents before a run restores them at its end.
 
     Attributes:
         number: Node-ID.
-        values: Contents of its objects then, by address: of a description, and over it what was written or read last.
-        heard: Addresses of those that the log itself holds.
+        values: Contents of its objects then, by address: written or read last, else from a description.
+        heard: Addresses of those in the log itself.
         pdos: Its PDOs.
         description: Its device description.
     """
@@ -135,11 +141,11 @@ class Node:
     description: Description | None = None
 
     def value(self, index: int, subindex: int = 0) -> int | None:
-        """Content of an object as a number; None if nothing tells it."""
+        """Content of an object as a number; None if unknown."""
         return self.values.get((index, subindex))
 
     def pdo_with(self, direction: Direction, index: int, subindex: int = 0) -> tuple[Pdo, MappedNumber] | None:
-        """The PDO that holds an object, and where in it."""
+        """The PDO with an object, and its place in the PDO."""
         for pdo in self.pdos:
             entry = pdo.entry(index, subindex) if pdo.direction == direction else None
             if entry is not None:
@@ -191,7 +197,10 @@ def described_node(number: int, description: Description) -> Node:
 
 
 def _working_ns(log: Log) -> int:
-    """Instant in the middle of the SYNCs, or of the process data where there are none."""
+    """Return an instant in the middle of the SYNCs, in ns.
+
+    Without SYNCs, in the middle of the process data.
+    """
     stream = log.of(FunctionCode.SYNC)
     if not len(stream):
         own = log.near(FunctionCode.TPDO1, range(1, FunctionCode.SDO_RESPONSE - FunctionCode.TPDO1))
@@ -200,7 +209,10 @@ def _working_ns(log: Log) -> int:
 
 
 def _node_ids(log: Log) -> set[int]:
-    """Node-IDs that speak: heartbeats, SDO answers, or emergencies; those of PDOs alone by the predefined connection set."""
+    """Return the node-IDs that send frames.
+
+    From heartbeats, SDO answers and emergencies; from PDOs alone, by the predefined connection set.
+    """
     found = set()
     for can_id in log.streams:
         base, node = can_id & ~0x7F, can_id & 0x7F

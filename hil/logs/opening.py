@@ -1,6 +1,7 @@
-"""Open a log whatever wrote it: candump by the reader of this room; BLF, ASC, TRC and MF4 by python-can.
+"""Opening of logs in all known formats.
 
-A log that is damaged is read as far as it goes, and what is missing is counted. Only a file without any frame is refused.
+The reader of this package takes candump's logs, python-can takes BLF, ASC, TRC and MF4. A damaged log is read as far as possible,
+and missing parts are counted. Only a file without any frame is refused.
 """
 
 import itertools
@@ -33,8 +34,8 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
     """Read a log.
 
     Args:
-        path: The file; its format by its suffix, and candump's where that says nothing.
-        progress: Called with the number of bytes that have been read, where that is known.
+        path: The file; its format by its suffix, candump's for an unknown suffix.
+        progress: Called with the number of bytes that have been read, if that is known.
         interface: The interface whose frames are read, as the log names it; None: that of its first frame.
 
     Raises:
@@ -60,14 +61,12 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
         if builder.frames > MOST_FRAMES:
             raise LogError(path, f"more than {MOST_FRAMES} frames: cut the log")
     if not builder.frames and counters[candump.ELSEWHERE]:
-        raise LogError(path, f"no frame of interface {interface}, and {counters[candump.ELSEWHERE]} of others")
+        raise LogError(path, f"no frame of interface {interface}, but {counters[candump.ELSEWHERE]} of others")
     if not builder.frames:
         reason = ended[0] if ended else f"none of its {counters[candump.READ_LINES]} lines is one of candump's"
         raise LogError(path, f"no frame in it: {reason}")
     if unstamped:
-        raise LogError(
-            path, f"{unstamped} of {builder.frames} frames have no stamp, and without time nothing can be told: candump -ta"
-        )
+        raise LogError(path, f"{unstamped} of {builder.frames} frames have no time stamp; record with candump -ta")
     damage = Damage(
         unreadable=int(counters[candump.UNREADABLE]),
         first_unreadable=int(counters[candump.FIRST_UNREADABLE]),
@@ -84,12 +83,14 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
 def _foreign(
     path: Path, counters: NDArray[np.int64], ended: list[str], interface: str | None
 ) -> Iterator[candump.Chunk]:  # fmt: skip
-    """Frames that python-can reads, batch by batch; a file that is damaged ends early.
+    """Yield frames that python-can reads, in batches.
+
+    A damaged file ends early.
 
     Args:
         path: The file.
         counters: As of candump's reader.
-        ended: Gets the reason why a file ended early.
+        ended: List to which the reason of an early end is added.
         interface: The interface whose frames are read; None: that of the first.
     """
     messages, channel = _messages(path, ended), interface

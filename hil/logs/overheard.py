@@ -1,6 +1,7 @@
-"""SDO transfers that a listener overhears: what was written to whom, what was read, what was refused, what nobody answered.
+"""SDO transfers that a listener overhears.
 
-Expedited and segmented transfers of the default channel; of a block transfer only that there was one.
+Writing, reading, refusals, and requests without answer. Expedited and segmented transfers of the default channel; of a block
+transfer only its existence.
 
 Source: CiA 301, 7.2.4.3.
 """
@@ -77,7 +78,9 @@ class UnansweredRequest:
 
 @dataclass(frozen=True)
 class OverlappingRequest:
-    """A request sent while another of the same channel was open and young: two clients, or one that does not wait.
+    """A request during a recent open one on the same channel.
+
+    Two clients send, or one client does not wait.
 
     Attributes:
         stamp_ns: Stamp of the later request.

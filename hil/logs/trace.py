@@ -1,4 +1,4 @@
-"""A log that has been looked through: its frames, the SYNCs that beat its time, its nodes, and what was overheard."""
+"""Log with its frames, SYNCs, nodes and SDO transfers."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Rhythm:
 
     Attributes:
         cycle: Cycle of each frame, by the SYNC that is nearest to it but for the usual distance; shape (n,).
-        late_ns: Distance of each from where it usually is in its cycle, in ns; shape (n,).
+        late_ns: Distance of each from its usual place in the cycle, in ns; shape (n,).
         usual_ns: Usual distance from the SYNC: negative for frames that come before it.
         counts: Frames in each cycle from the first of them to the last.
         first: First of those cycles.
@@ -64,7 +64,10 @@ class Rhythm:
 
 
 def _blocks(values: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-    """Numbers of an hour, piece by piece: what is calculated from them must not need the memory of the whole."""
+    """Yield numbers in pieces.
+
+    A calculation then does not need memory for all of them.
+    """
     for begin in range(0, len(values), FRAMES_AT_ONCE):
         yield values[begin : begin + FRAMES_AT_ONCE]
 
@@ -103,7 +106,10 @@ class Trace:
 
     @cached_property
     def cycles(self) -> Cycles | None:
-        """Cycles of the log; None if there are too few SYNCs, or most of them have one stamp."""
+        """Cycles of the log, or None.
+
+        None if there are too few SYNCs, or most of them have one stamp.
+        """
         if len(self.sync) < LEAST_FRAMES:
             return None
         period_ns = float(np.median(np.diff(self.sync.stamp_ns)))
@@ -112,8 +118,7 @@ class Trace:
     def rhythm(self, stream: Stream) -> Rhythm | None:
         """Frames against the SYNCs; None if there are too few of either.
 
-        Their usual place in a cycle is the angle of the mean of e^{2πj t/T}, so that frames before a SYNC and behind it are told
-        apart wherever they usually are.
+        Their usual place in a cycle is the angle of the mean of e^{2πj t/T}, which is valid near a SYNC as well.
         """
         cycles = self.cycles
         if cycles is None or len(stream) < LEAST_FRAMES:

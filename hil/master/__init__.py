@@ -1,7 +1,7 @@
-"""The CANopen master: a session that checks the drives on a bus, and runs motions on them.
+"""CANopen master: a session that checks drives and runs motions.
 
-`session` is the entrance. Below it `network` has SDO, NMT and heartbeats, `drive/` a CiA 402 drive, `cyclic` the exchange of each
-cycle, `run` the steps of a run, and `guard` and `supervision` the reasons to stop it. `realtime` and `lateness` serve runs in
+`session` is the entry point. `network` has SDO, NMT and heartbeats, `drive/` a CiA 402 drive, `cyclic` the exchange of each
+cycle, `run` the steps of a run; `guard` and `supervision` give reasons to stop it. `realtime` and `lateness` serve runs in
 wall-clock time.
 
 >>> import numpy as np

@@ -1,4 +1,7 @@
-"""Control words that the master sends, and the states in which a drive has no torque (CiA 402-2, state machine)."""
+"""Control words of the master, and states without torque.
+
+CiA 402-2, state machine.
+"""
 
 from drive_profiles.standard.cia402 import State
 

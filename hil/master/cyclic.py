@@ -1,4 +1,7 @@
-"""The cyclic path, run once per cycle on pre-packed structs: set-points out, SYNC, answers in."""
+"""The exchange of each cycle: set-points out, SYNC, answers in.
+
+It uses pre-packed structs.
+"""
 
 import math
 import struct
@@ -36,7 +39,7 @@ class Slot:
         axis: The axis.
         control_word: Control word for the next cycle.
         target: Set-point for the next cycle: counts (CSP) or per mille of the rated torque (CST).
-        torque_offset: Torque offset for the next cycle, where the exchange has it: per mille of the rated torque.
+        torque_offset: Torque offset for the next cycle, if the exchange has it: per mille of the rated torque.
         status_word: Last status word.
         position_counts: Last position, in counts.
         torque_per_mille: Last torque, in per mille of the rated torque.
@@ -44,7 +47,7 @@ class Slot:
         missing: Cycles in a row without an answer.
         mode: Mode in which the drive takes its set-points.
         feedback_id: Identifier of the TPDO that brings status word, position and torque.
-        notch_id: Identifier of the TPDO that brings the filter's state; 0 where the drive does not send it.
+        notch_id: Identifier of the TPDO that brings the filter's state; 0 if the drive does not send it.
     """
 
     axis: DriveAxis
@@ -113,17 +116,17 @@ class Slot:
 
 
 class CyclicExchange:
-    """The exchange of a run with its nodes: all PDOs, once per cycle.
+    """Exchange of a run with its nodes: all PDOs of a cycle.
 
     Attributes:
         slots: Process data, one slot per axis that takes part, in their order.
-        encoders: Second encoders of the axes that take part, in their order, then those of axes that only watch.
-        watched: The axes that only watch.
+        encoders: Second encoders of the axes that take part, in their order, then those of watched axes.
+        watched: Axes that do not move, and whose second encoders are recorded.
         sensor: The accelerometer.
         with_torque_offset: True if a torque offset is sent beside each position set-point.
         with_notch_state: True if the drives send the state of their first filter.
         missing_answers: Answers that did not come in the last cycle.
-        sensor_missed: Cycles without a measurement of what tells the tip: the accelerometer, or all encoders of the joints.
+        sensor_missed: Cycles without a measurement of the tip, by the accelerometer or by all encoders of the joints.
         missed_cycles: Cycles in which an answer did not come in time.
         cycles: Cycles since the start.
         was_dropped: True if the last cycle was too late to be sent; the slots then hold the data of the one before.
@@ -151,7 +154,7 @@ class CyclicExchange:
             axes: The axes that take part.
             sensor: The accelerometer.
             period_s: SYNC period.
-            loop: Place of the loop: set-points are positions where drives close it, torques where the host does.
+            loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do: braked, they swing on their gears.
@@ -221,13 +224,16 @@ class CyclicExchange:
         self.expect({**handlers, **self.sensor.configure()})
 
     def expect(self, handlers: Mapping[int, FrameHandler]) -> None:
-        """Await these identifiers with every SYNC, and give their data to those who take them."""
+        """Await these identifiers with every SYNC, and register their handlers."""
         self._handlers = handlers
         self._expected, self._order = frozenset(handlers), sorted(handlers)
         self._whole = WholeCycle(self.slots, handlers, _FEEDBACK, SYNC) if len(self.slots) < MAX_RECORDS else None
 
     def restore(self, nodes: set[int]) -> list[str]:
-        """Give the sensor and these nodes their former PDOs back; return the refusals in words."""
+        """Restore the former PDOs of the sensor and of these nodes.
+
+        Return the refusals in words.
+        """
         refused = self.sensor.restore()
         while self._sets:
             pdos = self._sets.pop()
@@ -236,10 +242,11 @@ class CyclicExchange:
         return refused
 
     def exchange(self) -> None:
-        """Run one cycle: RPDOs, SYNC, then the answers until all have come or the time is over.
+        """Run one cycle: RPDOs, SYNC, then answers until their time is over.
 
-        In lock-step an answer may take as long as the bench file's time-out; otherwise the cycle ends on its schedule, and a late
-        answer is taken as the newest one in the next. A cycle that is too late is not sent at all: see `CycleSchedule`.
+        In lock-step an answer may take as long as the bench file's time-out. Otherwise the cycle ends on its schedule,
+        and a late answer counts as the newest one in the next cycle. A cycle that is too late is not sent at all: see
+        `CycleSchedule`.
         """
         if self.network.channel.is_lock_step:
             self._exchange_in_lock_step()
@@ -247,7 +254,7 @@ class CyclicExchange:
             self._exchange_on_schedule()
 
     def saw(self, frame: Frame) -> None:
-        """Count a frame that the master has sent beside the cycle."""
+        """Count a frame of the master outside of the cycle."""
         if not self.network.channel.is_lock_step:
             self.schedule.saw(frame)
 
@@ -285,7 +292,10 @@ class CyclicExchange:
         self._count(pending)
 
     def _take_whole(self, frames: list[Frame]) -> bool:
-        """Take a cycle's answers if they are complete and in order; this is the usual case, and quick."""
+        """Take a cycle's answers if they are complete and in order.
+
+        This is the usual case, and fast.
+        """
         if [frame[0] for frame in frames] != self._order:
             return False
         handlers = self._handlers
@@ -312,9 +322,9 @@ class CyclicExchange:
         schedule.count_bits()
 
     def _send_in_time(self) -> bool:
-        """Send RPDOs and SYNC; False if SYNC came too late to be sent.
+        """Send RPDOs and SYNC; False if it was too late for SYNC.
 
-        Without SYNC the RPDOs, which wait for it in the drives, never come into force: those of the next cycle replace them.
+        Drives apply RPDOs at SYNC: without SYNC, the RPDOs of the next cycle replace them.
         """
         network, schedule = self.network, self.schedule
         for slot in self.slots:
@@ -328,7 +338,10 @@ class CyclicExchange:
         return False
 
     def _drain(self, pending: set[int]) -> None:
-        """Take the frames that have arrived; before SYNC they are late answers, whose values count but which answer no SYNC."""
+        """Take the frames that have arrived.
+
+        Before SYNC they are late answers: their values count, but they answer no SYNC.
+        """
         for _ in range(MAX_LATE_FRAMES):
             frame = self.network.receive(0.0)
             if frame is None:
@@ -343,7 +356,10 @@ class CyclicExchange:
             self.network.dispatch(frame)
 
     def _take(self, frame: Frame, pending: set[int]) -> bool:
-        """Unpack a frame if it is one of ours, else return False; a wrong length counts as missing."""
+        """Unpack a frame with a handler; False for any other frame.
+
+        A wrong length counts as a missing answer.
+        """
         taker = self._handlers.get(frame[0])
         if taker is None:
             return False
@@ -364,7 +380,10 @@ class CyclicExchange:
         self.sensor_missed += not self.sensor.has_measured(pending, self._sync_s)
 
     def _count_dropped(self) -> None:
-        """Count a dropped cycle: no drive owes an answer to it, and the slots hold data of an older one."""
+        """Count a dropped cycle.
+
+        No drive owes an answer to it, and the slots hold data of an older cycle.
+        """
         self.cycles += 1
         self._has_all = False
         self.missing_answers = len(self._expected)

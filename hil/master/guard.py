@@ -1,4 +1,7 @@
-"""Limits of the bench file and health of the drives, watched by the master. Pure: values in, reasons to stop out."""
+"""The master's checks of limits and of the drives' health.
+
+Pure: values in, reasons to stop out.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -50,10 +53,11 @@ class AxisGuard:
         self._window_rad = limits.following_error_rev * turn
 
     def accepts(self, position_rad: float, missing: int) -> bool:
-        """True if the axis can be at a position, by the motor's speed limit and the time since the last position.
+        """True if the axis can be at a position.
 
-        The caller forgets any other position, as if no answer had come; the second in a row stops the run in `check`. After a
-        missing answer the next one may be the late one, which is then a period older than it seems.
+        By the motor's speed limit and the time since the last position. The caller ignores any other position, as if
+        the answer were missing; two in a row make `check` stop the run. After a missing answer, the next one may be the
+        late one, and then it is a period older than it seems.
         """
         self._cycles += 1
         if missing:
@@ -103,7 +107,10 @@ class AxisGuard:
         return None
 
     def skip(self) -> None:
-        """Note a cycle without a measurement: the next position is more than a period away from the last."""
+        """Note a cycle without a measurement.
+
+        The next position is more than a period away from the last.
+        """
         self._last_rad = None
 
     def _following(self, error_rev: float) -> str | None:
@@ -117,7 +124,9 @@ class AxisGuard:
 
 
 def heartbeat_fault(node: int, last_s: float | None, now_s: float, since_s: float, heartbeat_s: float) -> str | None:
-    """The reason to stop when a node's heartbeat is late: three periods after the last, or after supervision began.
+    """Return the reason to stop if a node's heartbeat is late.
+
+    It is late three periods after the last one, or after supervision began.
 
     Args:
         node: Node-ID of the node.

@@ -1,4 +1,7 @@
-"""A second encoder on a joint in a run: the TPDO that brings its position, of an axis that moves or of one that only watches."""
+"""Second encoder on a joint in a run: TPDO and position.
+
+Its axis moves, or is only watched.
+"""
 
 import math
 import struct
@@ -32,7 +35,10 @@ class JointEncoder:
         self._rad_per_count = math.nan if encoder is None else encoder.rad_per_count
 
     def configure(self, pdos: PdoSet, *, with_notch_state: bool) -> None:
-        """Map its position into the drive's TPDO for it; the drive is pre-operational."""
+        """Map the encoder's position into its TPDO.
+
+        The drive is pre-operational.
+        """
         number = mapping.load_tpdo(self.axis.profile, with_notch_state=with_notch_state)
         self.can_id = pdos.tpdo(number, mapping.load_position(self.axis.table, self.axis.profile))
 
@@ -45,5 +51,5 @@ class JointEncoder:
 
     @property
     def angle_rad(self) -> float:
-        """Angle of the joint in the last cycle; not a number where that brought none."""
+        """Angle of the joint in the last cycle; NaN without an answer."""
         return self.counts * self._rad_per_count if self.has_answered else math.nan

@@ -1,4 +1,7 @@
-"""The schedule of a run by the wall clock: absolute deadlines, cycles that are too late to be sent, and statistics of both."""
+"""Schedule of a run by the wall clock, and statistics.
+
+Deadlines are absolute; cycles that are too late are dropped.
+"""
 
 import math
 from bisect import bisect_left
@@ -17,11 +20,11 @@ _COARSE = PER_DECADE // 2
 
 
 class Histogram:
-    """Durations in bins of equal ratio, so that a run of any length takes the same memory.
+    """Durations in bins of equal ratio.
 
-    A percentile is never below the exact one, which is the smallest value that at least this fraction of all does not exceed.
-    From 100 ns to 100 s it exceeds the exact one by no more than `RELATIVE_ERROR`; below, by no more than 100 ns; beyond, it is
-    the largest value. The largest value is exact.
+    A run of any length takes the same memory. A percentile is never below the exact one, which is the smallest value that
+    at least this fraction of all values does not exceed. From 100 ns to 100 s it exceeds the exact one by no more than
+    `RELATIVE_ERROR`; below, by no more than 100 ns; beyond, it is the largest value. The largest value is exact.
 
     Attributes:
         count: Number of values.
@@ -44,7 +47,10 @@ class Histogram:
         self.largest_s = max(self.largest_s, value_s)
 
     def percentile(self, fraction: float) -> float | None:
-        """Value that this fraction (0 to 1) of all values does not exceed; None without values."""
+        """Return the value that a fraction of all values does not exceed.
+
+        Fraction from 0 to 1; None without values.
+        """
         if not self.count:
             return None
         rank = max(1, math.ceil(round(fraction * self.count, 6)))
@@ -56,7 +62,10 @@ class Histogram:
         return self.largest_s
 
     def bars(self) -> list[tuple[float, int]]:
-        """Bars, two a decade: upper edge and number, from the first to the last that is not empty; the last edge is inf."""
+        """Return bars, two per decade: upper edge and number.
+
+        From the first to the last that is not empty; the last edge is inf.
+        """
         bars = [(_EDGES[0], self._bins[0])]
         for begin in range(1, len(_EDGES), _COARSE):
             end = begin + _COARSE - 1
@@ -68,7 +77,7 @@ class Histogram:
 
 @dataclass
 class CycleSchedule:
-    """The absolute deadlines of a run, one per cycle, with the statistics of their lateness.
+    """Absolute deadlines of a run's cycles, with lateness statistics.
 
     Deadline n is t_0 + n T, so that a late cycle does not delay the next one. A cycle that is later than `limit_s` is dropped:
     its set-points belong to an instant that has passed, and the next cycle has newer ones.
@@ -131,7 +140,7 @@ class CycleSchedule:
         self.clock.sleep_until(self.deadline_s)
 
     def gives_up(self) -> bool:
-        """True if this cycle is too late to be sent; it is then counted as dropped."""
+        """True if this cycle is too late, and is counted as dropped."""
         late = self.clock.now() - self.deadline_s
         if late <= self.limit_s or self.is_stopping:
             return False
@@ -143,7 +152,10 @@ class CycleSchedule:
         return True
 
     def missing_now(self) -> int:
-        """Number of cycles in a row that were not sent, up to this instant; 0 before the first."""
+        """Return the number of unsent cycles in a row until now.
+
+        0 before the first cycle.
+        """
         behind = self.clock.now() - self.end_s if self.cycles else 0.0
         return self._in_a_row + 1 + int(behind / self.period_s) if behind > self.limit_s else self.overdue
 
@@ -166,7 +178,10 @@ class CycleSchedule:
         self._frames.append(frame)
 
     def count_bits(self) -> None:
-        """Count the bits of the kept frames, between the cycles; error messages of the controller have none."""
+        """Count the bits of the kept frames, between the cycles.
+
+        Error messages of the controller have no bits.
+        """
         for frame in self._frames:
             if frame.can_id & CAN_ERR_FLAG:
                 continue
@@ -184,7 +199,16 @@ class CycleSchedule:
 
 @dataclass(frozen=True)
 class Percentiles:
-    """Percentiles of a histogram in s, None without values, and its bars: upper edge in s (None beyond the last) and number."""
+    """Percentiles of a histogram in s, and its bars.
+
+    Attributes:
+        count: Number of values.
+        p50_s: 50 % of the values are not above it; None without values.
+        p99_s: 99 %.
+        p999_s: 99.9 %.
+        max_s: Largest value.
+        histogram: Upper edge in s (None beyond the last) and number of each bar.
+    """
 
     count: int
     p50_s: float | None
@@ -207,7 +231,7 @@ def _rounded(value: float | None) -> float | None:
 
 @dataclass(frozen=True)
 class WallClockTiming:
-    """The timing of a run on the wall clock, from its first cycle to its last.
+    """Timing of a run on the wall clock, over all cycles.
 
     Attributes:
         period_s: SYNC period.

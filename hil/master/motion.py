@@ -29,10 +29,10 @@ class Motion:
         time_s: Time from 0, one row per SYNC; shape (n,).
         motor_angle_rad: Motor angles relative to the start of each axis; shape (n, axes). The axes are brought to the first row
             before anything is recorded.
-        starts_at_home: True for a motion of the tool, whose angles count from where all motor angles are zero; else they count
-            from where each axis stands.
+        starts_at_home: True for a motion of the tool, whose angles count from zero motor angles; else they count from the present
+            position of each axis.
         torque_offset_nm: Torque added in the loop that the drive closes (60B2h), shape (n, axes); None: it is not mapped.
-        returns: False for a way to somewhere: the axes stay where it ends.
+        returns: False for axes that remain at the end of the motion.
         excitation_rad: Part of the motor angles that excites a plant, in which no acceleration is limited; shape (n, axes); None
             without one.
     """
@@ -56,10 +56,10 @@ class RunResult:
     """The result of a run.
 
     Attributes:
-        recording: Data that the master received; shorter than the motion where the run was stopped.
+        recording: Data that the master received; shorter than the motion if the run was stopped.
         cycles: Number of SYNCs in the motion.
         missed_cycles: Cycles of the motion in which an answer did not come.
-        sensor_missed: Cycles of the motion without what tells the tip: the accelerometer, or all encoders of the joints.
+        sensor_missed: Cycles of the motion without the tip: accelerometer, or all encoders of the joints.
         wall_s: Duration of the whole run, set-up, settling, return and restoration included.
         motion_s: Duration of the motion in the bench's time.
         control_period_s: Sampling time of the loop.

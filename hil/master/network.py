@@ -1,4 +1,7 @@
-"""The master's side of CANopen on one channel: SDO, NMT, SYNC, heartbeats and emergencies, in one thread."""
+"""The master's side of CANopen on one channel.
+
+SDO, NMT, SYNC, heartbeats and emergencies, in one thread.
+"""
 
 import struct
 from collections import Counter, deque
@@ -26,7 +29,7 @@ _EMERGENCY = struct.Struct("<HB5s")
 
 @dataclass(frozen=True)
 class Emergency:
-    """An EMCY message: the node says that something is wrong, or (code 0) right again."""
+    """An EMCY message: a node's error, or its end (code 0)."""
 
     node: int
     code: int
@@ -41,7 +44,10 @@ class Emergency:
 
 
 class _Line:
-    """SDO frames of one node; while it waits for an answer, it reads the channel in the caller's thread."""
+    """SDO frames of one node.
+
+    While it waits for an answer, it reads the channel in the caller's thread.
+    """
 
     def __init__(self, network: "Network") -> None:
         self._network = network
@@ -77,7 +83,10 @@ class _Port(SdoPort):
 
 
 class _Tee(canopen.Network):
-    """canopen's network on our channel: it sends by the channel and gets every frame that is not cyclic."""
+    """The `canopen` package's network on our channel.
+
+    It sends through the channel, and receives every frame that is not cyclic.
+    """
 
     def __init__(self, send: Callable[[Frame], None]) -> None:
         super().__init__()
@@ -95,7 +104,7 @@ class Network:
 
     Attributes:
         channel: The bus.
-        canopen: canopen's network; it gets every frame that is not cyclic.
+        canopen: canopen's network; it receives every frame that is not cyclic.
         emergencies: Emergencies of the nodes that were not handled yet; a bounded queue.
         fault_texts: For each node, its maker's own error codes in words.
         heartbeats: Time and NMT state of the last heartbeat of each node.
@@ -142,7 +151,7 @@ class Network:
         self._lock_step_s += self.period_s
 
     def sync_with(self, frames: list[Frame]) -> None:
-        """Send frames and SYNC behind them, in one piece where the bus takes that."""
+        """Send frames and SYNC after them, together if possible."""
         together = [*frames, SYNC]
         self.channel.send_all(together)
         if self.log.is_on:
@@ -157,9 +166,10 @@ class Network:
         return self._raw is not None and self._raw.takes_messages
 
     def cycle_in_messages(self, command: bytes) -> bytes:
-        """Send the records of a cycle, of which the last is SYNC; return those of the next message, empty when none came in time.
+        """Send the records of a cycle; return the next message.
 
-        The answer is not logged yet: either `log_message` or `frames_of` is next.
+        The last record is SYNC. The message is empty if none came in time. It is not logged yet: call either
+        `log_message` or `frames_of` next.
         """
         if self._raw is None:
             raise TypeError(f"{type(self.channel).__name__} takes no messages")
@@ -175,7 +185,7 @@ class Network:
             self.log.add_message(LoggedMessage(self._lock_step_s, message, is_received=True))
 
     def frames_of(self, message: bytes) -> list[Frame]:
-        """The frames of a message of `cycle_in_messages`, logged, as `receive_all` gives them."""
+        """Log a message of `cycle_in_messages`, and return its frames."""
         if self._raw is None or not message:
             return []
         self._raw.put_back(message)
@@ -186,7 +196,10 @@ class Network:
         self._lock_step_s += self.period_s
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """The next frame and those that came in one message with it, logged; empty when none came in time."""
+        """Receive the next frame and those in one message with it.
+
+        They are logged; empty if none came in time.
+        """
         frames = self.channel.receive_all(timeout_s)
         if self.log.is_on:
             now = self.now()
@@ -202,7 +215,10 @@ class Network:
         return frame
 
     def dispatch(self, frame: Frame) -> None:
-        """Hand a frame that is not cyclic to its receiver; no bytes make this raise."""
+        """Pass a frame that is not cyclic to its receiver.
+
+        No bytes raise an error.
+        """
         can_id, data = frame
         if can_id & CAN_ERR_FLAG:
             self._note_error(frame)
@@ -225,12 +241,18 @@ class Network:
             self.bus_errors[event.words] += 1
 
     def answers_twice(self, node: int) -> bool:
-        """True if a node's SDO server has answered more often than it was asked: two nodes may share its node-ID."""
+        """True if a node's SDO server has answered too often.
+
+        Two nodes may share its node-ID.
+        """
         line = self._lines.get(node)
         return line is not None and line.unasked + len(line.answers) > 0
 
     def pump_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        """Read and dispatch frames until `done` holds or the time is over; return the last value of `done`."""
+        """Read and dispatch frames until `done` holds or time is over.
+
+        Return the last value of `done`.
+        """
         deadline = self._clock.now() + timeout_s
         while not done():
             left = deadline - self._clock.now()
@@ -287,7 +309,9 @@ class Network:
         self._port(node).write((index, subindex), data, name, value)
 
     def read(self, node: int, index: int, subindex: int, kind: DataType, name: str = "") -> Any:
-        """Read an object's value; bytes of another length than the type's count as no answer.
+        """Read an object's value.
+
+        Bytes of another length than the type's count as no answer.
 
         Args:
             node: Node-ID of the node.

@@ -14,7 +14,7 @@ from hil.master.supervision import Supervisor
 
 
 class NodeSetup:
-    """Writes the settings of a run into its nodes, and restores their former contents.
+    """Set-up of a run's nodes, and restoration of their former contents.
 
     Args:
         network: The bus.
@@ -27,7 +27,9 @@ class NodeSetup:
         self._network, self._bus, self._axes, self._exchange = network, bus, axes, exchange
 
     def check(self, *, with_notch: bool) -> None:
-        """Refuse a run for which a profile or a drive lacks something, with all that is missing; nothing is written.
+        """Refuse a run for which a profile or a drive lacks something.
+
+        The error has all that is missing; nothing is written.
 
         Args:
             with_notch: True if the drives' filters act.
@@ -59,14 +61,16 @@ class NodeSetup:
             raise MissingObjectsError([each for each in missing if each[2]])
 
     def set_up(self, supervisor: Supervisor, *, with_notch: bool) -> None:
-        """Write limits, gains, filters, PDOs and supervision, each read back; then start the nodes.
+        """Write limits, gains, filters, PDOs and supervision; start the nodes.
+
+        Each object is read back.
 
         Args:
             supervisor: Supervisor that sends the first heartbeat and watches the drives from then on.
             with_notch: True if the drives' filters act.
 
         Raises:
-            HilError: A node refuses, is silent, or does not hold what was written.
+            HilError: A node refuses, is silent, or does not hold a written value.
         """
         exchange, nodes = self._exchange, self._nodes(self._axes)
         for node in nodes:
@@ -105,11 +109,14 @@ class NodeSetup:
         return not_restored
 
     def _nodes(self, axes: list[DriveAxis]) -> list[int]:
-        """Nodes of these axes, of those that only watch, and of the sensor."""
+        """Return the nodes of these axes, of watched ones, and the sensor."""
         return [*(axis.node for axis in (*axes, *self._exchange.watched)), *self._exchange.sensor.nodes]
 
     def _is_disabled(self, axis: DriveAxis) -> bool:
-        """True if a drive confirms by SDO that it is out of operation; otherwise the command is sent once more."""
+        """True if a drive confirms by SDO that it is disabled.
+
+        If it does not, the command is sent once more.
+        """
         for attempt in range(2):
             try:
                 if attempt:

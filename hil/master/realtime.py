@@ -1,4 +1,7 @@
-"""Real time on Linux as far as the system permits it: requests, their outcome, and their undoing."""
+"""Real time on Linux, as far as the system permits it.
+
+Requests, their outcome, and their reversal.
+"""
 
 import ctypes
 import gc
@@ -28,12 +31,12 @@ class Clock(Protocol):
         ...
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Return at this instant of `now` or soon after it; at once where it has passed."""
+        """Sleep until this instant of `now`, or return at once after it."""
         ...
 
 
 class MonotonicClock:
-    """The system's monotonic clock; a step of the date does not touch it.
+    """The system's monotonic clock, which setting the date does not change.
 
     Args:
         spin_s: Time before a deadline at which the loop stops sleeping and polls. It costs that much of a core per period, and
@@ -86,7 +89,10 @@ class Measure:
 
 
 class System:
-    """The calls to the system; each raises OSError where it is not permitted or does not exist."""
+    """Calls to the operating system.
+
+    Each raises OSError if it is not permitted or does not exist.
+    """
 
     def __init__(self) -> None:
         """Find the C library."""
@@ -128,9 +134,9 @@ class System:
             raise OSError(str(error)) from None
 
     def may_lock_memory(self) -> bool:
-        """True if the process may lock all the memory that it will ever need.
+        """True if the process may lock all memory that it will need.
 
-        With a finite limit an allocation in the middle of a motion could fail; in that case nothing is locked.
+        With a finite limit, an allocation during a motion could fail; nothing is locked then.
         """
         try:
             import resource  # noqa: PLC0415 - Unix only
@@ -143,7 +149,10 @@ class System:
             return False
 
     def lock_memory(self) -> None:
-        """Keep every page that is used from now on; untouched ones are left alone, since libraries map far more than they use."""
+        """Lock every page that is used from now on.
+
+        Unused pages are not locked: libraries map far more than they use.
+        """
         self._call("mlockall", MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT)
 
     def unlock_memory(self) -> None:
@@ -162,9 +171,9 @@ class System:
 
 
 def no_garbage_collection() -> Callable[[], None]:
-    """Switch the collector off, and collect nothing; return a function that undoes it.
+    """Switch the garbage collector off; return a function that undoes it.
 
-    Beside a run in lock-step, which nobody waits for, a collection is dear: 0.2 s in a process that has loaded much.
+    Nothing is collected first: a collection takes 0.2 s in a process with many modules, and a lock-step run does not need it.
     """
     was_enabled = gc.isenabled()
     gc.disable()
@@ -177,7 +186,10 @@ def no_garbage_collection() -> Callable[[], None]:
 
 
 def quiet_garbage_collection() -> Callable[[], None]:
-    """Collect once, freeze all objects and switch the collector off; return a function that undoes it."""
+    """Collect once, freeze all objects, switch the collector off.
+
+    Return a function that undoes it.
+    """
     was_frozen = gc.get_freeze_count() > 0
     gc.collect()
     enable_again = no_garbage_collection()
@@ -193,7 +205,9 @@ def quiet_garbage_collection() -> Callable[[], None]:
 
 
 class RealTime:
-    """A context in which this thread runs in real time as far as the system permits; a refusal is not an error.
+    """Context in which this thread runs in real time, if permitted.
+
+    A refusal is not an error.
 
     Args:
         settings: The requests.
@@ -211,7 +225,10 @@ class RealTime:
         self._undo: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
-        """Make the requests, the scheduler last, since the others may take their time."""
+        """Make the requests, the scheduler last.
+
+        The others may take their time.
+        """
         settings = self._settings
         self._undo.append(quiet_garbage_collection())
         interval = sys.getswitchinterval()

@@ -1,4 +1,4 @@
-"""The request of a run, and its checks before anything is written or enabled."""
+"""Request of a run, and checks before anything is written or enabled."""
 
 import math
 from collections.abc import Mapping
@@ -58,7 +58,10 @@ class RunRequest:
         return self.motion.torque_offset_nm is not None or (self.adder is not None and self.adder.uses_torque)
 
     def filters_of(self, axis: DriveAxis) -> tuple[Notch | FixedFilter, ...]:
-        """Filters that act on an axis: those that its drive holds, once written, or those of the host's loop."""
+        """Return the filters that act on an axis.
+
+        Those that its drive holds, once written, or those of the host's loop.
+        """
         if self.loop == "drive":
             return axis.notches
         return host_filters(axis, with_notch=self.filters == "notch", fixed=self.fixed)
@@ -67,13 +70,13 @@ class RunRequest:
         """Refuse combinations that are not possible.
 
         Raises:
-            NotPossibleError: The combination is not possible; the message says what it needs.
+            NotPossibleError: The combination is not possible; the message has the requirement.
         """
         if self.filters == "notch" and not any(axis.table.notch for axis in axes):
             names = " or ".join(f"axis.{axis.number}.notch" for axis in axes)
             raise NotPossibleError(f"a run with the notch needs one: the bench file has no {names}")
         if self.loop == "host" and (self.adder is not None or self.uses_torque_offset):
-            raise NotPossibleError("additions to set-points and torques need a loop that the drives close (--loop drive)")
+            raise NotPossibleError("additions to set-points and torques need a drive-closed loop (--loop drive)")
         if self.uses_torque_offset:
             for axis in axes:
                 mode = mode_of(self.loop, axis.profile)
@@ -81,10 +84,12 @@ class RunRequest:
                     name = "no cyclic mode" if mode is None else mode.name
                     raise NotPossibleError(f"axis {axis.number}: a torque offset needs CSP, {axis.profile.label} has {name}")
         if self.loop == "drive" and self.fixed:
-            raise NotPossibleError("filters that do not follow the speed act where the host closes the loop (--loop host)")
+            raise NotPossibleError("fixed filters need a host-closed loop (--loop host)")
 
     def host_loops(self, axes: list[DriveAxis]) -> ServoBank | None:
-        """The loops that the host closes, ready for their first cycle; None if the drives close them.
+        """Return the loops that the host closes, ready for the first cycle.
+
+        None if the drives close them.
 
         Raises:
             UnsafeRequestError: By its model a loop is unstable, or at the edge of stability.
@@ -97,7 +102,10 @@ class RunRequest:
 def host_filters(
     axis: DriveAxis, *, with_notch: bool, fixed: Mapping[int, FixedFilter] | None = None
 ) -> tuple[Notch | FixedFilter, ...]:
-    """Filters that the host puts into the loop of an axis: a fixed one in place of those of the bench file."""
+    """Return the host's filters in the loop of an axis.
+
+    A fixed one replaces those of the bench file.
+    """
     held = (fixed or {}).get(axis.number)
     if held is not None:
         return (held,)
@@ -107,7 +115,7 @@ def host_filters(
 def host_loops(
     axes: list[DriveAxis], period_s: float, *, with_notch: bool, fixed: Mapping[int, FixedFilter] | None = None
 ) -> ServoBank:
-    """The loops of axes that the host closes, ready for their first cycle.
+    """Return the loops that the host closes, ready for the first cycle.
 
     Args:
         axes: The axes, in the order of the motion's columns.
@@ -130,7 +138,9 @@ def host_loops(
 
 
 def check_host_loop(number: int, table: AxisTable, period_s: float, *, with_notch: bool, held: FixedFilter | None = None) -> None:
-    """Refuse a loop over the bus that is unstable by its model, or at the edge of it; a loop without a model is accepted.
+    """Refuse a loop over the bus that is nearly or actually unstable.
+
+    By its model; a loop without a model is accepted.
 
     Args:
         number: Number of the axis.
@@ -159,12 +169,12 @@ def check_host_loop(number: int, table: AxisTable, period_s: float, *, with_notc
 
 
 def check_acceleration(table: AxisTable, axis: int, trajectory: ConstantAcceleration | PointToPoint) -> None:
-    """Refuse a ramp beyond the acceleration limit, or one for which the torque limit is too low.
+    """Refuse a ramp beyond the acceleration limit or the torque limit.
 
     The torque gives motor and arm α ≤ τ/(2π (J_m + J_l/N²)) in rev/s².
 
     Args:
-        table: Table of the axis in the bench file; where it knows neither plant nor motor inertia the torque refuses nothing.
+        table: Table of the axis in the bench file; without plant and motor inertia, the torque is not checked.
         axis: Axis number.
         trajectory: Trajectory of the motor.
 
@@ -190,7 +200,9 @@ def check_acceleration(table: AxisTable, axis: int, trajectory: ConstantAccelera
 
 
 def check_set_points(axis: int, limits: Limits, angle_rad: Real, period_s: float) -> None:
-    """Refuse set-points that accelerate an axis, from rest on, by more than its limit.
+    """Refuse set-points that accelerate an axis beyond its limit.
+
+    The axis begins at rest.
 
     Args:
         axis: Axis number.

@@ -1,4 +1,7 @@
-"""One run, from the first control word to the last: enable, settle, move and record, return, disable; and its stop."""
+"""One run, from the first control word to the last.
+
+Enable, settle, move and record, return, disable; and stop.
+"""
 
 import contextlib
 import math
@@ -39,7 +42,9 @@ ADDED_UP_TO = 0.99
 
 @dataclass(frozen=True)
 class RunLimits:
-    """Limits and waiting times of a run from the bench file, beside the limits of its axes.
+    """Limits and waiting times of a run from the bench file.
+
+    The limits of its axes are not among them.
 
     Attributes:
         settle_s: Standstill of the axes before the motion is recorded.
@@ -72,7 +77,7 @@ class Run:
         progress: Called with the fraction of the motion that is done.
         table: Rows that are recorded.
         missed: Cycles of the motion in which an answer did not come.
-        sensor_missed: Cycles of the motion without what tells the tip.
+        sensor_missed: Cycles of the motion without a measurement of the tip.
         dropped: Cycles of the motion whose set-points were not sent in time.
     """
 
@@ -108,7 +113,10 @@ class Run:
     # -- the sequence --------------------------------------------------------------------------------------------------
 
     def perform(self) -> SafetyStopError | None:
-        """Enable, settle, move, return and disable; return the reason of a stop, or None."""
+        """Enable, settle, move, return and disable.
+
+        Return the reason of a stop, or None.
+        """
         try:
             self.enable()
             here = [slot.position_rad for slot in self.exchange.slots]
@@ -136,10 +144,11 @@ class Run:
         return [start + float(angle) for start, angle in zip(self.starts, self.motion.motor_angle_rad[row], strict=True)]
 
     def enable(self) -> None:
-        """Step all drives together to switched on, then to operation enabled, each by its own control words.
+        """Switch all drives on together, then enable their operation together.
 
-        No drive is enabled before all can be. Host-closed, a loop is closed in the cycle in which its drive shows that the brake
-        is open, and holds the arm where it was. A drive that interpolates follows set-points from then on, and stands before.
+        Each has its own control words, and no drive is enabled before all can be. Host-closed, the host closes a loop
+        in the cycle in which its drive shows that the brake is open, and holds the arm in its place. A drive in
+        interpolated position mode follows set-points only after that.
         """
         for goal in (State.SWITCHED_ON, State.OPERATION_ENABLED):
             self._reach(goal)
@@ -172,14 +181,17 @@ class Run:
 
     @staticmethod
     def _word_towards(goal: State, state: State | None) -> int:
-        """The next control word towards a goal, or the one that keeps it."""
+        """Return the next control word towards a goal, or to keep it."""
         if state is State.SWITCHED_ON and goal is State.SWITCHED_ON:
             return SWITCH_ON
         word = None if state is None else control_word_towards(state)
         return DISABLE_VOLTAGE if word is None else word
 
     def _take_over(self) -> None:
-        """Hold each enabled axis at its start, host-closed, while the others are being enabled."""
+        """Hold each enabled axis at its start, host-closed.
+
+        Others are still being enabled.
+        """
         if self.bank is None:
             return
         for i, slot in enumerate(self.exchange.slots):
@@ -225,7 +237,10 @@ class Run:
     # -- one cycle -----------------------------------------------------------------------------------------------------
 
     def step(self, references: list[float], row: int | None = None) -> None:
-        """Run one cycle: set-points out, answers in, limits checked; recorded where a row is given."""
+        """Run one cycle: set-points out, answers in, limits checked.
+
+        It is recorded if a row is given.
+        """
         if self.bank is None:
             self._set_points(references, row)
         self._cycle()
@@ -236,7 +251,9 @@ class Run:
         self._check(references)
 
     def _set_points(self, references: list[float], row: int | None) -> None:
-        """Set the set-points of the next cycle, drive-closed, with the additions to them, in the drives' units.
+        """Set the set-points of the next cycle, drive-closed.
+
+        In the drives' units, with additions.
 
         Raises:
             RunStopError: A torque offset is beyond the limit of its axis.
@@ -261,7 +278,7 @@ class Run:
                 slot.torque_offset = slot.axis.scaling.torque_per_mille(torque)
 
     def _tell(self, row: int | None) -> None:
-        """Tell an adder that listens what the last cycle has brought."""
+        """Pass the last cycle's measurements to a sensing adder."""
         if self._listener is None:
             return
         missed, exchange = self._sensor_missed, self.exchange
@@ -272,10 +289,11 @@ class Run:
         self._listener.sense(Sensed(exchange.sensor.acceleration_m_s2 if has_measured else None, row, load_rad))
 
     def _within_speed(self, references: list[float]) -> list[float]:
-        """Set-points with additions, none of them faster than its axis may be: what is beyond that waits for the next cycle.
+        """Limit set-points with additions to the speed of each axis.
 
-        The motion has been checked, and the largest additions with it; but an angle that was measured some tenths of a
-        millisecond late, because the SYNC waited for another frame, makes a step of them.
+        The next cycles make up for the rest. The motion and the largest additions have been checked. But a SYNC that
+        waits for another frame delays the measurement of an angle by some tenths of a millisecond, and the addition
+        then has a step.
         """
         if self._sent_rad:
             steps = [ADDED_UP_TO * math.tau * slot.axis.table.limits.speed_rps * self.period_s for slot in self.exchange.slots]
@@ -285,7 +303,10 @@ class Run:
         return references
 
     def _discard_wild(self) -> None:
-        """Ignore impossible positions: the last one stays, as if no answer had come."""
+        """Ignore impossible positions, as if no answer had come.
+
+        The last possible position remains.
+        """
         if self.exchange.was_dropped:
             return
         for i, (guard, slot) in enumerate(zip(self._guards, self.exchange.slots, strict=True)):
@@ -295,14 +316,17 @@ class Run:
                 slot.position_counts = self._trusted[i]
 
     def _cycle(self) -> None:
-        """Run one cycle; stop where too many in a row were too late."""
+        """Run one cycle; stop after too many late ones in a row."""
         self.supervisor.cycle(self.exchange)
         reason = self._own_fault()
         if reason is not None:
             raise RunStopError(reason)
 
     def _own_fault(self) -> str | None:
-        """The reason to stop that lies in the master; it comes first, since a late master may not have read its answers yet."""
+        """Return the reason to stop that lies in the master.
+
+        It comes first, since a late master may not have read its answers yet.
+        """
         overdue, limit = self.exchange.schedule.missing_now(), self.limits.missing_limit
         if overdue <= limit:
             return None
@@ -320,7 +344,10 @@ class Run:
         return self.exchange.schedule.dropped + self.exchange.schedule.late
 
     def _close_loops(self, references: list[float]) -> None:
-        """Run the laws, host-closed, on the values just received; their torques leave with the next cycle."""
+        """Run the control laws, host-closed, on the values just received.
+
+        Their torques are sent with the next cycle.
+        """
         if self.bank is None:
             return
         slots = self.exchange.slots
@@ -350,7 +377,10 @@ class Run:
             raise RunStopError(self._own_fault() or reason)
 
     def _with_bus_errors(self, reason: str) -> str:
-        """A reason, with the errors on the bus that the controller reported meanwhile."""
+        """Return a reason with the errors on the bus since the start.
+
+        They are those that the CAN controller reported.
+        """
         errors = self.supervisor.network.bus_errors - self._bus_errors
         reports = ", ".join(f"{words} ({number} times)" for words, number in errors.most_common(3))
         return f"{reason}; on the bus: {reports}" if reports else reason
@@ -358,7 +388,7 @@ class Run:
     # -- the end -------------------------------------------------------------------------------------------------------
 
     def disable(self, word: int) -> bool:
-        """Command all drives out of operation; True if every one has confirmed it in time."""
+        """Command all drives to disable; True if all confirm in time."""
         self.exchange.schedule.is_stopping = True
         ramp_s = max(axis.table.limits.speed_rps / axis.table.limits.quick_stop_rps_s for axis in self.axes)
         for _ in range(math.ceil((ramp_s + STOP_TIMEOUT_S) / self.period_s)):
@@ -374,7 +404,10 @@ class Run:
         return False
 
     def stop(self, reason: str) -> SafetyStopError:
-        """Quick-stop all axes and wait until they are disabled; an error meanwhile does not end the stopping."""
+        """Quick-stop all axes, and wait until they are disabled.
+
+        An error meanwhile does not end the stopping.
+        """
         disabled = False
         for word in (QUICK_STOP, DISABLE_VOLTAGE):
             with contextlib.suppress(Exception):
@@ -384,7 +417,10 @@ class Run:
         return SafetyStopError(reason, all_disabled=disabled, where=self._where())
 
     def _where(self) -> str:
-        """Where the axes stand, by their last answers, or asked by SDO where these are missing; and how to go on."""
+        """Return the positions of the axes in words, with the remedy.
+
+        From the last answers, or by SDO if they are missing.
+        """
         found = []
         for i, slot in enumerate(self.exchange.slots):
             stands_rad: float | None = slot.position_rad
@@ -398,7 +434,7 @@ class Run:
         return stop_text(found)
 
     def recording(self) -> Recording:
-        """The recorded rows; the filters' frequencies only where drives send them."""
+        """The recorded rows; the filters' frequencies only if drives send them."""
         with_notch = self.exchange.tells_filter or self.bank is not None
         encoders = [encoder.axis.number for encoder in self.exchange.encoders]
         return self.table.recording([axis.number for axis in self.axes], with_notch=with_notch, encoders=encoders)

@@ -12,7 +12,9 @@ _TIP_COLUMNS = ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2", "missing")
 
 
 class RunTable:
-    """One row per SYNC of the motion: time, tip, missing answers, four values of each axis, and an angle of each joint's encoder.
+    """Recorded rows of a motion, one per SYNC.
+
+    Time, tip, missing answers, four values of each axis, and the angle of each joint's encoder.
 
     Args:
         length: Number of rows of the whole motion.
@@ -29,7 +31,10 @@ class RunTable:
         self._values = np.full((length, _COMMON + _PER_AXIS * axes + encoders), 0.0)
 
     def keep(self, row: int, values: Sequence[float]) -> None:
-        """Keep a row: time, X, Y, Z, missing answers; of each axis reference, position, torque, notch frequency; the encoders."""
+        """Keep a row.
+
+        Time, X, Y, Z, missing answers; reference, position, torque and notch frequency of each axis; the encoders.
+        """
         self._values[row] = values
         self.rows = row + 1
 
@@ -57,7 +62,10 @@ class RunTable:
 
 
 def going_on(angles_rad: Real) -> Real:
-    """Angles of an encoder that begins anew with each turn, as one that does not; what is not a number stays so; shape (n,)."""
+    """Unwrap the angles of an encoder that counts single turns.
+
+    NaN remains NaN; shape (n,).
+    """
     result, known = np.array(angles_rad), np.isfinite(angles_rad)
     result[known] = np.unwrap(result[known])
     return result

@@ -1,4 +1,4 @@
-"""The accelerometer at the tip in a run: a CANopen node, or a device on a serial port."""
+"""Accelerometer at the tip in a run: CANopen node or serial device."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class TipAccelerometer(Protocol):
 
     @property
     def nodes(self) -> tuple[int, ...]:
-        """Node-IDs of the sensor on the bus; empty for one on a serial port."""
+        """Node-IDs of the sensor on the bus; empty for a serial one."""
         ...
 
     def open(self) -> None:
@@ -68,7 +68,9 @@ class TipAccelerometer(Protocol):
         ...
 
     def has_measured(self, pending: Set[int], sync_s: float) -> bool:
-        """True if the sensor has measured at the last SYNC; the value is then in `acceleration_m_s2`.
+        """True if the sensor has measured at the last SYNC.
+
+        The value is then in `acceleration_m_s2`.
 
         Args:
             pending: Identifiers of the frames that have not come.
@@ -123,7 +125,10 @@ class CanopenSensor:
         return {self._can_id: self._take}
 
     def _read_scale_m_s2(self) -> float:
-        """Read the scale of the process values in m/s² per step; it must be the same for all three channels."""
+        """Read the scale of the process values in m/s² per step.
+
+        It must be the same for all three channels.
+        """
         node, scales = self._node, set()
         for sub in (1, 2, 3):
             unit = self._network.read(node, UNIT_OBJECT, sub, U32, "physical unit")
@@ -198,10 +203,12 @@ class SerialSensor:
 
 
 class JointsOnly:
-    """No sensor at the tip: encoders of the joints tell its acceleration once a motion is over (`hil.bench.load_encoder`).
+    """Replacement of a sensor at the tip by encoders of the joints.
+
+    `hil.bench.load_encoder` computes the tip's acceleration from them after a motion.
 
     Attributes:
-        acceleration_m_s2: Zeros: of a single cycle they tell none.
+        acceleration_m_s2: Zeros: a single cycle of encoder angles has no acceleration.
         can_ids: Identifiers of the encoders' answers.
     """
 

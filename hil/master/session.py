@@ -1,4 +1,7 @@
-"""A session on the bus: check the nodes; for each run set them up, enable, move, disable and restore them."""
+"""Session on the bus: checks of the nodes, and runs.
+
+For each run it sets the nodes up, enables, moves, disables and restores them.
+"""
 
 import signal
 import threading
@@ -35,14 +38,14 @@ from hil.recording import BusLog
 
 @runtime_checkable
 class SessionSource(Protocol):
-    """A channel that brings a kind of session of its own: one whose cycles need no frames."""
+    """A channel with its own kind of session, without frames."""
 
     def session(self, bench: Bench, progress: Callable[[float], None]) -> "Session":
         """A session on this channel, without a log of frames."""
         ...
 
 
-AT_REST = "the axes stand, and their drives are disabled"
+AT_REST = "the axes are at rest, and their drives are disabled"
 """Note of an error that came after a motion had ended well."""
 TWICE_S = 0.05
 """Time to listen for a second answer to the last question: two nodes may share a node ID."""
@@ -53,7 +56,9 @@ LISTEN_S = 0.1
 
 
 class Session:
-    """The master on one bus, as a context that restores the handlers of Ctrl-C at its end.
+    """The master on one bus, as a context.
+
+    At its end it restores the handlers of Ctrl-C.
 
     Args:
         bench: The bench file.
@@ -66,7 +71,7 @@ class Session:
         axes: The axes of the bench, by number.
         sensor: The accelerometer.
         supervisor: Supervisor of the nodes and the user.
-        emulated: For each axis, and for an accelerometer on the bus, True if it is emulated; None if it did not say.
+        emulated: For each axis, and for an accelerometer on the bus, True if it is emulated; None if it did not answer.
         not_restored: Settings that could not be restored, in words; empty when all were.
     """
 
@@ -111,7 +116,10 @@ class Session:
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """A context in which Ctrl-C and SIGTERM end a motion by a ramp instead of ending the program."""
+        """Context in which Ctrl-C and SIGTERM end a motion by a ramp.
+
+        They do not end the program then.
+        """
         handlers = {}
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -126,26 +134,31 @@ class Session:
         self.interrupt(signal.Signals(number).name)
 
     def interrupt(self, name: str) -> None:
-        """End a motion by a ramp, and allow no further motion; `name` is the signal's."""
+        """End a motion by a ramp, and refuse further motions.
+
+        `name` is the name of the signal.
+        """
         self.supervisor.interrupted_by = name
 
     def check_interrupt(self) -> None:
-        """Raise `InterruptedRunError` where Ctrl-C came while nothing moved."""
+        """Raise `InterruptedRunError` after Ctrl-C without a motion."""
         if self.supervisor.interrupted_by is not None:
             raise InterruptedRunError(f"interrupted by {self.supervisor.interrupted_by}")
 
     # -- bring-up ------------------------------------------------------------------------------------------------------
 
     def bring_up(self, *, reset_faults: bool = False, moving: Collection[int] | None = None, in_fault: int | None = None) -> None:
-        """Find every node, and check its identity and standstill; nothing is written or enabled.
+        """Find every node, and check its identity and standstill.
+
+        Nothing is written or enabled.
 
         Args:
             reset_faults: Reset drives that are in fault before anything else.
-            moving: Axes that will move; what the others lack does not matter. None: all axes.
+            moving: Axes that will move; missing objects of the others do not matter. None: all axes.
             in_fault: Number of an axis whose drive may be in fault; None for none.
 
         Raises:
-            ProfileGapsError: Profiles do not say how drives count; nothing has been sent.
+            ProfileGapsError: Profiles lack the units of drives; nothing has been sent.
             MissingObjectsError: Drives lack objects that every run needs.
             NodeError: A node is silent, another device, already enabled, moving, or in fault.
         """
@@ -153,7 +166,7 @@ class Session:
         if gaps := [gap for axis in used for gap in axis.scale_gaps()]:
             raise ProfileGapsError(gaps)
         if self.network.pump_until(lambda: self.network.foreign_sync, LISTEN_S):
-            raise NodeError(self.bench.bus.master_node_id, "somebody else sends SYNC on this bus", "is another master running?")
+            raise NodeError(self.bench.bus.master_node_id, "another node sends SYNC on this bus", "is another master running?")
         if self.network.channel.is_lock_step:
             self.network.sync()  # from here on the world's clock is ours, so that equal seeds give equal frames
         self._identify(used, reset_faults=reset_faults, in_fault=in_fault)
@@ -164,13 +177,16 @@ class Session:
         self.network.pump_until(lambda: False, 0.0 if self.network.channel.is_lock_step else TWICE_S)
         for node in (*(axis.node for axis in self.axes.values()), *self.sensor.nodes):
             if self.network.answers_twice(node):
-                raise NodeError(node, "answers more often than it is asked", "do two nodes have this id?")
+                raise NodeError(node, "it answers more often than it is asked", "do two nodes have this id?")
         if not self.network.channel.is_lock_step:
             for axis, begun_s, begun_rad in begun:
                 axis.check_standing(begun_rad, self.clock.now() - begun_s)
 
     def _identify(self, used: list[DriveAxis], *, reset_faults: bool, in_fault: int | None) -> None:
-        """Check every drive; what several of those lack that will move is said together."""
+        """Check every drive.
+
+        One error lists the missing objects of all drives that will move.
+        """
         missing = []
         for axis in self.axes.values():
             self.check_interrupt()
@@ -189,7 +205,9 @@ class Session:
             raise MissingObjectsError(missing)
 
     def reset_fault(self, axis: DriveAxis) -> None:
-        """Reset a fault by a rising edge of bit 7, by SDO; the drive goes no further than switch on disabled.
+        """Reset a fault by a rising edge of bit 7, by SDO.
+
+        The drive remains in switch on disabled.
 
         Raises:
             NodeError: The drive is still in fault.
@@ -209,7 +227,9 @@ class Session:
     # -- a run ---------------------------------------------------------------------------------------------------------
 
     def adopt(self, bench: Bench) -> None:
-        """Take gains, filters, limits and all else of the same axes from another bench file, for the next runs.
+        """Take the tables of the same axes from another bench file.
+
+        Gains, filters, limits and everything else count for the next runs.
 
         Raises:
             ValueError: The bench file has other axes, nodes or drives.
@@ -232,7 +252,9 @@ class Session:
         *,
         shows_filter: bool = True,
     ) -> RunResult:
-        """Make one run: set up, enable, settle, move and record, return, disable, restore.
+        """Make one run, with set-up before and restoration after it.
+
+        Set up, enable, settle, move and record, return, disable, restore.
 
         Args:
             motion: Motion of the axes.
@@ -288,13 +310,19 @@ class Session:
         )
 
     def _standing_rad(self, motion: Motion) -> dict[int, float]:
-        """Motor angles of the axes that a motion leaves where they are, on a bench with an arm: they too turn the sensor."""
+        """Read the motor angles of axes that do not move.
+
+        Only on a bench with an arm, on which they turn the sensor as well; else empty.
+        """
         if self.bench.arm is None:
             return {}
         return {number: axis.position_rad() for number, axis in self.axes.items() if number not in motion.axes}
 
     def _planned(self, request: RunRequest, axes: list[DriveAxis]) -> Run:
-        """The run of a request, after all checks; nodes have been read, but nothing written."""
+        """Return the run of a request after all checks.
+
+        Nodes have been read, but nothing is written.
+        """
         request.check(axes)
         for axis in axes:
             axis.identify()
@@ -331,7 +359,7 @@ class Session:
         Args:
             axes: The axes that take part.
             period_s: SYNC period.
-            loop: Place of the loop: set-points are positions where drives close it, torques where the host does.
+            loop: Place of the loop: set-points are positions if drives close it, torques if the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do.
@@ -381,7 +409,10 @@ class Session:
             raise UnsafeRequestError("bus.max_lateness_s", limit, period_s, "s", "a set-point is not sent in another's cycle")
 
     def _real_time(self, context: ExitStack) -> RealTime | None:
-        """Enter real time for a run in wall-clock time; in lock-step only switch the garbage collector off."""
+        """Enter real time for a run in wall-clock time.
+
+        In lock-step, only switch the garbage collector off.
+        """
         if self.network.channel.is_lock_step:
             context.callback(no_garbage_collection())
             return None

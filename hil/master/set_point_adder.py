@@ -1,11 +1,16 @@
-"""Additions to the set-points of a run, in every cycle, from the measured motor angles."""
+"""Additions to a run's set-points from the measured motor angles.
+
+In every cycle.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 
 class SetPointAdder(Protocol):
-    """Adds to every axis' set-point, in the order of the motion's axes; drive-closed runs only.
+    """Addition to every axis' set-point, in drive-closed runs.
+
+    In the order of the motion's axes.
 
     Attributes:
         uses_torque: True if torque offsets (60B2h) are needed.
@@ -30,7 +35,7 @@ class SetPointAdder(Protocol):
 
 
 class Sensed(NamedTuple):
-    """What a cycle has brought beside angles and torques of the motors.
+    """Measurements of a cycle beside angles and torques of the motors.
 
     Attributes:
         tip_m_s2: Acceleration of the tip (X, Y, Z); None if it was not measured in that cycle.
@@ -46,8 +51,8 @@ class Sensed(NamedTuple):
 
 @runtime_checkable
 class SensingAdder(SetPointAdder, Protocol):
-    """A `SetPointAdder` that follows what is left of the vibration."""
+    """A `SetPointAdder` that adapts to the remaining vibration."""
 
     def sense(self, sensed: Sensed) -> None:
-        """Take what the last cycle has brought; each `step` comes after one of these."""
+        """Take the measurements of the last cycle, before each `step`."""
         ...

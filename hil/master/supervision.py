@@ -1,4 +1,7 @@
-"""Supervision of the nodes while axes move: the master's heartbeat and theirs, emergencies, resets, and the user's Ctrl-C."""
+"""Supervision of the nodes while axes move.
+
+The master's heartbeat and theirs, emergencies, resets, and the user's Ctrl-C.
+"""
 
 import math
 from collections.abc import Iterable
@@ -12,7 +15,9 @@ from hil.master.network import Network
 
 
 class Supervisor:
-    """Sends the master's heartbeat with the cycles, so that it stops with them, and knows the reasons to stop.
+    """Heartbeat of the master, and reasons to stop.
+
+    The master sends its heartbeat with the cycles, so that it stops with them.
 
     Args:
         network: The bus.
@@ -21,7 +26,7 @@ class Supervisor:
     Attributes:
         bus: The same table; a new one counts from the next `begin` on.
         interrupted_by: The signal that asked for an end, or None.
-        is_silent: True while the master's heartbeat is held back, to see whether drives stop by themselves.
+        is_silent: True while the master's heartbeat is held back, to check that drives stop by themselves.
     """
 
     def __init__(self, network: Network, bus: Bus) -> None:
@@ -34,7 +39,7 @@ class Supervisor:
         self._silent_until_s = -math.inf
 
     def begin(self, nodes: Iterable[int]) -> None:
-        """Watch these nodes from now on, and forget former reports of all nodes."""
+        """Watch these nodes from now on, and forget former reports."""
         self._nodes = frozenset(nodes)
         self.network.emergencies.clear()
         self.network.boots.clear()
@@ -49,13 +54,16 @@ class Supervisor:
         return frame
 
     def cycle(self, exchange: CyclicExchange) -> None:
-        """Run one cycle with all nodes; before it send the master's heartbeat where one is due."""
+        """Run one cycle, after the master's heartbeat if it is due."""
         if not self.is_silent and self.network.now() - self._last_heartbeat_s >= self.bus.heartbeat_s - 1e-9:
             exchange.saw(self.send_heartbeat())
         exchange.exchange()
 
     def fault(self) -> str | None:
-        """The reason to stop that nodes or user give: an emergency, a reset, a lost heartbeat, Ctrl-C; or None."""
+        """Return the reason to stop from nodes or user, or None.
+
+        An emergency, a reset, a lost heartbeat, or Ctrl-C.
+        """
         network = self.network
         if not network.emergencies and not network.boots and network.now() <= self._silent_until_s:
             return self.interrupted_by
@@ -68,7 +76,10 @@ class Supervisor:
         return self._lost_heartbeat() or self.interrupted_by
 
     def _lost_heartbeat(self) -> str | None:
-        """The node that is silent for too long, in words; without one the next check is postponed."""
+        """Return the node without heartbeat for too long, in words.
+
+        If there is none, the next check is postponed.
+        """
         heartbeats, now, period, since = self.network.heartbeats, self.network.now(), self.bus.heartbeat_s, self._since_s
         heard = {node: heartbeats[node][0] if node in heartbeats else None for node in self._nodes}
         for node, last in heard.items():

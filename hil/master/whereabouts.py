@@ -1,4 +1,7 @@
-"""Where axes stand when a motion is refused or stopped, and the command that brings them back, in words."""
+"""Positions of axes after a refusal or stop, in words.
+
+With the command that brings them back.
+"""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +15,7 @@ AWAY_REV: Final = 0.01
 
 
 def rev_text(rev: float) -> str:
-    """A motor position for people, which a command takes as well.
+    """A motor position as text, valid for a command as well.
 
     >>> rev_text(10.987), rev_text(7.0), rev_text(-0.001)
     ('10.99', '7', '0')
@@ -26,17 +29,19 @@ def move_command(axis: int, to_rev: float) -> str:
 
 
 def way_out(axis: int, stands_rev: float, limits: Limits, low_rev: float, high_rev: float) -> str:
-    """Where an axis stands, and the command that brings it where a motion stays within the position limits.
+    """Return an axis' position, and the command to a better one.
+
+    From there the motion remains within the position limits.
 
     Args:
         axis: Number of the axis.
-        stands_rev: Where its motor stands.
+        stands_rev: Position of its motor.
         limits: Its limits.
         low_rev: Lowest position of the motion, counted from its start.
         high_rev: Highest position of the motion, counted from its start.
     """
     lowest, highest = limits.position_min_rev - low_rev, limits.position_max_rev - high_rev
-    here = f"it stands at {rev_text(stands_rev)} rev"
+    here = f"it is at {rev_text(stands_rev)} rev"
     if lowest > highest:
         return f"{here}, and the motion is longer than the limits of {name_range(limits)}"
     # to the hundredth of a turn, but never beyond
@@ -51,12 +56,12 @@ def name_range(limits: Limits) -> str:
 
 @dataclass(frozen=True)
 class Whereabouts:
-    """Where an axis stands after a stop.
+    """Position of an axis after a stop.
 
     Attributes:
         axis: Number of the axis.
-        stands_rev: Where its motor stands; None if it did not answer.
-        began_rev: Where the motor stood when the drive was enabled; None if it was not.
+        stands_rev: Position of its motor; None if it did not answer.
+        began_rev: Position of the motor when the drive was enabled; None if it was not.
     """
 
     axis: int
@@ -65,19 +70,22 @@ class Whereabouts:
 
     @property
     def is_away(self) -> bool:
-        """True if it stands elsewhere than where it began."""
+        """True if it is not where it began."""
         known = self.stands_rev is not None and self.began_rev is not None
         return known and abs((self.stands_rev or 0.0) - (self.began_rev or 0.0)) > AWAY_REV
 
     def __str__(self) -> str:
         """Return it in words."""
         if self.stands_rev is None:
-            return f"where axis {self.axis} stands is not known"
-        return f"axis {self.axis} stands at {rev_text(self.stands_rev)} rev"
+            return f"the position of axis {self.axis} is not known"
+        return f"axis {self.axis} is at {rev_text(self.stands_rev)} rev"
 
 
 def stop_text(found: Sequence[Whereabouts]) -> str:
-    """Where axes stand after a stop, and how to go on; empty where there is nothing to say."""
+    """Return the axes' positions after a stop, and how to go on.
+
+    Empty if there is nothing to report.
+    """
     away = [each for each in found if each.is_away]
     commands = " and ".join(move_command(each.axis, each.began_rev or 0.0) for each in away)
     where = ", ".join(map(str, found))

@@ -1,7 +1,7 @@
-"""A cycle in two messages: all set-points with their SYNC in one, all answers in the other, each packed by places known before.
+"""A cycle in two messages: set-points with SYNC, and answers.
 
-On a local bus in lock-step the frames of a cycle cross in one message each way. Frame by frame, a master in Python spends more
-time on objects that live for a microsecond than on all the rest of its cycle.
+On a local bus in lock-step, the frames of a cycle cross in one message each way, packed at fixed places. Frame by frame, a master
+in Python spends more time on short-lived objects than on the rest of its cycle.
 """
 
 import struct

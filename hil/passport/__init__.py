@@ -1,7 +1,7 @@
-"""The passport of gears: what identifications have found of each over months, kept in one file, and alarms on change.
+"""The passport of gears: errors over months, and alarms on change.
 
-`alarm` is pure statistics, `store` the file (SQLite), `gather` reads model files and results into it, `origin` tells orders that
-a motor can make from those of its gear, and `watch` puts them together.
+It is one file of all identifications. `alarm` is pure statistics, `store` the file (SQLite), `gather` reads model files and
+results into it, `origin` distinguishes orders of the motor from those of its gear, and `watch` combines them.
 
 >>> import numpy as np
 >>> from hil.passport.alarm import AlarmLimits, watched

@@ -1,14 +1,14 @@
-"""Alarms on a change of a number that is measured again and again, with a false-alarm rate that is stated.
+"""Alarms on a change of a repeated measurement, with a false-alarm rate.
 
-Each run is held against what those before it let one expect of it, its conditions and its own standard error counted in
-(`hil.passport.regression`): a normal score w, independent of all others, where nothing but the conditions has changed. Two tests
-share the rate r of each series in halves:
+The expected value of each run follows from the runs before it, with its conditions and its own standard error
+(`hil.passport.regression`). The deviation is a normal score w, independent of all others as long as nothing but the conditions
+has changed. Two tests share the rate r of each series in halves:
 
 - a jump: |w_i| beyond the quantile of r/2, both sides together;
 - a creep: the cumulative sums C⁺ = max(0, C⁺ + w − k) and C⁻ likewise (CUSUM: Page, Biometrika 41, 1954) beyond h, from the mean
   number of runs to a false alarm of each side, (e^{2kb} − 2kb − 1)/(2k²), b = h + 1.166 (Siegmund, Sequential Analysis, 1985).
 
-From its first run on an alarm stands: what follows is no history of the same gear.
+An alarm remains from its first run on: later runs are no history of the same gear.
 """
 
 import math
@@ -33,7 +33,7 @@ OVERSHOOT = 1.166
 
 @dataclass(frozen=True)
 class AlarmLimits:
-    """AlarmLimits of both tests.
+    """Limits of both tests.
 
     Attributes:
         rate: False alarms in one run, of all series together.
@@ -47,7 +47,7 @@ class AlarmLimits:
 
     @classmethod
     def of(cls, rate: float, series: int) -> "AlarmLimits":
-        """AlarmLimits for a rate of false alarms.
+        """Return the limits for a rate of false alarms.
 
         Args:
             rate: False alarms in one run.
@@ -80,8 +80,7 @@ class Watched:
         low: Value below which each run would have been a jump; NaN as above.
         high: Value above which it would.
         first: Index of the run with the first alarm; None without one.
-        expected: Value that the runs before the alarm let one expect of the last, under its conditions; their mean
-            where they are few.
+        expected: Expectation of the last run from the runs before the alarm, under its conditions; their mean if they are few.
         scatter: Standard deviation of those runs, their conditions taken out.
         explained: Fraction of their variance that each condition explains, beyond what chance would.
     """
@@ -99,11 +98,11 @@ class Watched:
 def watched(
     values: Real, errors: Real, limits: AlarmLimits, design: Design | None = None, size: float | None = None
 ) -> Watched:  # fmt: skip
-    """A series held against its own past.
+    """Compare a series with its own past.
 
     Args:
         values: Values of the runs, in the order of their dates; shape (n,).
-        errors: Their own standard errors, 0 where one is not known; shape (n,).
+        errors: Their own standard errors, 0 for an unknown one; shape (n,).
         limits: AlarmLimits of the alarms.
         design: Conditions of the runs; None if nothing is noted.
         size: Size of what is measured, of which conditions change a part; None: that of the first values.
@@ -131,7 +130,7 @@ def _last(x: Real, own: Real, design: Design, first: int | None, size: float | N
         design: Their conditions.
         first: Index of the first alarm.
         size: As in `watched`.
-        mean: What is expected where the runs before are few.
+        mean: Expected value if there are few runs before.
     """
     rows = np.append(np.arange(len(x) - 1 if first is None else first), len(x) - 1)
     if len(rows) <= FEWEST_BEFORE:
@@ -141,7 +140,15 @@ def _last(x: Real, own: Real, design: Design, first: int | None, size: float | N
 
 
 def _without_conditions(x: Real, own: Real, design: Design, size: float | None) -> tuple[Real, dict[str, float]]:
-    """Values with the effects of their conditions taken out, and what each explains.
+    """Remove the effects of conditions from values.
+
+    Return the values, and the fraction that each condition explains.
+
+    Args:
+        x: Values.
+        own: Their standard errors.
+        design: Their conditions.
+        size: As in `watched`.
 
     Args:
         x: Values.
@@ -163,7 +170,10 @@ def _without_conditions(x: Real, own: Real, design: Design, size: float | None) 
 
 
 def filled(errors: Real) -> Real:
-    """Standard errors, those that are not known (0) as the mean of the known ones before them; shape (n,)."""
+    """Fill unknown standard errors (0) with the mean before them.
+
+    The mean is of the known ones; shape (n,).
+    """
     own = np.asarray(errors, dtype=np.float64)
     is_known = own > 0.0
     mean = np.cumsum(own) / np.maximum(1, np.cumsum(is_known))
@@ -183,7 +193,10 @@ def scores(values: Real, errors: Real, design: Design | None = None) -> Real:
 
 
 def cumulative(score: Real) -> Real:
-    """Larger of both cumulative sums after each run; shape (..., n) for scores of that shape."""
+    """Return the larger cumulative sum after each run.
+
+    Shape (..., n) for scores of that shape.
+    """
     known = np.nan_to_num(score)
     up, down, made = np.zeros(known.shape[:-1]), np.zeros(known.shape[:-1]), np.zeros(known.shape)
     for i in range(FEWEST_BEFORE, known.shape[-1]):
@@ -194,7 +207,10 @@ def cumulative(score: Real) -> Real:
 
 
 def unwound_deg(phases_deg: Real) -> Real:
-    """Phases about the mean direction of the first runs, so that none of them jumps by a turn; shape (n,)."""
+    """Unwrap phases about the mean direction of the first runs.
+
+    None of them then jumps by a turn; shape (n,).
+    """
     angles = np.radians(np.asarray(phases_deg, dtype=np.float64))
     middle = np.angle(np.mean(np.exp(1j * angles[:FEWEST_BEFORE]))) % (2.0 * math.pi) if len(angles) else 0.0
     return np.asarray(np.degrees(middle + np.angle(np.exp(1j * (angles - middle)))))

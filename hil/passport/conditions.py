@@ -1,9 +1,9 @@
-"""Conditions under which runs of a passport were made, as columns of a regression.
+"""Conditions of a passport's runs as columns of a regression.
 
-A condition is counted from the first run that notes it, so that a run added later changes nothing of those before. Numbers are
-taken as a line with a little curvature, so that a run far beyond all others is expected with the less certainty; places of the
-joint as its first harmonic, in which everything that is off centre turns. How large an effect may be is no more than said:
-standard deviations of half a number, or of a hundredth for a kelvin, against which a few runs stand.
+A condition counts from the first run that notes it, so that a run added later changes nothing of those before. A number enters
+as a line with a slight curvature, so that the expectation far beyond all other runs is less certain; a place of the joint enters
+as its first harmonic, which is that of any eccentricity. The prior standard deviation of an effect is half a number, or a
+hundredth for a kelvin; a few runs outweigh it.
 """
 
 from collections.abc import Callable, Sequence
@@ -116,7 +116,10 @@ def design_of(conditions: Sequence[RunCondition]) -> Design:
 
 
 def _filled(values: Sequence[float | None]) -> tuple[Real, Real]:
-    """Values, those that are missing as the first that is there; and 1 for those that a value stands before."""
+    """Fill missing values with the first known one.
+
+    Return them, and 1 for each missing value after the first known one.
+    """
     known = [value for value in values if value is not None]
     first = known[0] if known else 0.0
     is_late = np.cumsum([value is not None for value in values]) > 0
@@ -130,7 +133,10 @@ def _warmth(values: Real) -> Real:
 
 
 def _relative(values: Real) -> Real:
-    """Differences from the first value, in units of it, or of the first other one where it is 0."""
+    """Return relative differences from the first value, and their squares.
+
+    In units of that value, or of the first other one if it is 0.
+    """
     other = values[values != 0.0]
     off = (values - values[:1]) / (abs(float(other[0])) if len(other) else 1.0)
     return np.stack([off, off**2], axis=1)

@@ -1,4 +1,4 @@
-"""Reading of identifications into a passport: results and model files below folders, each run once."""
+"""Reading of results and model files into a passport, each run once."""
 
 import datetime
 import hashlib
@@ -47,7 +47,7 @@ class Gathered:
     """Identifications below folders.
 
     Attributes:
-        runs: Identifications; one that stands in several files is there once.
+        runs: Identifications; one in several files appears once.
         left_out: Files that were not read, with the reason.
     """
 
@@ -56,11 +56,13 @@ class Gathered:
 
 
 def gather(folders: Iterable[Path], note: str = "") -> Gathered:
-    """All identifications of transmission errors below some folders; symbolic links are not followed.
+    """Read all identifications of transmission errors below some folders.
+
+    Symbolic links are not followed.
 
     Args:
         folders: The folders.
-        note: Conditions of all of them, where their own notes say nothing: `22 °C, no load`.
+        note: Conditions of all of them, if their own notes have none: `22 °C, no load`.
 
     Raises:
         NotPossibleError: There are too many files.
@@ -82,7 +84,10 @@ def gather(folders: Iterable[Path], note: str = "") -> Gathered:
 
 
 def _files(folders: Iterable[Path]) -> list[Path]:
-    """Results first, which say more of a run than the model file that it went into."""
+    """Return the files, results first.
+
+    A result has more on a run than its model file.
+    """
     found: list[Path] = []
     for folder in folders:
         for here, below, names in os.walk(folder):
@@ -90,7 +95,7 @@ def _files(folders: Iterable[Path]) -> list[Path]:
             found += [Path(here) / name for name in sorted(names) if name == RESULT_FILE or name.endswith(".toml")]
             if len(found) > MOST_FOUND_FILES:
                 raise NotPossibleError(
-                    f"more than {MOST_FOUND_FILES} files below {folder}: name the folders of the identifications"
+                    f"more than {MOST_FOUND_FILES} files below {folder}; give the folders of the identifications"
                 )
     return sorted((path for path in found if not path.is_symlink()), key=lambda path: (path.name != RESULT_FILE, str(path)))
 
@@ -115,7 +120,10 @@ def _of_result(path: Path) -> Iterator[PassportRun]:
 
 
 def _of_passes(result: AteResult, part: IdentifiedError, path: Path) -> PassportRun:
-    """An identification by ramps: with the joint's way, its highest speed, and both directions."""
+    """Return an identification by ramps as a run.
+
+    With the joint's range, its highest speed, and both directions.
+    """
     run = _run(result.bench.name, result.axis, part, result.bench.started_utc, path)
     degrees = 360.0 / result.bench.file.axis[result.axis].reduction_ratio
     return replace(
@@ -156,12 +164,14 @@ SEEN_BY: dict[LearntBy, str] = {"identify": "motion", "sensorless": "torque"}
 
 
 def _run(robot: str, axis: int, part: IdentifiedError, date: str, path: Path) -> PassportRun:
-    """A run of the passport; its hash is of what was measured, wherever it stands.
+    """Return a run of the passport.
+
+    Its hash is that of the measurement, whatever the file.
 
     Args:
         robot: Name of the bench.
         axis: Axis number.
-        part: What was identified.
+        part: The identified transmission error.
         date: Date of the measurement.
         path: File from which it is.
 
@@ -178,7 +188,7 @@ def _run(robot: str, axis: int, part: IdentifiedError, date: str, path: Path) ->
     )
     longest = max(len(text) for text in (robot, part.note, str(path)))
     if longest > MOST_TEXT or len(lines) > MOST_ORDERS:
-        raise ValueError(f"{longest} characters in a text and {len(lines)} orders: {MOST_TEXT} and {MOST_ORDERS} are the most")
+        raise ValueError(f"{longest} characters in a text and {len(lines)} orders; the limits are {MOST_TEXT} and {MOST_ORDERS}")
     return PassportRun(
         content=hashlib.sha256(content.encode()).hexdigest(),
         robot=robot,
@@ -194,7 +204,10 @@ def _run(robot: str, axis: int, part: IdentifiedError, date: str, path: Path) ->
 
 
 def _with_conditions(run: PassportRun, note: str) -> PassportRun:
-    """The run with what its own note says of the conditions, and else the other note."""
+    """Return the run with the conditions from its note.
+
+    The other note replaces missing ones.
+    """
     texts = (run.note, note)
     temperature, load, way = (
         next((found for text in texts if (found := pattern.search(text))), None) for pattern in (_TEMPERATURE, _LOAD, _DIRECTION)
@@ -210,10 +223,12 @@ def _with_conditions(run: PassportRun, note: str) -> PassportRun:
 
 
 def utc_of(text: str) -> str:
-    """A date of ISO 8601 in UTC, so that dates sort as text.
+    """Return a date of ISO 8601 in UTC.
+
+    Such dates sort as text.
 
     Raises:
-        ValueError: It is no date, or one that a clock which was not set has written: before the year 2000, or in the future.
+        ValueError: It is no date; or it is before the year 2000 or in the future, from a clock that was not set.
     """
     date = datetime.datetime.fromisoformat(text)
     utc = date.replace(tzinfo=datetime.UTC) if date.tzinfo is None else date.astimezone(datetime.UTC)

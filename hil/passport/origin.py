@@ -1,17 +1,17 @@
-"""Orders that a motor makes, told from those that are its gear's, by what they do.
+"""Origin of an order: the motor or its gear.
 
-A motor with p pole pairs and Z slots cogs at multiples of lcm(Z, 2p) of its turn, an offset of its currents is felt at p, unequal
-phases at 2p, its harmonics at 6p. A gear's transmission error is an angle, cogging is a torque, and that shows, whatever the
-numbers:
+A motor with p pole pairs and Z slots cogs at multiples of lcm(Z, 2p) of its turn, an offset of its currents acts at p, unequal
+phases at 2p, its harmonics at 6p. A gear's transmission error is an angle, cogging is a torque. That makes a difference, whatever
+the numbers:
 
-- What is read beside the measured motion of the motor (tip or joint against motor angle) has no torque of the motor in it: the
-  motion that such a torque makes is measured too. Its orders are the gear's.
-- In what is read from the motor's torque, cogging appears as an error that it is not, through the arm's resonance, whose lag
-  counts to φ_k with the sign of the direction: φ_k turns between the directions, and A_k stays. An angle keeps φ_k.
-- A gear's error that is strained changes with the load, and its flanks are others in the other direction. That A_k stays says
-  nothing: a stiff gear's does as well.
+- Signals beside the measured motion of the motor (tip or joint against motor angle) contain no torque of the motor: the motion
+  that such a torque causes is measured too. Their orders are the gear's.
+- In an identification from the motor's torque, cogging appears as an apparent error, through the arm's resonance, whose lag
+  counts to φ_k with the sign of the direction: φ_k differs between the directions, and A_k does not. An angle keeps φ_k.
+- A gear's error under strain changes with the load, and with the direction, which loads other flanks. A constant A_k proves
+  nothing: that of a stiff gear is constant as well.
 
-Where none of this is seen, the numbers can only exclude the motor; else it cannot be told.
+Without any of this, the numbers can only exclude the motor; otherwise the origin is unknown.
 """
 
 import math
@@ -56,7 +56,10 @@ class Motor:
     slots: int | None = None
 
     def makes(self, order: float) -> str | None:
-        """Cause by which the motor can make an order, in words; None if it cannot."""
+        """Return the cause by which the motor can make an order.
+
+        In words; None if it cannot.
+        """
         p, z = self.pole_pairs, self.slots
         whole = abs(order - round(order)) < NEAR_ORDER
         if p is not None and z is not None and whole and round(order) % math.lcm(z, 2 * p) == 0:
@@ -70,7 +73,16 @@ class Motor:
 
 @dataclass(frozen=True)
 class Conditions:
-    """An amplitude of an order, its load and direction, in what it was read, and what part of its run's largest it is."""
+    """An amplitude of an order with its conditions.
+
+    Attributes:
+        a_arcsec: Amplitude.
+        error_arcsec: Its standard error.
+        load_kg: Load; None if it is not known.
+        direction: Direction of the motor; None for both.
+        seen_by: Signal from which it was identified.
+        over_largest: Its fraction of the run's largest amplitude.
+    """
 
     a_arcsec: float
     error_arcsec: float
@@ -106,7 +118,7 @@ def origin_of_order(
     if how is None and motor.pole_pairs is not None and motor.slots is not None:
         return "gear", "no order of this motor"
     reason = how or "poles and slots are not given"
-    return "motor or gear", f"{reason}; a run with an accelerometer or a load encoder would tell, or {LEAST_LOADS} loads"
+    return "motor or gear", f"{reason}; a run with an accelerometer or a load encoder would show it, or {LEAST_LOADS} loads"
 
 
 def _is_large(each: Conditions) -> bool:
@@ -114,7 +126,10 @@ def _is_large(each: Conditions) -> bool:
 
 
 def _turn(sides: Sequence[OrderSides]) -> tuple[OriginName, str] | None:
-    """Origin that the phases in both directions show; None if nothing."""
+    """Return the origin that the phases in both directions show.
+
+    None if they show nothing.
+    """
     known = [each for each in sides if each.phi_sigmas > 0.0]
     if not known:
         return None
@@ -133,7 +148,10 @@ def _turn(sides: Sequence[OrderSides]) -> tuple[OriginName, str] | None:
 
 
 def _change(found: Sequence[Conditions]) -> tuple[str, bool] | None:
-    """RunCondition that was varied, in words, and whether the amplitude changes with it; None if none was."""
+    """Return the varied condition, and whether it changes the amplitude.
+
+    None if no condition was varied.
+    """
     sides = [[each for each in found if each.direction == name] for name in ("forward", "backward")]
     if all(len(side) >= LEAST_LOADS for side in sides):
         means = [float(np.mean([each.a_arcsec for each in side])) for side in sides]

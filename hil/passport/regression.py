@@ -1,19 +1,21 @@
-"""Expectation of a run from those before it, its conditions and its own standard error counted in.
+"""Expectation of a run from those before it.
+
+With its conditions and its own standard error:
 
     x_i = μ + h_i·β + e_i,   β_j ~ N(0, (s_j a)²),   e_i ~ N(0, τ² + c² σ_i²)
 
-with h_i the conditions (`hil.passport.conditions`), a the size of what is measured, σ_i its own standard error, c the factor by
-which that is too small, or too large for what differs from run to run, and τ the scatter of runs beyond it and beyond their
+with h_i the conditions (`hil.passport.conditions`), a the size of the measured quantity, σ_i its own standard error, c the factor
+by which that is too small, or too large for differences between runs, and τ the scatter of runs beyond it and beyond their
 conditions. Nothing is known of μ and τ (for τ Jeffreys' prior, p(τ²) ∝ (Σ_j (τ² + c² σ_j²)⁻²)^½: with σ = 0 it makes the
 expectation Student's t), of c that it is one of a few factors, and of β that a condition does not change a number by several
 times itself. For each τ and c of a grid the expectation of run i from the runs before it is a normal distribution, by recursive
-least squares; together, weighed by what those runs say of τ and c, they are its predictive distribution
+least squares. Weighted with the likelihood of τ and c by those runs, they form its predictive distribution
 
     F_i(x) = Σ p(τ, c | x_1 … x_{i−1}) Φ((x − m_i(τ, c)) / f_i(τ, c)).
 
-Φ⁻¹(F_i(x_i)) is a normal score, independent of those before it, where nothing but the conditions has changed, whether the σ_i are
-equal or not (prequential: Dawid, J. R. Stat. Soc. A 147(2), 1984; the recursion: West and Harrison, Bayesian Forecasting and
-Dynamic Models, 1997, section 4).
+Φ⁻¹(F_i(x_i)) is a normal score, independent of those before it, as long as nothing but the conditions has changed, whether the
+σ_i are equal or not (prequential: Dawid, J. R. Stat. Soc. A 147(2), 1984; the recursion: West and Harrison, Bayesian Forecasting
+and Dynamic Models, 1997, section 4).
 """
 
 import math
@@ -48,7 +50,9 @@ LARGEST_SCORE = 37.0
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """Expectation of each run; shape (..., n, t) for values of shape (..., n) and t grid points of τ and c.
+    """Expectation of each run.
+
+    Shape (..., n, t) for values of shape (..., n) and t grid points of τ and c.
 
     Attributes:
         middle: m; NaN for runs with too few before them.
@@ -63,7 +67,10 @@ class Expected:
     effect: Real
 
     def scores(self, values: Real) -> Real:
-        """Normal scores of values; NaN for runs with too few before them; shape (..., n)."""
+        """Return normal scores of values; shape (..., n).
+
+        NaN for runs with too few before them.
+        """
         off = (np.asarray(values, dtype=np.float64)[..., None] - self.middle) / self.spread
         sign = np.sign(np.sum(self.weight * off, axis=-1))
         tail = np.sum(self.weight * scipy.special.ndtr(-off * sign[..., None]), axis=-1)
@@ -71,7 +78,10 @@ class Expected:
         return made
 
     def limits(self, score: float) -> tuple[Real, Real]:
-        """Values at which the score is −`score` and `score`, by halving; shapes (..., n)."""
+        """Return the values whose scores are −`score` and `score`.
+
+        By bisection; shapes (..., n).
+        """
         centre = np.sum(self.weight * self.middle, axis=-1)
         found = []
         for sign in (-1.0, 1.0):
@@ -121,7 +131,10 @@ def _grid(count: int) -> Real:
 
 
 class _Filter:
-    """Recursive least squares for all τ and c at once: mean m and covariance s of (μ, β), and how likely each is."""
+    """Recursive least squares for all τ and c at once.
+
+    Mean m and covariance s of (μ, β), and the likelihood of each τ and c.
+    """
 
     def __init__(self, tau2: Real, scatter: Real, size: Real, design: Design) -> None:
         """Begin before the first run: shapes (..., t), (..., 1), (..., 1)."""
@@ -138,7 +151,9 @@ class _Filter:
         self.jeffreys = np.zeros(tau2.shape)
 
     def step(self, value: Real, variance: Real, i: int) -> tuple[Real, Real, Real]:
-        """Mean, standard deviation and weights of the expectation of run i; then the run is learnt.
+        """Predict run i, then learn it.
+
+        Return mean, standard deviation and weights of its expectation.
 
         Args:
             value: The run; shape (...).

@@ -15,7 +15,7 @@ _AMPLITUDE = re.compile(r"a(\d+(?:\.\d+)?)_arcsec")
 
 
 def sides_of_passes(agreement: Sequence[Agreement]) -> tuple[OrderSides, ...]:
-    """Orders of an identification, as its ramps forwards and back give them."""
+    """Orders of an identification by direction, from its ramps."""
     by_name = {each.name: each for each in agreement}
     made = []
     for name, amplitude in by_name.items():
@@ -28,7 +28,10 @@ def sides_of_passes(agreement: Sequence[Agreement]) -> tuple[OrderSides, ...]:
 
 
 def sides_of_stretches(stretches: Sequence[RecordedStretch]) -> tuple[OrderSides, ...]:
-    """Orders of recordings, from their stretches one way and the other: by more than stretches of one way scatter."""
+    """Return the orders of recordings in either direction.
+
+    From stretches in both directions; the error includes the scatter of stretches in one direction.
+    """
     values: dict[float, dict[int, list[OrderEntry]]] = {}
     for stretch in stretches:
         for entry in stretch.values:
@@ -47,7 +50,10 @@ def sides_of_stretches(stretches: Sequence[RecordedStretch]) -> tuple[OrderSides
 
 
 def _mean(entries: Sequence[OrderEntry]) -> tuple[complex, float]:
-    """Mean of A e^{jφ} and its standard error, of each of its parts."""
+    """Return the mean of A e^{jφ} and its standard error.
+
+    The error is that of its real or imaginary part.
+    """
     points = np.array([each.a_arcsec * cmath.exp(1j * math.radians(each.phi_deg)) for each in entries])
     own = float(np.mean([each.a_error_arcsec**2 for each in entries]))
     scatter = float(np.var(points, ddof=1)) / 2.0 if len(points) > 1 else 0.0

@@ -1,4 +1,4 @@
-"""The file of a passport: SQLite, to which runs are added and from which nothing is ever taken."""
+"""The passport's file: SQLite; runs are added, none is removed."""
 
 import math
 import sqlite3
@@ -64,7 +64,7 @@ class PassportFileError(HilError):
     exit_code: ClassVar[int] = 3
 
     def __init__(self, path: Path, problem: str) -> None:
-        """Keep the file and what is wrong with it."""
+        """Keep the file and its defect."""
         self.path, self.problem = path, problem
         super().__init__(f"{path}: {problem}")
 
@@ -76,7 +76,7 @@ class OrderLine:
     Attributes:
         order: Order k.
         a_arcsec: Amplitude A_k.
-        a_error_arcsec: Its standard error; 0 where it is not known.
+        a_error_arcsec: Its standard error; 0 if it is not known.
         phi_deg: Phase φ_k.
         phi_error_deg: Its standard error, likewise.
     """
@@ -114,21 +114,21 @@ class PassportRun:
     """One identification of one gear.
 
     Attributes:
-        content: Hash of what was measured.
+        content: Hash of the measurement.
         robot: Name of the bench.
         axis: Axis number.
         measured_utc: Date of the measurement, ISO 8601.
         learnt_by: Source of the values, as in the model file.
         note: Note of the engineer.
-        temperature_c: Temperature that the note says.
-        load_kg: Load that the note says.
+        temperature_c: Temperature in the note.
+        load_kg: Load in the note.
         direction: `forward` or `backward`; None for both together.
         top_rps: Highest motor speed.
         joint_low_deg: Lower end of the joint's way; None if it is not known.
         joint_high_deg: Its upper end.
-        pole_pairs: Pole pairs of the motor, as the bench file says.
+        pole_pairs: Pole pairs of the motor, from the bench file.
         slots: Its slots.
-        seen_by: `motion` where the motor's own motion was measured and taken out, `torque` where its torque was read.
+        seen_by: `motion` if the motor's own motion was measured and removed, `torque` for its torque.
         emulated: True if it was measured on an emulated robot.
         source: Path from which it was read.
         lines: Orders.
@@ -158,7 +158,7 @@ class PassportRun:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """The file, with its tables; made where it is missing.
+    """The file, with its tables; made if it is missing.
 
     Raises:
         PassportFileError: It is not a passport, another program's, damaged, in use, or cannot be written.
@@ -171,10 +171,10 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             yield connection
     except sqlite3.OperationalError as error:
         if "locked" in str(error) or "busy" in str(error):
-            raise PassportFileError(path, "another program is writing it: wait until it has ended, and try again") from error
+            raise PassportFileError(path, "another program is writing it; wait until it ends, and try again") from error
         raise PassportFileError(path, f"cannot be used: {error}") from error
     except sqlite3.DatabaseError as error:
-        raise PassportFileError(path, f"no passport, or a damaged one: {error}; name another with --file") from error
+        raise PassportFileError(path, f"no passport, or a damaged one: {error}; give another with --file") from error
 
 
 def _check(path: Path, connection: sqlite3.Connection) -> None:
@@ -183,19 +183,22 @@ def _check(path: Path, connection: sqlite3.Connection) -> None:
     if mark == 0 and tables == 0:
         version = 0
     elif mark != APPLICATION_ID:
-        raise PassportFileError(path, "an SQLite file of another program, not a passport: name another with --file")
+        raise PassportFileError(path, "an SQLite file of another program, not a passport; give another with --file")
     elif not 1 <= version <= VERSION:
         raise PassportFileError(
             path, f"a passport of version {version}; this program knows 1 to {VERSION}: use a newer one, or another --file"
         )
     elif connection.execute("PRAGMA quick_check").fetchone()[0] != "ok":
-        raise PassportFileError(path, "damaged: put the copy of the last back-up in its place")
+        raise PassportFileError(path, "damaged; restore it from your last back-up")
     if version < VERSION:
         _bring_up(connection, version)
 
 
 def _bring_up(connection: sqlite3.Connection, version: int) -> None:
-    """Make a passport of this version from an older one, or from an empty file; all or nothing."""
+    """Upgrade a passport from an older version or an empty file.
+
+    In one transaction.
+    """
     connection.execute("BEGIN IMMEDIATE")
     if connection.execute("PRAGMA user_version").fetchone()[0] == version:
         for step in _STEPS[version:]:
@@ -207,7 +210,9 @@ def _bring_up(connection: sqlite3.Connection, version: int) -> None:
 
 
 def add(path: Path, runs: Iterable[PassportRun]) -> int:
-    """Add runs to a passport, and return how many it did not have; all or none.
+    """Add runs to a passport; return the number of new ones.
+
+    In one transaction.
 
     Raises:
         PassportFileError: The file cannot be used, or is full.
@@ -220,13 +225,16 @@ def add(path: Path, runs: Iterable[PassportRun]) -> int:
         (after,) = connection.execute("SELECT count(*) FROM run").fetchone()
         if after > MOST_KEPT_RUNS:
             connection.execute("ROLLBACK")
-            raise PassportFileError(path, f"it would hold {after} runs, {MOST_KEPT_RUNS} are the most: begin another")
+            raise PassportFileError(path, f"it would hold {after} runs, {MOST_KEPT_RUNS} are the most; begin another")
         connection.execute("COMMIT")
     return int(after - before)
 
 
 def _put(connection: sqlite3.Connection, run: PassportRun) -> None:
-    """Add one run; of one that is there only what an older version did not keep."""
+    """Add one run.
+
+    Of a known run, only add what an older version did not keep.
+    """
     row = {"hash": run.content, **{name: getattr(run, name) for name in _RUN_COLUMNS}}
     row["emulated"] = None if run.emulated is None else int(run.emulated)
     names = ", ".join(row)

@@ -1,4 +1,4 @@
-"""A passport looked at: every order of every gear over its dates, with alarms on change."""
+"""Trends of a passport: orders over dates, with alarms."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -84,14 +84,17 @@ class Trend:
 
     @property
     def explained_words(self) -> str:
-        """Parts that conditions explain of its scatter: `temperature 82 %`; empty where nothing is told of them."""
+        """Fractions of the scatter that conditions explain, in words.
+
+        `temperature 82 %`; empty if no condition explains any.
+        """
         found = self.watch.explained.items()
         return ", ".join(f"{name} {100.0 * part:.0f} %" for name, part in found if part >= LEAST_TOLD)
 
 
 @dataclass(frozen=True)
 class OrderOrigin:
-    """Where an order of a gear comes from.
+    """Origin of an order of a gear.
 
     Attributes:
         robot: Name of the bench.
@@ -109,7 +112,10 @@ class OrderOrigin:
 
 
 def gears_of(runs: Sequence[PassportRun], since: str = "") -> dict[tuple[str, int], list[PassportRun]]:
-    """Runs of each gear, robot and axis, by their dates from one on."""
+    """Return the runs of each gear from a date on.
+
+    By robot and axis, in the order of their dates.
+    """
     gears: dict[tuple[str, int], list[PassportRun]] = {}
     for run in sorted(runs, key=lambda each: (each.measured_utc, each.content)):
         if run.measured_utc >= since:
@@ -118,11 +124,13 @@ def gears_of(runs: Sequence[PassportRun], since: str = "") -> dict[tuple[str, in
 
 
 def origins(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str = "") -> list[OrderOrigin]:
-    """Origins of all orders: those of the model files, and those that runs in either direction have shown beside them.
+    """Return the origins of all orders.
+
+    The orders of the model files, and those that runs in either direction show beside them.
 
     Args:
         runs: Runs of a passport.
-        motors: Poles and slots by axis; where one is not given, it is what the runs' bench files say.
+        motors: Poles and slots by axis; those of the runs' bench files replace missing ones.
         since: Date from which on runs count, ISO 8601.
     """
     made = []
@@ -140,7 +148,7 @@ def origins(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str
 
 
 def _motor(runs: Sequence[PassportRun], given: Motor) -> Motor:
-    """Poles and slots: as given, else as the last bench file says."""
+    """Poles and slots: as given, else from the last bench file."""
     poles = [run.pole_pairs for run in runs if run.pole_pairs is not None]
     slots = [run.slots for run in runs if run.slots is not None]
     return Motor(given.pole_pairs or (poles[-1] if poles else None), given.slots or (slots[-1] if slots else None))

@@ -1,7 +1,8 @@
-"""The load of a bus: the frames of a cycle, whether they fit, and changes that would make them fit.
+"""The load of a bus: frames of a cycle, verdict, and advice.
 
 `check` gives the verdict on a bench's plan, with the stability of loops that are closed over the bus. `bus_plan` has the frames
-of a cycle, `wire` their duration, `response_time` their latest arrival. `advice` lists changes with their effect.
+of a cycle, `wire` their duration, `response_time` their latest arrival. `advice` lists changes that make the plan fit, with
+their effect.
 
 >>> from hil.bench.bench import load_bench
 >>> from hil.plan.check import check

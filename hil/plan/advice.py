@@ -1,4 +1,7 @@
-"""Changes that would make a plan fit, with their numbers: smaller frames, fewer frames, more wires, the loop elsewhere."""
+"""Changes that would make a plan fit, with their numbers.
+
+Smaller frames, fewer frames, more wires, or the loop elsewhere.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -47,12 +50,15 @@ class Advice:
 
 
 def position_only(cycle: Cycle) -> Cycle:
-    """The cycle with only the position in TPDO1 of the drives: 4 bytes."""
+    """Return the cycle with only the position in TPDO1: 4 bytes."""
     return _each(cycle, "feedback", lambda frame: replace(frame, contents=tuple(c for c in frame.contents if c[0] == "i")))
 
 
 def without_control_word(cycle: Cycle) -> Cycle:
-    """The cycle with only the set-point in the RPDO; the control word has an RPDO of its own, sent when it changes."""
+    """Return the cycle with only the set-point in the RPDO.
+
+    The control word has an RPDO of its own, sent on changes.
+    """
     return _each(cycle, "command", lambda frame: replace(frame, contents=frame.contents[1:]))
 
 
@@ -62,10 +68,10 @@ def without_notch_state(cycle: Cycle) -> Cycle:
 
 
 def shared_commands(cycle: Cycle) -> Cycle:
-    """The cycle with set-points of several drives in one RPDO, as many as fit into 8 bytes.
+    """Return the cycle with several drives' set-points in one RPDO.
 
-    Four torques go into one RPDO, two positions. Every drive listens to the first one's identifier; the set-points of
-    the others are mapped to 0005h to 0007h, whose values are dropped (CiA 301, static data types as dummy entries of an RPDO).
+    As many as fit into 8 bytes: four torques, or two positions. Every drive receives the first one's identifier, and maps the
+    set-points of the others to 0005h to 0007h, whose values are dropped (CiA 301, static data types as dummy entries of an RPDO).
     """
     bare = without_control_word(cycle)
     commands, rest = bare.of("command"), [frame for frame in bare.frames if frame.kind != "command"]
@@ -87,12 +93,18 @@ def packed(cycle: Cycle) -> Cycle:
 
 
 def packed_alone(cycle: Cycle) -> Cycle:
-    """The cycle of `packed` with a command for each axis, which then is on a bus of its own."""
+    """Return the cycle of `packed` with a command for each axis.
+
+    Each axis is then on a bus of its own.
+    """
     return without_control_word(position_only(without_notch_state(cycle)))
 
 
 def per_axis(cycle: Cycle) -> list[Cycle]:
-    """The cycles of one bus for each axis; the accelerometer is on the first."""
+    """Return the cycles with a bus for each axis.
+
+    The accelerometer is on the first.
+    """
     buses = []
     for bus, command in enumerate(cycle.of("command")):
         frames = [frame for frame in cycle.frames if frame.axis == command.axis or frame.kind == "sync"]
@@ -133,7 +145,10 @@ class Adviser:
         self._levels: dict[tuple[LoopName, float], Level] = {}
 
     def level(self, loop: LoopName, period_s: float) -> Level:
-        """Stability of the worst loop that is known, with one period of delay for the host."""
+        """Return the stability of the worst known loop.
+
+        The host has one period of delay.
+        """
         key = loop, period_s if loop == "host" else 0.0
         if key not in self._levels:
             loops = self.verdict.stability
@@ -145,14 +160,17 @@ class Adviser:
 
     @cached_property
     def longest_stable_period_s(self) -> float | None:
-        """The longest of the usual periods at which no host-closed loop is unstable or at the edge, or None."""
+        """The longest usual period with stable host-closed loops, or None.
+
+        No loop is then unstable or at the edge.
+        """
         return next((period for period in reversed(SYNC_PERIODS_S) if self.level("host", period) == "stable"), None)
 
     @cached_property
     def advice(self) -> list[Advice]:
-        """Every change that shortens the cycle, or that mends a plan that is not good.
+        """Every change that shortens the cycle, or improves a bad plan.
 
-        A host-closed plan that is not good is judged at the longest period at which its loops would be stable.
+        For a bad host-closed plan, the longest period at which its loops would be stable is assumed.
         """
         cycle = self.verdict.cycle
         if self.loop == "host" and not self.verdict.is_carried:
@@ -194,7 +212,7 @@ class Adviser:
         return [self._judge(title, needs, buses, wire) for applies, title, needs, buses, wire in changes if applies]
 
     def _elsewhere(self) -> list[Advice]:
-        """Changes beside the bus: another period, or the loop in the drive."""
+        """Changes apart from the bus: another period, or a drive-closed loop."""
         changes = []
         cycle = self.verdict.cycle
         enough = cycle.shortest_period_s(self.wire, margin=MARGIN)

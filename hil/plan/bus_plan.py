@@ -1,4 +1,4 @@
-"""The frames of a cycle of the master, how long they take, and the shortest SYNC period that carries them.
+"""Frames of a master's cycle, their duration, and the shortest SYNC period.
 
 A cycle: the master queues its RPDOs and then SYNC, all at once and first in, first out; SYNC makes every node queue its TPDOs,
 which leave by their identifiers. All bits are counted with the intermission of 3, so that frames add up.
@@ -62,7 +62,7 @@ class CyclicFrame:
 
     @property
     def worst_bits(self) -> int:
-        """Bits with as many stuff bits as any contents can need, 55 + 10 n."""
+        """Bits with as many stuff bits as possible, 55 + 10 n."""
         return worst_case_bits(self.length)
 
     @cached_property
@@ -100,7 +100,10 @@ class Background:
     emergencies_per_s: float = 10.0
 
     def messages(self, wire: WireTiming, *, is_busy: bool) -> list[Message]:
-        """The messages of the analysis: heartbeats alone, or with emergencies and SDO as well."""
+        """Return the messages beside the cycle for the analysis.
+
+        Heartbeats alone, or with emergencies and SDO as well.
+        """
 
         def message(name: str, can_id: int, length: int, per_s: float) -> Message:
             period = round(1e9 / per_s)
@@ -119,7 +122,9 @@ class Background:
 
 @dataclass(frozen=True)
 class ResponseTime:
-    """Latest arrival of a frame, in ns from the start of the cycle (for a frame off the cycle, from when it is queued).
+    """Latest arrival of a frame, in ns.
+
+    From the start of the cycle; for a frame off the cycle, from its queuing.
 
     Attributes:
         name: Name of the frame.
@@ -167,7 +172,7 @@ class Cycle:
 
     @property
     def worst_bits(self) -> int:
-        """Bits of the cycle with every frame stuffed as far as can be."""
+        """Bits of the cycle with as many stuff bits as possible."""
         return sum(frame.worst_bits for frame in self.frames)
 
     def actual_bits(self, contents: Mapping[int, bytes]) -> int:
@@ -188,19 +193,28 @@ class Cycle:
         return replace(self, period_s=period_s)
 
     def worst_ns(self, wire: WireTiming) -> int:
-        """Time that the frames of a cycle take on the wire at worst, in ns."""
+        """Return the worst-case bus time of the cycle's frames in ns."""
         return sum(wire.worst_ns(frame.length) for frame in self.frames)
 
     def load(self, wire: WireTiming) -> float:
-        """Fraction of the time in which the bus is taken by the cycle, at worst."""
+        """Return the bus load of the cycle, at worst.
+
+        A fraction of the time.
+        """
         return self.worst_ns(wire) / self.period_ns
 
     def background_load(self, wire: WireTiming, *, is_busy: bool = True) -> float:
-        """Fraction of the time in which the bus is taken by all other frames, at worst."""
+        """Return the bus load of all other frames, at worst.
+
+        A fraction of the time.
+        """
         return sum(message.length_ns / message.period_ns for message in self.background.messages(wire, is_busy=is_busy))
 
     def responses(self, wire: WireTiming) -> list[ResponseTime]:
-        """Latest arrival of each frame: of cyclic ones from the start of the cycle, of others from when they are queued."""
+        """Return the latest arrival of each frame.
+
+        Of cyclic frames from the start of the cycle, of others from their queuing.
+        """
         quiet, busy = (self._responses(wire, is_busy=is_busy) for is_busy in (False, True))
         deadlines = {message.name: message.deadline_ns for message in self.background.messages(wire, is_busy=True)}
         ids = {frame.name: frame.can_id for frame in self.frames}
@@ -211,10 +225,11 @@ class Cycle:
         ]
 
     def _responses(self, wire: WireTiming, *, is_busy: bool) -> dict[str, int | None]:
-        """Arrivals by name: commands and SYNC leave in turn, answers start with SYNC, other frames wait for the cycle.
+        """Return the latest arrivals by name.
 
-        An emergency that has delayed SYNC does not come again among the answers of the same cycle; a frame of lower priority may
-        begin in the gap behind SYNC once more.
+        Commands and SYNC leave in turn, answers start with SYNC, other frames wait for the cycle. An emergency that has
+        delayed SYNC does not come again among the answers of the same cycle; a frame of lower priority may begin in the
+        gap behind SYNC once more.
         """
         others = self.background.messages(wire, is_busy=is_busy)
         arrivals: dict[str, int | None] = {}
@@ -247,10 +262,10 @@ class Cycle:
         return Message(frame.name, priority, wire.worst_ns(frame.length), self.period_ns, self.period_ns, 0, ahead_ns)
 
     def last_answer_ns(self, wire: WireTiming, *, is_busy: bool = False) -> int | None:
-        """Latest arrival of the last TPDO of a drive, from the start of the cycle; None if it grows without bound.
+        """Return the latest arrival of the drives' last TPDO in ns.
 
-        The accelerometer's TPDO closes no loop and comes behind them. At worst it comes after the next SYNC, and one sample of it
-        is missing.
+        From the start of the cycle; None if it grows without bound. The accelerometer's TPDO is part of no loop and
+        comes after them. At worst it comes after the next SYNC, and one sample of it is missing.
         """
         latest = self._responses(wire, is_busy=is_busy)
         arrivals = [latest[frame.name] for frame in self.frames if frame.is_answer and frame.kind != "acceleration"]
@@ -258,18 +273,20 @@ class Cycle:
         return max(known, default=None) if len(known) == len(arrivals) else None
 
     def shortest_period_s(self, wire: WireTiming, *, margin: float = 0.0) -> float:
-        """The shortest SYNC period in which every answer comes before the next SYNC, whatever the contents.
+        """Return the shortest SYNC period in which every answer fits.
 
-        While a cycle fits into its period, the arrival of the last answer does not depend on the period, so it is that arrival.
+        Every answer comes before the next SYNC, whatever the contents. While a cycle fits into its period, the arrival
+        of the last answer does not depend on the period, so that the arrival is the period.
         """
         arrival = self.at(1.0).last_answer_ns(wire)
         return math.inf if arrival is None else arrival * 1e-9 / (1.0 - margin)
 
     def delay_periods(self, wire: WireTiming | None) -> int | None:
-        """Whole periods from sampling to torque of a loop that the master closes; None if the bus cannot carry it at all.
+        """Return the delay of a host-closed loop in whole periods.
 
-        The answer to a SYNC becomes a torque that is in force from the next SYNC on: one period if it comes before the next SYNC,
-        two if it comes in the cycle after, which counts as a missing answer each time.
+        From sampling to torque; None if the bus cannot carry it at all. The answer to a SYNC becomes a torque that is
+        in force from the next SYNC on: one period if it comes before the next SYNC, two if it comes in the cycle after,
+        which counts as a missing answer each time.
         """
         if wire is None:
             return 1

@@ -1,4 +1,7 @@
-"""The plan of a bench's bus, the stability of its loops at the delay of that plan, and the verdict on both."""
+"""Verdict on a bench's bus plan and its loops' stability.
+
+The loops have the delay of that plan.
+"""
 
 import math
 from dataclasses import dataclass
@@ -33,7 +36,9 @@ COUNTS_PER_REV = 1 << 17
 
 @dataclass(frozen=True)
 class AxisStability:
-    """Stability of one axis' loop at the period and the delay of a plan, at the worst speed of its notches.
+    """Stability of one axis' loop at the worst notch speed.
+
+    At the period and the delay of a plan.
 
     Attributes:
         axis: Number of the axis.
@@ -45,7 +50,7 @@ class AxisStability:
         phase_margin_deg: Phase margin at that speed.
         pole_radius: Largest |z| at that speed.
         level: Stability in a word.
-        reason: Reason where the stability is not known.
+        reason: Reason for an unknown stability.
     """
 
     axis: int
@@ -72,7 +77,7 @@ class PlanVerdict:
         wire: Bit rates of the bus; None: without bit times, or not known.
         delay_periods: Delay of a host-closed loop; 0 for a drive-closed one; None if the bus cannot carry it at all.
         stability: Stability by axis.
-        gaps: Sentences on what the run needs and the drives' profiles, or the bench file, lack, and on ramps beyond limits.
+        gaps: Sentences on entries that profiles or bench file lack, and on ramps beyond limits.
         remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
     """
 
@@ -88,7 +93,10 @@ class PlanVerdict:
 
     @property
     def is_carried(self) -> bool:
-        """True if the plan fits and no loop is unstable or at the edge, as far as is known."""
+        """True if the plan fits and no loop is unstable.
+
+        Nor at the edge; what is not known counts as good.
+        """
         return self.fits is not False and self.is_stable is not False
 
     @property
@@ -177,7 +185,10 @@ def _contents(entry: MappedObject, table: AxisTable | None) -> Range:
 
 
 def wire_of(bench: Bench, bitrate: int | None = None) -> WireTiming | None:
-    """Bit rates of the bench's bus; None without bit times, or where they are not known."""
+    """Return the bit rates of the bench's bus.
+
+    None without bit times, or if they are not known.
+    """
     rate = bitrate or parse_address(bench.bus.address).bitrate
     return None if rate is None else WireTiming(rate)
 
@@ -195,7 +206,10 @@ def sync_refusals(bench: Bench, axes: tuple[int, ...], period_s: float) -> list[
 
 
 def is_ideal(bench: Bench, bitrate: int | None = None) -> bool:
-    """True if the bus has no bit times: the emulator's, unless a bit rate is given."""
+    """True if the bus has no bit times.
+
+    It is the emulator's, and no bit rate is given.
+    """
     address = parse_address(bench.bus.address)
     return address.interface == LOCAL and address.bitrate is None and bitrate is None
 
@@ -229,7 +243,7 @@ def _axis_stability(
     if delay is None:
         return AxisStability(number, period, 0, reason="the bus does not carry the loop")
     if period is None:
-        return AxisStability(number, period, delay, reason=f"profile {table.profile} does not know the drive's period")
+        return AxisStability(number, period, delay, reason=f"profile {table.profile} lacks the drive's control period")
     model = table.loop(period, delay, with_notch=with_notch)
     if table.control == AS_FOUND:
         return AxisStability(number, period, delay, reason="its gains are as found in the drive")
@@ -239,7 +253,10 @@ def _axis_stability(
 
 
 def worst_margins(number: int, model: Loop) -> AxisStability:
-    """Stability of a loop at the worst of its speeds: without notch, and five speeds of each notch."""
+    """Return a loop's stability at the worst of its speeds.
+
+    Without notch, and at five speeds of each notch.
+    """
     speeds = [0.0, *(speed for n in model.notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist())]
     margins_by_speed = [(margins(model, speed, MARGIN_POINTS), speed) for speed in speeds]
     least, speed = max(margins_by_speed, key=lambda pair: (max(pair[0].pole_radius, 1.0), pair[0].sensitivity_peak))
@@ -266,7 +283,9 @@ def check(
     torque_offset: bool = False,
     bitrate: int | None = None,
 ) -> PlanVerdict:
-    """Judge a run: its bus load, and the stability of its loops at the delay of the bus.
+    """Judge a run's bus load, and the stability of its loops.
+
+    The loops have the delay of the bus.
 
     Args:
         bench: The bench file.
@@ -309,7 +328,10 @@ def check(
 
 
 def _motion_gaps(bench: Bench, axes: tuple[int, ...]) -> list[str]:
-    """Ramps of the bench file that an axis may not make, a sentence each; its line is planned by the run."""
+    """Return sentences on ramps that an axis may not make.
+
+    Ramps of the bench file; the run itself plans its line.
+    """
     found = []
     for number in axes:
         for table in (bench.constant_acceleration, bench.point_to_point):
@@ -329,7 +351,7 @@ def _bus_words(cycle: Cycle, wire: WireTiming | None, fits: bool | None) -> str:
         at = WireTiming(CLASSIC_MAX_BITRATE)
         rates = [rate for rate in RATES if cycle.delay_periods(WireTiming(rate)) == 1]
         if rates:
-            return f"{period} fits from {rate_text(rates[0])} on, but the bus address does not say its bit rate"
+            return f"{period} fits from {rate_text(rates[0])} on, but the bus address has no bit rate"
         return f"does not fit: {period} is too short even at {rate_text(at.bitrate)} ({_numbers(cycle, at)})"
     if fits:
         return f"fits: {period} at {wire.name} ({_numbers(cycle, wire)})"
@@ -344,7 +366,7 @@ def _numbers(cycle: Cycle, wire: WireTiming) -> str:
 def _loop_words(loops: tuple[AxisStability, ...], loop: LoopName) -> str:
     known = [axis for axis in loops if axis.level != "not known"]
     if not known:
-        return f"the {loop}-closed loops are not known to be stable: {loops[0].reason}"
+        return f"the stability of the {loop}-closed loops is not known: {loops[0].reason}"
     order = ("stable", "at the edge", "unstable")
     worst = max(known, key=lambda axis: (order.index(axis.level), axis.sensitivity_peak))
     number = f"pole radius {worst.pole_radius:.4f}" if worst.level == "unstable" else f"M_s {worst.sensitivity_peak:.2f}"

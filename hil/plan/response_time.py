@@ -1,4 +1,4 @@
-"""Worst-case response times on CAN: fixed priorities, no preemption, one frame at a time."""
+"""Worst-case response times on CAN: fixed priorities without preemption."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -37,8 +37,9 @@ class Message:
 
 
 def response_ns(message: Message, others: Iterable[Message], bit_ns: int) -> int | None:
-    """Response time R, from the instant at which a message is due to the end of its frame; None if it grows without bound.
+    """Return the worst-case response time R, or None.
 
+    From the instant at which a message is due to the end of its frame; None if it grows without bound.
     With B = max C of the lower priorities (the frame that has just begun), hp the higher priorities and A the FIFO's part:
 
         t     = B + ⌈(t + J)/T⌉ (A + C) + Σ_hp ⌈(t + J_k)/T_k⌉ C_k             busy period

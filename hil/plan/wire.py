@@ -1,4 +1,7 @@
-"""Duration of frames on a bus of a given bit rate: classic CAN, or CAN FD with a second rate for the data."""
+"""Duration of frames at a bit rate: classic CAN, or CAN FD.
+
+CAN FD has a second rate for the data.
+"""
 
 from dataclasses import dataclass
 
@@ -9,7 +12,7 @@ CLASSIC_MAX_BITRATE = 1_000_000
 
 @dataclass(frozen=True)
 class WireTiming:
-    """Bit rates of a bus, and the times that frames take on it.
+    """Bit rates of a bus, and the durations of frames.
 
     Attributes:
         bitrate: Bit rate of the arbitration, in bit/s; on classic CAN of the whole frame.
@@ -37,17 +40,21 @@ class WireTiming:
         return -(-slow * 1_000_000_000 // self.bitrate) - (-fast * 1_000_000_000 // self.data_bitrate)
 
     def nominal_ns(self, length: int) -> int:
-        """Shortest duration of such a frame in ns: classic without stuff bits; for CAN FD a lower bound, its data alone."""
+        """Return the shortest duration of such a frame in ns.
+
+        Classic without stuff bits; for CAN FD a lower bound, its data alone.
+        """
         if self.data_bitrate is None:
             return (NOMINAL_BITS + 8 * length) * 1_000_000_000 // self.bitrate
         return 30 * 1_000_000_000 // self.bitrate + 8 * length * 1_000_000_000 // self.data_bitrate
 
 
 def fd_worst_bits(length: int) -> tuple[int, int]:
-    """Most bits of a CAN FD frame with an 11-bit identifier and bit rate switching: at the arbitration's rate, at the data's.
+    """Return the most bits of a CAN FD frame by bit rate.
 
-    Layout and where the rate changes: `hil.can.bits`. Stuff bits by contents at worst: one after the first five bits and one for
-    every four more, ⌊(n − 1)/4⌋ of the n = 17 up to BRS; from there on, whatever has run before, one for every four.
+    At the arbitration's rate, and at the data's; the frame has an 11-bit identifier and bit rate switching. Layout and
+    places of the rate changes: `hil.can.bits`. Stuff bits by contents at worst: one after the first five bits and one for
+    every four more, ⌊(n − 1)/4⌋ of the n = 17 up to BRS; from there on, whatever the bits before, one for every four.
 
     Raises:
         ValueError: The length is not within 0 … 64.

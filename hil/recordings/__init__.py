@@ -1,4 +1,4 @@
-"""Recordings that others have made: formats, columns, units, angles that begin anew.
+"""Recordings from elsewhere: formats, columns, units, angles.
 
 >>> from pathlib import Path
 >>> from hil.recordings import Said, choose_columns

@@ -1,4 +1,4 @@
-"""Angles that begin anew after a revolution, as angles that do not."""
+"""Angles that wrap after a revolution, unwrapped."""
 
 import math
 from pathlib import Path
@@ -18,7 +18,7 @@ JUMP = 0.5
 
 
 def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
-    """An angle in rad that does not begin anew, and how often it did.
+    """Unwrap an angle in rad, and count its wraps.
 
     Args:
         path: The file, for errors.
@@ -26,7 +26,7 @@ def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
         values: Its numbers; shape (n,).
 
     Raises:
-        RecordingFileError: It jumps by what is no whole revolution, or turns too far from sample to sample to be followed.
+        RecordingFileError: A jump is no whole revolution, or the angle turns too far from sample to sample.
     """
     unit = column.unit
     turned = values / unit.per_rev
@@ -49,6 +49,6 @@ def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
         raise RecordingFileError(
             path,
             f"{column.name!r} begins anew each revolution and turns {step:.2f} of one from row {row + 1} to {row + 2}: "
-            f"above {LARGEST_STEP:g} nobody knows which way; record more often, or without the wrap",
+            f"above {LARGEST_STEP:g} the direction is not known; record more often, or without the wrap",
         )
     return np.asarray(turned * math.copysign(2.0 * math.pi, unit.factor)), len(jumps)

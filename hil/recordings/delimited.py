@@ -40,16 +40,18 @@ class DelimitedFile:
         self.names = tuple(name.strip() for name in next(csv.reader([line], delimiter=self._delimiter), []))
         if len(self.names) < 2:
             raise RecordingFileError(
-                path, f"its first line holds {len(self.names)} names; commas, semicolons or tabulators divide them"
+                path, f"its first line holds {len(self.names)} names; expected commas, semicolons or tabulators between them"
             )
         if all(_is_number(name) for name in self.names):
-            raise RecordingFileError(path, "its first line holds numbers; the names of the columns belong there")
+            raise RecordingFileError(path, "its first line has numbers; expected the names of the columns")
         twice = sorted({name for name in self.names if name and self.names.count(name) > 1})
         if twice:
             raise RecordingFileError(path, f"{twice[0]!r} names two columns")
 
     def columns(self, names: Sequence[str]) -> dict[str, Real]:
-        """Numbers of some columns by name; NaN where a cell is empty; all of shape (n,).
+        """Read columns of numbers by name; NaN for empty cells.
+
+        All of shape (n,).
 
         Raises:
             RecordingFileError: A cell holds no number, or a row has too few.

@@ -1,4 +1,4 @@
-"""Errors of recordings that others have made."""
+"""Errors of recordings from elsewhere."""
 
 from pathlib import Path
 from typing import ClassVar
@@ -7,12 +7,12 @@ from hil.errors import HilError
 
 
 class RecordingFileError(HilError, ValueError):
-    """A recording, or what was said of its columns, cannot be used."""
+    """A recording, or a given layout, cannot be used."""
 
     exit_code: ClassVar[int] = 3
 
     def __init__(self, path: Path, problem: str) -> None:
-        """Keep the file and what is wrong."""
+        """Keep the file and the defect."""
         self.path, self.problem = path, problem
         super().__init__(f"{path}: {problem}")
 

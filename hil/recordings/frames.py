@@ -1,4 +1,7 @@
-"""Recordings as frames of a bus: candump logs, BLF and ASC, decoded by a device description (EDS, DCF, XDD) or a DBC file."""
+"""Recordings as bus logs: candump, BLF and ASC.
+
+A device description (EDS, DCF, XDD) or a DBC file decodes them.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -43,7 +46,10 @@ class FrameSignal:
 
 
 class FrameFile:
-    """A log of frames: each signal has the stamps of its frames; all are read at those of the first that is asked for."""
+    """A log of frames, whose signals have stamps of their own.
+
+    All are interpolated at the stamps of the first requested one.
+    """
 
     def __init__(self, path: Path, description: Path | None, node_id: int | None) -> None:
         """Read the description.
@@ -59,18 +65,20 @@ class FrameFile:
         """
         self.path = path
         if description is None:
-            raise RecordingFileError(path, "frames need what decodes them: --description drive.eds --node 2, or a DBC file")
+            raise RecordingFileError(path, "frames need a description; give --description drive.eds --node 2, or a DBC file")
         if description.suffix.lower() == ".dbc":
             self._signals = _of_dbc(path, description)
         else:
             self._signals = list(_of_device(path, load(description, node_id=node_id)))
         if not self._signals:
             words = "maps no object into a TPDO" if description.suffix.lower() != ".dbc" else "has no signal"
-            raise RecordingFileError(path, f"{description} {words}: a DCF file of the drive as it was set up does")
+            raise RecordingFileError(path, f"{description} {words}; give a DCF file of the drive as it was set up")
         self.names = (STAMPS, *dict.fromkeys(signal.name for signal in self._signals))
 
     def columns(self, names: Sequence[str]) -> dict[str, Real]:
-        """Numbers of some signals by name, at the stamps of the first of them; all of shape (n,).
+        """Return signals by name at the stamps of the first one.
+
+        All of shape (n,).
 
         Raises:
             RecordingFileError: The log cannot be read whole, or lacks the frames of a signal.
@@ -103,7 +111,10 @@ class FrameFile:
         return {STAMPS: first, **found} if STAMPS in names else found
 
     def _log(self) -> Log:
-        """The frames; a log that is damaged tells nothing that one could measure by."""
+        """Return the frames of an undamaged log.
+
+        A damaged log is refused: it is no basis for a measurement.
+        """
         if self.path.suffix.lower() == ".blf":
             self._refuse_cut_off()
         try:
@@ -118,24 +129,27 @@ class FrameFile:
                 self.path, f"no log of frames: {damage.unreadable} lines are none, the first is line {damage.first_unreadable}"
             )
         if damage.elsewhere:
-            raise RecordingFileError(self.path, f"{damage.elsewhere} frames are of another interface: keep those of one alone")
+            raise RecordingFileError(self.path, f"{damage.elsewhere} frames are of another interface; keep those of one alone")
         return log
 
     def _refuse_cut_off(self) -> None:
-        """Refuse a BLF file that is none, or shorter than its head says; a writer that was killed leaves 0 there."""
+        """Refuse a BLF file without its header, or cut off.
+
+        A writer that was killed leaves the size 0 in the header.
+        """
         with self.path.open("rb") as file:
             head = file.read(BLF_SIZE.stop)
         if not head.startswith(b"LOGG"):
             raise RecordingFileError(self.path, "no log of frames: a BLF file begins with LOGG")
         said, size = int.from_bytes(head[BLF_SIZE], "little"), self.path.stat().st_size
         if size < said:
-            raise RecordingFileError(self.path, f"cut off: {size} bytes of {said} that its head says; copy it anew")
+            raise RecordingFileError(self.path, f"cut off: {size} bytes of {said} in its header; copy it anew")
 
 
 def _of_device(path: Path, description: Description) -> Iterator[FrameSignal]:
     """Signals that a device maps into its TPDOs."""
     if description.node_id is None:
-        raise RecordingFileError(path, f"{description.path} says no node-ID: --node does")
+        raise RecordingFileError(path, f"{description.path} has no node-ID; give --node")
     for pdo in described_node(description.node_id, description).pdos:
         for entry in pdo.entries if pdo.direction == "tpdo" else ():
             yield FrameSignal(name_of(entry), pdo.can_id, entry.bytes, entry.numbers)

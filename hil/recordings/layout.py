@@ -1,4 +1,7 @@
-"""Layout of a recording: which column is what, in which unit; said on the command line, in a file, or known by the names."""
+"""Layout of a recording: role and unit of each column.
+
+From the command line, a file, or the columns' names.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -34,7 +37,7 @@ class LayoutFile(Table):
 
 @dataclass(frozen=True)
 class Said:
-    """What a user has said of a recording.
+    """The user's statements on a recording.
 
     Attributes:
         column: Names of columns by their role.
@@ -61,7 +64,7 @@ class Column:
         role: Meaning.
         name: Name in the file.
         unit: Unit.
-        is_guessed: True if name or unit was not said but known by the names.
+        is_guessed: True if name or unit follows from the known names.
     """
 
     role: Role
@@ -125,7 +128,7 @@ def load_layout(path: Path, axis: int) -> Said:
 
 
 def said_with(texts: Sequence[str], ratio: float | None, robot: str | None, file: Said | None = None) -> Said:
-    """What is said on the command line, over what a file says.
+    """Return the command line's statements, completed by a file's.
 
     >>> said_with(["motor=enc_m,2^20/rev"], 100.0, None).unit["motor"]
     '2^20/rev'
@@ -154,12 +157,14 @@ def said_with(texts: Sequence[str], ratio: float | None, robot: str | None, file
 
 
 def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> dict[Role, Column]:
-    """Columns of a recording: those that were said, and those that are known by their names.
+    """Choose the columns of a recording.
+
+    Those that the user names, and those with known names.
 
     Args:
         path: The file, for errors.
         names: Names of its columns.
-        said: What the user has said.
+        said: The user's statements.
         axis: Number of the axis.
 
     Raises:
@@ -180,7 +185,7 @@ def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> d
             spelled = guessed[role][1] if role in guessed and guessed[role][0] == name else _suffix(role, name)
             is_guessed = True
         if spelled is None:
-            raise RecordingFileError(path, f"the unit of {name!r} is not known: --column {role}={name},UNIT says it")
+            raise RecordingFileError(path, f"the unit of {name!r} is not known; give --column {role}={name},UNIT")
         try:
             chosen[role] = Column(role, name, unit_of(role, spelled), is_guessed)
         except ValueError as error:
@@ -188,13 +193,16 @@ def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> d
     for role in ("motor", "time"):
         if role not in chosen:
             raise RecordingFileError(
-                path, f"no column is known as {role}: --column {role}=NAME,UNIT names it; there are {_some(names)}"
+                path, f"no column is known as {role}; give --column {role}=NAME,UNIT; there are {_some(names)}"
             )
     return chosen
 
 
 def _known(names: Sequence[str], axis: int) -> dict[Role, tuple[str, str]]:
-    """Names and units by the known layouts, else by words and suffixes that leave no doubt."""
+    """Return names and units of columns with known names.
+
+    By the known layouts, else by unambiguous words and suffixes.
+    """
     for _, layout in KNOWN:
         there = {role: (name.replace(AXIS, str(axis)), unit) for role, (name, unit) in layout.items()}
         if there["time"][0] in names and there["motor"][0] in names:

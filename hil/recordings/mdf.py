@@ -1,4 +1,7 @@
-"""Recordings as MF4 of measuring systems; asammdf is loaded only where one is read."""
+"""Recordings as MF4 of measuring systems.
+
+asammdf is loaded only to read one.
+"""
 
 import contextlib
 import gc
@@ -20,7 +23,10 @@ TIME = "time_s"
 
 
 class MdfFile:
-    """An MF4 file: each channel has stamps of its own; all are read at those of the first that is asked for."""
+    """An MF4 file, whose channels have stamps of their own.
+
+    All are interpolated at the stamps of the first requested one.
+    """
 
     def __init__(self, path: Path) -> None:
         """Read the names.
@@ -34,10 +40,12 @@ class MdfFile:
             self.names = (TIME, *(name for name in file.channels_db if name != TIME))
 
     def columns(self, names: Sequence[str]) -> dict[str, Real]:
-        """Numbers of some channels by name, at the stamps of the first of them; all of shape (n,).
+        """Return channels by name at the stamps of the first one.
+
+        All of shape (n,).
 
         Raises:
-            RecordingFileError: A channel cannot be read, holds no numbers, or stands in the file more than once.
+            RecordingFileError: A channel cannot be read, holds no numbers, or is in the file more than once.
         """
         with self._opened() as file:
             return self._columns(file, names)
@@ -65,7 +73,10 @@ class MdfFile:
 
     @contextlib.contextmanager
     def _opened(self) -> Iterator[Any]:
-        """The file, closed again at the end: left to itself it keeps its descriptor until the collector comes by."""
+        """Open the file, and close it at the end.
+
+        Otherwise it keeps its descriptor until the garbage collection.
+        """
         try:
             import asammdf  # noqa: PLC0415 - an extra
         except ImportError:
@@ -90,7 +101,7 @@ class MdfFile:
 
 @contextlib.contextmanager
 def _unheard() -> Iterator[None]:
-    """Time in which a file that was half opened may fail once more while it is forgotten: that would print a traceback."""
+    """Suppress the traceback of a half-opened file's deletion."""
     told = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:

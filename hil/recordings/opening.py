@@ -21,7 +21,7 @@ def open_source(path: Path, description: Path | None = None, node_id: int | None
     if not path.is_file():
         raise RecordingFileError(path, "there is no such file")
     if path.stat().st_size == 0:
-        raise RecordingFileError(path, "the file is empty: was the recording stopped, and copied whole?")
+        raise RecordingFileError(path, "the file is empty; check that the recording was stopped and copied whole")
     name = path.name.lower()
     if name.endswith((".csv", ".csv.gz", ".txt", ".tsv")):
         from hil.recordings.delimited import DelimitedFile  # noqa: PLC0415 - a reader is loaded where it is needed
@@ -39,4 +39,4 @@ def open_source(path: Path, description: Path | None = None, node_id: int | None
         from hil.recordings.frames import FrameFile  # noqa: PLC0415
 
         return FrameFile(path, description, node_id)
-    raise RecordingFileError(path, "no known format: .csv, .csv.gz, .tsv, .parquet, .mf4, .log, .blf and .asc are")
+    raise RecordingFileError(path, "no known format; expected .csv, .csv.gz, .tsv, .parquet, .mf4, .log, .blf or .asc")

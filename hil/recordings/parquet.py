@@ -1,4 +1,4 @@
-"""Recordings as Parquet; pyarrow is loaded only where one is read."""
+"""Recordings as Parquet; pyarrow is loaded only to read one."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,7 +37,9 @@ class ParquetFile:
             raise RecordingFileError(path, f"more than {MOST_ROWS} rows: {self._file.metadata.num_rows}")
 
     def columns(self, names: Sequence[str]) -> dict[str, Real]:
-        """Numbers of some columns by name; NaN where there is none; all of shape (n,).
+        """Read columns of numbers by name; NaN for missing ones.
+
+        All of shape (n,).
 
         Raises:
             RecordingFileError: A column holds no numbers, or the file is damaged.

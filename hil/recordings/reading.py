@@ -1,4 +1,4 @@
-"""A recording as it is fitted: angles in rad that do not begin anew, signals in SI, rows that are whole."""
+"""A recording for a fit: angles unwrapped, SI units, complete rows."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +27,7 @@ class Recorded:
         path: The file.
         column: Columns by their role.
         value: Numbers by role, in s, rad, m/s² and N·m; all of shape (n,).
-        notes: Sentences on what was done to them.
+        notes: Sentences on changes to them.
     """
 
     path: Path
@@ -52,7 +52,10 @@ class Recorded:
 
     @property
     def jitter_s(self) -> float:
-        """Range of the steps between time stamps, from the 1st to the 99th percentile."""
+        """Range of the steps between time stamps, without outliers.
+
+        From the 1st to the 99th percentile.
+        """
         low, high = np.percentile(np.diff(self.time_s), (1.0, 99.0))
         return float(high - low)
 
@@ -62,7 +65,7 @@ def read_recording(path: Path, said: Said, axis: int) -> Recorded:
 
     Args:
         path: The file.
-        said: What is known of its columns.
+        said: The user's statements on its columns.
         axis: Number of the axis.
 
     Raises:
@@ -73,7 +76,7 @@ def read_recording(path: Path, said: Said, axis: int) -> Recorded:
     column = choose_columns(path, source.names, said, axis)
     raw = source.columns([each.name for each in column.values()])
     raw, missing = complete_rows(path, raw)
-    notes = [f"{missing} rows that lack a number are left out"] if missing else []
+    notes = [f"{missing} rows without a number are left out"] if missing else []
     value: dict[Role, Real] = {"time": _running(path, column["time"], raw[column["time"].name])}
     for role, each in column.items():
         if each.unit.per_rev:
@@ -86,7 +89,10 @@ def read_recording(path: Path, said: Said, axis: int) -> Recorded:
 
 
 def _running(path: Path, column: Column, stamps: Real) -> Real:
-    """Time in s from the first stamp; jitter may take a stamp back, but not by many periods."""
+    """Return the time in s from the first stamp.
+
+    Jitter may decrease a stamp, but not by many periods.
+    """
     time: Real = np.asarray((stamps - stamps[0]) * column.unit.factor)
     step = np.diff(time)
     typical = float(np.median(step))
@@ -99,7 +105,7 @@ def _running(path: Path, column: Column, stamps: Real) -> Real:
     if typical <= 0.0 or time[-1] <= 0.0:
         raise RecordingFileError(
             path,
-            f"the time {column.name!r} does not run on: its median step is {typical:.3g} s; does it run backwards, has it too "
-            "few digits, or does each stamp stand there twice?",
+            f"the time {column.name!r} does not increase: its median step is {typical:.3g} s; check for a reversed order, too "
+            "few digits, or doubled stamps",
         )
     return time

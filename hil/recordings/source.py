@@ -1,4 +1,4 @@
-"""A recording as a file of columns: its names at once, its numbers when they are asked for."""
+"""Interface of a recording: names of columns, and numbers on request."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,16 +29,18 @@ class Source(Protocol):
     names: tuple[str, ...]
 
     def columns(self, names: Sequence[str]) -> dict[str, Real]:
-        """Numbers of some columns, by name; NaN where there is none; all of shape (n,).
+        """Read columns of numbers by name; NaN for missing ones.
+
+        All of shape (n,).
 
         Raises:
-            RecordingFileError: A column holds what is not a number.
+            RecordingFileError: A column has values that are no numbers.
         """
         ...
 
 
 def complete_rows(path: Path, columns: dict[str, Real]) -> tuple[dict[str, Real], int]:
-    """Rows in which no number is missing, and how many others there were.
+    """Return the rows without missing numbers, and count the others.
 
     Raises:
         RecordingFileError: There are too few rows, or too many without a number.
@@ -58,12 +60,14 @@ def complete_rows(path: Path, columns: dict[str, Real]) -> tuple[dict[str, Real]
 
 
 def at_stamps(path: Path, name: str, stamps: Real, own: Real, values: Real) -> Real:
-    """Numbers with stamps of their own, at others, on straight lines; NaN beyond their ends; of the shape of `stamps`.
+    """Interpolate numbers at other stamps, linearly.
+
+    NaN beyond their ends; of the shape of `stamps`.
 
     Args:
         path: The file, for errors.
         name: Name of the numbers.
-        stamps: Stamps at which they are wanted; shape (n,).
+        stamps: Wanted stamps; shape (n,).
         own: Their own stamps; shape (m,).
         values: The numbers; shape (m,).
 

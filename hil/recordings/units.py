@@ -1,4 +1,4 @@
-"""Units of recorded columns: what a number is in SI, and after how many an angle begins anew."""
+"""Units of recorded columns: SI factor, and counts per revolution."""
 
 import math
 import re
@@ -33,7 +33,7 @@ class Unit:
     Attributes:
         text: Spelling.
         factor: SI value of 1.
-        per_rev: Numbers in a revolution, after which an angle may begin anew; 0 for what is no angle.
+        per_rev: Numbers in a revolution, after which an angle may begin anew; 0 for other quantities.
     """
 
     text: str
@@ -42,7 +42,9 @@ class Unit:
 
 
 def unit_of(role: Role, text: str) -> Unit:
-    """Unit of a column by its spelling; increments are written with their number in a revolution, others with their size.
+    """Return the unit of a column by its spelling.
+
+    Increments are written with their number per revolution, others with their size.
 
     >>> unit_of("motor", "2^24/rev").per_rev
     16777216.0

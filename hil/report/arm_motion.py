@@ -1,4 +1,7 @@
-"""An arm's line as figures draw it: postures along the motion, the tip's path, and how it shakes about that."""
+"""Motion of an arm along its line, as figures show it.
+
+Postures along the motion, the tip's path, and the tip's error about the path.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,7 +59,9 @@ class MovedArm:
 
 
 def walked(material: Material) -> tuple[Real, Real] | None:
-    """Joint angles and tip along the first line that was recorded whole; None without an arm's.
+    """Return joint angles and tip along the first complete recorded line.
+
+    None without an arm.
 
     Args:
         material: Result and recordings.
@@ -73,7 +78,10 @@ def walked(material: Material) -> tuple[Real, Real] | None:
 
 
 def moved_arms(material: Material) -> list[MovedArm]:
-    """The line of an arm without a treatment and with the one that leaves least, drive-closed; either alone; none without both.
+    """Return the arm's line without treatment and with the best treatment.
+
+    Both drive-closed; the best treatment leaves the least tip peak. One alone if the other is missing, and an empty list
+    without both.
 
     Args:
         material: Result and recordings.
@@ -93,7 +101,10 @@ def moved_arms(material: Material) -> list[MovedArm]:
 
 
 def _moved(material: Material, run: DrawnRun) -> MovedArm | None:
-    """The run through the kinematics of the bench's arm; None without an arm, or where too little of it was judged."""
+    """Compute a run's motion by the kinematics of the bench's arm.
+
+    None without an arm, or with too few judged rows.
+    """
     bench, scale, recording = material.bench, material.scale(None), run.recording
     if bench.arm is None or bench.line_motion is None or scale is None or run.entry.stopped is not None:
         return None
@@ -109,7 +120,7 @@ def _moved(material: Material, run: DrawnRun) -> MovedArm | None:
 
 
 def round_down(value: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not above a value.
+    """Round down to 1, 2 or 5 times a power of ten.
 
     >>> round_down(140.0), round_down(0.07), round_down(5.0)
     (100.0, 0.05, 5.0)
@@ -119,7 +130,9 @@ def round_down(value: float) -> float:
 
 
 def draw_skeleton(panel: Axes, view: View, skeleton_m: Real, *, strength: float = 1.0, look: style.Line = ARM) -> None:
-    """Draw an arm as a line with a ring at each joint, and a disc at its tip.
+    """Draw an arm as a line, with rings at joints and tip.
+
+    The tip is a filled disc.
 
     Args:
         panel: The panel.
@@ -137,7 +150,7 @@ def draw_skeleton(panel: Axes, view: View, skeleton_m: Real, *, strength: float 
 
 
 def fit_limits(panels: Sequence[tuple[Axes, View]], points_m: Real, margin_m: float = 0.05) -> None:
-    """Give panels one scale, equal along both directions, and room for all points.
+    """Give panels one scale, equal in both directions, for all points.
 
     Args:
         panels: Panels with their views.
@@ -155,12 +168,18 @@ def fit_limits(panels: Sequence[tuple[Axes, View]], points_m: Real, margin_m: fl
 
 
 def draw_ground(panel: Axes, view: View) -> None:
-    """Draw the plane on which the base stands: a line from the side, a square from above and at an angle."""
+    """Draw the plane under the base.
+
+    From the side it is a line; from above and at an angle it is a square.
+    """
     panel.fill(*view.flat(GROUND_M), facecolor=style.SHADE, edgecolor=style.GREY, linewidth=1.0, zorder=1)
 
 
 def draw_directions(panel: Axes, view: View) -> None:
-    """Name the panel's axes, or in a view that has none draw the directions of the base frame at a corner of the ground."""
+    """Name the panel's axes, or draw the directions of the base frame.
+
+    A view without names for its axes shows the three directions at a corner of the ground.
+    """
     if view.names is not None:
         right, up = view.names
         panel.set(xlabel=f"{right} (m)", ylabel=f"{up} (m)")

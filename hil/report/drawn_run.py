@@ -1,4 +1,4 @@
-"""Runs as figures draw them: the vibration over time, the specification, and the spectrum."""
+"""Runs in figures: vibration over time, specification, and spectrum."""
 
 import math
 from collections.abc import Mapping
@@ -35,7 +35,9 @@ class DrawnRun:
 
 
 def drawn_run(material: Material, run: RunEntry | None, label: str, look: style.Line) -> DrawnRun | None:
-    """Run of a figure, or None without its recording; the label of a stopped run says so.
+    """Return a run with label and line style, None without recording.
+
+    The label of a run that ended early is marked.
 
     Args:
         material: Result and recordings.
@@ -50,9 +52,10 @@ def drawn_run(material: Material, run: RunEntry | None, label: str, look: style.
 
 
 def shown_runs(material: Material, experiment: str, axis: int | None) -> list[list[DrawnRun]]:
-    """Runs of an experiment in groups of one diagram: the untreated one first, and beside it what acted.
+    """Return the runs of an experiment in groups of one diagram each.
 
-    Runs that the host closed have groups of their own where a treatment of theirs was not run in the drives.
+    The untreated run comes first in a group, then as many treated runs as there are line styles. Host-closed runs have groups of
+    their own if one of their treatments was not run in the drives.
 
     Args:
         material: Result and recordings.
@@ -89,12 +92,18 @@ def _label(name: str, others: Mapping[str, RunEntry]) -> str:
 
 
 def key_end(number: int) -> str:
-    """End of the key of a figure's n-th part, from 0; the first has none."""
+    """Return the end of the key of a figure's n-th part.
+
+    Parts count from 0; the first has an empty end.
+    """
     return f"-part{number + 1}" if number else ""
 
 
 def what_acted(runs: list[DrawnRun]) -> str:
-    """Treatments of runs for the title of a figure: `with and without the notch`."""
+    """Return the treatments of runs for a title.
+
+    For example `with and without the notch`.
+    """
     names = [run.entry.treatment for run in runs if run.entry.treatment != "none"]
     if not names:
         return ""
@@ -118,14 +127,17 @@ def draw_vibration(panel: Axes, run: DrawnRun, band_hz: tuple[float, float], *, 
 
 
 def shown_acceleration(run: DrawnRun) -> Real:
-    """The tip's acceleration that speaks for a run: of an arm's line along its worst direction; shape (n,)."""
+    """Return the tip's acceleration by which a run is judged; shape (n,).
+
+    For an arm's line it is the component along the worst direction.
+    """
     found = run.entry.directions
     unit = None if found is None or run.entry.axis is not None else found["worst"].unit
     return run.recording.felt_m_s2 if unit is None else np.asarray(tip_acceleration(run.recording) @ np.array(unit))
 
 
 def direction_words(material: Material, axis: int | None) -> str:
-    """The acceleration that `shown_acceleration` gives, in words."""
+    """Direction of `shown_acceleration`, in words."""
     if material.bench.arm is None:
         return "vertical tip acceleration"
     return "tip acceleration along the axis' lever" if axis is not None else "tip acceleration along each run's worst direction"
@@ -165,7 +177,10 @@ def finish_vibration(
 
 
 def _within(panel: Axes, line: Line2D) -> float:
-    """Largest |y| of a line between the panel's limits in x; 0 for a marker line across it."""
+    """Return the largest |y| of a line between the panel's x limits.
+
+    0 for a marker line across the panel.
+    """
     x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data())
     low, high = panel.get_xlim()
     shown = (x >= low) & (x <= high)
@@ -173,7 +188,7 @@ def _within(panel: Axes, line: Line2D) -> float:
 
 
 def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axes, *, with_names: bool = True) -> None:
-    """Shade the judged window, and mark the speeds at which the notch switches.
+    """Shade the judged window, and mark the notch's switching speeds.
 
     Args:
         material: Bench of the notch.
@@ -198,7 +213,9 @@ def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axe
 
 
 def judged_samples(material: Material, recording: Recording, axis: int, order: int = SHADED_ORDER) -> NDArray[np.int_]:
-    """Indices of the samples in which an order is judged, shape (n,); none where no f_al is known.
+    """Return the indices of the samples in which an order is judged.
+
+    Shape (n,); none without an f_al.
 
     Args:
         material: Result and bench.
@@ -220,7 +237,10 @@ def window_words(material: Material, axis: int, order: int = SHADED_ORDER) -> st
 
 
 def judged_line_s(material: Material) -> tuple[float, float]:
-    """Times after the start of the line motion in which it is judged."""
+    """Return begin and end of the judged part of the line.
+
+    In s after the start of the motion.
+    """
     motion = material.bench.line_motion
     if motion is None:
         return 0.0, 0.0
@@ -248,7 +268,10 @@ def limit_m_s2(material: Material, f_al: float) -> float:
 
 
 def limit_words(material: Material, axis: int, where: str = "") -> str:
-    """Sentence on the dotted lines of a diagram; `where` ends it, for lines around a mean."""
+    """Return a sentence on the dotted lines of the specification.
+
+    `where` ends it, for lines around a mean.
+    """
     f_al = material.f_al(axis)
     if f_al is None:
         return "Without an f_al there is no frequency by which the specification becomes an acceleration."
@@ -259,7 +282,10 @@ def limit_words(material: Material, axis: int, where: str = "") -> str:
 
 
 def smooth_spectrum(values: Real, period_s: float, up_to_hz: float) -> tuple[Real, Real]:
-    """Frequencies and Hann amplitude spectrum, each of shape (m,), of values of shape (n,) without their mean, zero-padded."""
+    """Return frequencies and Hann amplitude spectrum of values without their mean.
+
+    The values have the shape (n,) and are zero-padded; the results have the shape (m,).
+    """
     weights = scipy.signal.get_window("hann", len(values))
     length = scipy.fft.next_fast_len(8 * len(values), real=True)
     amplitude = 2.0 * np.abs(scipy.fft.rfft((values - np.mean(values)) * weights, length)) / float(np.sum(weights))

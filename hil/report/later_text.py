@@ -1,4 +1,7 @@
-"""A text that a copy of this process makes, while this one goes on: pictures are drawn on the processors that stand idle."""
+"""Text from a forked copy of this process, made in parallel.
+
+Idle processors draw pictures in this way.
+"""
 
 import os
 import sys
@@ -13,18 +16,18 @@ _BEGUN: list["LaterText"] = []
 
 
 class LaterText:
-    """A text that is made beside this process where that can be, else at once.
+    """Text that a forked copy of this process makes, or this process.
 
-    A copy is made by fork, so it has all that this process has, and nothing has to be packed for it. It can be made on Linux, by
-    a process with one thread: a lock that another thread holds would be held in the copy for ever. A copy that fails says
-    nothing; the text is then made here, and what it raises is raised here.
+    The copy has all memory of this process, so nothing has to be pickled. It needs Linux and a process with one thread: a lock
+    that another thread holds would never be released in the copy. If the copy fails, this process makes the text when it is
+    needed, and raises the error.
     """
 
     def __init__(self, make: Callable[[], str]) -> None:
         """Begin to make it.
 
         Args:
-            make: Function that gives the text; what else it does is lost with the copy.
+            make: Function that returns the text; its other effects are lost with the copy.
         """
         self._make: Callable[[], str] | None = make
         self._text = ""

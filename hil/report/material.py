@@ -1,4 +1,4 @@
-"""Material of a report: result.json, its recordings, and the numbers that are computed from them."""
+"""Material of a report: result.json, recordings, and computed numbers."""
 
 import math
 import warnings
@@ -52,7 +52,10 @@ def treatment_name(name: str) -> str:
 
 
 class Material:
-    """Result, bench and recordings of one directory; everything that is computed is computed once."""
+    """Result, bench and recordings of one directory.
+
+    Every computed number is computed once.
+    """
 
     def __init__(self, directory: Path, bench: Bench | None = None) -> None:
         """Read result.json; the bench comes from it unless it is given.
@@ -76,7 +79,10 @@ class Material:
 
     @cached_property
     def control_period_s(self) -> float:
-        """Period of the loop inside the drives, s; the paper's where no run has it."""
+        """Period of the loop inside the drives in s.
+
+        The paper's period if no run has one.
+        """
         periods = [run.control_period_s for run in self.result.runs if run.loop == "drive" and run.control_period_s]
         return periods[0] if periods else CONTROL_PERIOD_S
 
@@ -87,7 +93,10 @@ class Material:
         return {number: loop.peak_hz() for number, loop in loops.items()}
 
     def scale(self, axis: int | None) -> TipScale | None:
-        """Scale of an axis, or of the line motion (None); None if no f_al is known."""
+        """Return the scale of an axis, or of the line motion (None).
+
+        None if no f_al is known.
+        """
         if axis is None:
             known = line_scale(self.bench, self.control_period_s)
             own = [
@@ -107,17 +116,26 @@ class Material:
         }
 
     def f_al(self, axis: int | None) -> float | None:
-        """Frequency that turns an acceleration into a displacement; None if it is not known, and for the line of an arm."""
+        """Return the frequency that converts an acceleration into a displacement.
+
+        None if it is not known, and for the line of an arm.
+        """
         scale = self.scale(axis)
         return None if scale is None or (axis is None and self.bench.arm is not None) else scale.f_al_hz
 
     def band_hz(self, axis: int | None) -> tuple[float, float]:
-        """Band in which a vibration is drawn; without an f_al one that suits arms like the paper's."""
+        """Return the band in which a vibration is drawn.
+
+        Without an f_al, a band that suits arms like the paper's.
+        """
         scale = self.scale(axis)
         return PAPER_BAND_HZ if scale is None else scale.band_hz
 
     def window_rps(self, axis: int | None, order: int) -> tuple[float, float] | None:
-        """Motor speeds in which an order is judged; None if no f_al is known."""
+        """Return the motor speeds in which an order is judged.
+
+        None if no f_al is known.
+        """
         scale = self.scale(axis)
         return None if scale is None else scale.windows_rps.get(order)
 
@@ -127,14 +145,15 @@ class Material:
 
     @property
     def word(self) -> str:
-        """Word for what came from the robot: `measured`, or `emulated`."""
+        """Word for data of the robot: `measured`, or `emulated`."""
         return origin_of(self.result).word
 
     @cached_property
     def filter_sets(self) -> tuple[FilterSet, ...]:
-        """Filters that acted in the runs, those of one treatment together; those in the drives come first.
+        """Filters that acted in the runs, grouped by treatment.
 
-        A result from before filters were kept has those of its bench file where these acted; designed ones are not in it.
+        Filters in the drives come first. A result in an older format has no filters: those of its bench file are used
+        for runs in which they acted, and designed filters are missing.
         """
         found: dict[tuple[LoopName, str], dict[int, tuple[NotchTable, ...]]] = {}
         for run in sorted(self.result.runs, key=lambda run: run.loop):
@@ -159,8 +178,8 @@ class Material:
             return {}
         if row.needs == "design":
             self.notes.append(
-                f"{run_name(run, with_window=False)}: this result does not hold the filters that acted, since an earlier version "
-                "has written it. The design file has them, or a new run."
+                f"{run_name(run, with_window=False)}: an earlier version wrote this result without its filters; see the design "
+                "file, or run again."
             )
             return {}
         axes = self.bench.chain_axes if run.axis is None else (run.axis,)
@@ -176,7 +195,9 @@ class Material:
         return "model file" if any(file.role == "model" for file in self.result.files or ()) else "bench file"
 
     def loop(self, axis: int, filters: FilterSet | None = None) -> Loop:
-        """Loop of an axis with a model: closed in the drive, or where its filters acted.
+        """Return the loop of an axis with a model.
+
+        It is closed in the drive, or on the side on which its filters acted.
 
         Args:
             axis: Axis number.
@@ -193,7 +214,10 @@ class Material:
         return loop
 
     def margins(self, axis: int, filters: FilterSet | None = None) -> dict[float, Margins]:
-        """Margins of the loop of an axis with a model, by motor speed; the arguments are those of `loop`."""
+        """Return the margins of an axis with a model, by motor speed.
+
+        The arguments are those of `loop`.
+        """
         key = axis, () if filters is None else filters.treatments
         if key not in self._margins:
             loop = self.loop(axis, filters)
@@ -211,14 +235,16 @@ class Material:
         return TransmissionError(ate.amplitudes_arcsec(), ate.phases_deg())
 
     def amplitude_arcsec(self, axis: int, order: int) -> float:
-        """A_k of the bench file; 0 where it is not known."""
+        """A_k of the bench file; 0 if it is not known."""
         error = self.transmission_error(axis)
         return 0.0 if error is None else error.amplitude_arcsec.get(order, 0.0)
 
     def find(
         self, experiment: str, axis: int | None = None, treatment: str = "none", loop: str = "drive", order: int | None = None
     ) -> RunEntry | None:
-        """Entry of a run, or None; without an order, the first of its windows.
+        """Return the entry of a run, or None.
+
+        Without an order, the entry of its first window.
 
         Args:
             experiment: Name of the experiment.
@@ -234,7 +260,7 @@ class Material:
         return None
 
     def lead(self, experiment: str, axis: int | None, treatment: str, loop: str) -> RunEntry | None:
-        """Window that speaks for a run, or None.
+        """Leading window of a run, or None.
 
         Args:
             experiment: Name of the experiment.
@@ -263,7 +289,10 @@ class Material:
         return next((c for c, key in zip(self.result.comparisons, keys, strict=True) if key == wanted), None)
 
     def recording(self, run: RunEntry | None) -> Recording | None:
-        """Recording of a run, or None if it is missing or too short; a note then gives the reason."""
+        """Return the recording of a run, or None.
+
+        None if it is missing or too short; a note then gives the reason.
+        """
         if run is None or run.recording is None:
             return None
         if run.recording not in self._recordings:
@@ -299,11 +328,14 @@ class Material:
             key: np.interp(row, row[~hole], recording.columns[key][~hole]) if not hole.all() else np.zeros(len(row))
             for key, hole in holes.items()
         }
-        self.notes.append(f"{name}: {count} samples did not come in; the figures bridge them by straight lines.")
+        self.notes.append(f"{name}: {count} samples are missing; the figures interpolate them linearly.")
         return Recording(columns)
 
     def estimate(self, axis: int) -> TransmissionErrorEstimate | None:
-        """θ_sync identified from the run without a notch, or None if no run allows it."""
+        """Return θ_sync identified from the run without a notch.
+
+        None if no run allows it.
+        """
         if axis not in self._estimates:
             self._estimates[axis] = self._identify(axis)
         return self._estimates[axis]

@@ -12,7 +12,10 @@ BY_ORDER = ((amplitude_key, "A", "arcsec"), (phase_key, "φ", "°"))
 
 
 def symbol_of(name: str) -> str:
-    """Symbol and unit of a number by its name in the model file: `A_2 (arcsec)`."""
+    """Return symbol and unit of a number from the model file.
+
+    For example `A_2 (arcsec)`.
+    """
     found = re.fullmatch(r"(a|phi)([0-9.]+)_(arcsec|deg)", name)
     if found is None:
         return name

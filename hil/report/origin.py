@@ -1,4 +1,7 @@
-"""Origin of the numbers on a page: a robot, an emulated one, or both; every page says which."""
+"""Origin of the numbers on a page: real robot, emulated, or both.
+
+Every page states it.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,11 +14,11 @@ from hil.results.comparison import ComparisonRobot, TreatmentTable
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of what a page shows.
+    """Origin of a page's numbers.
 
     Attributes:
         word: Word for a number that was not computed: `measured`, `emulated` or `partly emulated`.
-        band: Sentence on top of the page; empty where a real robot was measured.
+        band: Sentence on top of the page; empty for a real robot.
         is_emulated: True if any part was emulated.
     """
 
@@ -49,7 +52,7 @@ def origin_of_table(result: TreatmentTable) -> Origin:
 
 
 def origin_of_design(outcome: NotchDesignOutcome) -> Origin:
-    """Origin of a design: of the plant and the transmission error that it rests on."""
+    """Return the origin of a design's plant and transmission error."""
     if not outcome.emulated:
         return MEASURED
     parts = " and ".join({"plant": "the plant", "ate": "the transmission error"}[part] for part in outcome.emulated)

@@ -1,5 +1,6 @@
-"""Every colour of pages and figures, by day and by night; print is always day.
+"""Every colour of pages and figures, by day and night.
 
+Print is always day.
 Figures are drawn in the colours of day. In the SVG each of them becomes a CSS variable (`hil.report.svg`), so that one picture
 serves both.
 """
@@ -8,7 +9,7 @@ from typing import NamedTuple
 
 
 class Colour(NamedTuple):
-    """A colour: name of its CSS variable, and its value on light and on dark ground."""
+    """A colour: its CSS variable, and values on light and dark ground."""
 
     name: str
     day: str
@@ -65,7 +66,9 @@ VARIABLES = {colour.day: f"var(--{colour.name})" for colour in OF_FIGURES}
 
 
 def css(selector: str, colours: tuple[Colour, ...] = (*OF_FIGURES, *OF_PAGES)) -> str:
-    """Rules that give every colour its value by day, and on a screen that asks for dark its value by night.
+    """Return CSS rules with every colour's values by day and night.
+
+    The value by night applies on screens that ask for dark.
 
     Args:
         selector: Element that holds the variables.

@@ -1,4 +1,4 @@
-"""Numbers of the paper's Tables 1 to 3, to stand beside the bench's.
+"""Numbers of the paper's Tables 1 to 3, for comparison.
 
 Source: `CITATION`, Tables 1 to 3.
 """
@@ -15,7 +15,13 @@ CITATION = (
 
 
 class ResonanceColumn(NamedTuple):
-    """A column of Table 1: f_al in Hz, f_m2 and f_m4 in rev/s."""
+    """A column of Table 1.
+
+    Attributes:
+        f_al_hz: f_al in Hz.
+        f_m2_rps: f_m2 in rev/s.
+        f_m4_rps: f_m4 in rev/s.
+    """
 
     f_al_hz: float
     f_m2_rps: float
@@ -31,7 +37,10 @@ class ErrorColumn(NamedTuple):
     phi4_deg: float
 
     def of(self, order: float) -> tuple[float | None, float | None]:
-        """Amplitude in arcsec and phase in degrees of one order; None if the paper has none."""
+        """Return amplitude in arcsec and phase in degrees of one order.
+
+        None for an order that the paper does not have.
+        """
         return {2: (self.a2_arcsec, self.phi2_deg), 4: (self.a4_arcsec, self.phi4_deg)}.get(int(order), (None, None))
 
     def error(self) -> TransmissionError:

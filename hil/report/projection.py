@@ -1,4 +1,4 @@
-"""Views of space on paper: parallel projections from the side, from the front, from above, and at an angle."""
+"""Parallel projections: side, front, top, and at an angle."""
 
 import math
 from dataclasses import dataclass
@@ -30,7 +30,10 @@ class View:
     names: tuple[str, str] | None = None
 
     def flat(self, points: Real) -> tuple[Real, Real]:
-        """Points on the paper, of shape (..., 3): to the right and up, of shape (...)."""
+        """Project points of shape (..., 3).
+
+        To the right and up, each of shape (...).
+        """
         return np.asarray(points @ self.right), np.asarray(points @ self.up)
 
 
@@ -49,7 +52,10 @@ ANGLE = View(
 
 
 def fullest(vectors: Real) -> View:
-    """The view that hides next to nothing of some vectors of shape (n, 3): from the side if it can be, else from above."""
+    """Return the view that hides least of some vectors.
+
+    Vectors have the shape (n, 3). The side is preferred, then the top.
+    """
     sizes = np.sum(np.asarray(vectors) ** 2, axis=0)
     hidden = {SIDE.title: sizes[1], ABOVE.title: sizes[2], FRONT.title: sizes[0]}
     views = (SIDE, ABOVE, FRONT)

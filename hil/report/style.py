@@ -1,4 +1,7 @@
-"""Style of all figures: readable, safe for the colour-blind, and distinguishable in grey by dash and marker."""
+"""Style of all figures: legible for the colour-blind and in grey.
+
+Dashes and markers distinguish lines without colour.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -119,12 +122,15 @@ MAX_POINTS = 1500
 
 @cache
 def _load_formulas() -> None:
-    """Load fonts and grammar of formulas, once for all copies of this process that draw."""
+    """Load fonts and grammar of formulas before processes fork.
+
+    All copies of this process that draw then have them.
+    """
     MathTextParser("path").parse("$f_{al}$ (1/s²)", 72, FontProperties(family="DejaVu Sans", size=8.5))
 
 
 class SvgPicture:
-    """A figure as SVG, drawn beside this process where that can be, and what of it can be zoomed."""
+    """A figure as SVG, drawn in parallel, and its zoomable data."""
 
     def __init__(self, figure: Figure, key: str, *, is_zoomable: bool = False) -> None:
         """Begin to draw it.
@@ -144,7 +150,7 @@ class SvgPicture:
 
     @property
     def zoom(self) -> ZoomFigure | None:
-        """What can be zoomed; None if that is nothing."""
+        """Zoomable data; None without any."""
         if self._figure is None:
             return None
         self._figure.draw_without_rendering()  # as the picture was drawn: its limits are final then
@@ -178,7 +184,7 @@ class Drawing:
 
     @property
     def zoom(self) -> ZoomFigure | None:
-        """What can be zoomed of the picture; None if that is nothing."""
+        """Zoomable data of the picture; None without any."""
         return self.picture.zoom if isinstance(self.picture, SvgPicture) else None
 
 
@@ -191,7 +197,10 @@ def styled() -> Iterator[None]:
 
 
 def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[Figure, NDArray[Any]]:
-    """Make a figure with a grid of axes, shape (rows, columns); `options` go to `Figure.subplots`."""
+    """Make a figure with a grid of axes.
+
+    Shape (rows, columns); `options` go to `Figure.subplots`.
+    """
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     FigureCanvasSVG(figure)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
@@ -199,21 +208,30 @@ def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[F
 
 
 def mosaic(rows: list[Any], height_in: float, **options: Any) -> tuple[Figure, dict[str, Axes]]:
-    """Make a figure of rows of named panels, which may span several; `options` go to `Figure.subplot_mosaic`."""
+    """Make a figure of rows of named panels.
+
+    A panel may span several rows; `options` go to `Figure.subplot_mosaic`.
+    """
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     FigureCanvasSVG(figure)
     return figure, figure.subplot_mosaic(rows, **options)
 
 
 def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
-    """Draw one legend of the lines of some panels above all of them, where it cannot cover data; a name stands once."""
+    """Draw one legend of several panels above all of them.
+
+    It cannot cover data there; equal names appear once.
+    """
     handles = {name: handle for panel in axes for handle, name in zip(*panel.get_legend_handles_labels(), strict=True)}
     if handles:
         figure.legend(list(handles.values()), list(handles), loc="outside upper left", ncols=columns)
 
 
 def stack_over_time(*panels: Axes) -> None:
-    """Give panels that stand one above the other the time of the last; only that one is labelled."""
+    """Share the time axis of panels in a column.
+
+    Only the last panel is labelled.
+    """
     for panel in panels[:-1]:
         panel.sharex(panels[-1])
         panel.tick_params(labelbottom=False)
@@ -221,7 +239,7 @@ def stack_over_time(*panels: Axes) -> None:
 
 
 def residual(panel: Axes, x: Real, rest: Real, unit: str, names: str = "measured − model") -> None:
-    """Draw what a model leaves of a measurement, with its root mean square in the title.
+    """Draw the residual of a model, with its rms in the title.
 
     Args:
         panel: Panel of the residual alone.
@@ -248,7 +266,7 @@ def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "
         x: Position of the line, in the data's unit.
         text: Name of the line.
         height: Height of the name as a fraction of the panel.
-        side: Side of the text at which the line stands, `left` or `right`.
+        side: Side of the text on which the line is, `left` or `right`.
     """
     keep_name(axes.axvline(x, **MARK), text)
     pad = 3 if side == "left" else -3
@@ -266,13 +284,19 @@ def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "
 
 
 def thin(*columns: Real, points: int = MAX_POINTS) -> tuple[Real, ...]:
-    """Every n-th sample of slow signals, each of shape (n,), so that at most about `points` are left."""
+    """Return every n-th sample of slow signals.
+
+    Each has the shape (n,); about `points` samples remain at most.
+    """
     step = max(1, len(columns[0]) // points)
     return tuple(column[::step] for column in columns)
 
 
 def plot_thin(panel: Axes, x: Real, y: Real, **look: Any) -> None:
-    """Draw a slow signal thinned out, and keep all of it for those who zoom; `x` and `y` of shape (n,), `look` as for a line."""
+    """Draw a slow signal thinned out, and keep all samples for zooming.
+
+    `x` and `y` have the shape (n,); `look` as for a line.
+    """
     (line,) = panel.plot(*thin(x, y), **look)
     keep_whole(line, x, y)
 
@@ -283,7 +307,9 @@ def decibel(gain: NDArray[Any]) -> Real:
 
 
 def to_svg(figure: Figure, key: str, *, is_zoomable: bool = False) -> SvgPicture:
-    """Figure as an inline SVG element: scalable, in the palette's variables, with ids of its own and no external references.
+    """Return a figure as an inline SVG element.
+
+    It is scalable, uses the palette's variables, has ids of its own and no external references.
 
     Args:
         figure: The figure, which does not change any more.

@@ -1,4 +1,7 @@
-"""Matplotlib's SVG made fit for a page: colours as variables, text as text, ids of its own, short coordinates."""
+"""Conversion of Matplotlib's SVG for an HTML page.
+
+Colours become variables and text remains text; ids are unique, coordinates short.
+"""
 
 import io
 import re
@@ -28,7 +31,9 @@ class _Glyph(NamedTuple):
 
 
 def inline(figure: Figure, key: str) -> str:
-    """Figure as an inline SVG element, named by the element `KEY-title` of the page.
+    """Return a figure as an inline SVG element.
+
+    The element `KEY-title` of the page names it.
 
     Raises:
         ValueError: The figure has a colour that is not in the palette.
@@ -53,7 +58,10 @@ def inline(figure: Figure, key: str) -> str:
 
 
 def _lay_out(figure: Figure) -> None:
-    """Lay the figure out once and for all: saved with its engine, all of it would be drawn once more, to nowhere, before."""
+    """Lay the figure out once.
+
+    With its layout engine, saving would draw the whole figure twice.
+    """
     engine = figure.get_layout_engine()
     if engine is None:
         return
@@ -63,7 +71,7 @@ def _lay_out(figure: Figure) -> None:
 
 
 def standalone(svg: str, title: str) -> str:
-    """Inline SVG as a file of its own, with its title and colours in it.
+    """Return inline SVG as a file with its own title and colours.
 
     Args:
         svg: Element that `inline` made.
@@ -86,7 +94,10 @@ def _variable(colour: str, key: str) -> str:
 
 
 def _words(match: re.Match[str]) -> str:
-    """A formula in reading order, a run of glyphs of one size and height in one element, so that it can be searched for."""
+    """Return a formula as searchable text in reading order.
+
+    Glyphs of one size and height share an element.
+    """
     glyphs = sorted(
         _Glyph(float(x), y, style, text.replace("\N{NO-BREAK SPACE}", " ")) for x, y, style, text in _GLYPH.findall(match[1])
     )
@@ -103,13 +114,19 @@ def _words(match: re.Match[str]) -> str:
 
 
 def _shorter(match: re.Match[str]) -> str:
-    """Coordinates with two decimals: a hundredth of a point is below every resolution."""
+    """Shorten coordinates to two decimals.
+
+    A hundredth of a point is below every resolution.
+    """
     text = " ".join(_NUMBER.sub(lambda number: f"{float(number[0]):.2f}", match[2] or match[3] or "").split())
     return f"translate({text})" if match[1] is None else f' {match[1]}="{text}"'
 
 
 def _own_ids(text: str, key: str) -> str:
-    """Text with only the ids that are referred to, numbered in order: matplotlib makes its ids from addresses in memory."""
+    """Return text with only the ids that are referred to.
+
+    They are numbered in order: Matplotlib derives its ids from memory addresses.
+    """
     numbers: dict[str, int] = {}
     for name in re.findall(r'(?:href="|url\()#([^")]+)', text):
         numbers.setdefault(name, len(numbers))

@@ -6,7 +6,10 @@ from hil.report.tables.paper_runs import NONE, Cell, ReportTable
 
 
 def timing_table(material: Material) -> ReportTable | None:
-    """Table with a row per motion for SYNC, and one for the answers; None if time was counted in SYNCs."""
+    """Tabulate the punctuality of SYNC and answers, by motion.
+
+    None if time was counted in SYNCs.
+    """
     by_recording = {run.recording: (run, run.timing) for run in material.result.runs if run.timing is not None}
     rows: list[list[Cell]] = []
     for run, timing in by_recording.values():

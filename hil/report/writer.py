@@ -22,10 +22,10 @@ from hil.results.runs import ExperimentsResult
 
 
 def write_report_of(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that a command has filled, and return its path.
+    """Write `report.html` into a directory of results; return its path.
 
     Args:
-        directory: Directory with result.json and what it names.
+        directory: Directory with result.json and the files that it names.
         is_interactive: True if the figures of the page can be zoomed.
 
     Raises:

@@ -1,4 +1,7 @@
-"""What can be zoomed of a figure: its panels with curves, shades and maps, read from matplotlib, with all samples of a curve."""
+"""Zoomable data of a figure, read from Matplotlib.
+
+Its panels with curves, shades and maps, with all samples of a curve.
+"""
 
 import re
 from dataclasses import dataclass
@@ -56,7 +59,7 @@ class ZoomCurve:
 
 @dataclass(frozen=True)
 class ZoomLine:
-    """A line across a panel, at a place of one of its axes."""
+    """Line across a panel, at a place on one of its axes."""
 
     name: str
     colour: str
@@ -66,7 +69,13 @@ class ZoomLine:
 
 @dataclass(frozen=True, eq=False)
 class ZoomShade:
-    """A shaded part of a panel: the corners of its outline; across the whole panel where `y` is empty."""
+    """Shaded part of a panel.
+
+    Attributes:
+        colour: Its colour.
+        x: Corners of the outline in x; shape (n,).
+        y: Corners in y; shape (n,); empty for a shade across the whole panel.
+    """
 
     colour: str
     x: Real
@@ -80,7 +89,7 @@ class ZoomMap:
     Attributes:
         x: Ends of the abscissa.
         y: Ends of the ordinate.
-        values: Values in rows from the lowest ordinate up; shape (rows, columns), NaN where there is none.
+        values: Values in rows from the lowest ordinate up; shape (rows, columns), NaN for a missing value.
         top: Value of the strongest colour; the faintest is 0.
         colours: Names of its colours in the palette, from the faintest.
     """
@@ -94,7 +103,7 @@ class ZoomMap:
 
 @dataclass(frozen=True, eq=False)
 class ZoomPanel:
-    """A panel: what it shows, and from where to where.
+    """A panel: its curves and maps, and its limits.
 
     Attributes:
         title: Title of the panel.
@@ -131,17 +140,23 @@ class ZoomFigure:
 
 
 def keep_whole(line: Line2D, x: Real, y: Real) -> None:
-    """Keep all samples of a line that is drawn with fewer, each of shape (n,)."""
+    """Keep all samples of a line that is drawn with fewer.
+
+    Each of shape (n,).
+    """
     _WHOLE[line] = x, y
 
 
 def keep_name(line: Line2D, name: str) -> None:
-    """Keep the name of a line that stands beside it, and not in the legend."""
+    """Keep a line's name that is not in the legend.
+
+    It is beside the line.
+    """
     _NAMED[line] = name
 
 
 def keep_map(panel: Axes, x: Real, y: Real, values: Real, top: float, colours: tuple[str, ...]) -> None:
-    """Keep what a panel draws as a map, evenly in x.
+    """Keep the data of a panel's map, evenly in x.
 
     Args:
         panel: Panel that draws it.
@@ -161,7 +176,10 @@ def keep_map(panel: Axes, x: Real, y: Real, values: Real, top: float, colours: t
 
 
 def zoomable(figure: Figure) -> ZoomFigure:
-    """What can be zoomed of a figure that has been drawn, so that its limits are final."""
+    """Return the zoomable data of a figure that has been drawn.
+
+    Its limits must be final.
+    """
     panels: dict[tuple[int, int], ZoomPanel] = {}
     for panel in figure.axes:
         place = panel.get_subplotspec()
@@ -188,7 +206,10 @@ def _panel(panel: Axes) -> ZoomPanel:
 
 
 def _drawn(panel: Axes, line: Line2D) -> ZoomCurve | ZoomLine | None:
-    """A line of matplotlib: along a curve, or across the panel; None for one of which nothing is seen."""
+    """Read a line of Matplotlib: a curve, or a line across.
+
+    None for an invisible one.
+    """
     is_x, is_y = line.get_transform().contains_branch_seperately(panel.transData)
     label = str(line.get_label())
     name = plain(_NAMED.get(line, "" if label.startswith("_") else label))

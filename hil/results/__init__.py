@@ -1,7 +1,7 @@
-"""Results of commands as types: each class writes its JSON file and reads it again.
+"""Result types of all commands, written and read as JSON files.
 
 `runs` has the result of `hil run`, `comparison` those of `hil compare` and of a tour, `learning`, `plant`, `ate` and
-`notch_design` those of `hil learn`, `hil identify` and `hil design`. `base` is what they have in common, and `files` reads a file
+`notch_design` those of `hil learn`, `hil identify` and `hil design`. `base` has their base classes, and `files` reads a file
 by its `kind`.
 
 >>> import tempfile

@@ -1,4 +1,4 @@
-"""What acted in a run: filters as they were held, cancelled orders, and the files that all of it came from."""
+"""Filters, cancelled orders and source files of a run."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,8 +30,8 @@ class ActedFilter(ResultPart):
     Attributes:
         axis: Axis number.
         held_by: `drive`: the parameters are those that the drive held, read back; `host`: those of the master's own loop.
-        notch: The filter, where it follows the speed.
-        fixed: The filter, where it does not.
+        notch: The filter, if it follows the speed.
+        fixed: The filter, if it does not.
     """
 
     axis: int
@@ -62,7 +62,7 @@ class SourceFile(ResultPart):
     """A file from which a run took something.
 
     Attributes:
-        role: Part that it has: bench, model, design or learnt, or what a bench file names.
+        role: Part that it has: bench, model, design or learnt, or a file that the bench file names.
         path: Path as it was given.
         sha256: SHA-256 of its content, in hexadecimal digits.
     """
@@ -73,7 +73,9 @@ class SourceFile(ResultPart):
 
     @classmethod
     def of(cls, role: FileRole, path: str | Path) -> Self:
-        """Describe a file as it is now; a bench of the package may be given by its name.
+        """Describe a file as it is now.
+
+        A bench of the package may be given by its name.
 
         Raises:
             OSError: The file cannot be read.
@@ -82,7 +84,9 @@ class SourceFile(ResultPart):
 
 
 def bench_files(path: str | Path, bench: Bench) -> tuple[SourceFile, ...]:
-    """The file of a bench, and those that it names: drive profiles of the user's own, and the arm's URDF file.
+    """Return the files of a bench: its own, and those it names.
+
+    They are the user's drive profiles, and the arm's URDF file.
 
     Args:
         path: Path of the bench file, or a name of the package.

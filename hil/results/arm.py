@@ -1,4 +1,4 @@
-"""Result of `hil identify arm`: masses of an arm from several postures, and the dips that they predict."""
+"""Result of `hil identify arm`: masses of an arm, predicted dips."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ from hil.results.base import Result, ResultPart
 
 
 class MeasuredDip(ResultPart):
-    """A dip that an axis has felt in a posture, and what the fit has for it.
+    """A measured dip of an axis in a posture, and the fit.
 
     Attributes:
         axis: Axis number.
@@ -37,7 +37,7 @@ class LineDips(ResultPart):
         way_fraction: Fraction of the way.
         dips_hz: The dips, from the lowest.
         standard_error_hz: Their standard errors.
-        bodies_hz: The same by the bench file's bodies on the same gears; empty where it has none.
+        bodies_hz: The same by the bench file's bodies on the same gears; empty if it has none.
     """
 
     way_fraction: float
@@ -53,9 +53,9 @@ class ArmResult(Result):
         bench: Name of the bench.
         started_utc: Instant of the evaluation, ISO 8601.
         arm: Entry of the model file.
-        measured: Every dip that was felt.
-        line: Dips along the line motion; empty where they are not known.
-        next_posture_deg: Joint angles, by axis, of the posture that would tell most beside those measured.
+        measured: Every measured dip.
+        line: Dips along the line motion; empty if they are not known.
+        next_posture_deg: Joint angles, by axis, of the posture that would improve the fit most.
         notes: Sentences for the engineer.
     """
 

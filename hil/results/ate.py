@@ -1,4 +1,4 @@
-"""Result of `hil identify ate`: the transmission error of one axis, the passes, and the standard errors."""
+"""Result of `hil identify ate`: transmission error, passes, standard errors."""
 
 from typing import Literal
 
@@ -76,7 +76,7 @@ class AteFit(ResultPart):
     """Fit of all passes together; the fields are those of `hil.design.ate.identification.JointEstimate`.
 
     Attributes:
-        carried: Fraction of the vibration's power by order; orders overlap, so that the sum is not quite what is explained.
+        carried: Fraction of the vibration's power by order; orders overlap, so that the sum is only nearly the explained one.
     """
 
     delay_s: float
@@ -94,7 +94,9 @@ class AteFit(ResultPart):
 
 
 class AteStandardErrors(ResultPart):
-    """Standard errors of the transmission error after a pass, from all passes so far.
+    """Standard errors of the transmission error after a pass.
+
+    From all passes so far.
 
     Attributes:
         standard_error: Standard errors by the names of the model file: `a2_arcsec`, `phi2_deg` ….
@@ -117,7 +119,7 @@ class AteResult(MeasuredResult):
         history: Standard errors after each pass.
         is_within_goal: True if the standard errors reach the goal, or are at most 3 times what is asked (more of a gear
             that is no spring: `hil.experiments.ate.request.Miss.is_usable`); orders out of the ramps' reach do not count.
-            The notes say which are larger than asked.
+            The notes list those that are larger than asked.
         notes: Sentences for the engineer.
         not_identified: Reason why nothing was identified.
     """

@@ -1,4 +1,4 @@
-"""Base of all result files: the writing, the schema, and the bench of a measurement."""
+"""Base of all result files: writing, schema, measured bench."""
 
 import datetime
 import json
@@ -25,7 +25,10 @@ _FILES_OF_A_RESULT = (RESULT_FILE, "check.json", "design.json", LOG_FILE, "runs/
 
 
 def new_directory(name: str) -> Path:
-    """A directory that is new each time, so that no recording replaces another; it is not made yet."""
+    """Return a new directory, so that no recording replaces another.
+
+    It is not made yet.
+    """
     stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
     return Path("bench-out") / f"{stamp}-{name}"
 
@@ -33,7 +36,9 @@ def new_directory(name: str) -> Path:
 def result_directory(
     out: str | Path | None, name: str, *, force: bool = False, remedy: str = "--force replaces its files"
 ) -> Path:
-    """The directory for the files of a command; one that holds those of another is refused.
+    """Return the directory for a command's files.
+
+    A directory with the files of another command is refused.
 
     Args:
         out: The directory that was named; None for a new one.
@@ -54,9 +59,10 @@ def result_directory(
 
 
 class _Written(BaseModel):
-    """Base that leaves out absent values: an optional field without a value is not a key of the file.
+    """Base that leaves out absent values.
 
-    A field that has no default is a key in any case, with null where there is no number.
+    An optional field without a value is not a key of the file. A field that has no default always is, with null instead of
+    a number.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -76,7 +82,7 @@ class ResultPart(_Written):
 
 
 class MeasuredBench(ResultPart):
-    """Bench of a measurement: which one, on which bus, when, and with what.
+    """Bench of a measurement: its file, bus, instant and versions.
 
     Attributes:
         name: Name in the bench file.
@@ -108,7 +114,10 @@ class MeasuredBench(ResultPart):
 
 
 def versions() -> dict[str, str]:
-    """Versions of this project (with its commit), of Python and of the packages that a result depends on."""
+    """Return the versions of this project, Python and packages.
+
+    With the commit of this project, and the packages that a result depends on.
+    """
     numbers = {DISTRIBUTION: version_text(), "python": platform.python_version()}
     for package in ("python-can", "canopen", "numpy", "scipy", "numba"):
         try:
@@ -135,7 +144,9 @@ class Result(_Written):
         return json.dumps(value, indent=indent, ensure_ascii=False, allow_nan=False)
 
     def write(self, path: Path) -> None:
-        """Write the file whole or not at all; an existing file is replaced.
+        """Write the file atomically.
+
+        An existing file is replaced.
 
         Raises:
             OSError: The file cannot be written.
@@ -148,11 +159,13 @@ class Result(_Written):
 
 
 def aftermath(all_disabled: bool | None, not_restored: Iterable[str]) -> tuple[str, ...]:
-    """One sentence per thing that was not restored on drives, in the words that standard error has for it.
+    """Return a sentence per setting that was not restored on drives.
+
+    Standard error has the same sentences.
 
     Args:
         all_disabled: False if a drive has not confirmed that it is disabled.
-        not_restored: Objects that could not be put back.
+        not_restored: Objects that could not be restored.
     """
     unconfirmed = () if all_disabled is not False else (NOT_DISABLED,)
     return (*unconfirmed, *(not_put_back(what) for what in not_restored))
@@ -164,12 +177,12 @@ class MeasuredResult(Result):
     Attributes:
         bench: Bench of the measurement.
         stopped: Reason why the measurement was stopped.
-        causes: Causes that the error names with which it ended early; none where it names none.
+        causes: Causes that the error of an early end names.
         all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.
-        not_restored: Objects that could not be put back in the nodes.
+        not_restored: Objects that could not be restored in the nodes.
         drive_remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
         emulated: True if any node is emulated: then this is not a measurement; None if that is not known.
-        emulated_parts: Axes and accelerometer that are emulated, where others are not, or do not say.
+        emulated_parts: Axes and accelerometer that are emulated, if others are not, or do not answer.
     """
 
     bench: MeasuredBench
@@ -185,7 +198,7 @@ class MeasuredResult(Result):
         """Note which parts of the bench are emulated.
 
         Args:
-            answers: For each part True if it is emulated, False if it is not, None if it did not say.
+            answers: For each part True if it is emulated, False if it is not, None if it did not answer.
         """
         parts = tuple(name for name, answer in answers.items() if answer)
         is_known = bool(answers) and None not in answers.values()
@@ -194,7 +207,10 @@ class MeasuredResult(Result):
 
     @property
     def aftermath(self) -> tuple[str, ...]:
-        """One sentence per thing that was not restored on the drives; empty where they were."""
+        """One sentence per setting that was not restored on the drives.
+
+        Empty if all were restored.
+        """
         return aftermath(self.all_disabled, self.not_restored or ())
 
     def note_failure(self, error: BaseException) -> None:
@@ -207,5 +223,5 @@ class MeasuredResult(Result):
             self._note_other_failure(text)
 
     def _note_other_failure(self, text: str) -> None:
-        """Note why it failed where no run was stopped."""
+        """Note the reason of a failure without a stopped run."""
         self.stopped = text

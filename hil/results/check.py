@@ -1,4 +1,4 @@
-"""Result of `hil check`: what was seen of each axis before its first motion."""
+"""Result of `hil check`: checks of each axis before its first motion."""
 
 from typing import Final, Literal
 
@@ -19,9 +19,9 @@ class CheckEntry(ResultPart):
         axis: Number of the axis.
         name: Name of the check.
         verdict: Its outcome.
-        seen: What was seen, in words; of a check that was not made, why.
+        seen: Observation in words, or the reason why the check was not made.
         is_made: False for a check that could not be made, because another failed, or the axis could not be moved.
-        recording: Recording from which it was told, relative to the file; None without one.
+        recording: Recording that shows it, relative to the file; None without one.
     """
 
     axis: int

@@ -1,4 +1,4 @@
-"""Columns of numbers beside a result: what a page draws, as CSV."""
+"""Columns of numbers beside a result: curves of a page, as CSV."""
 
 import csv
 from collections.abc import Mapping

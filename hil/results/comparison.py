@@ -1,4 +1,7 @@
-"""Result of `hil compare`: treatments side by side, over experiments and robots, and of a tour that ends with one."""
+"""Results of `hil compare`, and of a tour with a comparison.
+
+Treatments side by side, over experiments and robots.
+"""
 
 from typing import Literal
 
@@ -25,7 +28,12 @@ class ComparisonRequestEntry(ResultPart):
 
 
 class ComplianceFactors(ResultPart):
-    """Factors by which the motor is more compliant than without the treatment: at 1 Hz, and at the largest compliance."""
+    """Factors by which a treatment makes the motor more compliant.
+
+    Attributes:
+        slow: Factor at 1 Hz.
+        peak: Factor at the largest compliance.
+    """
 
     slow: float
     peak: float
@@ -102,7 +110,7 @@ class ComparisonRobot(ResultPart):
         tip_mm: Specification of its tip peak.
         rows: Row for each experiment and treatment.
         compliance: Compliance by axis and treatment.
-        not_restored: Objects that could not be put back in the nodes.
+        not_restored: Objects that could not be restored in the nodes.
         versions: Versions by package; None if nothing was run.
         ended: Reason why it was not run to the end.
         emulated: True if any of its nodes is emulated; None if that is not known.
@@ -128,7 +136,10 @@ class ComparisonRobot(ResultPart):
 
     @property
     def aftermath(self) -> tuple[str, ...]:
-        """One sentence per thing that was not restored on its drives; empty if everything was."""
+        """One sentence per setting that was not restored on its drives.
+
+        Empty if all were restored.
+        """
         return aftermath(self.all_disabled, self.not_restored)
 
 
@@ -151,7 +162,7 @@ class TourStep(ResultPart):
 
 
 class TourFact(ResultPart):
-    """One drawn number of an emulated robot, beside what was found of it.
+    """A drawn number of an emulated robot, and the identified one.
 
     Attributes:
         axis: Axis number.
@@ -173,7 +184,7 @@ class TourFact(ResultPart):
 
 
 class TourClaim(ResultPart):
-    """A number of a tour beside what is asked.
+    """A number of a tour, and its required bound.
 
     Attributes:
         claim: Claim in words.
@@ -191,7 +202,7 @@ class TourClaim(ResultPart):
 
     @property
     def holds(self) -> bool | None:
-        """True if the number keeps its bound; None if it was not judged."""
+        """True if the number keeps its bound; None if not judged."""
         return None if self.found is None else self.found > self.asked if self.is_above else self.found <= self.asked
 
 
@@ -204,9 +215,9 @@ class TourPart(ResultPart):
         failure: Reason why it ended early, or None.
         robot_file: Path of the robot file that was kept aside, from the tour's directory; None of a robot that has none.
         seed: Seed by which the robot was drawn.
-        facts: Numbers of the robot beside what was found, revealed at the end.
+        facts: True numbers of the robot beside the identified ones.
         heading: Title of its page.
-        claims: Numbers beside what is asked; None of a tour that claims nothing.
+        claims: Claims; None for a tour without any.
     """
 
     bench_file: str
@@ -225,7 +236,7 @@ class TreatmentTable(Result):
     Attributes:
         started_utc: Instant of the beginning, ISO 8601.
         request: Request of the comparison.
-        robots: Robots in their order; empty where none was run.
+        robots: Robots in their order; empty if none was run.
         emulated: True if any robot is emulated, even in part; None if that is not known of one, and of none that it is.
     """
 
@@ -242,7 +253,7 @@ class ComparisonResult(TreatmentTable):
 
 
 class TourResult(TreatmentTable):
-    """Result of a tour: its steps, and the comparison that it ends with."""
+    """Result of a tour: its steps, and the comparison at its end."""
 
     kind: Literal["tour"] = "tour"
     tour: TourPart

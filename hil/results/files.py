@@ -1,4 +1,4 @@
-"""Reading of result files: every kind is read by the class that has written it."""
+"""Reading of result files by the class that wrote them."""
 
 import json
 from contextlib import suppress
@@ -46,7 +46,7 @@ class ResultFileError(HilError, ValueError):
     exit_code: ClassVar[int] = 3
 
     def __init__(self, path: Path, problem: str) -> None:
-        """Keep the file and what is wrong with it."""
+        """Keep the file and its defect."""
         self.path, self.problem = path, problem
         super().__init__(f"{path}: {problem}")
 
@@ -69,8 +69,8 @@ def load_any(path: Path) -> AnyResult:
     if schema != SCHEMA:
         raise ResultFileError(
             path,
-            f"schema {schema} is not {SCHEMA}, the one known here; run the command again, or take the version that has written "
-            "it (recordings and bus.log beside it can be read as before)",
+            f"schema {schema} is not {SCHEMA}, the one known here; run the command again, or use the version that wrote it "
+            "(recordings and bus.log beside it can be read as before)",
         )
     try:
         return _ANY.validate_json(_with_orders(value) if value.get("kind") in {"learn", "identify-ate"} else text)
@@ -79,7 +79,10 @@ def load_any(path: Path) -> AnyResult:
 
 
 def _with_orders(value: dict[str, Any]) -> str:
-    """A result from before the orders of a transmission error were a set: its two orders had fields of their own."""
+    """Convert a result with separate fields for its two orders.
+
+    Results in an older format have these fields instead of a set of orders.
+    """
     passes, history = [], []
     with suppress(TypeError, KeyError):  # of a file that is no result the validation speaks
         passes = [each for axis in value["learnt"] for each in axis["passes"] if "values" not in each]

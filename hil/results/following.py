@@ -1,4 +1,7 @@
-"""What a cancellation that follows has made of each order, as a part of `result.json`."""
+"""Effect of a cancellation that follows on each order.
+
+A part of `result.json`.
+"""
 
 from hil.results.base import ResultPart
 
@@ -14,7 +17,7 @@ class FollowedOrder(ResultPart):
         phase_start_deg: φ_k at the start, as identified.
         phase_end_deg: φ_k at the end.
         turned_deg: How far φ_k was turned at the end.
-        was_taken_back: True if it wanted to leave its bounds, and was taken back to what was identified.
+        was_taken_back: True if it reached its bounds, and was reset to the identified value.
         time_s: Instants of the track; shape (n,).
         amplitude_arcsec: A_k then.
         phase_deg: φ_k then, not wrapped.
@@ -35,7 +38,7 @@ class FollowedOrder(ResultPart):
     @property
     def words(self) -> str:
         """Start and end as a line."""
-        back = "; it wanted to leave its bounds and was taken back" if self.was_taken_back else ""
+        back = "; it reached its bounds and was reset" if self.was_taken_back else ""
         return (
             f"axis {self.axis}, order {self.order:g}: A {self.amplitude_start_arcsec:.2f} to {self.amplitude_end_arcsec:.2f} "
             f"arcsec, φ {self.phase_start_deg:.1f} to {self.phase_end_deg:.1f}° (turned by {self.turned_deg:+.1f}°){back}"
@@ -43,12 +46,12 @@ class FollowedOrder(ResultPart):
 
 
 class FollowingPeak(ResultPart):
-    """The tip's peak in one window with the cancellation alone, and with one that follows.
+    """Tip peaks in one window: cancellation alone, and with following.
 
     Attributes:
         order: Order of the window; None for the whole motion.
         alone_mm: Peak with the cancellation alone.
-        following_mm: Peak where it follows.
+        following_mm: Peak with following.
         error_mm: Standard error of their difference.
     """
 
@@ -59,12 +62,14 @@ class FollowingPeak(ResultPart):
 
 
 class FollowingBegin(ResultPart):
-    """An order that is followed only where much is left of it: less was there in the trial, and was not the gear's.
+    """An order that is followed only if much of it is left.
+
+    Less was left in the trial, and it did not come from the gear.
 
     Attributes:
         axis: Axis number.
         order: Order k.
-        part: Part of it that has to be left.
+        part: Least remaining part of it for following.
     """
 
     axis: int
@@ -74,18 +79,18 @@ class FollowingBegin(ResultPart):
     @property
     def words(self) -> str:
         """The same as a clause."""
-        return f"axis {self.axis}, order {self.order:g} is followed where more than {100.0 * self.part:.0f} % of it is left"
+        return f"axis {self.axis}, order {self.order:g} is followed if more than {100.0 * self.part:.0f} % of it remains"
 
 
 class FollowingEntry(ResultPart):
-    """A cancellation that follows, in a run and in the trial before it.
+    """A cancellation that follows, in a run and its trial.
 
     Attributes:
         is_used: True if it was used; else the cancellation alone was.
         peaks: The tip's peaks in its trial.
-        words: Why it was not used; empty where it was.
-        orders: What it made of each order; empty where it was not used.
-        begins: Orders that are followed from more on than the others.
+        words: Reason why it was not used; empty if it was.
+        orders: Its effect on each order; empty if it was not used.
+        begins: Orders that are followed only if more than the usual part of them is left.
     """
 
     is_used: bool

@@ -1,4 +1,4 @@
-"""Results of `hil learn`: passes of axes or runs of a motion, and the transmission errors that were learnt."""
+"""Results of `hil learn`: passes or runs, and learnt transmission errors."""
 
 from typing import Literal
 
@@ -103,14 +103,14 @@ class ProbingRun(ResultPart):
 
     Attributes:
         number: Number of the run, from 1.
-        what: `base` without any cancellation, `probe` with small known ones, `applied` with what follows.
+        what: `base` without any cancellation, `probe` with small known ones, `applied` with the learnt one.
         cycles: SYNCs of the motion.
         missed_cycles: Cycles that lack an answer.
         wall_s: Duration of the whole run on the wall clock.
         recording: Path of the CSV file, from the result's directory.
         tip_peak_mm: Largest displacement of the tip in the band, in any direction; None if the run was not read.
         tip_rms_mm: Root mean square of it, all directions together.
-        is_kept: True for the run with what was kept.
+        is_kept: True for the run whose cancellation is kept.
         stopped: Reason of a stop.
         pace: Multiple of the motion's time in which it was run.
     """
@@ -129,7 +129,7 @@ class ProbingRun(ResultPart):
 
 
 class ProbedPart(ResultPart):
-    """What the runs say of one order of one axis.
+    """Estimate of one order of one axis from all runs.
 
     Attributes:
         axis: Axis number.
@@ -175,7 +175,7 @@ class MotionLearningResult(MeasuredResult):
         axis: Axis of the latter.
         probe_arcsec: Amplitude of the probes; None if there was none.
         runs: Runs of the motion.
-        parts: What is said of each order of each axis.
+        parts: Estimates of each order of each axis.
         learnt: Axes that are in the model file.
         base_peak_mm: Peak of the tip without cancellation, of the mean of the base runs.
         base_rms_mm: Root mean square of it.

@@ -1,4 +1,7 @@
-"""Result of `hil design notch` (`design.json`): the filters, with their predicted margins and peaks."""
+"""Result of `hil design notch` (`design.json`).
+
+Filters with their predicted margins and peaks.
+"""
 
 import math
 from typing import Annotated, Literal
@@ -20,7 +23,10 @@ Bounded = Annotated[float | None, BeforeValidator(_without_infinity)]
 
 
 class DesignPlant(ResultPart):
-    """One plant of the set that the filters were designed for; the fields are those of `hil.design.frequency.TwoInertia`."""
+    """One plant of the set for which filters were designed.
+
+    The fields are those of `hil.design.frequency.TwoInertia`.
+    """
 
     label: str
     reduction_ratio: float
@@ -52,11 +58,11 @@ class TipPeak(ResultPart):
 
     Attributes:
         order: Order k.
-        rising_mm: Peak of the believed plant while the speed rises.
-        falling_mm: Peak of the believed plant while the speed falls.
+        rising_mm: Peak of the assumed plant while the speed rises.
+        falling_mm: Peak of the assumed plant while the speed falls.
         worst_mm: Peak of the worst plant, rising or falling.
         worst_member: Label of the worst plant.
-        other_mm: Largest peak of the believed plant on each of the slower and faster ramps, by their rate in rev/s².
+        other_mm: Largest peak of the assumed plant on each of the slower and faster ramps, by their rate in rev/s².
     """
 
     order: float
@@ -68,7 +74,7 @@ class TipPeak(ResultPart):
 
 
 class SpeedMarginsEntry(ResultPart):
-    """Margins of the believed plant's loop at one motor speed; `hil.design.frequency.Margins`."""
+    """Margins of the assumed plant's loop at one motor speed; `hil.design.frequency.Margins`."""
 
     speed_rps: float
     sensitivity_peak: Bounded
@@ -79,7 +85,10 @@ class SpeedMarginsEntry(ResultPart):
 
 
 class ArmMargins(ResultPart):
-    """Margins on the arm in one posture; the fields are those of `hil.design.notch_design.PostureRow`."""
+    """Margins on the arm in one posture.
+
+    The fields are those of `hil.design.notch_design.PostureRow`.
+    """
 
     label: str
     sensitivity_peak: Bounded

@@ -1,4 +1,4 @@
-"""Result of `hil identify plant`: the plant of one axis with its standard errors, and the responses of the fit."""
+"""Result of `hil identify plant`: plant, standard errors, and responses."""
 
 from typing import Literal
 
@@ -68,7 +68,9 @@ class FrequencyResponseEntry(ResultPart):
 
 
 class FrictionCurve(ResultPart):
-    """Slow turns, each a mean over a motor revolution; the arrays are all of shape (n,).
+    """Slow turns, each a mean over a motor revolution.
+
+    The arrays are all of shape (n,).
 
     Attributes:
         residual_nm: Residual of the fit.
@@ -109,7 +111,7 @@ class PlantResult(MeasuredResult):
         plan: The excitation; None, like all down to `identified`, where nothing was identified.
         plant: Plant that was fitted.
         parameters: Every number with its standard error, by name.
-        modes: Modes of an arm that rings with several, from the lowest; empty where there is one.
+        modes: Modes of an arm with several, from the lowest; empty for one.
         misfit: Residual in standard deviations of the scatter.
         cannot_tell: Sentences on the limits of these data.
         response: Motor angle per torque.

@@ -1,4 +1,7 @@
-"""Result of hil identify ate --recording: a transmission error from recordings that others have made."""
+"""Result of `hil identify ate --recording`: a transmission error.
+
+The recordings come from elsewhere.
+"""
 
 from typing import Literal
 
@@ -23,7 +26,7 @@ class RecordedFile(ResultPart):
         duration_s: Duration.
         period_s: Mean sampling period.
         jitter_s: Range of the steps between time stamps, from the 1st to the 99th percentile.
-        clock: Time that was taken: the stamps, even sampling, or that which the motor's angle shows; None if none was needed.
+        clock: Source of time: the stamps, even sampling, or the motor's angle; None if no time was needed.
     """
 
     path: str
@@ -88,7 +91,13 @@ class OrderChange(ResultPart):
 
 
 class ScanPeak(ResultPart):
-    """An order that stands above the false-alarm level of the scan; amplitudes in arcsec of the joint."""
+    """An order of the scan, with the false-alarm level.
+
+    Attributes:
+        order: The order.
+        amplitude: Its amplitude, in arcsec of the joint.
+        level: False-alarm level there, in arcsec.
+    """
 
     order: float
     amplitude: float
@@ -96,11 +105,13 @@ class ScanPeak(ResultPart):
 
 
 class FixedLine(ResultPart):
-    """A line that keeps its frequency while the speed changes: of the sampling or another machine, not of the gear.
+    """A line whose frequency remains fixed while the speed changes.
+
+    It comes from the sampling or another machine, not from the gear.
 
     Attributes:
         hz: Its frequency.
-        order: Order at which it stands at most of the speeds.
+        order: Order at which it lies at most of the speeds.
         amplitude: Amplitude, in the unit of the signal.
     """
 
@@ -110,10 +121,12 @@ class FixedLine(ResultPart):
 
 
 class ScanEntry(ResultPart):
-    """Blind scan of the orders; the curve is in scan.csv, that over the speed in map.csv.
+    """Blind scan of the orders.
+
+    The curve is in scan.csv, that over the speed in map.csv.
 
     Attributes:
-        unit: Unit of the amplitudes: of the joint, through the arm where a sensor sits behind one.
+        unit: Unit of the amplitudes: of the joint, through the arm for a sensor behind it.
         false_alarm: Probability with which noise alone reaches the level anywhere in the scan.
         highest: Highest order, above the level or not.
         peaks: Orders above the level, the highest first.
@@ -145,7 +158,7 @@ class RecordedAteResult(Result):
         changes: Each order against itself in these parts.
         scan: Blind scan; None if nothing could be scanned.
         ate: Entry of the model file; None if nothing was identified.
-        is_identified: True if an order stands above its noise.
+        is_identified: True if an order exceeds its noise.
         notes: Sentences for the engineer.
         not_identified: Reason why nothing was identified.
         plant: Plant that made an angle of the signal, in words; None for two encoders.

@@ -1,4 +1,7 @@
-"""Numbers of an emulated robot's file beside what was identified of it: how good the identification was, when all is over."""
+"""True numbers of an emulated robot beside the identified ones.
+
+Their comparison shows the quality of the identification, after all runs.
+"""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -28,7 +31,7 @@ def facts_of(number: int, truth: Mapping[str, Any], known: IdentifiedAxis) -> It
     Args:
         number: Axis number.
         truth: The axis' table of the robot file.
-        known: What was identified of the axis.
+        known: Identified parts of the axis.
     """
     yield _antiresonance(number, truth, known)
     plant = known.plant
@@ -61,7 +64,10 @@ def _antiresonance(number: int, truth: Mapping[str, Any], known: IdentifiedAxis)
 
 
 def _orders(number: int, truth: Mapping[str, float], known: IdentifiedAxis) -> Iterator[TourFact]:
-    """Amplitude and phase of each order; a phase beside its estimate and not a turn away."""
+    """Yield amplitude and phase of each order.
+
+    The true phase is within half a turn of its estimate.
+    """
     error = known.ate
     amplitudes = {} if error is None else error.values.amplitudes_arcsec()
     phases = {} if error is None else error.values.phases_deg()

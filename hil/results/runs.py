@@ -1,4 +1,7 @@
-"""Result of `hil run`, and of the first part of `hil demo`: runs, the changes by treatments, and the paper's claims."""
+"""Result of `hil run` and of the demo's first part.
+
+Runs, changes by treatments, and the paper's claims.
+"""
 
 from collections.abc import Iterable
 from typing import Literal
@@ -15,7 +18,10 @@ from hil.results.following import FollowingEntry
 
 
 class RunTiming(ResultPart):
-    """Punctuality of a run on the wall clock: `hil.master.lateness.Timing`, and the motion's dropped cycles."""
+    """Punctuality of a run on the wall clock.
+
+    The fields are those of `hil.master.lateness.WallClockTiming`, and the motion's dropped cycles.
+    """
 
     dropped_cycles: int
     period_s: float
@@ -54,8 +60,8 @@ class TrialPart(ResultPart):
     Attributes:
         axis: Axis number.
         order: Order k.
-        verdict: `accepted`; `refused` where it is wrong; `not judged` where it does too little to be seen. Only what is accepted
-            is used.
+        verdict: `accepted`; `refused` if it is wrong; `not judged` if its effect is too small to measure. Only accepted orders
+            are used.
         expected_fall_fraction: Fraction by which a right cancellation lowers this order when the tried fraction of it acts.
         fall_fraction: Fraction by which this order fell with it.
         fall_error: Standard error of that.
@@ -90,15 +96,15 @@ RemainderCause = Literal[
 
 
 class CancellationRemainder(ResultPart):
-    """What a cancellation leaves of the vibration, by its trial's own recordings.
+    """Vibration that a cancellation leaves, by its trial's own recordings.
 
     Attributes:
         order: Order of the window in which most is left; None for the only one of a line motion.
         left_mm: The tip's peak in it, the sensor's noise taken off.
-        asked_mm: Tip that is asked for: what the bench file says, or 1.3 times what the motion makes of its own.
-        jolt_mm: The tip's peak that the motion makes of its own, without any order.
+        asked_mm: Required tip peak: that of the bench file, or 1.3 times `jolt_mm`.
+        jolt_mm: The tip's peak by the motion itself, without any order.
         noise_mm: Tip's peak that may hide in the sensor's noise.
-        causes: Causes of what is above that, that of the worst window first; none where nothing is.
+        causes: Causes of a larger peak, that of the worst window first; empty without one.
         words: All of it as a line of text, with what to do.
     """
 
@@ -118,9 +124,9 @@ class CancellationTrial(ResultPart):
         before_m_s2: Vibration without it.
         gain: Fraction of the cancellation that was tried first.
         is_good: True if at least one order of one axis is accepted, and used.
-        trials: Runs with the tried fraction on all axes, on each alone where there are several, and with the whole.
+        trials: Runs with the tried fraction on all axes, on each alone if there are several, and with the whole.
         parts: Verdict on each order of each axis.
-        remainder: What is left of the vibration, and why; None if nothing is used.
+        remainder: Remaining vibration, and its causes; None without cancellation.
     """
 
     before_m_s2: float
@@ -164,7 +170,7 @@ class FilterTrial(ResultPart):
         is_good: True if the tip's peak rises in no window and falls in one; else the run is made without them.
         runs: Runs with them, and as many without.
         peaks: The peak in each window, the worst first.
-        words: Refusal in words; empty where they are good.
+        words: Refusal in words; empty if they are good.
     """
 
     is_good: bool
@@ -174,26 +180,31 @@ class FilterTrial(ResultPart):
 
 
 class ShapedMode(ResultPart):
-    """A mode that rings while the loop holds the motor: its undamped frequency and its damping ratio."""
+    """A mode that rings while the loop holds the motor.
+
+    Attributes:
+        frequency_hz: Undamped frequency.
+        damping: Damping ratio.
+    """
 
     frequency_hz: float
     damping: float
 
 
 class ShaperEntry(ResultPart):
-    """An input shaper that has shaped a motion, and what it costs: `hil.control.shapers`.
+    """An input shaper of a motion, and its cost: `hil.control.shapers`.
 
     Attributes:
         name: Its name: `zv`, `zvd`, `mzv`, `ei` or `two-hump-ei`.
-        modes: Modes that it is for.
-        left: Modes that it leaves alone.
+        modes: Modes for which it is made.
+        left: Other modes.
         amplitudes: Impulses A_i.
         times_s: Their times t_i.
-        duration_s: By how much the motion is longer.
-        delay_s: By how much it is late on the mean.
-        remaining_fraction: Remaining vibration V of the modes, as a part of that without.
-        remaining_low_fraction: The same where their frequencies are a tenth lower than believed.
-        remaining_high_fraction: The same where they are a tenth higher.
+        duration_s: Additional duration of the motion.
+        delay_s: Mean delay.
+        remaining_fraction: Remaining vibration V of the modes, as a part of that without shaper.
+        remaining_low_fraction: The same if their frequencies are a tenth lower than assumed.
+        remaining_high_fraction: The same if they are a tenth higher.
         path_error_mm: Largest distance of the set-points' tip from the line; None if a single axis moves.
     """
 
@@ -211,12 +222,12 @@ class ShaperEntry(ResultPart):
 
 
 class RingingMode(ResultPart):
-    """What a mode rings with where the set-points of a stop stand still: `hil.design.modes.ring_down`.
+    """Ringing of a mode after a stop: `hil.design.modes.ring_down`.
 
     Attributes:
         frequency_hz: Its undamped frequency.
         damping: Its damping ratio.
-        amplitude_mm: Amplitude of the tip.
+        amplitude_mm: Amplitude of the tip when the set-points stop.
         error_mm: Its standard error.
     """
 
@@ -227,7 +238,9 @@ class RingingMode(ResultPart):
 
 
 class RunEntry(ResultPart):
-    """One run in one window: a ramp is judged in two, by the order that meets the resonance there.
+    """One run in one window.
+
+    A ramp has several windows, each with the order that meets the resonance there.
 
     Attributes:
         experiment: `constant-acceleration`, `line-motion` or `point-to-point`, whose tip peak is what rings after the stop.
@@ -258,9 +271,9 @@ class RunEntry(ResultPart):
         repeated: Number of runs in the recording's mean.
         ramp_peak_mm: Largest tip displacement on the whole ramp, without the jerks at its ends; None for the line motion.
         f_al_hz: Frequency by which the run is judged: the peak of |G_al|; None if it is not known, and nothing is judged.
-        f_al_source: `model`, or `own` where the run's own vibration shows it.
+        f_al_source: `model`, or `own` from the run's own vibration.
         f_al_error_hz: Standard error of an f_al from the run's own vibration.
-        f_al_words: f_al and where it comes from, as a line.
+        f_al_words: f_al and its source, as a line.
         remark: Sentence on an f_al of a model that the run itself does not show.
         window_rps: Motor speeds of the window; None for the line motion.
         band_hz: Band of the vibration.
@@ -271,10 +284,10 @@ class RunEntry(ResultPart):
             above are then those of the worst.
         unjudged_orders: Sentences on orders that the limits let meet f_al and the ramp does not: the run is not within.
         unreached_orders: Sentences on orders that cannot meet f_al within the limits.
-        following: What a cancellation that follows made of each order, and its trial; None without one.
+        following: Effect of a cancellation that follows on each order, and its trial; None without one.
         shaper: Input shaper that has shaped the motion.
         ringing: Modes that ring after the stop of a point-to-point move.
-        filters: Filters that acted; none where none did. None in files from before they were kept.
+        filters: Filters that acted; empty if none did. None in files from before they were kept.
         cancelled: Orders that were cancelled, likewise.
     """
 
@@ -326,10 +339,10 @@ class RunEntry(ResultPart):
 
 
 def leading(runs: Iterable[RunEntry]) -> list[RunEntry]:
-    """The window that speaks for each run, in the order of the runs.
+    """Return the leading window of each run in their order.
 
-    In the paper's windows that of order 2, which the paper judges by. Else one that could not be judged, or the largest tip peak:
-    a run keeps a limit only where every order keeps it.
+    In the paper's windows it is that of order 2, by which the paper judges. Otherwise it is one that could not be judged,
+    or that of the largest tip peak: a run keeps a limit only if every order keeps it.
     """
     by_run: dict[str, list[RunEntry]] = {}
     for run in runs:
@@ -346,7 +359,10 @@ def _leading(windows: list[RunEntry]) -> RunEntry:
 
 
 class TreatmentComparison(ResultPart):
-    """Change by a treatment against a run without any, in percent of that run."""
+    """Change by a treatment against an untreated run.
+
+    In percent of that run.
+    """
 
     experiment: str
     axis: int | None
@@ -382,7 +398,7 @@ class ExperimentsResult(MeasuredResult):
     Attributes:
         runs: Entry for each window of each run.
         comparisons: Comparison of each treatment with none.
-        paper: Claims that the runs concern; empty where they ended early.
+        paper: Claims that the runs concern; empty if they ended early.
         arm: Masses of the arm as the model file had them; None without.
         files: Files that the runs took something from; None in results from before they were kept.
     """

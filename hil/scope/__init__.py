@@ -1,6 +1,7 @@
-"""The live page: signals of a bus that is listened to, their last seconds, triggers and spectra, and the server that shows them.
+"""The live page of a bus: signals, triggers and spectra.
 
-Pure but for `sources`, `server`, `asking` and `process`; time is an argument everywhere.
+It has the last seconds of all signals, and a server. Pure but for `sources`, `server`, `asking` and `process`; time is an
+argument everywhere.
 
 >>> import numpy as np
 >>> from hil.can.listening import HEARD

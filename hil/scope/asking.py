@@ -1,4 +1,7 @@
-"""Asking nodes for mapping and scales by SDO, the one thing that a scope ever sends; what they answer is overheard."""
+"""Requests for mapping and scales of nodes, by SDO.
+
+A scope sends nothing else; it overhears the answers.
+"""
 
 import contextlib
 
@@ -26,13 +29,15 @@ def nodes_from(text: str) -> tuple[int, ...]:
     found = []
     for part in filter(None, (each.strip() for each in text.split(","))):
         if not part.isdigit() or int(part) not in _NODES:
-            raise NotPossibleError(f"--ask {text}: {part} is not a node-ID, 1 to 127 are")
+            raise NotPossibleError(f"--ask {text}: {part} is not a node-ID; expected 1 to 127")
         found.append(int(part))
     return tuple(dict.fromkeys(found))
 
 
 def ask_nodes(address: Address, nodes: tuple[int, ...]) -> None:
-    """Read the objects that tell what the PDOs of some nodes hold; an object that a node does not have is passed over.
+    """Read the objects with mapping and scales of some nodes.
+
+    An object that a node does not have is skipped.
 
     Args:
         address: Address of the bus, which is opened for it and closed again.

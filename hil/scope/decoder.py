@@ -1,4 +1,7 @@
-"""Frames into rows: one for each SYNC, with the values that came between it and the next."""
+"""Rows of values from frames, one for each SYNC.
+
+A row has the values between its SYNC and the next.
+"""
 
 import math
 from collections.abc import Mapping
@@ -43,7 +46,7 @@ class HeardEvent:
 
     Attributes:
         time_s: Its time.
-        kind: `emcy`, `nmt` for a command of the NMT master, or `gap` where no SYNC was heard for some cycles.
+        kind: `emcy`, `nmt` for a command of the NMT master, or `gap` for some cycles without SYNC.
         node: Node-ID; 0 for all.
         words: The event in words.
     """
@@ -73,7 +76,7 @@ class SignalRows:
 
 @dataclass
 class _Open:
-    """The row that is not whole yet, and what is carried from row to row."""
+    """The incomplete row, and state between rows."""
 
     stamp_ns: int | None = None
     values: dict[object, float] = field(default_factory=dict)
@@ -82,12 +85,12 @@ class _Open:
 
 
 class SignalDecoder:
-    """Rows of a bus, from the frames that are heard.
+    """Rows of a bus, from its frames.
 
     Args:
         bench: Bench file, or None.
         descriptions: Device descriptions by node-ID.
-        bitrate: Bit rate in bit/s; None if nobody says it, and the load is given in kbit/s.
+        bitrate: Bit rate in bit/s; None if it is not known, and the load is in kbit/s.
 
     Attributes:
         signals: Signals so far, by their columns.
@@ -109,7 +112,9 @@ class SignalDecoder:
         self._fault_texts = {axis.node_id: Profile.load(axis.profile).fault_texts for axis in axes}
 
     def feed(self, heard: Heard) -> SignalRows:
-        """Rows that have become whole with these frames; a frame is read by the mapping that was in force when it came.
+        """Return the rows that these frames complete.
+
+        The mapping in force at the time of a frame applies to it.
 
         Args:
             heard: Frames in their order; shape (n,).
@@ -154,7 +159,7 @@ class SignalDecoder:
         return SignalRows(*rows, tuple(self.signals), events)
 
     def _choose_begin(self, heard: Heard) -> None:
-        """SYNC, or what comes most often where none is sent."""
+        """SYNC, or the most frequent identifier without SYNC."""
         if self._begin_id == FunctionCode.SYNC:
             return
         for can_id, count in zip(*np.unique(heard["can_id"], return_counts=True), strict=True):
@@ -201,7 +206,10 @@ class SignalDecoder:
         return columns, missed, bits
 
     def _missed(self, streams: Mapping[int, tuple[Stream, NDArray[np.intp]]], count: int) -> Real:
-        """Answers that did not come in each row, of nodes that are operational and have answered before."""
+        """Count missing answers in each row.
+
+        Of nodes that are operational and have answered before.
+        """
         missed = np.zeros(count)
         seen_in_open: set[int] = set()
         for can_id, node in self._reading.expected.items():
@@ -223,7 +231,10 @@ class SignalDecoder:
     def _finish(
         self, stamps: NDArray[np.int64], columns: dict[object, Real], missed: Real, bits: Real, whole: slice
     ) -> tuple[Real, Real]:
-        """Times and values of the whole rows, with the signals that follow from others."""
+        """Return times and values of the complete rows.
+
+        With the derived signals.
+        """
         time_s = np.asarray(stamps[whole] * 1e-9, np.float64)
         if not len(time_s):
             return time_s, np.empty((0, len(self.signals)))
@@ -265,7 +276,10 @@ class SignalDecoder:
         return found
 
     def _gaps(self, time_s: Real) -> list[HeardEvent]:
-        """Stretches in which cycles are missing: nobody has sent SYNC, or this listener has not heard it."""
+        """Find stretches with missing cycles.
+
+        No node has sent SYNC, or this listener has not received it.
+        """
         steps_s = np.diff(time_s)
         found = [
             HeardEvent(float(time_s[row]), "gap", 0, f"nothing heard for {1e3 * steps_s[row]:.3g} ms")

@@ -1,4 +1,4 @@
-"""Signals that no drive sends, from those that it does: speed from positions, following error from set-points."""
+"""Signals derived from others: speed from positions, following error from set-points."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -34,14 +34,14 @@ class AxisPast:
 def derived(
     name: str, time_s: Real, found: Mapping[Signal, Real], target: Real | None, past: AxisPast
 ) -> dict[Signal, Real]:  # fmt: skip
-    """Speed and following error of an axis, where its drive does not send them.
+    """Compute speed and following error of an axis, unless it sends them.
 
         v_n = (p_n − p_{n−1}) / (t_n − t_{n−1}),   e_n = p*_{n−2} − p_n.
 
     Args:
         name: Name of the axis.
         time_s: Times of the rows; shape (n,).
-        found: What it sends.
+        found: Signals that it sends.
         target: Position set-points, in the unit of the position; shape (n,); None if none are sent.
         past: Its last rows; they are replaced.
     """

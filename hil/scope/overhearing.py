@@ -1,4 +1,4 @@
-"""Nodes of a bus while it is listened to: their process data, by what is heard of their set-up as it happens."""
+"""Nodes of a bus and their process data, from overheard set-up."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -27,17 +27,17 @@ _SDO = (FunctionCode.SDO_RESPONSE, FunctionCode.SDO_REQUEST)
 
 
 class Overhearing:
-    """Set-up of the nodes as far as it has been heard.
+    """Overheard set-up of the nodes.
 
     Attributes:
         nodes: Nodes by node-ID.
     """
 
     def __init__(self, bench: Bench | None, descriptions: Mapping[int, Description]) -> None:
-        """Begin with what files say.
+        """Begin with the contents of files.
 
         Args:
-            bench: Bench file; it says the mapping that the master of this package uses, until another is heard.
+            bench: Bench file with the mapping of this package's master; an overheard mapping replaces it.
             descriptions: Device descriptions by node-ID.
         """
         self._bench, self._descriptions = bench, descriptions
@@ -73,7 +73,7 @@ class Overhearing:
         return before != self.nodes
 
     def _note_first(self, heard: Heard) -> bool:
-        """Keep a frame of each new identifier; True if there is a new one."""
+        """Keep a frame of each new identifier; True for a new one."""
         ids, rows = np.unique(heard["can_id"], return_index=True)
         fresh = [(int(each), int(row)) for each, row in zip(ids, rows, strict=True) if int(each) not in self._first]
         for can_id, row in fresh:
@@ -88,7 +88,10 @@ class Overhearing:
         return np.array(sorted([*rows, (last + 1, int(FunctionCode.SYNC), 0, 0)]), HEARD)
 
     def _assumed(self) -> Iterable[OverheardValue]:
-        """Mapping of this package's own master, by the bench file; what is heard replaces it."""
+        """Yield the mapping of this package's own master.
+
+        It follows from the bench file; overheard mappings replace it.
+        """
         if self._bench is None:
             return
         for axis in self._bench.axis.values():

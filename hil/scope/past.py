@@ -1,4 +1,4 @@
-"""The last seconds of all signals, so that a viewer who comes late sees what was."""
+"""The last seconds of all signals, for viewers who join later."""
 
 from collections import deque
 
@@ -14,11 +14,13 @@ MOST_ROWS_KEPT = 200_000
 
 
 class Past:
-    """Rows of the last seconds; a row has a time and a value of each signal, NaN where none came.
+    """Rows of the last seconds.
+
+    A row has a time and a value of each signal, NaN without one.
 
     Attributes:
-        first: Number of the first row that is kept, counted from the beginning of time.
-        end: Number of the row that will come next.
+        first: Number of the first row that is kept, counted from the start.
+        end: Number of the next row.
     """
 
     def __init__(self, kept_s: float = KEPT_S) -> None:
@@ -32,7 +34,9 @@ class Past:
         self.first = self.end = 0
 
     def add(self, time_s: Real, values: Real) -> None:
-        """Add rows. Where time runs backwards, or signals have been added, the older rows have NaN, or are forgotten.
+        """Add rows.
+
+        If time runs backwards, older rows are removed. If signals have been added, older rows have NaN for them.
 
         Args:
             time_s: Their times, rising; shape (n,).
@@ -77,7 +81,7 @@ class Past:
 
 
 def widened(block: Real, width: int) -> Real:
-    """Rows with NaN for the signals that have been added; shape (n, width)."""
+    """Widen rows by NaN for added signals; shape (n, width)."""
     wide = np.full((len(block), width), np.nan)
     wide[:, : block.shape[1]] = block
     return wide

@@ -1,4 +1,7 @@
-"""The scope as a process beside a run, which listens to the same bus by itself: the run's own cycle knows nothing of it."""
+"""The scope as a process beside a run, on the same bus.
+
+The cycle of the run does not depend on it.
+"""
 
 import select
 import subprocess
@@ -14,14 +17,22 @@ SCOPE_END_S = 10.0
 
 
 class ScopeProcess:
-    """A process of `hil scope` on the bus of a run; it ends when our end of its standard input closes.
+    """A process of `hil scope` on the bus of a run.
+
+    It ends when its standard input closes.
 
     Attributes:
         url: Address of its page.
     """
 
     def __init__(self, address: str, bench_file: str, port: int) -> None:
-        """Name the bus, the bench file and the port; 0 for a free one."""
+        """Keep bus, bench file and port.
+
+        Args:
+            address: Address of the bus.
+            bench_file: Bench file.
+            port: Port of the page; 0 for a free one.
+        """
         self.url = ""
         self._command = [
             sys.executable, "-m", "hil", "scope", "--bus", address, "--bench", bench_file, "--port", str(port),

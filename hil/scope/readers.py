@@ -1,4 +1,7 @@
-"""Readers: which number in which frame is which signal, with its scale, by the nodes of a bus as they are known."""
+"""Readers of signals: frame, place and scale of each number.
+
+They follow from the known set-up of the nodes.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -117,7 +120,10 @@ def _reader(placed: tuple[Pdo, MappedNumber], key: Signal | tuple[str, str], fac
 
 
 def _of_notch(node: Node, name: str, profile: Profile) -> Iterable[FrameReader]:
-    """Zero frequency of the first filter, 0 while it is out, where the drive sends both (`hil.master.drive.mapping`)."""
+    """Yield the reader for the first filter's zero frequency.
+
+    0 while the filter is off; only if the drive sends both (`hil.master.drive.mapping`).
+    """
     state = mapping.notch_state(profile)
     if not state:
         return

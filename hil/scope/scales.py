@@ -1,4 +1,4 @@
-"""Scales of what nodes send, by what was heard of their objects, or their files say of them."""
+"""Scales of the nodes' numbers, from overheard objects or files."""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +19,9 @@ _USER_UNITS = (0x607E, 0x60A8, 0x60A9)
 
 @dataclass(frozen=True)
 class Scales:
-    """Scales of a drive; None if nothing tells one, and its numbers are shown as they are.
+    """Scales of a drive.
+
+    None if a scale is not known; the numbers are then shown as they are.
 
     Attributes:
         rev_per_count: Motor revolutions per unit of position.
@@ -56,7 +58,10 @@ def scales_of(node: Node, number: int, table: AxisTable | None, profile: Profile
 
 
 def _by_the_standard(node: Node, table: AxisTable | None) -> Scales:
-    """Scales by 608Fh and 6076h, where the drive has no units of its own."""
+    """Return scales by 608Fh and 6076h.
+
+    Only for a drive without units of its own.
+    """
     asked = OverheardQuestions(node)
 
     def said(index: int, subindex: int = 0) -> int | None:
@@ -81,7 +86,10 @@ def _by_the_standard(node: Node, table: AxisTable | None) -> Scales:
 
 
 def acceleration_scale(node: Node) -> float | None:
-    """m/s² per step of an accelerometer; None if nothing tells it, or it measures in another unit."""
+    """Return m/s² per step of an accelerometer.
+
+    None if it is not known, or for another unit.
+    """
     asked = OverheardQuestions(node)
     digits = asked.number(Need((DIGITS_OBJECT, 1), "", ""), is_optional=True)
     unit = asked.number(Need((UNIT_OBJECT, 1), "", ""), is_optional=True)

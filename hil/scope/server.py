@@ -1,4 +1,7 @@
-"""The page's server: on loopback, for requests from this machine's own page alone; it gives, and takes nothing but questions."""
+"""Web server of the page, on loopback.
+
+It serves requests of this machine's own page only, and accepts nothing but questions.
+"""
 
 import contextlib
 import json
@@ -57,10 +60,13 @@ def page_files() -> dict[str, tuple[bytes, str]]:
 
 
 class _Guarded(RequestHandler):
-    """A handler that serves the page of this machine, and nobody else's."""
+    """A handler that serves this machine's page only."""
 
     def prepare(self) -> None:
-        """Refuse another host's name, by which a foreign page may reach loopback, and another page's origin."""
+        """Refuse other host names and other origins.
+
+        With them, a foreign page could reach loopback.
+        """
         refuse_foreign(self.request, self.settings["port"])
 
     def set_default_headers(self) -> None:
@@ -77,7 +83,7 @@ class _Guarded(RequestHandler):
 
 
 def refuse_foreign(request: HTTPServerRequest, port: int) -> None:
-    """Refuse a request that is not for this host, or comes from another page.
+    """Refuse a request for another host, or from another page.
 
     Raises:
         HTTPError: 403.
@@ -98,10 +104,13 @@ class _File(_Guarded):
 
 
 class _Viewer(_Guarded, WebSocketHandler):
-    """One page that looks on: it is given the past first, and then what comes, as fast as it takes it."""
+    """A page's connection: first past rows, then new ones.
+
+    They are sent as fast as the page takes them.
+    """
 
     def open(self, *_args: str, **_kwargs: str) -> None:
-        """Give what there is."""
+        """Choose the source, and send its signals and past rows."""
         name = self.get_query_argument("run", "")
         self.set_nodelay(True)
         self._row, self._events, self._width = 0, 0, -1
@@ -124,7 +133,10 @@ class _Viewer(_Guarded, WebSocketHandler):
         self.settings["viewers"].discard(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """Answer a question: a trigger, or a spectrum of samples that the page sends."""
+        """Answer a question: a trigger, or a spectrum of samples.
+
+        The page sends the samples.
+        """
         if isinstance(message, bytes):
             IOLoop.current().spawn_callback(self._answer, message)
             return
@@ -150,7 +162,10 @@ class _Viewer(_Guarded, WebSocketHandler):
             self.write_message(answer, binary=True)
 
     def step(self) -> None:
-        """Send what has come since; while the page has not taken the last rows, none are sent, and they gather."""
+        """Send new rows.
+
+        They are kept while the page has not taken the last ones.
+        """
         source = self.source
         if source is None or self._is_sending:
             return
@@ -207,13 +222,18 @@ class _Viewer(_Guarded, WebSocketHandler):
 
 
 def encoded(first: int, time_s: Real, values: Real) -> bytes:
-    """Rows as the page reads them: number of the first row, of rows and of signals, the times, and each signal in turn."""
+    """Encode rows for the page.
+
+    Number of the first row, of rows and of signals, the times, and each signal in turn.
+    """
     head = _HEAD.pack(first, len(time_s), values.shape[1])
     return head + time_s.astype("<f8").tobytes() + np.ascontiguousarray(values.T, "<f8").tobytes()
 
 
 def spectrum_answer(message: bytes) -> bytes | str:
-    """Answer to samples: 0 or 1 for an order spectrum, their number n, n times, n values, and for orders n angles in rev.
+    """Compute the spectrum of samples from the page.
+
+    The samples are 0 or 1 for an order spectrum, their number n, n times, n values, and for orders n angles in rev.
 
     Returns:
         Numbers as rows are sent, with −1 for the number of the first: of m points, their number, 0 or 1, m frequencies or orders,
@@ -232,7 +252,7 @@ def spectrum_answer(message: bytes) -> bytes | str:
 
 
 class ScopeServer:
-    """The page of one bus, or of recordings, on a port of loopback.
+    """Server of one page, of a bus or of recordings, on loopback.
 
     Args:
         choose: Source by the name of a run; "" for the first, None if there is none of the name.
@@ -289,7 +309,7 @@ class ScopeServer:
             viewer.step()
 
     async def close(self) -> None:
-        """Send what is left, and stop."""
+        """Send the remaining rows, and stop."""
         self._sending.stop()
         self._step_all()
         for viewer in list(self._viewers):

@@ -1,4 +1,7 @@
-"""Names of what is shown: a signal has a quantity, whose figure it is drawn in, and whose signal it is."""
+"""Names of signals: quantity and source.
+
+All signals of a quantity share a figure.
+"""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -46,11 +49,14 @@ class Signal:
 
     @property
     def entry(self) -> dict[str, str]:
-        """The signal as the page takes it."""
+        """Entry of the signal for the page."""
         return {"name": self.name, "of": self.of, "quantity": self.quantity.value, "unit": self.unit}
 
 
 def state_words() -> list[str]:
-    """Words of the state that each value of bits 0 to 6 of a status word shows; 128 of them."""
+    """Return the state for each value of a status word.
+
+    Of bits 0 to 6; 128 words.
+    """
     states = [state_of(word) for word in range(128)]
     return [UNKNOWN_STATE if state is None else state.value for state in states]

@@ -1,4 +1,4 @@
-"""Where rows come from: a bus that is listened to, or the recordings of runs."""
+"""Sources of rows: a bus, or the recordings of runs."""
 
 from collections import deque
 from pathlib import Path
@@ -42,7 +42,7 @@ class PageSource(Protocol):
     ended: str
 
     def poll(self) -> None:
-        """Take what has come since."""
+        """Take new rows."""
         ...
 
 
@@ -72,7 +72,10 @@ class BusSource:
         return self._listener.lost
 
     def poll(self) -> None:
-        """Take what has come since; a bus that is gone ends the rows, and what was stays."""
+        """Take new rows.
+
+        A lost bus ends the rows; the past ones remain.
+        """
         if self.ended:
             return
         try:
@@ -137,7 +140,9 @@ def signals_of(recording: Recording) -> dict[Signal, Real]:
 
 
 def recordings_in(directory: Path) -> dict[str, Path]:
-    """Recordings of a directory of `hil run` or another command, by their names.
+    """Return the recordings of a directory by name.
+
+    The directory is that of `hil run` or another command.
 
     Raises:
         NotPossibleError: There is none.

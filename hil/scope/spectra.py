@@ -1,4 +1,4 @@
-"""Spectra of what a window shows: amplitude by frequency, and by order of a motor's angle."""
+"""Spectra of a window by frequency, and by motor order."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,13 @@ SHOWN_ORDERS = np.arange(0.1, 20.05, 0.1)
 
 
 class SpectrumError(ValueError):
-    """A window from which no spectrum can be made; the message says why."""
+    """A window without a spectrum; the message has the reason."""
 
 
 def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
-    """Amplitude by frequency, of a signal whose mean is taken away, in a Hann window w.
+    """Compute the amplitude spectrum of a signal by frequency.
+
+    Without its mean, in a Hann window w:
 
         A(f) = 2 |Σ w_n x_n e^{−2πj f n T}| / Σ w_n,
 
@@ -27,7 +29,7 @@ def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
 
     Args:
         time_s: Times, rising; shape (n,).
-        values: The signal, NaN where a sample is missing; shape (n,).
+        values: The signal, NaN for a missing sample; shape (n,).
 
     Returns:
         Frequencies in Hz and amplitudes in the signal's unit; shape (n // 2 + 1,).
@@ -43,7 +45,9 @@ def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
 
 
 def order_spectrum(time_s: Real, values: Real, angle_rev: Real) -> tuple[Real, Real]:
-    """Amplitude at k θ_m by order k: the mean over windows of two turns of the motor (`hil.design.order_map`).
+    """Compute the amplitude spectrum of a signal by order.
+
+    Amplitude at k θ_m: the mean over windows of two turns of the motor (`hil.design.order_map`).
 
     Args:
         time_s: Times, rising; shape (n,).
@@ -68,9 +72,9 @@ def order_spectrum(time_s: Real, values: Real, angle_rev: Real) -> tuple[Real, R
 
 
 def _even(time_s: Real, *signals: Real) -> tuple[float, list[Real]]:
-    """Period, and signals at even times with what is missing filled."""
+    """Period, and signals at even times, missing samples filled."""
     if not LEAST_WINDOW <= len(time_s) <= MOST_WINDOW or any(len(each) != len(time_s) for each in signals):
-        raise SpectrumError(f"{len(time_s)} samples: {LEAST_WINDOW} to {MOST_WINDOW} can be looked at")
+        raise SpectrumError(f"{len(time_s)} samples: {LEAST_WINDOW} to {MOST_WINDOW} are possible")
     steps = np.diff(time_s)
     if not np.all(np.isfinite(time_s)) or np.any(steps <= 0.0):
         raise SpectrumError("the times do not rise")

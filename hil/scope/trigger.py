@@ -1,4 +1,7 @@
-"""Triggers: the row at which a signal crosses a level, a status word shows another state, or an emergency comes."""
+"""Triggers on a level, a status word, or an emergency.
+
+A signal crosses the level, or the word shows another state.
+"""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -35,7 +38,7 @@ class TriggerRule(BaseModel):
 
 
 class Trigger:
-    """A trigger that has not fired yet, and looks at rows as they come.
+    """An armed trigger that checks rows as they come.
 
     Args:
         rule: Its condition.
@@ -70,7 +73,10 @@ class Trigger:
         return float(time_s[min(fired)]) if fired else None
 
     def _first(self, series: Real, column: int) -> int | None:
-        """First row of a series, whose first value is the last one before it, in which it fires."""
+        """Return the first row of a series in which it fires.
+
+        The first value of the series is the last one before it.
+        """
         there = np.flatnonzero(~np.isnan(series))
         known = series[there]
         if self._last is not None and len(known):

@@ -1,4 +1,4 @@
-"""An accelerometer on a serial port: a thread that reads it, and its measurement at each SYNC."""
+"""Accelerometer on a serial port: reading thread, and measurement at each SYNC."""
 
 import contextlib
 import threading
@@ -33,7 +33,9 @@ class SerialAccelerometerError(HilError):
 
 @dataclass(frozen=True)
 class SerialSettings:
-    """Port, framing and timing of the sensor; `hil.sensor.table` reads them from a file.
+    """Port, framing and timing of the sensor.
+
+    `hil.sensor.table` reads them from a file.
 
     Attributes:
         port: Device of the serial port.
@@ -57,10 +59,10 @@ class SerialSettings:
 
 
 class AccelerometerReader:
-    """Reads the sensor from `open` to `close`; the rest of the program asks for the value at a SYNC.
+    """Reader of the sensor, from `open` to `close`.
 
-    The time of a sample is the arrival of its last byte, less the frame's duration on the line, less `delay_s`; `SampleClock`
-    removes the lateness of the operating system.
+    The rest of the program asks it for the value at a SYNC. The time of a sample is the arrival of its last byte, less the
+    frame's duration on the line, less `delay_s`; `SampleClock` removes the lateness of the operating system.
 
     Args:
         settings: Port, framing and timing of the sensor.
@@ -89,7 +91,7 @@ class AccelerometerReader:
 
     @property
     def lost(self) -> int:
-        """Number of samples that the sensor has counted and that have not arrived."""
+        """Number of samples that the sensor counted, but that did not arrive."""
         return self._clock.lost
 
     @property
@@ -99,14 +101,17 @@ class AccelerometerReader:
 
     @property
     def failure(self) -> str | None:
-        """Error that has ended the reading, since the port has gone; or None."""
+        """Error that ended the reading, or None.
+
+        The port is gone then.
+        """
         return self._failure
 
     def open(self, *, is_lock_step: bool) -> None:
         """Open the port and wait for the first sample.
 
         Args:
-            is_lock_step: True if the bus counts its time in SYNCs, as `Channel.is_lock_step` says.
+            is_lock_step: True if the bus counts its time in SYNCs (`Channel.is_lock_step`).
 
         Raises:
             SerialAccelerometerError: The port does not exist, or gives no bytes, or no readable samples; the message says
@@ -115,7 +120,7 @@ class AccelerometerReader:
         settings = self.settings
         if is_lock_step:
             raise SerialAccelerometerError(
-                settings.port, "it keeps wall-clock time, but time on this bus is counted in SYNCs", "docs/serial.md, Clocks"
+                settings.port, "it needs wall-clock time, but this bus counts time in SYNCs", "docs/serial.md, Clocks"
             )
         try:
             self._port = serial.Serial(settings.port, settings.baud_rate, timeout=READ_TIMEOUT_S, exclusive=True)
@@ -167,7 +172,10 @@ class AccelerometerReader:
             self._first.set()
 
     def value_at_sync(self, sync_s: float) -> Vector | None:
-        """The measurement of the SYNC that was sent at this instant of `now`; None if the sensor is silent."""
+        """Return the measurement for the SYNC at this instant of `now`.
+
+        None if the sensor is silent.
+        """
         queue = self._queue
         while queue:
             self._history.add(*queue.popleft())

@@ -1,4 +1,7 @@
-"""Times of the samples of a serial accelerometer, and its measurement at a SYNC; sans IO, in seconds of any one clock."""
+"""Times of a serial accelerometer's samples, and its measurement at SYNC.
+
+Without any input or output, in seconds of any one clock.
+"""
 
 import math
 from bisect import bisect_right
@@ -16,18 +19,18 @@ MAX_SAMPLES = 1024
 
 
 class SampleClock:
-    """Times of samples that arrive late, in bursts, and now and then not at all.
+    """Times of samples that arrive late, in bursts, or not at all.
 
     A sample cannot arrive before it was taken, and the sensor's period is known. So of the arrivals a_j of the last
-    `PHASE_SAMPLES` samples, counted by k, the least late one fixes the phase: t_k = k T + min_j (a_j − j T). So samples
-    that the operating system hands over late, or eight at once, do not move the phase. Times never go back: t_k ≥ t_{k−1}, and
+    `PHASE_SAMPLES` samples, counted by k, the least late one fixes the phase: t_k = k T + min_j (a_j − j T). Samples that
+    the operating system delivers late, or eight at once, do not change the phase. Times never go back: t_k ≥ t_{k−1}, and
     t_k ≤ a_k.
 
     The sensor's counter, if it sends one, shows lost samples. Without a counter, the samples behind a loss are dated a period too
     early until the window has passed.
 
     Attributes:
-        lost: Samples that the sensor's counter says have not arrived.
+        lost: Samples that did not arrive, by the sensor's counter.
     """
 
     def __init__(self, rate_hz: float, counter_modulo: int | None = None) -> None:
@@ -46,7 +49,10 @@ class SampleClock:
         self._last_s = self._last_arrival_s = -math.inf
 
     def time_s(self, arrival_s: float, counter: int | None = None) -> float:
-        """Time at which the sample was taken that arrived now; arrivals do not go back."""
+        """Return the time of the sample that arrived now.
+
+        Arrivals do not go back.
+        """
         arrival_s = max(arrival_s, self._last_arrival_s)
         step = self._step(counter)
         if arrival_s - self._last_arrival_s > PHASE_SAMPLES * self._period_s:
@@ -58,7 +64,10 @@ class SampleClock:
         return self._last_s
 
     def _step(self, counter: int | None) -> int:
-        """Samples since the last one, as the sensor counts; a jump by half its range or more is a restart."""
+        """Count the samples since the last one by the sensor's counter.
+
+        A jump by half its range or more is a restart.
+        """
         before, self._counter = self._counter, counter
         if counter is None or before is None or self._modulo is None:
             return 1
@@ -71,7 +80,7 @@ class SampleClock:
 
 
 class SampleHistory:
-    """The last samples with their times, and the measurement at an instant among them."""
+    """The last samples with their times, for the measurement at an instant."""
 
     def __init__(self) -> None:
         """Start without samples."""

@@ -1,4 +1,7 @@
-"""Samples of a serial accelerometer in a stream of bytes, sans IO: bytes in, samples out, whatever the bytes are."""
+"""Samples of a serial accelerometer in a stream of bytes.
+
+Without any input or output; any bytes are accepted.
+"""
 
 import functools
 import math
@@ -45,7 +48,10 @@ def sum8(data: bytes) -> int:
 
 
 def crc16_modbus(data: bytes) -> int:
-    """CRC-16 with the reflected polynomial A001h from FFFFh. Source: MODBUS over serial line V1.02, 6.2.2."""
+    """Return the CRC-16 with the reflected polynomial A001h from FFFFh.
+
+    Source: MODBUS over serial line V1.02, 6.2.2.
+    """
     crc = 0xFFFF
     for byte in data:
         crc = crc >> 8 ^ _CRC16[(crc ^ byte) & 0xFF]
@@ -95,12 +101,12 @@ class Fields:
         """
         for name in AXES:
             if self.names.count(name) != 1:
-                raise ValueError(f"fields name {name!r} {self.names.count(name)} times; x, y and z are wanted once each")
+                raise ValueError(f"fields name {name!r} {self.names.count(name)} times; expected x, y and z once each")
         if self.names.count(COUNTER) > 1:
             raise ValueError("fields name 'counter' twice")
         unknown = set(self.names) - {*AXES, COUNTER, IGNORED}
         if unknown:
-            raise ValueError(f"fields name {min(unknown)!r}; known are x, y, z, counter, and - for what is ignored")
+            raise ValueError(f"fields name {min(unknown)!r}; expected x, y, z, counter, or - for an ignored number")
 
     def sample(self, values: dict[str, float]) -> Sample | None:
         """The sample of these numbers; None if one is beyond the range."""
@@ -129,7 +135,9 @@ class Decoder(Protocol):
 
 @dataclass(frozen=True)
 class LineFraming:
-    """Lines of text: prefix, numbers between separators, optionally ``*`` and a checksum in hexadecimal.
+    """Lines of text: prefix, numbers between separators, optional checksum.
+
+    The checksum is hexadecimal, after ``*``.
 
     Attributes:
         fields: Meaning of the numbers.
@@ -154,7 +162,10 @@ class LineFraming:
 
 
 class LineDecoder:
-    """Turns lines into samples; the text before the first end of a line may be half a line and is skipped."""
+    """Decoder of lines into samples.
+
+    It skips the text before the first end of a line, which may be half a line.
+    """
 
     def __init__(self, framing: LineFraming) -> None:
         """Start at the beginning of a stream."""
@@ -255,13 +266,13 @@ class BinaryFraming:
         if not self.sync:
             raise ValueError("a binary frame needs at least one sync byte")
         if self.layout[:1] not in {"<", ">"} or not re.fullmatch(r"[<>][0-9xbBhHiIlLqQfd]+", self.layout):
-            raise ValueError(f"format {self.layout!r}: '<' or '>' and then letters of x b B h H i I l L q Q f d are wanted")
+            raise ValueError(f"format {self.layout!r}: expected '<' or '>' and then letters of x b B h H i I l L q Q f d")
         try:
             size = struct.calcsize(self.layout)
         except struct.error as error:
             raise ValueError(f"format {self.layout!r}: {error}") from None
         if self.frame_bytes > MAX_FRAME_BYTES:
-            raise ValueError(f"a frame of {self.frame_bytes} bytes; at most {MAX_FRAME_BYTES} are read")
+            raise ValueError(f"a frame of {self.frame_bytes} bytes; the limit is {MAX_FRAME_BYTES}")
         numbers = len(struct.unpack(self.layout, bytes(size)))
         if numbers != len(self.fields.names):
             raise ValueError(f"format {self.layout!r} has {numbers} numbers, fields name {len(self.fields.names)}")
@@ -279,7 +290,7 @@ class BinaryFraming:
 class BinaryDecoder:
     """Turns frames of a fixed length into samples.
 
-    After a wrong checksum the search goes on at the byte behind the first sync byte, so that a frame is lost only where a false
+    After a wrong checksum the search continues at the byte behind the first sync byte, so that a frame is lost only if a false
     one has a right checksum.
     """
 

@@ -1,4 +1,7 @@
-"""The bench file's `[accelerometer.serial]`: an accelerometer on a serial port; docs/serial.md has two complete ones."""
+"""The bench file's `[accelerometer.serial]`: an accelerometer on a serial port.
+
+docs/serial.md has two complete ones.
+"""
 
 import re
 from typing import Annotated, Literal
@@ -29,7 +32,7 @@ class SerialTable(Table):
         counter_modulo: Count at which the counter starts again; the default for binary frames follows from its type.
         sample_rate_hz: Sampling rate of the sensor.
         delay_s: Time from the acceleration to the first bit on the line.
-        at_sync: Measurement of a SYNC: the newest sample by then, or interpolated where the next one has arrived already.
+        at_sync: Measurement of a SYNC: the newest sample by then, or interpolated if the next one has arrived already.
         max_age_s: Largest age of a sample; with an older one the sensor counts as silent.
         separator: Text between the numbers of a line; a comma unless it is given.
         prefix: Beginning of every line; not in the checksum.
@@ -69,7 +72,7 @@ class SerialTable(Table):
         if given:
             raise ValueError(f"framing {self.framing!r} has no {given[0]}")
         if 0.0 in self.scale_m_s2:
-            raise ValueError("scale_m_s2 has a 0: that axis would measure nothing")
+            raise ValueError("scale_m_s2 has a 0; expected three factors other than 0")
         self._framing()
         self._modulo()
         if self.max_age_s < 2.0 / self.sample_rate_hz:
@@ -100,10 +103,13 @@ class SerialTable(Table):
         return framing
 
     def _modulo(self) -> int | None:
-        """The count at which the counter starts again; that of a binary frame follows from its type."""
+        """Return the count at which the counter starts again.
+
+        That of a binary frame follows from its type.
+        """
         if COUNTER not in self.fields:
             if self.counter_modulo is not None:
-                raise ValueError("counter_modulo without a counter among the fields")
+                raise ValueError("counter_modulo needs a counter among the fields")
             return None
         if self.counter_modulo is not None:
             return self.counter_modulo

@@ -52,7 +52,7 @@ def test_a_scan_and_what_is_typed_give_a_bench_on_which_check_and_run_work(hil_l
     assert f"{bench.name}:" in said.replace("\n", "")
 
     status, said = hil("init", "--bus", hil_local_bus.address, "--out", str(bench))
-    assert (status, "there already" in said) == (3, True)
+    assert (status, "already exists" in said) == (3, True)
 
     bench.write_text(typed(bench.read_text()))
     status, said = hil("check", "--bench", str(bench), "--axis", "2", "--out", str(tmp_path / "check"))

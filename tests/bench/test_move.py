@@ -140,9 +140,7 @@ def test_a_fault_whose_cause_stays_ends_the_move_before_anything_moves(bench: Be
 
 def test_another_axis_in_fault_is_refused_with_where_it_stands(bench: Bench, channel: InProcessChannel) -> None:
     channel.world.drives[3]._fault("motor speed", 0x8400)
-    with pytest.raises(
-        NodeError, match=r"axis 3 is in fault, error code 8400h \(speed controller\), and stands at 0 rev.*faults"
-    ):
+    with pytest.raises(NodeError, match=r"axis 3 is in fault, error code 8400h \(speed controller\), and at 0 rev.*faults"):
         plan_move(bench, MoveRequest(2, to_rev=0.5), channel=channel)
 
 
@@ -175,7 +173,7 @@ def test_ctrl_c_stops_a_move_as_it_stops_a_run_and_says_how_to_go_on(bench: Benc
     here = stands_rev(channel)
     assert 0.5 < here < FULL_TURNS
     said = str(outcome.stopped)
-    assert f"axis 2 stands at {here:.2f}".rstrip("0") in said
+    assert f"axis 2 is at {here:.2f}".rstrip("0") in said
     assert said.endswith("to bring it back: hil move --axis 2 --to 0")
     assert moved(bench, channel, to_rev=0.0) == pytest.approx(0.0, abs=0.01)
 
@@ -192,7 +190,7 @@ def test_a_run_after_a_stop_names_where_the_axis_stands_and_the_move_that_lets_i
         with pytest.raises(UnsafeRequestError) as refused:
             session.run(motion, "none", "drive")
     assert longest < 2.5
-    assert "it stands at 2 rev; hil move --axis 2 --to 0 brings it to where the motion fits" in str(refused.value)
+    assert "it is at 2 rev; hil move --axis 2 --to 0 brings it to where the motion fits" in str(refused.value)
     moved(narrow, channel, to_rev=0.0)
     with Session(narrow, channel, BusLog(None)) as session:
         session.bring_up()
@@ -218,7 +216,7 @@ def test_an_emergency_in_a_run_is_said_in_words_with_where_the_axis_stands(bench
     assert isinstance(stopped, SafetyStopError)
     said = str(stopped)
     assert said.startswith("stopped: node 2 reports emergency 8611h (following error; error register 21h); all axes are stopped")
-    assert "axis 2 stands at " in said
+    assert "axis 2 is at " in said
     assert "hil move --axis 2 --to 0" in said
     channel.on_sync = lambda number: None
     channel.world.free_step(channel.world.now + 2_000_000_000)

@@ -1,1 +1,1 @@
-"""What is heard on a bus, live or in a log: shown, explained, and handed to other programs."""
+"""Commands for a bus or its log: scope, explain, export."""

@@ -1,4 +1,4 @@
-"""hil explain: what goes wrong on a bus, from a log that anybody has recorded."""
+"""`hil explain`: faults of a bus, from a log."""
 
 # ruff: noqa: PLC0415 - numpy and the figures are imported inside the command, so that --help stays quick
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 EXPLAIN_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
     {
-        ExitStatus.DONE: "nothing wrong is seen",
+        ExitStatus.DONE: "no fault found",
         ExitStatus.FILE: "no log, or a bad device description",
         ExitStatus.NOT_MET: "something is wrong",
         ExitStatus.INTERRUPTED: "interrupted",
@@ -40,10 +40,10 @@ def explain(
         typer.Option(
             "--description",
             metavar="FILE[:NODE]",
-            help="EDS, DCF or XDD of a node: drive.eds:2. Not needed where the log holds the drive's set-up.",
+            help="EDS, DCF or XDD of a node: drive.eds:2. Not needed if the log contains the drive's set-up.",
         ),
     ] = None,
-    bitrate: Annotated[str | None, typer.Option(metavar="RATE", help="Bit rate, which no log holds: 1M, 500k.")] = None,
+    bitrate: Annotated[str | None, typer.Option(metavar="RATE", help="Bit rate, which a log does not contain: 1M, 500k.")] = None,
     interface: Annotated[
         str | None, typer.Option(metavar="NAME", help="Interface in a log of several: can1; default: that of the first frame.")
     ] = None,
@@ -52,7 +52,9 @@ def explain(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what goes wrong in a log, worst first, with time stamps and what to change.
+    """Find the faults in a log of a bus, worst first.
+
+    Each has time stamps, and what to change.
 
     Example: hil explain candump.log --description drive.eds:2 --bitrate 1M --page log.html
     """
@@ -100,11 +102,11 @@ def _bitrate(text: str | None) -> int | None:
     try:
         return parse_address(f"log:log@{text}").bitrate
     except AddressError:
-        raise typer.BadParameter(f"{text!r} is not a bit rate: 1M and 500k are", param_hint="--bitrate") from None
+        raise typer.BadParameter(f"{text!r} is not a bit rate; expected e.g. 1M or 500k", param_hint="--bitrate") from None
 
 
 def description_from(text: str) -> tuple[int, "Description"]:
-    """A device description and the node-ID that it is for.
+    """A device description and its node-ID.
 
     Raises:
         typer.BadParameter: There is no node-ID.
@@ -117,7 +119,7 @@ def description_from(text: str) -> tuple[int, "Description"]:
         name, number = text, ""
     loaded = load(name, node_id=int(number) if number else None)
     if loaded.node_id is None:
-        raise typer.BadParameter(f"{text!r} says no node-ID: {name}:2 does", param_hint="--description")
+        raise typer.BadParameter(f"{text!r} has no node-ID; expected e.g. {name}:2", param_hint="--description")
     return loaded.node_id, loaded
 
 
@@ -133,9 +135,9 @@ def _tell(found: "Explanation") -> None:
             )
         typer.echo(f"   → {each.remedy}")
     if not found.findings:
-        typer.echo("nothing wrong is seen")
+        typer.echo("no fault found")
     if found.unknown:
-        typer.echo("\nThis log cannot tell:")
+        typer.echo("\nQuestions that this log cannot answer:")
     for unknown in found.unknown:
         typer.echo(f"- {unknown.kind}{'' if unknown.node is None else f', node {unknown.node}'}: {unknown.words}")
 

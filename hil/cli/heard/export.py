@@ -1,4 +1,7 @@
-"""hil export: recordings and logs of a bus as files of other programs, or as PlotJuggler's stream."""
+"""`hil export`: recordings and bus logs in other formats.
+
+As files, or as PlotJuggler's stream.
+"""
 
 # ruff: noqa: PLC0415 - numpy and the formats are imported inside the command, so that --help stays quick
 
@@ -21,7 +24,7 @@ if TYPE_CHECKING:
 EXPORT_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NODE, ExitStatus.INTERRUPTED),
     {
-        ExitStatus.FILE: "bad file, a missing package, or nothing in it that such a file could hold",
+        ExitStatus.FILE: "bad file, a missing package, or no data for the format",
         ExitStatus.NODE: "the log contradicts the bench file",
         ExitStatus.INTERRUPTED: "interrupted",
     },
@@ -41,11 +44,13 @@ def export(
     to: Annotated[
         list[Path] | None, typer.Option("--to", metavar="FILE", help="File to write, by its suffix: .dbc, .mf4, .mcap, .parquet.")
     ] = None,
-    run: Annotated[str | None, typer.Option("--run", metavar="NAME", help="Recording of a directory that has several.")] = None,
+    run: Annotated[
+        str | None, typer.Option("--run", metavar="NAME", help="Name of a recording in a directory of several.")
+    ] = None,
     bench_file: OptionalBenchOption = None,
     description: Annotated[
         list[str] | None,
-        typer.Option("--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node whose set-up a log does not hold."),
+        typer.Option("--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node whose set-up is not in the log."),
     ] = None,
     interface: Annotated[str | None, typer.Option(metavar="NAME", help="Interface in a log of several: can1.")] = None,
     plotjuggler: Annotated[
@@ -54,18 +59,22 @@ def export(
     layout: Annotated[
         Path | None, typer.Option("--plotjuggler-layout", metavar="FILE", help="Write a layout of its plots.", dir_okay=False)
     ] = None,
-    speed: Annotated[float, typer.Option(min=0.01, max=1000.0, help="Pace of the stream, in times of the recording's.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option(min=0.01, max=1000.0, help="Pace of the stream, in multiples of the recording's.")
+    ] = 1.0,
 ) -> None:
-    """Write a recording or a bus log as DBC, MF4, MCAP or Parquet, or send it to PlotJuggler.
+    """Write a recording or bus log as DBC, MF4, MCAP, Parquet.
+
+    Or send it to PlotJuggler.
 
     Example: hil export line --to line.mf4 --to line.dbc
     """
     files = to or []
     for file in files:
         if file.suffix.lower() not in FORMATS:
-            raise typer.BadParameter(f"{file}: {', '.join(FORMATS)} are known", param_hint="--to")
+            raise typer.BadParameter(f"{file}: unknown suffix; expected one of {', '.join(FORMATS)}", param_hint="--to")
     if not files and plotjuggler is None and layout is None:
-        raise typer.BadParameter("say what to write: --to FILE, --plotjuggler HOST:PORT or --plotjuggler-layout FILE")
+        raise typer.BadParameter("nothing to write; give --to FILE, --plotjuggler HOST:PORT or --plotjuggler-layout FILE")
     address = None if plotjuggler is None else _address(plotjuggler)
     with exit_on_error("interrupted"):
         from hil.export.source import Known
@@ -87,7 +96,10 @@ def export(
 
 
 def _written(source: Path, files: list[Path], known: "Known", *, is_needed: bool) -> list["Series"]:
-    """Write the files; the numbers that went into them, where any need them."""
+    """Write the files; return the numbers that they contain.
+
+    Empty if no file needs numbers.
+    """
     from hil.export import tables
     from hil.export.source import mapping_of, series_in
 
@@ -132,5 +144,5 @@ def _address(text: str) -> tuple[str, int]:
     """
     host, _, port = text.rpartition(":")
     if not host or not port.isdigit() or not 0 < int(port) < 1 << 16:
-        raise typer.BadParameter(f"{text!r} is no HOST:PORT: 127.0.0.1:9870 is", param_hint="--plotjuggler")
+        raise typer.BadParameter(f"{text!r} is no HOST:PORT; expected e.g. 127.0.0.1:9870", param_hint="--plotjuggler")
     return host.strip("[]"), int(port)

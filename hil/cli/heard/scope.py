@@ -1,4 +1,7 @@
-"""hil scope: a live page of a bus, or of the recordings of a run, on this machine alone."""
+"""`hil scope`: a live page of a bus, or of recordings.
+
+It is available on this machine only.
+"""
 
 # ruff: noqa: PLC0415 - numpy and the server are imported inside the command, so that --help stays quick
 
@@ -55,7 +58,9 @@ def scope(
         bool, typer.Option("--until-stdin-closes", help="End when standard input closes: another program has started it.")
     ] = False,
 ) -> None:
-    """Show a bus live in a browser on this machine, as a listener; or the recordings of a run in the same page.
+    """Show a bus, or a run's recordings, live in a browser.
+
+    The browser runs on this machine. On the bus, the command only listens, unless you give --ask.
 
     Examples:
       hil scope --bus local:/tmp/robot.sock --bench reference
@@ -65,7 +70,7 @@ def scope(
         _check_installed()
         if directory is not None:
             if bus is not None or description or ask:
-                raise fail("a directory is shown as it is: it takes no --bus, --description and --ask", ExitStatus.USAGE)
+                raise fail("--bus, --description and --ask are for a bus; leave them out for a directory", ExitStatus.USAGE)
             _show_recordings(directory, port, until_stdin_closes=until_stdin_closes)
             return
         _show_bus(bench_file, bus, description or [], ask, port, until_stdin_closes=until_stdin_closes)
@@ -130,7 +135,7 @@ def _show_bus(
     bench = None if bench_file is None else load_bench(bench_file)
     choice = choose_bus(bus, None if bench is None else (f"bench file {bench_file}", bench.bus.address))
     if choice is None:
-        raise fail(f"which bus? --bus ADDRESS, {BUS_VARIABLE} or --bench FILE says it", ExitStatus.USAGE)
+        raise fail(f"no bus is given; give --bus ADDRESS or --bench FILE, or set {BUS_VARIABLE}", ExitStatus.USAGE)
     say(str(choice))
     asked = nodes_from(ask)
     known = dict(description_from(text) for text in descriptions)
@@ -153,7 +158,7 @@ def _title(bench: "Bench | None", address: "Address") -> str:
 
 
 def _run(made: "Callable[[], ScopeServer]", *, until_stdin_closes: bool) -> None:
-    """Serve what is made within the loop of events, until it ends."""
+    """Serve a page in the event loop until the end."""
     import asyncio
 
     async def served() -> None:
@@ -163,7 +168,10 @@ def _run(made: "Callable[[], ScopeServer]", *, until_stdin_closes: bool) -> None
 
 
 async def _serve(server: "ScopeServer", *, until_stdin_closes: bool) -> None:
-    """Say where the page is, and serve it until Ctrl-C, or until standard input closes."""
+    """Print the page's address, and serve it until the end.
+
+    The end is Ctrl-C, or the end of standard input.
+    """
     import asyncio
 
     over = asyncio.Event()

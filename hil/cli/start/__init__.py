@@ -1,1 +1,1 @@
-"""What is done before the first run: a bench file is written, and the robot is checked by it."""
+"""Commands before the first run: bench file, checks, schema."""

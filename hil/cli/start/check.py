@@ -1,4 +1,7 @@
-"""hil check: before the first motion of a robot, what can be seen of encoder, brake, torque, stops, limits and sensor."""
+"""`hil check`: checks of each axis before its first motion.
+
+Encoder, brake, torque, stops, limits and sensor.
+"""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
@@ -22,9 +25,7 @@ from hil.cli.options import AXES, BenchOption, BusOption, ForceOption, JsonOptio
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
 
-CHECK_EPILOG = epilog_of_runs(
-    {ExitStatus.DONE: "all was checked, and nothing failed", ExitStatus.NOT_MET: "a check failed, or could not be made"}
-)
+CHECK_EPILOG = epilog_of_runs({ExitStatus.DONE: "every check passed", ExitStatus.NOT_MET: "a check failed, or could not be made"})
 
 
 def mount(app: typer.Typer) -> None:
@@ -44,9 +45,10 @@ def check(
     reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
     yes: YesOption = False,
 ) -> None:
-    """Check encoder, brake, torque, stops, limits and sensor of each axis before its first motion, by the smallest ones.
+    """Check each axis before its first motion.
 
-    Each check ends in PASS, FAIL or NOT TOLD, with what was seen. What depends on a check that has failed is not done.
+    The checks are of encoder, brake, torque, stops, limits and sensor, with the smallest possible motions. Each ends in
+    PASS, FAIL or NOT TOLD, with the measurement. A check that depends on a failed one is not made.
 
     Example: hil check --bench bench.toml --axis 2
     """

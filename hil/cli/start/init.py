@@ -11,7 +11,7 @@ from hil.cli.options import AXES, BusOption
 
 INIT_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.BUS, ExitStatus.NODE, ExitStatus.INTERRUPTED),
-    {ExitStatus.FILE: "bad URDF file, or a file that is there already", ExitStatus.INTERRUPTED: "interrupted"},
+    {ExitStatus.FILE: "bad URDF file, or the file exists already", ExitStatus.INTERRUPTED: "interrupted"},
 )
 
 
@@ -21,20 +21,18 @@ def mount(app: typer.Typer) -> None:
 
 
 def init(
-    out: Annotated[Path, typer.Option("--out", help="Bench file to write; it must not be there.")],
+    out: Annotated[Path, typer.Option("--out", help="Bench file to write; it must not exist yet.")],
     bus: BusOption = None,
     profile: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NODE=PROFILE",
-            help="Drive profile of a node, where its identity fits several or none; repeatable.",
+            help="Drive profile of a node, if its identity fits several or none; repeatable.",
             autocompletion=AXES.with_profile,
         ),
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the bench; left out, that of the file.")] = None,
-    urdf: Annotated[
-        Path | None, typer.Option(help="URDF file of the arm: its lengths and levers need not be typed then.")
-    ] = None,
+    urdf: Annotated[Path | None, typer.Option(help="URDF file of the arm, with its lengths and levers.")] = None,
     joints: Annotated[
         str | None, typer.Option(metavar="NAME,NAME", help="With --urdf: the joints of the drives, in rising node-IDs.")
     ] = None,
@@ -42,9 +40,10 @@ def init(
         str | None, typer.Option(metavar="LINK", help="With --urdf: the link that is the tip; left out, the only one at the end.")
     ] = None,
 ) -> None:
-    """Write a bench file from a scan of the bus: nodes, profiles, counts, first limits, a SYNC period that fits.
+    """Write a bench file from a scan of the bus.
 
-    Nothing is written to any node. Lines that only you can fill in say so, and no command accepts the file before.
+    It has nodes, profiles, counts, first limits, and a SYNC period that fits. Nothing is written to any node. Lines that
+    only you can fill in are marked, and no command accepts the file before.
 
     Examples:
         hil init --bus socketcan:can0@1M --out bench.toml
@@ -57,11 +56,11 @@ def init(
 
         choice = choose_bus(bus)
         if choice is None:
-            raise fail("which bus? give --bus, or set HIL_BUS", ExitStatus.USAGE)
+            raise fail("no bus is given; give --bus, or set HIL_BUS", ExitStatus.USAGE)
         if urdf is None and (joints, tip_link) != (None, None):
-            raise fail("--joints and --tip-link are of a drawing: give --urdf as well", ExitStatus.USAGE)
+            raise fail("--joints and --tip-link need a URDF file; give --urdf as well", ExitStatus.USAGE)
         if out.exists():
-            raise fail(f"{out}: there already; nothing was written", ExitStatus.FILE)
+            raise fail(f"{out} already exists; nothing was written", ExitStatus.FILE)
         say(str(choice))
 
         from drive_profiles.files.safefile import check_writable, write_atomically  # noqa: PLC0415
@@ -76,17 +75,19 @@ def init(
         text = draft(name or out.stem, choice.address, scan_bus(choice.address, named), drawing)
         write_atomically(out, text.encode())
     left = left_to_type(text)
-    typer.echo(f"{out}: {len(left)} lines are yours to fill in")
+    typer.echo(f"{out}: {len(left)} lines are left for you to fill in")
     for line, key in left:
         typer.echo(f"  line {line}: {key}")
     say(f"then: hil plan --bench {out}, and hil check --bench {out} before anything else moves it")
 
 
 def _named(given: list[str]) -> dict[int, str]:
-    """Return profiles by node-ID, those of files by their whole path: that of a bench file counts from its own folder.
+    """Return profiles by node-ID, those of files by absolute path.
+
+    A relative path in the bench file would count from its own folder.
 
     Raises:
-        typer.Exit: One is not of that form, or a node is given twice.
+        typer.Exit: A text has another form, or a node is given twice.
     """
     named: dict[int, str] = {}
     for text in given:

@@ -1,1 +1,4 @@
-"""Faults in a log, a module per matter: each function looks at a trace and says what it finds, or that it cannot tell."""
+"""Faults in a log, a module per subject.
+
+Each function checks a trace, and yields findings, or reasons why it can find none.
+"""

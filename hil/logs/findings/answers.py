@@ -1,4 +1,7 @@
-"""Frames that nodes send: are their process data there in every cycle and new, do they live, and what do they refuse."""
+"""Findings on frames that nodes send.
+
+Process data are checked for gaps and repeats in each cycle; heartbeats and refusals are checked as well.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -43,8 +46,8 @@ def _process_data(trace: Trace, node: Node, pdo: Pdo) -> Iterator[Said]:
             rows = np.clip(np.searchsorted(rhythm.cycle, rhythm.first + gone), 0, len(stream) - 1)
             yield Finding(
                 "answers-missing", Severity.FAULT if len(gone) > FEW_FRACTION * len(rhythm.counts) else Severity.WARNING,
-                f"{pdo.name} is not there, or late, in {len(gone)} of {len(rhythm.counts)} cycles",
-                "a full bus, a node that is too slow for the period, or a receiver that loses frames: look at the bus load first",
+                f"{pdo.name} is missing or late in {len(gone)} of {len(rhythm.counts)} cycles",
+                "a full bus, a node that is too slow for the period, or a receiver that loses frames; check the bus load first",
                 stamps_of(stream.stamp_ns, rows), len(gone), node.number,
                 picture_of(stream.stamp_ns * 1e-9, rhythm.late_ns * 1e-6, ("time [s]", "off its place [ms]")),
             )  # fmt: skip
@@ -80,8 +83,8 @@ def _process_data(trace: Trace, node: Node, pdo: Pdo) -> Iterator[Said]:
         if jump:
             yield Finding(
                 "answers-old", Severity.FAULT,
-                f"the position in {pdo.name} stands still {len(jump)} times while the motor turns, and jumps on then: "
-                f"the PDO holds old values",
+                f"the position in {pdo.name} does not change {len(jump)} times while the motor turns, and then jumps: "
+                f"the PDO has old values",
                 "a transmission type with SYNC (1), an inhibit time of 0, and no event timer slower than the loop",
                 stamps_of(stream.stamp_ns, np.array(jump)), len(jump), node.number,
                 picture_of(stream.stamp_ns * 1e-9, position.astype(float),
@@ -98,8 +101,8 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
     if worked:
         yield Finding(
             "node-restarted", Severity.FAULT,
-            f"node {node.number} starts anew {len(worked)} times although it was operational",
-            "supply, watchdog or a reset by NMT: look at what stands before it in the log",
+            f"node {node.number} restarts {len(worked)} times although it was operational",
+            "supply, watchdog or a reset by NMT; check the frames before it in the log",
             stamps_of(stream.stamp_ns, np.array(worked)), len(worked), node.number,
         )  # fmt: skip
     gaps = np.diff(stream.stamp_ns)
@@ -114,7 +117,7 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
             f"node {node.number} was silent {len(lost)} times for {np.max(gaps) * 1e-6:.3g} ms at worst; its "
             f"heartbeat comes every "
             f"{usual * 1e-6:.3g} ms else",
-            "a node that stood still, or a bus that was off: look at error frames and at what it says afterwards",
+            "a node that hung, or a bus that was off; check the error frames, and the node's next frames",
             stamps_of(stream.stamp_ns, lost), len(lost), node.number,
         )  # fmt: skip
     double = np.flatnonzero((gaps < 0.6 * usual) & (states[1:] == states[:-1]))
@@ -140,8 +143,8 @@ def _emergencies(trace: Trace, node: Node) -> Iterator[Said]:
     said = "; ".join(f"{code:04X}h {count} ×: {error_text(code, own)}" for code, count in counted.most_common(MOST_STAMPS))
     yield Finding(
         "emergency", Severity.FAULT, f"node {node.number} sends {len(rows)} emergencies: {said}",
-        "the first of them is the cause; those behind it often follow from "
-        "it", stamps_of(stream.stamp_ns, rows), len(rows), node.number,
+        "the first of them is the cause; later ones often follow from it",
+        stamps_of(stream.stamp_ns, rows), len(rows), node.number,
     )  # fmt: skip
 
 
@@ -176,6 +179,6 @@ def _transfers(trace: Trace) -> Iterator[Said]:
         yield Finding(
             "two-masters", Severity.FAULT,
             f"{len(overlaps)} SDO requests begin while another of the same node is open: two clients use one channel",
-            "let one program alone talk SDO to a node: close configuration tools while a controller runs",
+            "let one program alone access a node by SDO: close configuration tools while a controller runs",
             tuple(event.stamp_ns * 1e-9 for event in overlaps[:MOST_STAMPS]), len(overlaps), overlaps[0].node,
         )  # fmt: skip

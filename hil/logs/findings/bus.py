@@ -1,4 +1,7 @@
-"""The bus itself: how full it is, who fills it, what controllers report, and who speaks where one alone may."""
+"""Findings on the bus itself.
+
+Its load by sender, reports of controllers, and several senders where only one is allowed.
+"""
 
 from collections.abc import Iterator
 
@@ -31,7 +34,7 @@ def bus_findings(trace: Trace, bitrate: int | None) -> Iterator[Said]:
 
     Args:
         trace: The log.
-        bitrate: Bit rate in bit/s; None if nobody says it.
+        bitrate: Bit rate in bit/s; None if it is not known.
     """
     yield from _damage(trace)
     yield from _load(trace, bitrate)
@@ -44,27 +47,27 @@ def _damage(trace: Trace) -> Iterator[Said]:
     if damage.unreadable:
         yield Finding(
             "log-damaged", Severity.NOTE,
-            f"{damage.unreadable} lines are no frame, the first is line {damage.first_unreadable}; they are left out",
-            "cut or mixed while it was written; what is missing may look like frames that were not sent", (), damage.unreadable,
+            f"{damage.unreadable} lines are no frames, the first is line {damage.first_unreadable}; they are left out",
+            "cut or mixed while it was written; missing lines may look like frames that were not sent", (), damage.unreadable,
         )  # fmt: skip
     if damage.ended:
-        yield Finding("log-damaged", Severity.NOTE, f"the log ends before its end: {damage.ended}", "what was read is judged")
+        yield Finding("log-damaged", Severity.NOTE, f"the log ends before its end: {damage.ended}", "the part before is judged")
     if damage.backwards:
         row = damage.first_backwards
         yield Finding(
             "log-backwards", Severity.WARNING,
             f"{damage.backwards} stamps run backwards, the first at frame {row + 1}: rhythms are uncertain around them",
-            "two adapters in one log, or a clock that was set: log with the adapter's own stamps",
+            "two adapters in one log, or a clock that was set; log with the adapter's own stamps",
             (), damage.backwards,
         )  # fmt: skip
     if damage.elsewhere:
         yield Untold(
             "other-interfaces",
-            f"{damage.elsewhere} frames are of other interfaces than the first, and left out: --interface NAME reads them",
+            f"{damage.elsewhere} frames are of other interfaces than the first, and left out; --interface NAME reads them",
         )
     if damage.flexible:
         yield Finding(
-            "can-fd", Severity.NOTE, f"{damage.flexible} frames are CAN FD's and are left out", "CANopen has none of them"
+            "can-fd", Severity.NOTE, f"{damage.flexible} frames are of CAN FD, and left out", "classic CANopen has no such frames"
         )
 
 
@@ -96,14 +99,14 @@ def _load(trace: Trace, bitrate: int | None) -> Iterator[Said]:
     if bitrate is None:
         least = min((rate for rate in STANDARD_RATES if peak <= TOLERANT * rate), default=STANDARD_RATES[-1])
         yield Untold("bus-load", f"the bit rate is not in a log: {peak / 1e3:.0f} kbit/s at most, so at least {least // 1000} "
-            "kbit/s; --bitrate says it")  # fmt: skip
+            "kbit/s; give --bitrate")  # fmt: skip
         return
     load = bits / (WINDOW_NS * 1e-9) / bitrate
     if peak <= BUSY * bitrate:
         return
     if peak > IMPOSSIBLE * bitrate:
         yield Untold("bus-load", f"{peak / 1e3:.0f} kbit/s in a tenth of a second do not fit on a bus of "
-            f"{bitrate // 1000} kbit/s: another bit rate, or stamps that are not of the frames' ends")  # fmt: skip
+            f"{bitrate // 1000} kbit/s; the bit rate is another, or the stamps are not those of the frames' ends")  # fmt: skip
         return
     counts = sorted(((can_id, len(stream)) for can_id, stream in log.streams.items()), key=lambda each: -each[1])[:MOST_SPEAKERS]
     names = ", ".join(f"{can_id & 0x1FFFFFFF:03X}h {100.0 * count / len(log):.0f} %" for can_id, count in counts)
@@ -141,7 +144,10 @@ def _error_frames(trace: Trace) -> Iterator[Said]:
 
 
 def _set_point_senders(trace: Trace) -> Iterator[Said]:
-    """Two senders of one RPDO show by values of which every second one continues the other's."""
+    """Find two senders of one RPDO.
+
+    Every second value then continues the other sender's.
+    """
     for node in trace.nodes.values():
         placed = node.pdo_with("rpdo", 0x607A)
         if placed is None:
@@ -155,7 +161,7 @@ def _set_point_senders(trace: Trace) -> Iterator[Said]:
         if len(torn) > LEAST_FRAMES:
             yield Finding(
                 "two-masters", Severity.FAULT,
-                f"the target position of node {node.number} goes to and fro between two paths in {len(torn)} frames, by up to "
+                f"the target position of node {node.number} alternates between two paths in {len(torn)} frames, by up to "
                 f"{float(np.max(once[torn])):.0f} counts: two masters send it",
                 "stop one of them", stamps_of(stream.stamp_ns, torn), len(torn), node.number,
                 picture_of(stream.stamp_ns * 1e-9, values.astype(float),
@@ -164,7 +170,7 @@ def _set_point_senders(trace: Trace) -> Iterator[Said]:
     masters = [number for number in trace.nodes if _is_master(trace, number)]
     if len(masters) > 1:
         yield Finding(
-            "two-masters", Severity.FAULT, f"nodes {', '.join(map(str, masters))} have heartbeats and nothing else: two masters",
+            "two-masters", Severity.FAULT, f"nodes {', '.join(map(str, masters))} send heartbeats and nothing else: two masters",
             "let one master alone command NMT", (), len(masters),
         )  # fmt: skip
 

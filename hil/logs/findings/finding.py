@@ -1,4 +1,4 @@
-"""A finding in a log, in words, with stamps and the numbers of a picture."""
+"""Finding in a log, in words, with stamps and a picture."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -30,7 +30,7 @@ class Picture:
         y: Numbers upwards; shape (n,).
         x_label: Quantity and unit of x.
         y_label: Quantity and unit of y.
-        limits: Values of y that are drawn as limits, by what they are.
+        limits: Values of y that are drawn as limits, by name.
         is_line: True if the points are joined.
     """
 
@@ -44,13 +44,13 @@ class Picture:
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault, or what may become one.
+    """One fault, warning or note.
 
     Attributes:
         kind: Its kind, a word or two joined by hyphens.
         severity: Weight of it.
-        words: What was seen, with the numbers.
-        remedy: The thing to change.
+        words: Observation with its numbers.
+        remedy: Change that removes it.
         stamps_s: First places, in s since the log's first frame.
         count: Number of places.
         node: Node-ID; None if it is of the bus.
@@ -69,11 +69,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class Untold:
-    """A matter that a log cannot tell.
+    """A question that a log cannot answer.
 
     Attributes:
         kind: What would have been looked for.
-        words: Why it cannot be told, and what would tell it.
+        words: Reason, and data that would answer it.
         node: Node-ID; None if it is of the bus.
     """
 
@@ -97,13 +97,13 @@ def picture_of(
     limits: tuple[tuple[str, float], ...] = (),
     is_line: bool = False,
 ) -> Picture:
-    """A picture of many points, of which those that stand out are kept.
+    """Return a picture of many points, reduced to minima and maxima.
 
     Args:
         x: Numbers along; shape (n,).
         y: Numbers upwards; shape (n,).
         labels: Quantity and unit of each.
-        limits: Limits, by what they are.
+        limits: Limits, by name.
         is_line: True if the points are joined.
     """
     if len(x) > MOST_POINTS:

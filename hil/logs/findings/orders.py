@@ -1,8 +1,9 @@
-"""What shakes an axis: its following error at a multiple of the motor's angle, or at a frequency of its own.
+"""Findings on vibration in the following error of an axis.
 
-The error is taken apart twice over a stretch in which the motor turns one way: over the motor's angle, in orders k of one
-revolution, and over time, in Hz. What turns with the motor stands as one line in the first; what rings by itself, as a loop at
-the edge of stability does, in the second. At a constant speed both are the same, and the log cannot tell.
+The vibration is at a multiple of the motor's angle, or at a frequency of its own. The error is analysed twice over a stretch in
+which the motor turns one way: over the motor's angle, in orders k of one revolution, and over time, in Hz. A vibration that
+follows the motor's angle is one line in the first spectrum; ringing, as of a loop at the edge of stability, is one in the second.
+At a constant speed both are the same, and the log cannot distinguish them.
 """
 
 from collections.abc import Iterator
@@ -76,7 +77,10 @@ def _stretches(position: Real, per_rev: float) -> list[slice]:
 
 
 def _line(numbers: Real, per_unit: float, low: float, high: float) -> tuple[float, float, float]:
-    """Place, amplitude and fraction of the power of the highest line; numbers are evenly spaced, `per_unit` of them in a unit."""
+    """Return place, amplitude and power fraction of the highest line.
+
+    Numbers are evenly spaced, `per_unit` of them in a unit.
+    """
     grid = np.linspace(-1.0, 1.0, len(numbers))
     slow = np.polynomial.polynomial.polyfit(grid, numbers, 7)
     rest = numbers - np.polynomial.polynomial.polyval(grid, slow)
@@ -127,11 +131,11 @@ def _of_stretch(node: Node, stamp_s: Real, turned: Real, error: Real) -> Said | 
         return Finding(
             "loop-rings", Severity.WARNING,
             f"the following error of node {node.number} swings by {360.0 * swing:.2g}° of the motor at {frequency:.0f} Hz, "
-            f"whatever the speed: {100.0 * of_time:.0f} % of it; nothing that turns does so",
+            f"whatever the speed: {100.0 * of_time:.0f} % of it; no rotating part does so",
             "the loop is near the edge of its stability, or a resonance is excited: lower gains, a filter at that frequency",
             where, 1, node.number, drawn,
         )  # fmt: skip
-    tells = "where it turns more often, the two part" if varies else "a log in which the speed changes tells gear and loop apart"
+    tells = "with more turns, the two differ" if varies else "record a log with changing speed, which distinguishes gear and loop"
     return Untold(
         "what-swings", f"its following error swings by {360.0 * max(amplitude, swing):.2g}°, {round(order, 1):g} times in each "
         f"revolution or at {frequency:.0f} Hz: {tells}", node.number,

@@ -1,4 +1,7 @@
-"""The path that set-points describe: is it within the drive's limits, fine enough, and without blows."""
+"""Findings on the path of the set-points.
+
+It should remain within the drive's limits, be fine enough, and have no jumps of acceleration.
+"""
 
 from collections.abc import Iterator
 
@@ -57,7 +60,7 @@ def _limits(trace: Trace, node: Node, stamp_ns: NDArray[np.int64], target: NDArr
                 "beyond-limits", Severity.FAULT,
                 f"{len(beyond)} target positions of node {node.number} are beyond its software limits of {low} to {high} counts "
                 "(607Dh): the drive stops at them, or faults",
-                "a path within them, or other limits if the robot bears it",
+                "a path within them, or wider limits if the robot allows them",
                 stamps_of(stamp_ns, beyond), len(beyond), node.number,
                 picture_of(stamp_ns * 1e-9, target.astype(float), ("time [s]", f"target position of node {node.number} [counts]"),
                     (("607Dh:1", float(low)), ("607Dh:2", float(high))), is_line=True),
@@ -73,8 +76,8 @@ def _limits(trace: Trace, node: Node, stamp_ns: NDArray[np.int64], target: NDArr
             yield Finding(
                 "too-fast", Severity.FAULT,
                 f"the target position of node {node.number} runs up to {np.max(np.abs(step[fast])) / allowed * most:.0f} rev/min "
-                f"in {len(fast)} cycles, and 6080h allows {most}: the motor falls behind",
-                "a slower path, or the higher limit if motor and gear bear it",
+                f"in {len(fast)} cycles, and 6080h allows {most}; the motor falls behind",
+                "a slower path, or a higher limit if motor and gear allow it",
                 stamps_of(stamp_ns, fast), len(fast), node.number,
             )  # fmt: skip
     window, placed = node.value(0x6065), node.pdo_with("tpdo", 0x60F4)
@@ -87,7 +90,7 @@ def _limits(trace: Trace, node: Node, stamp_ns: NDArray[np.int64], target: NDArr
                 "following-error-near-limit", Severity.WARNING,
                 f"the following error of node {node.number} reaches {np.max(np.abs(error))} of the {window} counts at which the "
                 "drive stops (6065h)",
-                "speed feed-forward, less acceleration, higher gains, or a wider window where the machine bears it",
+                "speed feed-forward, less acceleration, higher gains, or a wider window if the machine allows it",
                 stamps_of(stream.stamp_ns, near), len(near), node.number,
             )  # fmt: skip
 
@@ -109,16 +112,19 @@ def _coarse(stamp_ns: NDArray[np.int64], position: NDArray[np.int64], node: Node
     yield Finding(
         "coarse-set-points" if is_target else "coarse-encoder", Severity.WARNING,
         f"every {name} of node {node.number} is a multiple of {grain} counts away from the first: steps of speed of {grain} "
-        "counts per cycle, which are heard as noise and shake what is soft",
+        "counts per cycle, which cause noise and excite resonances",
         "let the planner calculate in numbers with more digits than the encoder has" if is_target
-        else "the encoder has fewer steps than 608Fh says: filter the measured speed, or lower the speed gain",
+        else "the encoder has fewer steps than 608Fh; filter the measured speed, or lower the speed gain",
         stamps_of(stamp_ns, np.array([0])), 1, node.number,
         picture_of(stamp_ns[1:] * 1e-9, step.astype(float), ("time [s]", f"step of the {name} of node {node.number} [counts]")),
     )  # fmt: skip
 
 
 def _blows(stamp_ns: NDArray[np.int64], target: NDArray[np.int64], node: Node) -> Iterator[Said]:
-    """Acceleration that is there from one cycle to the next: its jerk is as high as it can be."""
+    """Find jumps of acceleration from one cycle to the next.
+
+    Their jerk is as high as it can be.
+    """
     acceleration = np.diff(target, 2).astype(np.float32)
     held = np.float32(0.5) * (acceleration[1:] + acceleration[:-1])
     if len(held) < LEAST_FRAMES:
@@ -135,7 +141,7 @@ def _blows(stamp_ns: NDArray[np.int64], target: NDArray[np.int64], node: Node) -
     yield Finding(
         "acceleration-jump", Severity.WARNING,
         f"the acceleration of node {node.number}'s target position jumps {len(blow)} times within one cycle, by "
-        f"{float(np.max(change[blow])):.0f} counts per cycle² at worst: each rings every resonance of the arm",
+        f"{float(np.max(change[blow])):.0f} counts per cycle² at worst: each excites every resonance of the arm",
         "a path whose acceleration takes a period of the lowest resonance to come and go (limited jerk)",
         stamps_of(stamp_ns, blow + 4), len(blow), node.number,
         picture_of(stamp_ns[2:] * 1e-9, acceleration,

@@ -1,4 +1,7 @@
-"""Set-points: one per cycle, in time, and such that a motor can follow them."""
+"""Findings on set-points.
+
+A motor can follow them if they come in time, one per cycle.
+"""
 
 from collections.abc import Iterator
 
@@ -36,7 +39,7 @@ def set_point_findings(trace: Trace) -> Iterator[Said]:
                 yield from _of_one(trace, node, *placed, name)
         if not known and any(pdo.direction == "rpdo" and len(trace.log.of(pdo.can_id)) >= LEAST_FRAMES for pdo in node.pdos):
             yield Untold(
-                "set-points", "which of its RPDOs holds the set-point is not known: --description FILE:NODE says it, "
+                "set-points", "its RPDO with the set-point is not known; give --description FILE:NODE, "
                 "or a log that begins before the drive is set up", node.number,
             )  # fmt: skip
 
@@ -67,8 +70,8 @@ def _against_sync(stream: Stream, rhythm: Rhythm, period_ns: float, node: Node, 
         yield Finding(
             "set-points-missing", Severity.FAULT if len(empty) > FEW_FRACTION * len(cycles) else Severity.WARNING,
             f"no {name} for node {node.number} in {len(empty)} of {len(cycles)} cycles: the drive extrapolates or "
-            f"stands still there",
-            "send one before every SYNC: look at who sends them late, at full transmit queues, and at the bus load",
+            f"stops there",
+            "send one before every SYNC; check for a late sender, full transmit queues, and the bus load",
             stamps_of(stream.stamp_ns, rows), len(empty), node.number, place,
         )  # fmt: skip
     if len(several) > MISSING_FRACTION * len(cycles):
@@ -86,7 +89,7 @@ def _against_sync(stream: Stream, rhythm: Rhythm, period_ns: float, node: Node, 
     if is_synchronous and len(across) > LATE_FRACTION * len(stream):
         yield Finding(
             "set-points-stale", Severity.FAULT,
-            f"{len(across)} of {len(stream)} {name}s for node {node.number} come on the other side of SYNC than most: "
+            f"{len(across)} of {len(stream)} {name}s for node {node.number} come on the other side of SYNC than most; "
             f"they act a cycle "
             "later or earlier, and the drive repeats or skips one",
             "send them in the middle between two SYNCs, from the same clock",
@@ -99,18 +102,21 @@ def _against_sync(stream: Stream, rhythm: Rhythm, period_ns: float, node: Node, 
             "set-points-late", Severity.NOTE if is_all else Severity.WARNING,
             f"{len(late)} of {len(stream)} {name}s for node {node.number} are off their place in the cycle by more than "
             f"{100 * LATE:.0f} % of it, by {np.max(np.abs(rhythm.late_ns)) * 1e-6:.3g} ms at worst"
-            + ("" if is_all else "; they act when they come, so the motion is late by as much"),
+            + ("" if is_all else "; they act on arrival, so the motion is equally late"),
             "real-time priority for the sender" + ("" if is_all else f", or a synchronous {pdo.name} (transmission type 1)"),
             stamps_of(stream.stamp_ns, late), len(late), node.number, place,
         )  # fmt: skip
 
 
 def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]:
-    """Set-points every T, reached within 60C2h: where both differ the drive waits, or never arrives."""
+    """Compare the period of set-points with 60C2h.
+
+    If both differ, the drive waits, or never reaches the set-point in time.
+    """
     value, index = node.value(0x60C2, 1), node.value(0x60C2, 2)
     if value is None or not value:
         if (0x60C2, 1) not in node.heard and node.description is None:
-            yield Untold("beat", "60C2h is not in the log: whether set-points come at the drive's pace is not known", node.number)
+            yield Untold("beat", "60C2h is not in the log: the drive's own period is not known", node.number)
         return
     held_s = interpolation_period_s(value, -3 if index is None else index)
     sent_s = float(np.median(np.diff(stream.stamp_ns))) * 1e-9
@@ -121,10 +127,10 @@ def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]
         difference_hz = abs(1.0 / sent_s - 1.0 / held_s)
         step = picture_of(stream.stamp_ns[1:] * 1e-9, np.diff(stream.stamp_ns) * 1e-6,
             ("time [s]", f"distance of {name}s [ms]"), (("60C2h", held_s * 1e3),))  # fmt: skip
-        effect = "stands still for the rest of each cycle" if held_s < sent_s else "has not arrived when the next one comes"
+        effect = "stops for the rest of each cycle" if held_s < sent_s else "has not arrived when the next one comes"
         yield Finding(
             "set-point-beat", Severity.FAULT,
-            f"a {name} for node {node.number} comes every {sent_s * 1e3:.4g} ms, and 60C2h says {held_s * 1e3:.4g} "
+            f"a {name} for node {node.number} comes every {sent_s * 1e3:.4g} ms, and 60C2h is {held_s * 1e3:.4g} "
             f"ms: the motor {effect}, "
             f"which shakes at {1.0 / sent_s:.4g} Hz and at the beat of {difference_hz:.3g} Hz",
             f"set 60C2h to {sent_s * 1e3:.4g} ms, or send at its pace",
@@ -133,7 +139,10 @@ def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]
 
 
 def _steps(stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> Iterator[Said]:
-    """Steps of the position from frame to frame: repeats while it moves, and jumps."""
+    """Find repeats and jumps of the position from frame to frame.
+
+    Repeats count while it moves.
+    """
     step = np.diff(values).astype(np.float32)
     if len(step) < LEAST_FRAMES or not np.any(np.abs(step) >= MOVES_COUNTS):
         return
@@ -167,7 +176,7 @@ def _steps(stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> 
             f"the {name} of node {node.number} jumps {len(pulse)} times, by {worst:.0f} counts at worst, where steps "
             f"change by {usual:.0f} "
             "at most else",
-            "a jump of the position is a blow of torque: make the path continuous in position and speed, also where "
+            "a jump of the position is a torque pulse; make the path continuous in position and speed, also where "
             "one path follows another",
             stamps_of(stream.stamp_ns, pulse + 2), len(pulse), node.number, drawn,
         )  # fmt: skip

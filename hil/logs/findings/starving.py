@@ -1,4 +1,7 @@
-"""Who starves whom: answers that come late in those cycles in which frames of higher priority come before them."""
+"""Findings on answers that frames of higher priority delay.
+
+They are late in the cycles in which those frames come first.
+"""
 
 from collections.abc import Iterator
 
@@ -49,7 +52,9 @@ def starving_findings(trace: Trace) -> Iterator[Said]:
 
 
 def _culprit(trace: Trace, sync: NDArray[np.int64], own: int, held_up: NDArray[np.int32]) -> tuple[int | None, float]:
-    """The identifier of higher priority that comes more often in some cycles than in all others, and by how many frames.
+    """Find the identifier that is more frequent in late cycles.
+
+    It has a higher priority; the second value is the difference in frames per cycle.
 
     Args:
         trace: The log.

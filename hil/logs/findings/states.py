@@ -1,4 +1,6 @@
-"""States of drives and nodes, as status words and NMT commands tell them.
+"""Findings on states of drives and nodes.
+
+Status words and NMT commands show them.
 
 Source: CiA 402-2, 6040h, 6041h, 6060h, 6061h; CiA 301, 7.2.8.
 """
@@ -23,7 +25,7 @@ AT_LIMIT = 0.999
 
 
 def state_findings(trace: Trace) -> Iterator[Said]:
-    """States that end, limits that act, and NMT commands at the wrong time."""
+    """Find states that end, active limits, and badly timed NMT commands."""
     yield from _commands(trace)
     for node in trace.nodes.values():
         placed = node.pdo_with("tpdo", 0x6041)
@@ -32,7 +34,7 @@ def state_findings(trace: Trace) -> Iterator[Said]:
                 pdo.direction == "tpdo" and len(trace.log.of(pdo.can_id)) >= LEAST_FRAMES and not pdo.entries for pdo in node.pdos
             ):
                 yield Untold(
-                    "state", "no TPDO is known to hold its status word: --description FILE:NODE says it, or a log that begins "
+                    "state", "its TPDO with the status word is not known; give --description FILE:NODE, or a log that begins "
                     "before the drive is set up", node.number,
                 )  # fmt: skip
             continue
@@ -58,17 +60,17 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
     if stopped:
         yield Finding(
             "quick-stop", Severity.WARNING, f"the drive of node {node.number} makes {len(stopped)} quick stops",
-            "commanded by bit 2 of 6040h, or by what the drive watches: limit switch, "
-            "heartbeat", stamps_of(stream.stamp_ns, np.array(stopped)),
+            "commanded by bit 2 of 6040h, or caused by a limit switch or a lost heartbeat",
+            stamps_of(stream.stamp_ns, np.array(stopped)),
             len(stopped), node.number,
         )  # fmt: skip
     limited = np.flatnonzero(enabled & (words & INTERNAL_LIMIT != 0))
     if len(limited):
         yield Finding(
             "internal-limit", Severity.WARNING,
-            f"the drive of node {node.number} says in {len(limited)} frames that a limit of its own acts (6041h bit 11)",
-            "a set-point, speed or torque beyond what the drive allows: compare 607Dh, 607Fh, 6080h and 6072h with "
-            "what is commanded",
+            f"the drive of node {node.number} reports in {len(limited)} frames that an internal limit acts (6041h bit 11)",
+            "a set-point, speed or torque beyond the drive's limits; compare 607Dh, 607Fh, 6080h and 6072h with "
+            "the commands",
             stamps_of(stream.stamp_ns, limited), len(limited), node.number,
         )  # fmt: skip
     mode = node.value(0x6060)
@@ -80,15 +82,15 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
                 "not-following", Severity.WARNING,
                 f"the drive of node {node.number} is enabled and does not follow its set-points in {len(left)} frames "
                 f"(6041h bit 12)",
-                "a halt, an ending mode, or set-points that do not come: look at 6040h bit 8, 6061h and the set-points' rhythm",
+                "a halt, an ending mode, or missing set-points; check 6040h bit 8, 6061h and the set-points' rhythm",
                 stamps_of(stream.stamp_ns, left), len(left), node.number,
             )  # fmt: skip
         behind = np.flatnonzero(enabled & (words & FOLLOWING_ERROR != 0))
         if mode == Mode.CSP and len(behind):
             yield Finding(
                 "following-error", Severity.WARNING,
-                f"the drive of node {node.number} says following error in {len(behind)} frames (6041h bit 13)",
-                "6065h against what the loop can do: gains, feed-forward, acceleration",
+                f"the drive of node {node.number} reports a following error in {len(behind)} frames (6041h bit 13)",
+                "compare 6065h with gains, feed-forward and acceleration",
                 stamps_of(stream.stamp_ns, behind), len(behind), node.number,
             )  # fmt: skip
     yield from _torque(trace, node)
@@ -106,7 +108,7 @@ def _torque(trace: Trace, node: Node) -> Iterator[Said]:
             "torque-saturated", Severity.FAULT,
             f"the torque of node {node.number} is at its limit of {limit} ‰ (6072h) in {len(full)} frames: the loop "
             f"is open there",
-            "less acceleration, less load, or more torque if the motor bears it; an integrator winds up meanwhile",
+            "less acceleration, less load, or more torque if the motor allows it; an integrator winds up meanwhile",
             stamps_of(stream.stamp_ns, full), len(full), node.number,
             picture_of(stream.stamp_ns * 1e-9, torque.astype(float), ("time [s]", f"torque of node {node.number} [‰]"),
                 (("6072h", float(limit)), ("−6072h", -float(limit)))),
@@ -114,7 +116,7 @@ def _torque(trace: Trace, node: Node) -> Iterator[Said]:
 
 
 def _commands(trace: Trace) -> Iterator[Said]:
-    """NMT commands that take process data away while they flow."""
+    """Find NMT commands that stop process data in use."""
     stream = trace.log.of(FunctionCode.NMT)
     if trace.cycles is None or not len(stream):
         return
@@ -128,13 +130,13 @@ def _commands(trace: Trace) -> Iterator[Said]:
         yield Finding(
             "nmt-while-working", Severity.FAULT,
             f"{len(rows)} NMT commands ({names}) come while a drive is enabled",
-            "disable drives first: a second master, or a program that ends without its tear-down",
+            "disable drives first; check for a second master, or a program that ends without its tear-down",
             stamps_of(stream.stamp_ns, rows), len(rows),
         )  # fmt: skip
 
 
 def _worked(trace: Trace, stamp_ns: int) -> bool:
-    """Whether any drive was enabled just before an instant."""
+    """True if any drive was enabled just before an instant."""
     for node in trace.nodes.values():
         placed = node.pdo_with("tpdo", 0x6041)
         if placed is None:

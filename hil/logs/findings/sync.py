@@ -1,4 +1,4 @@
-"""SYNC: is it there, does it beat evenly, and does one node alone send it."""
+"""Findings on SYNC: gaps, jitter, and a second sender."""
 
 from collections.abc import Iterator
 
@@ -21,7 +21,7 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
     """Gaps, doubles and jitter of SYNC."""
     cycles = trace.cycles
     if cycles is None:
-        yield Untold("sync", f"{len(trace.sync)} SYNCs: set-points and answers cannot be held against a beat")
+        yield Untold("sync", f"{len(trace.sync)} SYNCs: too few to compare set-points and answers with them")
         return
     period, gaps = cycles.period_ns, np.diff(cycles.stamp_ns) / cycles.period_ns
     time_s = cycles.stamp_ns[1:] * 1e-9
@@ -35,7 +35,7 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
             "sync-missing", Severity.FAULT,
             f"{lost} SYNCs are missing in {len(missing)} gaps, the longest {np.max(gaps) * period * 1e-6:.3g} ms; "
             f"they come every {period * 1e-6:.4g} ms else",
-            "who sends SYNC stood still: real-time priority for it, fewer programs beside it, or a longer period",
+            "the sender of SYNC paused; give it real-time priority, fewer other programs, or a longer period",
             stamps_of(cycles.stamp_ns, missing), len(missing), None, drawn,
         )  # fmt: skip
     close = np.flatnonzero(gaps < TOO_CLOSE)
@@ -43,7 +43,7 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
         yield Finding(
             "sync-doubled", Severity.FAULT,
             f"{len(close)} SYNCs come less than {TOO_CLOSE * period * 1e-6:.3g} ms behind another: two nodes send them",
-            "let one node alone produce SYNC: bit 30 of 1005h is 0 in all others",
+            "let one node alone send SYNC: bit 30 of 1005h is 0 in all others",
             stamps_of(cycles.stamp_ns, close), len(close), None, drawn,
         )  # fmt: skip
     beats = (gaps > 1.0 + JITTER) & (gaps <= GAP) | (gaps >= TOO_CLOSE) & (gaps < 1.0 - JITTER)
@@ -53,7 +53,7 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
             "sync-jitter", Severity.WARNING,
             f"{len(uneven)} of {len(gaps)} SYNCs are off by more than {100 * JITTER:.0f} % of {period * 1e-6:.4g} ms; "
             f"99 of 100 lie within {np.percentile(np.abs(gaps - 1.0), 99) * period * 1e-6:.3g} ms",
-            "every set-point is reached that much too early or too late: real-time priority for who sends SYNC, or a "
-            "drive that sends it",
+            "every set-point is reached as much too early or too late; give the sender real-time priority, or let a "
+            "drive send SYNC",
             stamps_of(cycles.stamp_ns, uneven), len(uneven), None, drawn,
         )  # fmt: skip

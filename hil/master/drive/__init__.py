@@ -1,6 +1,6 @@
-"""One drive as the master sees it.
+"""One drive on the bus, for the master.
 
-`axis` is a CiA 402 drive behind its node: identity, units, limits, gains and filters, and their way back. `needs` has the objects
-that a run needs of it, `scale` reads how it counts, `overheard` knows it from what was heard, `mapping` has its process data, and
-`pdo` writes them by the standard's procedure.
+`axis` is a CiA 402 drive and its node: identity, units, limits, gains and filters, and their restoration. `needs` has the objects
+that a run needs of it, `scale` reads its units, `overheard` takes them from overheard frames, `mapping` has its process data, and
+`pdo` writes the PDOs by the standard's procedure.
 """

@@ -1,4 +1,4 @@
-"""A CiA 402 drive as the master sees it: its identity, its units, and the objects that were changed in it."""
+"""A CiA 402 drive: its identity, units, and changed objects."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ STANDSTILL_RPS = 0.05
 
 @dataclass
 class Snapshot:
-    """The former contents of objects that the bench has changed, so that they can be put back."""
+    """Former contents of changed objects, to be restored."""
 
     network: Network
     node: int
@@ -86,7 +86,7 @@ class Snapshot:
         return tuple(missing)
 
     def write(self, index: int, subindex: int, kind: DataType, value: Any, name: str = "") -> None:
-        """Write an object and read it back, keeping what it held the first time.
+        """Write an object and read it back, keeping its former content.
 
         Args:
             index: Index of the object.
@@ -118,7 +118,10 @@ class Snapshot:
 
 
 def ask_emulated(network: Network, node: int) -> bool | None:
-    """Ask a node whether it is emulated, by its hardware version (1009h); None if it does not answer that."""
+    """Ask a node by its hardware version (1009h) whether it is emulated.
+
+    None if it does not answer.
+    """
     try:
         return is_emulated(network.read_raw(node, *HARDWARE_VERSION_OBJECT, "manufacturer hardware version"))
     except SdoAbortedError:
@@ -128,7 +131,7 @@ def ask_emulated(network: Network, node: int) -> bool | None:
 
 
 def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> Profile:
-    """Check the identity of a node; return the profile of the product that it is.
+    """Check the identity of a node; return the profile of its product.
 
     Args:
         network: The bus.
@@ -160,7 +163,10 @@ def _check_number(network: Network, node: int, what: str, address: ObjectAddress
 
 
 def _product_at(network: Network, node: int, profile: Profile) -> Profile:
-    """The profile of the node's product, where a family has several or tells firmware apart; else the profile itself."""
+    """Return the profile of the node's product.
+
+    A profile without several products or ranges of firmware is returned itself.
+    """
     if not profile.products and not profile.identity.has_range:
         return profile
     code, revision = (network.read(node, 0x1018, sub, U32, f"1018h:{sub:02X}h") for sub in (2, 3))
@@ -171,7 +177,7 @@ def _product_at(network: Network, node: int, profile: Profile) -> Profile:
 
 
 class DriveAxis:
-    """One axis: the bench file's table, the profile of its drive, and the node behind it.
+    """One axis: table of the bench file, profile, and node.
 
     Attributes:
         number: Axis number.
@@ -196,18 +202,22 @@ class DriveAxis:
         self.notches: tuple[Notch, ...] = ()
 
     def scale_gaps(self) -> list[str]:
-        """All that the profile lacks, where neither it nor the bench file knows how the drive counts; else empty.
+        """Return all gaps of the profile if the drive's units are unknown.
 
+        A sentence each; empty if profile or bench file has the units. Until the drive is identified, it may be any
+        product of its family.
         Until the drive is identified it may be any product of its family.
         """
         is_lacking = all(scale_gaps(self.number, self.table, product) for product in self.profile.members)
         return profile_gaps(self.number, self.table, self.profile) if is_lacking else []
 
     def identify(self, *, may_be_in_fault: bool = False) -> None:
-        """Check identity and units of the drive, and that it stands still and is not enabled.
+        """Check identity and units of the drive, and that it is safe.
+
+        It is safe if it is disabled and at standstill.
 
         Args:
-            may_be_in_fault: Accept a drive in fault; `fault` says which it is.
+            may_be_in_fault: Accept a drive in fault; `fault` has the fault.
 
         Raises:
             ProfileGapsError: Neither profile nor bench file knows how it counts.
@@ -233,10 +243,10 @@ class DriveAxis:
         if state is State.FAULT and not may_be_in_fault:
             fault, here = self.fault() or "in fault", rev_text(self.position_rad() / math.tau)
             remedy = f"reset it with --reset-faults, or drive-profiles faults --node {node} --clear"
-            raise NodeError(node, f"axis {self.number} is {fault}, and stands at {here} rev", remedy)
+            raise NodeError(node, f"axis {self.number} is {fault}, and at {here} rev", remedy)
 
     def fault(self) -> str | None:
-        """The fault that the drive is in, in words; None if it is in none."""
+        """Return the drive's fault in words, or None."""
         asked = Questions(self.network, self.node)
         status_word = asked.number(STATUS)
         if status_word is None or state_of(status_word) is not State.FAULT:
@@ -245,7 +255,9 @@ class DriveAxis:
         return "in fault" if code is None else f"in fault, error code {code_text(code, self.profile.fault_texts)}"
 
     def identify_bystander(self) -> None:
-        """Check a drive that will not move: who it is, that it is disabled, and all else as far as it tells.
+        """Check identity and disabled state of a drive that will not move.
+
+        Units and limits are checked if the profile knows them and the drive has the objects.
 
         Raises:
             NodeError: A check failed; nothing has been written.
@@ -258,7 +270,10 @@ class DriveAxis:
         self._disabled_state(Questions(self.network, self.node))
 
     def _disabled_state(self, asked: Questions) -> State | None:
-        """State of the drive, which has no torque; None if it does not tell."""
+        """Check that the drive has no torque; return its state.
+
+        None if it has no readable status word.
+        """
         status_word = asked.number(STATUS)
         state = None if status_word is None else state_of(status_word)
         if status_word is not None and state not in DISABLED:
@@ -276,7 +291,9 @@ class DriveAxis:
         return self.scaling.position_rad(counts)
 
     def check_standing(self, begun_rad: float, elapsed_s: float) -> None:
-        """Check that the motor has not turned; a family may count speeds (606Ch) in units that nobody knows.
+        """Check that the motor has not turned, by its position.
+
+        The drive's speed (606Ch) is not used: some families have an unknown unit for it.
 
         Args:
             begun_rad: Motor angle some time ago.
@@ -292,7 +309,7 @@ class DriveAxis:
     # -- parameters ----------------------------------------------------------------------------------------------------
 
     def write_parameter(self, name: str, value: float) -> float:
-        """Write a parameter of the profile in its unit, and read it back.
+        """Write a parameter of the profile in its unit; read it back.
 
         Returns:
             The value that the drive holds, rounded to a step of its object.
@@ -309,7 +326,10 @@ class DriveAxis:
         return parameter.value(raw, self.scaling)
 
     def control_period_s(self) -> float:
-        """The drive's control period from its object; that of the profile where it has no such object."""
+        """Read the drive's control period in s.
+
+        Without an object for it, return that of the profile.
+        """
         parameter = self.profile.parameters.get("control_period_s")
         if parameter is None:
             loop = self.profile.loop
@@ -319,14 +339,17 @@ class DriveAxis:
         return float(parameter.value(raw, self.scaling))
 
     def write_limits(self) -> None:
-        """Write the limits of the bench file, so that the drive enforces them; those that it does not have are the master's."""
+        """Write the bench file's limits, so that the drive enforces them.
+
+        The master alone enforces limits that the drive does not have.
+        """
         for limit in LIMITS:
             value_si = limit.si(self.table.limits)
             if value_si is not None:
                 self.write_limit(limit, value_si)
 
     def write_limit(self, limit: Limit, value_si: float) -> None:
-        """Write one limit, where the drive holds it.
+        """Write one limit, if the drive has a parameter for it.
 
         Args:
             limit: The limit.
@@ -337,7 +360,10 @@ class DriveAxis:
             self.write_parameter(name, value_in(self.profile.parameters[name], value_si, self.scaling))
 
     def write_gains(self, loop: LoopName) -> None:
-        """Write the P-PI gains, unless the drive keeps its own; where the host closes the loop, those that the drive has."""
+        """Write the P-PI gains, unless the drive keeps its own.
+
+        Host-closed, write those for which the drive has parameters.
+        """
         if not self.table.writes_gains or not isinstance(self.table.control, Control):
             return
         for name, value in self.table.control.model_dump().items():
@@ -345,7 +371,10 @@ class DriveAxis:
                 self.write_parameter(name, value)
 
     def write_notches(self, notches: tuple[Notch, ...]) -> None:
-        """Upload the filters; those that are not given are switched off. A filter is off while its parameters change."""
+        """Upload the filters, and switch all others off.
+
+        A filter is off while its parameters change.
+        """
         held: list[Notch] = []
         for column in range(NOTCHES):
             name = f"notch_{column + 1}"
@@ -362,7 +391,7 @@ class DriveAxis:
         self.notches = tuple(held)
 
     def restore(self) -> list[str]:
-        """Put all objects back to their former contents, filters last; return the refusals in words."""
+        """Restore all objects, filters last; return the refusals in words."""
         refused = []
         self.notches = ()
         for column in range(NOTCHES):
@@ -385,8 +414,8 @@ class DriveAxis:
             if error.code not in OUT_OF_RANGE:
                 raise
             raise NotPossibleError(
-                f"axis {self.number}: its drive refuses a SYNC period of {1e3 * sync_period_s:g} ms{self._period_step()}. Choose "
-                "another sync_period_s in the bench file, or host_sync_period_s where the host closes the loop"
+                f"axis {self.number}: the drive refuses a SYNC period of {1e3 * sync_period_s:g} ms{self._period_step()}; choose "
+                "another bus.sync_period_s, or bus.host_sync_period_s for a host-closed loop"
             ) from error
 
     def _write_period(self, sync_period_s: float) -> None:
@@ -402,12 +431,18 @@ class DriveAxis:
             self.snapshot.write(*CYCLE_PERIOD.address, U32, round(1e6 * sync_period_s), CYCLE_PERIOD.name)
 
     def _period_step(self) -> str:
-        """What SYNC periods a drive takes, as a clause; empty where its control period says nothing of it."""
+        """Return a clause on the SYNC periods that a drive accepts.
+
+        Empty if its control period is not known.
+        """
         control_s = self.control_period_s()
         return f"; its control period is {1e3 * control_s:g} ms, and most drives take multiples of that" if control_s else ""
 
     def write_supervision(self, master: int, heartbeat_s: float) -> None:
-        """Let the drive watch the master's heartbeat (three times its period) and stop by itself, and send its own."""
+        """Let the drive watch the master's heartbeat, and send its own.
+
+        It stops by itself after three periods without a heartbeat.
+        """
         consumer = master << 16 | round(3e3 * heartbeat_s)
         self.snapshot.write(Object.ABORT_CONNECTION_OPTION, 0, DataType.INTEGER16, 3, "abort connection option code")
         self.snapshot.write(Object.QUICK_STOP_OPTION, 0, DataType.INTEGER16, 2, "quick stop option code")

@@ -1,4 +1,7 @@
-"""Limits of the bench file: the parameter by which a drive holds each of them, and those that the master holds alone."""
+"""Limits of the bench file, and the drive's parameters for them.
+
+The master alone holds limits for which a drive has no parameter.
+"""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -25,15 +28,15 @@ _SUFFIXES: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 class Limit(NamedTuple):
-    """A limit of the bench file, and the names of the parameters by which drives hold it.
+    """A limit of the bench file, and the drives' parameters for it.
 
     Attributes:
         key: Key of the bench file.
-        stems: Names of the parameter without their unit, the first that a profile has.
+        stems: Names of the parameter without their unit; the first one that a profile has counts.
         unit: SI unit.
         factor: SI units per unit of the bench file.
         is_watched: True if the master holds the limit as well.
-        at_least: Key of a limit below which the drive's value must not lie, or it would weaken that one; None without one.
+        at_least: Key of a limit that is a lower bound of the drive's value; None without one.
     """
 
     key: str
@@ -44,7 +47,10 @@ class Limit(NamedTuple):
     at_least: str | None = None
 
     def held_by(self, profile: Profile) -> str | None:
-        """Name of the parameter by which a drive holds the limit; None if it has none that the bench can set."""
+        """Return the name of a drive's parameter for the limit.
+
+        None if it has none that the bench can set.
+        """
         names = (stem + suffix for stem in self.stems for suffix in _SUFFIXES[self.unit])
         return next((name for name in names if name in profile.parameters and profile.parameters[name].is_settable), None)
 
@@ -57,7 +63,7 @@ class Limit(NamedTuple):
         return "nobody" if self.key == "torque_nm" and not tells_torque(profile) else "master alone"
 
     def si(self, limits: Limits) -> float | None:
-        """Value of the bench file in SI units; None if it states none."""
+        """Return the bench file's value in SI units, or None."""
         stated = [getattr(limits, key) for key in (self.key, self.at_least) if key is not None]
         return None if stated[0] is None else self.factor * float(max(stated))
 
@@ -82,7 +88,10 @@ def limit_of(key: str) -> Limit:
 
 
 def tells_torque(profile: Profile) -> bool:
-    """True if the drive reports a torque, or a current from which it follows."""
+    """True if the drive reports a torque, or a usable current.
+
+    The torque follows from the current.
+    """
     return profile.torque is not None and (profile.torque.actual is not None or tells_current(profile))
 
 
@@ -114,7 +123,10 @@ def value_in(parameter: Parameter, si: float, scaling: Scaling) -> float:
 
 
 def holders(profile: Profile) -> dict[Holder, list[str]]:
-    """Keys of the bench file's limits, by who holds them: the drive holds one that it holds with every parameter of it."""
+    """Return the keys of the bench file's limits by holder.
+
+    The drive holds a limit if it has every parameter of it.
+    """
     found: dict[Holder, list[str]] = {}
     for key in dict.fromkeys(limit.key for limit in LIMITS):
         held = [limit.holder(profile) for limit in LIMITS if limit.key == key]
@@ -125,17 +137,20 @@ def holders(profile: Profile) -> dict[Holder, list[str]]:
 _SENTENCES: Final[Mapping[Holder, str]] = {
     "master alone": "the master alone holds {}",
     "drive, as found": "the drive keeps its own value for {}",
-    "nobody": "nobody holds {}: the drive neither limits nor reports torque, so set its current limit with its maker's tool",
+    "nobody": "neither master nor drive holds {}: the drive neither limits nor reports torque; set its current limit with its "
+    "maker's tool",
 }
 
 
 def limit_words(number: int, profile: Profile, limits: Limits) -> Iterable[str]:
-    """Sentences on the limits that a drive does not hold, one for each holder.
+    """Yield sentences on the limits that a drive does not hold.
+
+    One for each holder.
 
     Args:
         number: Number of the axis.
         profile: Drive profile.
-        limits: Limits of the axis; of one that is not stated nothing is said.
+        limits: Limits of the axis; unstated ones have no sentence.
     """
     found = holders(profile)
     for holder, sentence in _SENTENCES.items():

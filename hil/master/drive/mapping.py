@@ -1,4 +1,7 @@
-"""Contents of the PDOs of a run: the same lists for the master, which maps them, and for the plan, which counts their bits."""
+"""Contents of the PDOs of a run.
+
+The master maps them, and the plan counts their bits.
+"""
 
 from typing import Final, NamedTuple
 
@@ -28,14 +31,14 @@ ACCELERATION = tuple(MappedObject(ACCELERATION_OBJECT, sub, I16) for sub in (1, 
 
 
 class CyclicMode(NamedTuple):
-    """A mode in which a drive takes a set-point with every SYNC.
+    """A mode with a set-point at every SYNC.
 
     Attributes:
         number: Its number in 6060h.
         name: Its name.
         target: Object of the set-point.
         enabling: Bits of the control word that let it follow set-points, beside those of operation.
-        loss: What it does worse than CSP, as a sentence; empty where nothing.
+        loss: Disadvantage against CSP, as a sentence; empty without one.
     """
 
     number: int
@@ -57,7 +60,10 @@ IP: Final = CyclicMode(
 
 
 def mode_of(loop: LoopName, profile: Profile) -> CyclicMode | None:
-    """Mode of a drive in a run: CST where the host closes the loop, else CSP, IP or its maker's own; None if it has none."""
+    """Return the mode of a drive in a run, or None.
+
+    CST if the host closes the loop, else CSP, IP or the maker's own mode.
+    """
     has = profile.supported_modes
     if loop == "host":
         return CST if Mode.CST in has else None
@@ -69,13 +75,19 @@ def mode_of(loop: LoopName, profile: Profile) -> CyclicMode | None:
 
 
 def command(mode: CyclicMode, *, with_torque_offset: bool = False) -> tuple[MappedObject, ...]:
-    """RPDO1 of a drive: control word and set-point, in CSP with a torque offset where it is wanted."""
+    """Return RPDO1 of a drive: control word and set-point.
+
+    In CSP a torque offset is added if requested.
+    """
     offset = (MappedObject(Object.TORQUE_OFFSET, 0, I16),) if with_torque_offset and mode.number == Mode.CSP else ()
     return MappedObject(Object.CONTROL_WORD, 0, U16), mode.target, *offset
 
 
 def feedback(profile: Profile) -> tuple[MappedObject, ...]:
-    """TPDO1 of a drive: status word, position and torque, or the current of a drive that reports no torque."""
+    """Return TPDO1 of a drive: status word, position and torque.
+
+    The current replaces the torque of a drive that reports none.
+    """
     torque = profile.torque
     if torque is None or torque.current is None or torque.actual is not None:
         return FEEDBACK
@@ -83,7 +95,10 @@ def feedback(profile: Profile) -> tuple[MappedObject, ...]:
 
 
 def notch_state(profile: Profile) -> tuple[MappedObject, ...]:
-    """TPDO2 of a drive whose profile knows the state of its filter; else empty."""
+    """Return TPDO2 of a drive: the state of its filter.
+
+    Empty if the profile does not know it.
+    """
     if not all(name in profile.parameters for name in NOTCH_STATE):
         return ()
     parameters = [profile.parameters[name] for name in NOTCH_STATE]
@@ -91,7 +106,10 @@ def notch_state(profile: Profile) -> tuple[MappedObject, ...]:
 
 
 def load_position(table: AxisTable, profile: Profile) -> tuple[MappedObject, ...]:
-    """TPDO of a drive's second encoder; empty where the bench file has none."""
+    """Return the TPDO of a drive's second encoder.
+
+    Empty if the bench file has none.
+    """
     if table.load_encoder is None:
         return ()
     stated = None if profile.load_encoder is None else profile.load_encoder.position
@@ -99,7 +117,10 @@ def load_position(table: AxisTable, profile: Profile) -> tuple[MappedObject, ...
 
 
 def load_tpdo(profile: Profile, *, with_notch_state: bool) -> int:
-    """Number of that TPDO: the second, or the third where the second has the state of the filter."""
+    """Return the number of the second encoder's TPDO.
+
+    The second, or the third if the second has the state of the filter.
+    """
     return 3 if with_notch_state and notch_state(profile) else 2
 
 

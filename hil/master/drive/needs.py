@@ -1,4 +1,7 @@
-"""What a run needs of a drive and of its profile, each with its use, so that all that is missing is said at once."""
+"""Objects and parameters that a run needs, each with its use.
+
+All missing ones are reported at once.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
@@ -36,11 +39,11 @@ class Need(NamedTuple):
         return f"{address_text(self.address)} {self.name}: {self.purpose}"
 
 
-STATUS = Need((Object.STATUS_WORD, 0), "status word", "the state of the drive is read there")
-VELOCITY = Need((Object.VELOCITY_ACTUAL, 0), "velocity actual value", "standstill is checked by it before anything is written")
+STATUS = Need((Object.STATUS_WORD, 0), "status word", "it has the state of the drive")
+VELOCITY = Need((Object.VELOCITY_ACTUAL, 0), "velocity actual value", "it shows standstill before anything is written")
 
-ERROR_CODE = Need((Object.ERROR_CODE, 0), "error code", "it says which fault a drive is in")
-CYCLE_PERIOD = Need((0x1006, 0), "communication cycle period", "a drive that has it knows the SYNC period by it")
+ERROR_CODE = Need((Object.ERROR_CODE, 0), "error code", "it has the fault of the drive")
+CYCLE_PERIOD = Need((0x1006, 0), "communication cycle period", "it sets the SYNC period, in drives that have it")
 
 _SUPERVISION = (
     Need((Object.ABORT_CONNECTION_OPTION, 0), "abort connection option code", "the drive stops when the master falls silent"),
@@ -49,18 +52,18 @@ _SUPERVISION = (
     Need((0x1017, 0), "producer heartbeat time", "the master watches the drive"),
 )
 _CYCLE = (
-    Need((Object.MODES_OF_OPERATION, 0), "modes of operation", "the mode of the run is chosen there"),
-    Need((Object.INTERPOLATION_PERIOD, 1), "interpolation time period value", "the drive follows the SYNC period by it"),
-    Need((Object.INTERPOLATION_PERIOD, 2), "interpolation time index", "the drive follows the SYNC period by it"),
+    Need((Object.MODES_OF_OPERATION, 0), "modes of operation", "it selects the mode of the run"),
+    Need((Object.INTERPOLATION_PERIOD, 1), "interpolation time period value", "it sets the SYNC period of the drive"),
+    Need((Object.INTERPOLATION_PERIOD, 2), "interpolation time index", "it sets the SYNC period of the drive"),
 )
 _MAPPED: Final[Mapping[int, tuple[str, str]]] = {
-    Object.CONTROL_WORD: ("control word", "the drive is enabled and stopped by it"),
+    Object.CONTROL_WORD: ("control word", "it enables and stops the drive"),
     Object.STATUS_WORD: ("status word", "the state of the drive is watched in each cycle"),
-    Object.POSITION_ACTUAL: ("position actual value", "the position limits and the following error are watched by it"),
-    Object.TORQUE_ACTUAL: ("torque actual value", "the torque limit is watched by it"),
+    Object.POSITION_ACTUAL: ("position actual value", "the master watches position limits and following error with it"),
+    Object.TORQUE_ACTUAL: ("torque actual value", "the master watches the torque limit with it"),
     Object.TARGET_POSITION: ("target position", "it is the set-point of a drive-closed run"),
     Object.TARGET_TORQUE: ("target torque", "it is the set-point of a host-closed run"),
-    Object.TORQUE_OFFSET: ("torque offset", "torque is added there to the drive's own"),
+    Object.TORQUE_OFFSET: ("torque offset", "it adds a torque to the drive's own"),
     Object.INTERPOLATION_DATA: ("interpolation data", "it is the set-point of a drive-closed run in IP"),
 }
 
@@ -72,22 +75,22 @@ class MissingObjectsError(NodeError):
     """Drives lack objects that a run needs; nothing has been written.
 
     Args:
-        missing: The objects by axis: its number, its node-ID, and what it lacks.
+        missing: The objects by axis: its number, its node-ID, and the missing objects.
     """
 
     def __init__(self, missing: list[tuple[int, int, tuple[Need, ...]]]) -> None:
         self.missing = missing
         lines = [f"\n  axis {axis}, node {node}, has no {need}" for axis, node, needs in missing for need in needs]
-        super().__init__(missing[0][1], "the bench needs objects that are not there; nothing has been written:" + "".join(lines))
+        super().__init__(missing[0][1], "drives lack objects that the bench needs; nothing has been written:" + "".join(lines))
 
 
 class ProfileGapsError(NotPossibleError):
-    """Drive profiles lack what the bench needs; nothing has been written."""
+    """Drive profiles lack entries that the bench needs; nothing has been written."""
 
     def __init__(self, gaps: Iterable[str]) -> None:
         """Keep the gaps, a sentence each, as `profile_gaps` gives them."""
         self.gaps = tuple(gaps)
-        super().__init__("\n  ".join(("profiles lack what the bench needs; nothing has been written:", *self.gaps)))
+        super().__init__("\n  ".join(("drive profiles lack entries that the bench needs; nothing has been written:", *self.gaps)))
 
 
 def objects_needed(
@@ -98,7 +101,9 @@ def objects_needed(
     with_notch_state: bool = False,
     with_torque_offset: bool = False,
 ) -> Iterator[Need]:
-    """The objects that a run needs of a drive, beside those that its scaling is read from.
+    """Yield the objects that a run needs of a drive.
+
+    Except those for its scaling.
 
     Args:
         table: Table of the axis in the bench file.
@@ -115,10 +120,10 @@ def objects_needed(
             yield from _parameter(profile, name, f"control.{name} is written to it")
     yield from _CYCLE
     yield from _SUPERVISION
-    yield from _pdo("RPDO1", 0x1400, "set-points are sent by it")
-    yield from _pdo("TPDO1", 0x1800, "state, position and torque are sent by it")
+    yield from _pdo("RPDO1", 0x1400, "it carries the set-points")
+    yield from _pdo("TPDO1", 0x1800, "it carries state, position and torque")
     if with_notch_state and mapping.notch_state(profile):
-        yield from _pdo("TPDO2", 0x1801, "the state of the filter is sent by it")
+        yield from _pdo("TPDO2", 0x1801, "it carries the state of the filter")
     yield from encoder_objects(table, profile, with_notch_state=with_notch_state)
     mode = None if loop is None else mapping.mode_of(loop, profile)
     commands = () if mode is None else mapping.command(mode, with_torque_offset=with_torque_offset)
@@ -127,16 +132,22 @@ def objects_needed(
 
 
 def encoder_objects(table: AxisTable, profile: Profile, *, with_notch_state: bool) -> Iterator[Need]:
-    """The objects by which a drive sends its second encoder; none where the bench file has none of it."""
+    """Yield the objects for a drive's second encoder.
+
+    None if the bench file has no second encoder.
+    """
     for entry in mapping.load_position(table, profile):
         number = mapping.load_tpdo(profile, with_notch_state=with_notch_state)
-        yield from _pdo(f"TPDO{number}", 0x17FF + number, "the position of the second encoder is sent by it")
+        yield from _pdo(f"TPDO{number}", 0x17FF + number, "it carries the position of the second encoder")
         address = (entry.index, entry.subindex)
-        yield Need(address, "position of the second encoder", "load_encoder of the bench file is recorded by it")
+        yield Need(address, "position of the second encoder", "it is recorded for load_encoder of the bench file")
 
 
 def _parameter(profile: Profile, name: str | None, purpose: str) -> Iterator[Need]:
-    """The object of a parameter; nothing where the profile has none, which is said of the profile."""
+    """Yield the object of a parameter.
+
+    None if the profile lacks the parameter, which `profile_gaps` reports.
+    """
     parameter = None if name is None else profile.parameters.get(name)
     if name is not None and parameter is not None:
         yield Need(parameter.address, name, purpose)
@@ -149,7 +160,9 @@ def _pdo(name: str, communication: int, purpose: str) -> Iterator[Need]:
 
 
 def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: bool) -> list[str]:
-    """What a run needs and the drives' profiles, or the bench file, do not have, a sentence each.
+    """Return what profiles or bench file lack for a run.
+
+    A sentence each.
 
     Args:
         bench: The bench file.
@@ -164,12 +177,17 @@ def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: b
     for number, table in tables.items():
         found += profile_gaps(number, table, profiles[table.profile], loop, with_notch=in_drive)
         if loop == "host" and table.control == AS_FOUND:
-            found.append(f'axis {number}: control = "{AS_FOUND}", and the host closes the loop with the gains of the bench file')
+            found.append(
+                f'axis {number}: control = "{AS_FOUND}" leaves the gains to the drive; a host-closed loop needs them in the '
+                "bench file"
+            )
     return found
 
 
 def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
-    """What the drives of a run do less well than others, a sentence each: limits that they do not hold, modes with a loss.
+    """Return remarks on a run's drives: limits, modes with a loss.
+
+    Limits that a drive does not hold, and modes that are worse than CSP; a sentence each.
 
     Args:
         bench: The bench file.
@@ -191,7 +209,9 @@ def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
 def profile_gaps(
     number: int, table: AxisTable, profile: Profile, loop: LoopName | None = None, *, with_notch: bool = False
 ) -> list[str]:
-    """What a run needs and a profile does not have, a sentence each; empty where it has all.
+    """Return what a profile lacks for a run.
+
+    A sentence each; empty if it has everything.
 
     Args:
         number: Number of the axis.
@@ -228,5 +248,5 @@ def _gain_gaps(table: AxisTable, profile: Profile, loop: LoopName | None) -> Ite
         return  # the host has the gains, or they are not written
     lacking = [name for name in Control.model_fields if name not in profile.parameters]
     if lacking:
-        remedy = f'gains_are_set = true where the drive has these gains already, else control = "{AS_FOUND}"'
-        yield f"no {', '.join(lacking)}, to which the gains of control are written: {remedy}"
+        remedy = f'state gains_are_set = true if the drive has these gains already, else control = "{AS_FOUND}"'
+        yield f"no {', '.join(lacking)} for the gains of control; {remedy}"

@@ -1,4 +1,4 @@
-"""How a drive counts, by what others have asked and told it: the questions of `scale`, answered without asking."""
+"""Units of a drive from overheard frames, instead of questions to it."""
 
 from drive_profiles.standard.cia301 import DataType, decode
 from drive_profiles.standard.objects import OBJECTS
@@ -10,19 +10,19 @@ _USUAL_SIZE = 4
 
 
 class OverheardQuestions(Questions):
-    """Questions to a drive that are answered by what was heard of it.
+    """Answers about a drive from overheard frames.
 
-    The default of an EDS is no answer: it is how the drive was delivered, and not how it counts now. What a DCF states as the
-    parameter's value is one, and what was heard goes before it.
+    The default of an EDS is no answer: the drive may have other settings by now. The parameter value of a DCF is an answer,
+    unless a frame has another.
     """
 
     def __init__(self, node: Node) -> None:
-        """Begin with what was heard."""
+        """Begin with the overheard values."""
         self._told = node
         self.node, self.missing = node.number, []
 
     def number(self, need: Need, kind: DataType | None = None, *, is_optional: bool = False) -> int | None:
-        """The number as the master would have read it; None if nobody has said it.
+        """Return the number as the master would have read it, or None.
 
         Args:
             need: The object.

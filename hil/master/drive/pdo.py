@@ -1,4 +1,7 @@
-"""Configuration of a node's PDOs over SDO, in the order that CiA 301 prescribes, and its restoration."""
+"""Configuration of a node's PDOs over SDO, and its restoration.
+
+In the order that CiA 301 prescribes.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,10 @@ class PdoConfiguration:
     idle: tuple[int, ...] = ()
 
     def apply(self, network: Network, node: int) -> None:
-        """Write the records: invalid, count 0, entries, count, type, valid (CiA 301, 7.5.2.36 and 7.5.2.38)."""
+        """Write the records: invalid, count 0, entries, count, type, valid.
+
+        CiA 301, 7.5.2.36 and 7.5.2.38.
+        """
         mapping = self.communication + 0x200
         write = network.write
         write(node, self.communication, 1, U32, self.cob_id | CobIdBit.INVALID, "COB-ID of a PDO")
@@ -92,11 +98,17 @@ class PdoSet:
         self._before.append(read_pdo(self.network, self.node, communication))
 
     def rpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
-        """Map these objects to RPDO `number` (from 1), in force with SYNC; return its identifier."""
+        """Map objects to RPDO `number` (from 1); return its identifier.
+
+        It comes into force with SYNC.
+        """
         return self._set(0x1400 + number - 1, 0x100 + 0x100 * number + self.node, objects)
 
     def tpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
-        """Map these objects to TPDO `number` (from 1), sent with every SYNC; return its identifier."""
+        """Map objects to TPDO `number` (from 1); return its identifier.
+
+        It is sent with every SYNC.
+        """
         return self._set(0x1800 + number - 1, 0x080 + 0x100 * number + self.node, objects)
 
     def _set(self, communication: int, can_id: int, objects: tuple[MappedObject, ...]) -> int:

@@ -1,4 +1,4 @@
-"""How a drive counts: read from the objects that its profile names; what it has no object for, the bench file says."""
+"""Units of a drive, from its objects or from the bench file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Questions:
-    """Objects of a node, read one after the other; those that are not there are kept, so that all are known at the end.
+    """Objects of a node, read one after the other, and missing ones.
 
     Attributes:
         missing: Objects that were needed and are not there.
@@ -59,7 +59,7 @@ class Questions:
 
 
 class StatedScale(Protocol):
-    """What a bench file says of how a drive counts; None for what it leaves to the drive."""
+    """Units of a drive in a bench file; None for unstated ones."""
 
     @property
     def encoder_counts_per_rev(self) -> int | None:
@@ -78,12 +78,12 @@ class StatedScale(Protocol):
 
 
 def read_scaling(asked: Questions, number: int, table: StatedScale, profile: Profile) -> Scaling | None:
-    """Read how a drive counts.
+    """Read the units of a drive.
 
     Args:
-        asked: Questions to the drive; they keep what it lacks.
+        asked: Questions to the drive; they keep the missing objects.
         number: Number of the axis.
-        table: What the bench file says of it.
+        table: Units in the bench file.
         profile: Drive profile.
 
     Returns:
@@ -105,7 +105,7 @@ def read_scaling(asked: Questions, number: int, table: StatedScale, profile: Pro
 
 @dataclass(frozen=True)
 class NothingStated:
-    """How a drive counts, as a bench file has it that is not written yet."""
+    """Units of a drive in a bench file still to be written."""
 
     encoder_counts_per_rev: int | None = None
     rated_torque_nm: float | None = None
@@ -113,7 +113,9 @@ class NothingStated:
 
 
 def keys_to_state(asked: Questions, number: int, profile: Profile) -> tuple[str, ...]:
-    """Keys of the bench file that have to say how a drive counts, since the drive itself does not.
+    """Return the keys of units that the bench file has to state.
+
+    They are those that the drive itself does not have.
 
     Args:
         asked: Questions to the drive.
@@ -132,13 +134,15 @@ def keys_to_state(asked: Questions, number: int, profile: Profile) -> tuple[str,
 
 
 def _reports_a_current(profile: Profile) -> bool:
-    """True for a drive whose torque is known by a current of known steps alone."""
+    """True for a drive that reports a current in known steps only."""
     facts = profile.torque
     return facts is not None and facts.actual is None and facts.current_step_a is not None
 
 
 def check_load_encoder(asked: Questions, number: int, table: AxisTable, profile: Profile) -> None:
-    """Refuse a second encoder that has other steps than the bench file says; a drive need not say them (60E6h and 60EBh).
+    """Refuse a second encoder with other steps than the bench file's.
+
+    A drive need not have objects for them (60E6h and 60EBh).
 
     Args:
         asked: Questions to the drive.
@@ -170,7 +174,7 @@ def _counts_per_rev(asked: Questions, number: int, table: StatedScale, profile: 
     if facts is None or facts.increments is None:
         found = None if facts is None else facts.counts_per_rev
     else:
-        purpose = f"positions are scaled by it; {key} in the bench file says it instead"
+        purpose = f"positions are scaled by it; {key} of the bench file can replace it"
         increments = asked.number(
             Need(object_address(facts.increments), "encoder increments", purpose), is_optional=stated is not None
         )
@@ -196,7 +200,7 @@ def _rated_torque_nm(asked: Questions, number: int, table: StatedScale, profile:
         return None if constant is None else 1000.0 * facts.current_step_a * constant
     if facts is None or facts.rated_torque is None:
         return stated
-    purpose = f"torques are per mille of it; {key} in the bench file says it instead"
+    purpose = f"torques are per mille of it; {key} of the bench file can replace it"
     steps = asked.number(Need(object_address(facts.rated_torque), "motor rated torque", purpose), is_optional=stated is not None)
     if steps is None:
         return stated
@@ -207,7 +211,10 @@ def _rated_torque_nm(asked: Questions, number: int, table: StatedScale, profile:
 
 
 def _check_units(asked: Questions, number: int, profile: Profile) -> None:
-    """Refuse units in which the profile's scales do not hold; without the objects they are the default ones."""
+    """Refuse units for which the profile's scales are wrong.
+
+    Without the objects, the units are the default ones.
+    """
     for address in () if profile.encoder is None else profile.encoder.zero:
         need = Need(object_address(address), "", "positions are counted in increments while it is 0")
         value = asked.number(need, is_optional=True)
@@ -215,13 +222,16 @@ def _check_units(asked: Questions, number: int, profile: Profile) -> None:
             index, subindex = need.address
             raise NodeError(
                 asked.node,
-                f"axis {number} counts in units of its own: {index:04X}h:{subindex:02X}h is {value:X}h",
+                f"axis {number} has position units of its own: {index:04X}h:{subindex:02X}h is {value:X}h",
                 "write 0 to it",
             )
 
 
 def _feed(asked: Questions, profile: Profile) -> dict[str, int] | None:
-    """Gear ratio (6091h) and feed constant (6092h), where the profile says that positions are counted by them."""
+    """Read gear ratio (6091h) and feed constant (6092h).
+
+    Empty if the profile's positions do not depend on them.
+    """
     facts = profile.encoder
     if facts is None or facts.feed is None or facts.feed_shaft_revs is None:
         return {}

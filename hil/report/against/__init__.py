@@ -1,1 +1,4 @@
-"""Two results side by side, the new one beside the old: what may be compared, settings that differ, numbers, figures, page."""
+"""Two results side by side, the new one beside the old.
+
+The modules compare settings, numbers and figures, refuse results that cannot be compared, and write the page.
+"""

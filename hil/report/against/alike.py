@@ -1,4 +1,7 @@
-"""What may be compared: results of one kind on one robot, of the same motions; all else is refused, in words."""
+"""Comparability of two results, and their paired runs.
+
+Two results can be compared if they are of one kind, from one robot, and of the same motions; all others raise an error.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -24,7 +27,7 @@ Key = tuple[str, int | None, str, str, int | None]
 
 @dataclass(frozen=True)
 class RunPair:
-    """A window of a run, and the one of the old result that it is held against."""
+    """A window of a run, and its counterpart in the old result."""
 
     new: RunEntry
     old: RunEntry
@@ -70,13 +73,13 @@ def check_robot(new: MeasuredResult, old: MeasuredResult) -> None:
 
 
 def paired_runs(new: ExperimentsResult, old: ExperimentsResult) -> PairedRuns:
-    """Windows of the runs that can be held against each other.
+    """Windows of the runs that can be compared.
 
-    A window belongs to that of the same motion, axis, treatment, loop and order. Where a motion's window is left over once in
-    each result, the two are a pair as well: what differs between them is then treatment or loop.
+    A window is paired with that of the same motion, axis, treatment, loop and order. If a motion has one window without a pair in
+    each result, these two are a pair as well; treatment or loop then differs.
 
     Raises:
-        NotPossibleError: They have no motion in common, or one that both name is another in each.
+        NotPossibleError: They have no motion in common, or a common motion differs.
     """
     shared = _cases(new.runs) & _cases(old.runs)
     if not shared:
@@ -111,13 +114,13 @@ def _check_motion(experiment: str, new: Bench, old: Bench) -> None:
     if own == other:
         return
     if own is None or other is None:
-        raise _unlike(f"{name} stands in one bench file only")
+        raise _unlike(f"{name} is in one bench file only")
     differing = [f"{key} = {other[key]} became {own[key]}" for key in own if own[key] != other.get(key)]
-    raise _unlike(f"the motion is another: in {name} {'; '.join(differing)}")
+    raise _unlike(f"the motion differs: in {name} {'; '.join(differing)}")
 
 
 def _unlike(why: str) -> NotPossibleError:
-    return NotPossibleError(f"unlike things are not compared: {why}")
+    return NotPossibleError(f"the results are too different to compare: {why}")
 
 
 def _command(result: MeasuredResult) -> str:

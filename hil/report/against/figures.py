@@ -1,4 +1,7 @@
-"""Figures of two results in one diagram: the tip against time, its spectrum or orders, transmission errors, responses."""
+"""Figures with two results in one diagram.
+
+They show the tip over time, its spectrum or orders, transmission errors, and frequency responses.
+"""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,7 +35,9 @@ SIDES = (("old", style.AXIS_LINES[1], -0.08), ("new", style.AXIS_LINES[0], 0.08)
 
 
 def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Drawing | None:
-    """The tip of two runs against time, and below the orders of a ramp, else the spectrum; None without both recordings.
+    """Draw the tip of two runs over time, and its spectrum.
+
+    For a ramp, the lower panel shows orders instead of the spectrum. None without both recordings.
 
     Args:
         new: Material of the new result.
@@ -84,7 +89,10 @@ def _draw_orders(panel: Axes, drawn: list[DrawnRun], axis: int) -> str:
 
 
 def order_amplitudes(recording: Recording, axis: int) -> tuple[Real, Real] | None:
-    """Orders and the largest amplitude of each on a ramp, in m/s², both of shape (n,); None if the motor turns too little."""
+    """Return orders and their largest amplitudes on a ramp, in m/s².
+
+    Both of shape (n,); None if the motor turns too little.
+    """
     found = ramp_map(recording, axis)
     if found is None:
         return None
@@ -101,7 +109,10 @@ def _draw_spectra(panel: Axes, drawn: list[DrawnRun]) -> str:
 
 
 def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
-    """Amplitudes of the transmission error by order with their standard errors; None if one has not identified."""
+    """Draw the amplitudes of two transmission errors by order.
+
+    With their standard errors; None if one identification has no transmission error.
+    """
     if new.ate is None or old.ate is None:
         return None
     figure, panels = style.panels(1, 1, 2.8)
@@ -122,7 +133,10 @@ def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
 
 
 def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:
-    """Motor angle per torque of two identifications; None if one has no response."""
+    """Draw the motor angle per torque of two identifications.
+
+    None if one has no frequency response.
+    """
     if new.response is None or old.response is None:
         return None
     figure, panels = style.panels(2, 1, 4.6, sharex=True, height_ratios=(3, 2))

@@ -1,4 +1,7 @@
-"""Headline numbers of two results, the old beside the new, and whether their difference exceeds its standard error."""
+"""Headline numbers of two results side by side.
+
+Each has the difference, and whether it exceeds its standard error.
+"""
 
 import math
 from collections.abc import Iterator
@@ -60,12 +63,18 @@ class NumberPair:
 
     @property
     def is_beyond(self) -> bool | None:
-        """True if the difference exceeds `CERTAIN` standard errors of it; None if it has none."""
+        """True if the difference exceeds `CERTAIN` of its standard errors.
+
+        None if it has no standard error.
+        """
         return None if self.error is None or self.difference is None else abs(self.difference) > CERTAIN * self.error
 
 
 def run_numbers(pairs: tuple[RunPair, ...]) -> Iterator[NumberPair]:
-    """Numbers of runs in their windows; what stands for a whole run stands once, with its first window."""
+    """Yield the numbers of runs in their windows.
+
+    A number of a whole run appears once, with the first window of the run.
+    """
     seen = set()
     for pair in pairs:
         new, old, group = pair.new, pair.old, pair_name(pair)
@@ -98,7 +107,10 @@ def _lateness(run: RunEntry) -> tuple[float | None, float | None]:
 
 
 def model_numbers(new: Material, old: Material) -> Iterator[NumberPair]:
-    """f_al and the worst margins of the loop by the model, of axes whose loop both know."""
+    """Yield f_al and the worst margins of each loop in both results.
+
+    They come from the models; an axis without a loop in both results is left out.
+    """
     for axis in sorted(set(new.model_axes) & set(old.model_axes)):
         group = f"axis {axis}: its loop by the model, with the filters that acted"
         yield NumberPair(group, "f_al", "Hz", old.f_al_hz[axis], new.f_al_hz[axis])
@@ -111,7 +123,10 @@ MARGIN_NAMES = ("M_s, largest", "Gain margin, least", "Phase margin, least")
 
 
 def worst_margins(material: Material, axis: int) -> tuple[float, float, float]:
-    """Largest M_s, least gain margin in dB and least phase margin in degrees of an axis over all speeds, as it was run."""
+    """Return the worst margins of an axis over all speeds.
+
+    Largest M_s, least gain margin in dB, least phase margin in degrees; with the filters of the runs.
+    """
     found = list(material.margins(axis, material.acting(axis)).values())
     return (
         max(each.sensitivity_peak for each in found),
@@ -121,7 +136,10 @@ def worst_margins(material: Material, axis: int) -> tuple[float, float, float]:
 
 
 def error_numbers(new: AteResult, old: AteResult) -> Iterator[NumberPair]:
-    """Transmission error and arm of two identifications; none where one has not identified."""
+    """Yield the numbers of two transmission errors.
+
+    None if one identification has no transmission error.
+    """
     if new.ate is None or old.ate is None:
         return
     group = f"axis {new.axis}: transmission error"
@@ -136,7 +154,10 @@ def error_numbers(new: AteResult, old: AteResult) -> Iterator[NumberPair]:
 
 
 def _values(part: IdentifiedError) -> dict[str, float]:
-    """Amplitudes and phases by the names of the model file, order by order."""
+    """Return amplitudes and phases by their names in the model file.
+
+    Order by order.
+    """
     phases = part.values.phases_deg()
     return {
         name: value
@@ -146,7 +167,7 @@ def _values(part: IdentifiedError) -> dict[str, float]:
 
 
 def plant_numbers(new: PlantResult, old: PlantResult, names: tuple[tuple[str, str, str, float], ...]) -> Iterator[NumberPair]:
-    """Parameters of two plants; none where one has not identified.
+    """Parameters of two plants; none if one has no plant.
 
     Args:
         new: The new result.
@@ -162,7 +183,10 @@ def plant_numbers(new: PlantResult, old: PlantResult, names: tuple[tuple[str, st
 
 
 def numbers_table(pairs: list[NumberPair]) -> ReportTable:
-    """Table of the numbers, grouped by what they are of; numbers that neither result has are left out."""
+    """Tabulate pairs of numbers by group.
+
+    A number that neither result has is left out.
+    """
     rows: list[list[Cell]] = []
     groups: dict[int, str] = {}
     for pair in pairs:
@@ -202,7 +226,10 @@ def _told(pair: NumberPair) -> tuple[str, str]:
 
 
 def pair_name(pair: RunPair) -> str:
-    """Name of a window of two runs, and what was changed between them."""
+    """Return the name of a window of two runs.
+
+    In brackets it has the differences of treatment and loop.
+    """
     changed = [
         f"{before} → {after}"
         for before, after in (

@@ -1,4 +1,7 @@
-"""The page of two results side by side: one self-contained HTML file in the directory of the new one."""
+"""Page of two results side by side.
+
+One self-contained HTML file in the directory of the new result.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +38,14 @@ AGAINST_FILE = "against.html"
 
 @dataclass(frozen=True)
 class _Content:
-    """What two results of a kind have: numbers, figures, cards and sentences on what has no counterpart."""
+    """Numbers, figures and cards of two results, with notes.
+
+    Attributes:
+        numbers: Pairs of numbers.
+        drawings: Figures with both results.
+        cards: Cards of the page.
+        notes: Sentences on parts without a counterpart.
+    """
 
     numbers: list[NumberPair]
     drawings: list[Drawing]
@@ -44,7 +54,7 @@ class _Content:
 
 
 def write_against(directory: Path, old_directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `against.html` into the directory of the new result, and return its path.
+    """Write `against.html` into the new result's directory; return its path.
 
     Args:
         directory: Directory of the new result.
@@ -94,8 +104,7 @@ def _measured(directory: Path) -> MeasuredResult:
         return result
     command = result.kind.replace("-", " ")
     raise NotPossibleError(
-        f"{directory}: this is a result of hil {command}; those of hil run, identify ate and identify plant are held against "
-        "each other"
+        f"{directory}: this is a result of hil {command}; expected one of hil run, identify ate or identify plant"
     )
 
 
@@ -171,7 +180,7 @@ def _origin_notes(new: MeasuredResult, old: MeasuredResult) -> tuple[str, ...]:
 
 
 def verdict(numbers: Sequence[NumberPair], settings: Sequence[Setting]) -> PageVerdict:
-    """What differs, in a sentence, with the differences that exceed their standard errors."""
+    """Sum up the differences, with those that exceed their standard errors."""
     certain = [each for each in numbers if each.is_beyond]
     details = [
         f"{each.group}: {each.name} {number(each.old, '{:.4g}')} → {number(each.new, '{:.4g}')} {each.unit}".rstrip()

@@ -1,4 +1,7 @@
-"""What differs in the settings of two results: the bench file with gains, filters and model, what was asked, and the versions."""
+"""Differences between the settings of two results.
+
+Settings are the bench file with gains, filters and model, the request, and the versions.
+"""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -14,7 +17,7 @@ GROUPS = ("Control", "Model", "Bench file", "What was asked", "Bus and versions"
 
 
 class Setting(NamedTuple):
-    """A setting that differs: its group, its key, and both values as text."""
+    """A setting that differs: its group, its key, both values as text."""
 
     group: str
     key: str
@@ -23,7 +26,10 @@ class Setting(NamedTuple):
 
 
 def differing(new: MeasuredResult, old: MeasuredResult) -> list[Setting]:
-    """Settings that differ, by groups; what only one has is a dash in the other."""
+    """Return the settings that differ, by groups.
+
+    A setting of one result alone has a dash for the other.
+    """
     own, other = dict(_settings(new)), dict(_settings(old))
     found = [
         Setting(_group(key), key, _text(other.get(key)), _text(own.get(key)))
@@ -61,7 +67,10 @@ def _settings(result: MeasuredResult) -> Iterator[tuple[str, Any]]:
 
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Single values below a value, with their dotted keys; places in a list count from 1."""
+    """Yield the single values in a value, with their dotted keys.
+
+    Places in a list count from 1.
+    """
     if isinstance(value, dict):
         parts = [(str(key), each) for key, each in value.items()]
     elif isinstance(value, list | tuple) and any(isinstance(each, dict | list | tuple) for each in value):

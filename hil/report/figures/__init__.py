@@ -1,1 +1,4 @@
-"""Figures of the reports: each function returns a `hil.report.style.Drawing`, or None without data for it."""
+"""Figures of the reports.
+
+Each function returns a `hil.report.style.Drawing`, or None without data for it.
+"""

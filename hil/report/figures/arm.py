@@ -1,4 +1,4 @@
-"""Figure of an arm's masses: dips along the line as predicted, and those that were measured."""
+"""Figures of an arm's identified masses: predicted and measured dips."""
 
 import itertools
 
@@ -13,7 +13,10 @@ BAND_SIGMAS = 2.0
 
 
 def line_dips(result: ArmResult) -> Drawing | None:
-    """Predicted dips along the line with their standard errors, and by the bench file's bodies."""
+    """Draw the predicted dips along the line with their standard errors.
+
+    With the dips by the bench file's bodies, if it has any.
+    """
     if not result.line:
         return None
     figure, ((panel,),) = style.panels(1, 1, 3.6)

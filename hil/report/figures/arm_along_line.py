@@ -1,4 +1,4 @@
-"""The arm as a line drawing along its line, and the tip's error about that line, magnified."""
+"""Figure of an arm along its line, and the tip's error, magnified."""
 
 import math
 
@@ -41,7 +41,9 @@ VIEWS_IN, MARGIN_IN, LOOPS_IN = 3.3, 0.55, 7.9
 
 
 def arm_along_line(material: Material, key: str = "arm-line") -> Drawing | None:
-    """The arm in three views along the recorded line, and below the tip's error magnified; None without an arm's line.
+    """Draw the arm along the recorded line, and the tip's error.
+
+    Three views of the arm, and below them the magnified error. None without an arm's line.
 
     Args:
         material: Result and recordings.
@@ -71,7 +73,7 @@ def _way_m(moved: MovedArm) -> float:
 
 
 def _draw_views(panels: dict[str, Axes], kinematics: Kinematics, angles_rad: Real, tip_m: Real) -> None:
-    """Draw the arm at some postures along the motion from three directions, and the tip's path."""
+    """Draw the arm in three views, at some postures, with tip path."""
     rows = np.linspace(0, len(angles_rad) - 1, len(POSTURES)).astype(int)
     skeletons = kinematics.skeleton(angles_rad[rows])
     for name, view in VIEWS.items():
@@ -93,7 +95,10 @@ def _draw_views(panels: dict[str, Axes], kinematics: Kinematics, angles_rad: Rea
 
 
 class _Loops:
-    """The tip's error about its path: stretch after stretch of the judged time, each around its own point of the path."""
+    """Loops of the tip's error about its path, magnified.
+
+    The judged time is split into stretches; each is drawn around its own point of the path.
+    """
 
     def __init__(self, arms: list[MovedArm], limit_mm: float) -> None:
         self.arms, self.limit_mm = arms, limit_mm
@@ -120,7 +125,10 @@ class _Loops:
         return LOOPS_IN * 2.2 * self.reach_mm * self.magnification / self.length_mm + MARGIN_IN
 
     def draw(self, panels: dict[str, Axes]) -> None:
-        """Draw the loops in both directions across the path, and around each the specification."""
+        """Draw the loops in both directions across the path.
+
+        A ring around each shows the specification.
+        """
         turn = np.linspace(0.0, 2.0 * math.pi, 73)
         for name, words, across in zip(ACROSS, self.names, self.across, strict=True):
             panel, rings = panels[name], list[tuple[Real, Real]]()
@@ -139,7 +147,10 @@ class _Loops:
             panel.set(xlabel="Along the line (mm)" if name == ACROSS[-1] else "", ylabel=words)
 
     def _errors(self, moved: MovedArm, across: Real) -> tuple[Real, Real, Real]:
-        """Position along the path, and the error along it and across, in the judged rows, in mm."""
+        """Return position along the path, and error along and across it.
+
+        In the judged rows, in mm.
+        """
         inside = moved.moved_mm[moved.judged]
         begin = moved.tip_m[0]
         return 1e3 * ((moved.tip_m[moved.judged] - begin) @ self.along), inside @ self.along, inside @ across

@@ -1,4 +1,7 @@
-"""An arm at its resonances: the ellipse that the tip was seen to draw, and the modes where they can be computed."""
+"""Figure of an arm at its resonances: tip ellipses, and modes.
+
+The ellipses are measured; the modes are computed if masses and stiffness are known.
+"""
 
 import math
 from dataclasses import dataclass
@@ -32,7 +35,9 @@ SHOWN_HZ = 1.2
 
 
 def arm_swinging(material: Material, key: str = "arm-resonances") -> Drawing | None:
-    """The tip's swing at each resonance of an arm's line, on the arm; None without an arm's line.
+    """Draw the tip's swing at each resonance of an arm's line.
+
+    None without an arm's line.
 
     Args:
         material: Result and recordings.
@@ -86,7 +91,9 @@ class KnownModes:
 
 
 def known_modes(bench: Bench, known: IdentifiedArm | None, angles_rad: Real, moving: tuple[int, ...]) -> KnownModes | None:
-    """Modes of the bench's arm in a posture, by the links' bodies where it has them, else by masses that were identified.
+    """Return the modes of the bench's arm in a posture, if known.
+
+    They come from the bodies of the links, or without those from identified masses.
 
     Args:
         bench: The bench file.
@@ -113,7 +120,7 @@ def known_modes(bench: Bench, known: IdentifiedArm | None, angles_rad: Real, mov
 
 
 def _stiffness_nm_rad(table: AxisTable) -> float | None:
-    """Stiffness of a gear at the joint; None if it is not known."""
+    """Return the stiffness of a gear at the joint, None if unknown."""
     if table.gear_stiffness_nm_rad is not None or table.model is None:
         return table.gear_stiffness_nm_rad
     return table.model.gear_stiffness_nm_rad
@@ -131,7 +138,10 @@ def _draw_spectrum(panel: Axes, arms: list[MovedArm], found: list[float], band_h
 
 
 class _Stage:
-    """Panels in which the arm is drawn at one scale, each from where most can be seen."""
+    """Panels with the arm in views of one scale.
+
+    Each view is the one in which the swing is most visible.
+    """
 
     def __init__(self, kinematics: Kinematics, arms: list[MovedArm], magnification: float) -> None:
         self._kinematics, self._arms, self._magnification = kinematics, arms, magnification
@@ -139,7 +149,10 @@ class _Stage:
         self._points_m: list[Real] = []
 
     def draw_swing(self, panel: Axes, swings: list[Swing]) -> None:
-        """Draw the arm where it swung most at a frequency, and there the ellipse of its tip in each run; nothing for no swing."""
+        """Draw the arm and the ellipse of its tip at a resonance.
+
+        The posture is that of the largest swing; each run has an ellipse. An empty panel without swings.
+        """
         if not swings:
             panel.set_axis_off()
             return
@@ -152,7 +165,10 @@ class _Stage:
         panel.set_title(f"{swings[0].frequency_hz:.1f} Hz: {lengths} mm")
 
     def draw_mode(self, panel: Axes, angles_rad: Real, modes: list[ModeShape]) -> None:
-        """Draw a mode: the arm, and deflected by it to either side; nothing for none."""
+        """Draw the arm, and its deflection by a mode to either side.
+
+        An empty panel without modes.
+        """
         if not modes:
             panel.set_axis_off()
             return

@@ -1,4 +1,7 @@
-"""Figures and tables of an identification of the transmission error: the paper's Figs. 5, 7, 8 and Table 2."""
+"""Figures and tables of an identified transmission error.
+
+They correspond to the paper's Figs. 5, 7, 8 and Table 2.
+"""
 
 import math
 from dataclasses import dataclass
@@ -53,7 +56,7 @@ class DrawnPass:
 
 
 class AteMaterial:
-    """Material of the page: result.json of an identification, and its passes in the fit's band."""
+    """Material of the page: result.json and passes in the fit's band."""
 
     def __init__(self, directory: Path) -> None:
         """Read result.json.
@@ -73,7 +76,7 @@ class AteMaterial:
 
     @property
     def word(self) -> str:
-        """Word for what came from the robot: `measured`, or `emulated`."""
+        """Word for data of the robot: `measured`, or `emulated`."""
         return origin_of(self.result).word
 
     @property
@@ -93,7 +96,7 @@ class AteMaterial:
 
     @cached_property
     def passes(self) -> list[DrawnPass]:
-        """Passes as they are drawn; empty where nothing was identified."""
+        """Passes as they are drawn; empty without an identified error."""
         part, fit = self.part, self.result.fit
         if part is None or fit is None or part.arm_hz is None or part.damping is None:
             return []
@@ -103,7 +106,10 @@ class AteMaterial:
 
     @property
     def furthest(self) -> int:
-        """Index of the pass that is drawn: the first of those to the highest speed, which shows the most resonances."""
+        """Index of the pass to draw.
+
+        It is the first pass to the highest speed, which shows the most resonances.
+        """
         ends = [each.end_rps or 0.0 for each in self.result.passes]
         return ends.index(max(ends))
 
@@ -143,7 +149,10 @@ def shown_orders(part: IdentifiedError) -> list[float]:
 
 
 def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False) -> Drawing | None:
-    """θ_sync over two motor revolutions with its confidence, and for the paper's robot that of its Table 2; Fig. 5."""
+    """Draw θ_sync over two motor revolutions with its confidence; Fig. 5.
+
+    For the paper's robot also θ_sync of its Table 2.
+    """
     if part is None:
         return None
     error, key = error_of(part), f"waveform-axis{axis}"
@@ -226,7 +235,10 @@ def against_speed(material: AteMaterial) -> Drawing | None:
 
 
 def windows(material: AteMaterial, direction: int) -> Drawing | None:
-    """Speed, signal and spectrum around f_m2 and f_m4 in one direction, measured and modelled; Figs. 7 and 8."""
+    """Draw speed, signal and spectrum around f_m2 and f_m4; Figs. 7, 8.
+
+    Measured and modelled, in one direction.
+    """
     part = material.part
     if not material.passes or part is None or part.arm_hz is None:
         return None
@@ -274,7 +286,9 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
 def errors(
     axis: int, part: IdentifiedError | None, *, is_sensorless: bool = False, is_paper: bool = False
 ) -> ReportTable | None:  # fmt: skip
-    """Table of the transmission error with its standard errors; for the paper's robot beside the paper's Table 2.
+    """Tabulate a transmission error with its standard errors.
+
+    For the paper's robot beside the paper's Table 2.
 
     Args:
         axis: Axis number.
@@ -348,7 +362,10 @@ def arm(material: AteMaterial) -> ReportTable | None:
 
 
 def arm_twice(material: AteMaterial) -> ReportTable | None:
-    """Table of the arm as it was known before beside what the ramps made of it; None if nothing was known."""
+    """Tabulate the arm as known before, beside the arm from the ramps.
+
+    None without earlier knowledge.
+    """
     part, known = material.part, material.result.known_before
     if part is None or known.start is None or part.arm_hz is None or part.damping is None:
         return None

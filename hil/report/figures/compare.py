@@ -1,4 +1,4 @@
-"""Figures of a comparison: the tip's vibration with every treatment, and the peaks side by side."""
+"""Figures of a comparison: vibration with every treatment, and peaks."""
 
 import math
 from dataclasses import replace
@@ -41,7 +41,7 @@ BEHIND: style.Line = {"color": style.ORANGE, "linestyle": "-", "linewidth": 0.9,
 
 
 def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
-    """Figure of the band-passed tip acceleration of all treatments of one experiment, with the limit.
+    """Draw the band-passed tip acceleration of all treatments, with the limit.
 
     Args:
         robot: Robot of the comparison.
@@ -86,7 +86,9 @@ def _without_f_al(material: Material) -> str:
 
 
 def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> list[Drawing]:
-    """Order maps of a ramp with each treatment, some in each figure; none for other motions.
+    """Draw order maps of a ramp with each treatment.
+
+    Each figure has several maps; an empty list for other motions.
 
     Args:
         robot: Robot of the comparison.
@@ -112,7 +114,9 @@ def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: in
 
 
 def directions(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
-    """The tip along x, y and z with the first treatments, on a bench with an arm; None without a vector.
+    """Draw the tip along x, y and z with the first treatments.
+
+    On a bench with an arm; None without a vector.
 
     Args:
         robot: Robot of the comparison.
@@ -132,7 +136,9 @@ def directions(robot: ComparisonRobot, material: Material, experiment: str, axis
 
 
 def arm(robot: ComparisonRobot, material: Material, experiment: str, *, several: bool) -> list[Drawing]:
-    """The arm along its line and at its resonances, with nothing acting and with what leaves least; none of other motions.
+    """Draw the arm along its line and at its resonances.
+
+    Without treatment and with the best one; an empty list for other motions.
 
     Args:
         robot: Robot of the comparison.
@@ -163,7 +169,10 @@ def _label(row: ComparisonRow) -> str:
 
 
 def _shade(material: Material, panel: Axes, axis: int | None, recording: Recording) -> None:
-    """Shade the judged window, and show the time from before the fourth harmonic's window to behind the second's."""
+    """Shade the judged window, and limit the panel's time.
+
+    The time begins before the window of the fourth harmonic and ends behind that of the second.
+    """
     time = recording.time_s
     if axis is None:
         shade_line(material, panel, recording)
@@ -202,7 +211,10 @@ def _overlay(
 
 
 def _envelope(run: DrawnRun, band_hz: tuple[float, float]) -> Real:
-    """Amplitude of the band-passed vibration at every instant, m/s², shape (n,): the size of its analytic signal."""
+    """Return the amplitude of the band-passed vibration in m/s²; shape (n,).
+
+    It is the magnitude of the analytic signal.
+    """
     return np.abs(scipy.signal.hilbert(band_passed(shown_acceleration(run), run.recording.period_s, band_hz)))
 
 
@@ -237,14 +249,20 @@ def _multiples(
 
 
 def _millimetres(panel: Axes, f_al: float, name: str = "mm") -> None:
-    """Draw the scale of displacement on the right, with a name that fits the panel's height."""
+    """Draw the scale of displacement on the right.
+
+    Its name should fit the panel's height.
+    """
     scale = 1e3 / (2.0 * math.pi * f_al) ** 2
     right = panel.secondary_yaxis("right", functions=(lambda a: np.asarray(a) * scale, lambda d: np.asarray(d) / scale))
     right.set_ylabel(name)
 
 
 def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
-    """Figure of the tip's peak with every treatment, one experiment beside the other, with the specification."""
+    """Draw the tip's peak with every treatment, and the specification.
+
+    The experiments are side by side.
+    """
     columns = [case for case in cases(result) if any(_is_judged(row, case) for row in robot.rows)]
     names = list(dict.fromkeys(treatment_words(row) for row in robot.rows if row.tip_peak_mm is not None))
     if not columns or len(names) < 2:
@@ -289,7 +307,10 @@ LABEL_FRACTION = 0.022
 
 
 def _side(peak: float, limit: float, half: float) -> tuple[str, float]:
-    """Alignment and shift in points of a label that covers neither the axis nor the limit."""
+    """Return alignment and shift in points of a label.
+
+    The label then covers neither the axis nor the limit.
+    """
     if peak < half:
         return "left", 0.0
     if abs(peak - limit) >= half:

@@ -1,4 +1,7 @@
-"""Figures of a designed notch: the paper's Figs. 11 and 12 for it, its margins over the speed, and the tip on the ramp."""
+"""Figures of a designed notch, its margins, and the tip on ramps.
+
+They correspond to the paper's Figs. 11 and 12.
+"""
 
 import math
 from collections.abc import Sequence
@@ -30,7 +33,10 @@ GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "
 
 
 def verdicts(outcome: NotchDesignOutcome) -> list[tuple[str, NotchVerdict, style.Line]]:
-    """Verdicts to draw, with name and line style; a bare loop is not drawn twice."""
+    """Return the verdicts to draw, with name and line style.
+
+    A designed set without filters is left out: it is the loop without filter again.
+    """
     drawn: list[tuple[str, NotchVerdict, style.Line]] = [("no filter", outcome.none, style.WITHOUT)]
     if outcome.given is not None:
         drawn.append(("given filter", outcome.given, GIVEN))
@@ -40,7 +46,10 @@ def verdicts(outcome: NotchDesignOutcome) -> list[tuple[str, NotchVerdict, style
 
 
 def families(outcome: NotchDesignOutcome) -> Drawing | None:
-    """|F_n| and |G_al| for speeds from f_s to f_e, and |G_al| on the line, per filter; Figs. 9 and 11."""
+    """Draw |F_n| and |G_al| from f_s to f_e; Figs. 9 and 11.
+
+    And |G_al| on the line ω = 2π k f_m, for each filter.
+    """
     best = outcome.best
     own = [notch for notch in best.notches if notch.order in outcome.request.orders]
     if not own:
@@ -99,7 +108,7 @@ def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
 
 
 def _shown_hz(outcome: NotchDesignOutcome) -> tuple[float, float]:
-    """Band of the figures: the resonance with what filters do beside it."""
+    """Band of the figures: the resonance and the filters' frequencies around it."""
     return SHOWN_FREQUENCIES[0] * outcome.f_al_hz, SHOWN_FREQUENCIES[1] * outcome.f_al_hz
 
 
@@ -111,7 +120,10 @@ def _bound(outcome: NotchDesignOutcome, order: int, frequency: Real) -> Real:
 
 
 def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
-    """The open loop for speeds from f_s to f_e, whole and near −1, with the circle of the M_s that is allowed; Fig. 12."""
+    """Draw the open loop from f_s to f_e; Fig. 12.
+
+    Whole and near −1, with the circle of the allowed M_s.
+    """
     best = outcome.best
     if not best.notches:
         return None
@@ -165,7 +177,7 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
 
 
 def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
-    """M_s, gain margin and phase margin over the motor speed, with the requirements."""
+    """Draw M_s, gain and phase margin over motor speed, with requirements."""
     figure, panels = style.panels(1, 3, 2.6, sharex=True)
     requirements = outcome.problem.requirements
     for name, verdict, look in verdicts(outcome):
@@ -195,7 +207,10 @@ def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
 
 
 def ramps(outcome: NotchDesignOutcome) -> Drawing:
-    """The tip on the ramp over the motor speed, rising and falling, as the simulation predicts it."""
+    """Draw the simulated tip on the ramp over the motor speed.
+
+    Rising and falling.
+    """
     figure, panels = style.panels(1, 2, 3.0, sharey=True)
     problem, limit = outcome.problem, outcome.problem.requirements.tip_mm
     scale = scale_at(outcome.bench, outcome.request.axis, outcome.f_al_hz)

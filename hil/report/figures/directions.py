@@ -1,4 +1,7 @@
-"""The tip as a vector: its displacement along x, y and z over the time, on a bench with an arm."""
+"""Figure of the tip's displacement along x, y and z.
+
+On a bench with an arm.
+"""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +17,9 @@ SHOWN: tuple[Direction, ...] = ("x", "y", "z")
 
 
 def directions(material: Material, experiment: str, axis: int | None) -> Drawing | None:
-    """Displacement of the tip along x, y and z, without and with what acted; None if runs have no vector.
+    """Draw the displacement of the tip along x, y and z.
+
+    Without and with treatments; None if no run has a vector.
 
     Args:
         material: Result and recordings.
@@ -28,7 +33,9 @@ def directions(material: Material, experiment: str, axis: int | None) -> Drawing
 
 
 def directions_of(material: Material, drawn: list[DrawnRun], axis: int | None, key: str, title: str) -> Drawing | None:
-    """Displacement of the tip along x, y and z in some runs of one motion; None if none has a vector.
+    """Draw the tip along x, y and z in given runs.
+
+    The runs are of one motion; None if none has a vector.
 
     Args:
         material: Result and recordings.

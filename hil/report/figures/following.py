@@ -1,4 +1,4 @@
-"""Figure of a cancellation that follows: amplitude and phase of each order over the motion."""
+"""Figure of a cancellation that follows: amplitudes and phases over the motion."""
 
 import itertools
 
@@ -8,7 +8,10 @@ from hil.report.style import Drawing
 
 
 def following(material: Material) -> Drawing | None:
-    """Factor of the amplitude and turn of the phase of each order over the motion; None if nothing followed."""
+    """Draw amplitude factor and phase shift of each order over the motion.
+
+    None if no run had a cancellation that follows.
+    """
     runs = {run.recording: run for run in material.result.runs if run.following is not None and run.following.orders}
     if not runs:
         return None

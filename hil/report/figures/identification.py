@@ -1,4 +1,4 @@
-"""Figures from which the transmission error is identified: the paper's Figs. 7 and 8."""
+"""Figures of the identification of the transmission error; Figs. 7 and 8."""
 
 import numpy as np
 
@@ -12,7 +12,10 @@ from hil.report.style import Drawing, Real
 
 
 def identification(material: Material, axis: int) -> Drawing | None:
-    """Speed, tip acceleration and its spectrum in both windows, measured and modelled; Figs. 7 and 8."""
+    """Draw speed, tip acceleration and spectrum in both windows; Figs. 7, 8.
+
+    Measured and modelled.
+    """
     run = material.find(CONSTANT_ACCELERATION, axis, "none", "drive") or material.find(
         CONSTANT_ACCELERATION, axis, "none", "host"
     )

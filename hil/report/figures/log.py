@@ -6,7 +6,7 @@ from hil.report.style import Drawing
 
 
 def finding_picture(finding: Finding, number: int) -> Drawing | None:
-    """The numbers that a finding was seen by; None if there is nothing to draw.
+    """Draw the numbers behind a finding; None without any.
 
     Args:
         finding: The finding.

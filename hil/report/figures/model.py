@@ -1,4 +1,4 @@
-"""Figures of the axes as they are believed to be: the paper's Figs. 4, 5 and 6."""
+"""Figures of the axes by their models; Figs. 4, 5 and 6."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -51,7 +51,10 @@ def plants(material: Material) -> Drawing | None:
 
 
 def transmission_errors(material: Material) -> Drawing | None:
-    """θ_sync over two motor revolutions, identified and from the bench file; Fig. 5."""
+    """Draw identified θ_sync and that of the bench file; Fig. 5.
+
+    Over two motor revolutions.
+    """
     axes = material.model_axes
     if not axes:
         return None
@@ -100,7 +103,10 @@ def transmission_errors(material: Material) -> Drawing | None:
 def _difference(
     panel: Axes, estimate: TransmissionErrorEstimate, table: TransmissionError, turns: style.Real, source: str
 ) -> None:
-    """Draw the identified error less that of a file, with two standard errors around nothing."""
+    """Draw the identified error less that of a file.
+
+    With a band of two standard errors around zero.
+    """
     variance = np.zeros_like(turns)
     for order, amplitude in estimate.error.amplitude_arcsec.items():
         phase = 2.0 * np.pi * order * turns + np.radians(estimate.error.phase_deg[order])

@@ -1,4 +1,7 @@
-"""Figures of the variable notch and its loop: the paper's Figs. 10, 11 and 12, and the margins at all speeds."""
+"""Figures of the variable notch, its loop, and margins over speed.
+
+They correspond to the paper's Figs. 10, 11 and 12.
+"""
 
 import math
 from collections.abc import Iterator
@@ -33,7 +36,10 @@ def notch_axes(material: Material, filters: FilterSet) -> tuple[int, ...]:
 
 
 def _of(filters: FilterSet) -> str:
-    """End of a title: which filters, where it is not the bench file's notch alone."""
+    """Return the end of a title that names the filters.
+
+    Empty for the bench file's notch alone.
+    """
     return "" if filters.treatments == ("notch",) else f": {' and '.join(map(treatment_name, filters.treatments))}"
 
 
@@ -51,7 +57,9 @@ def _frequency_range(filters: FilterSet) -> tuple[float, float]:
 
 
 def schedules(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | None:
-    """ζ_rd and the filter's frequencies over the motor speed, with what the drive reported; Fig. 10.
+    """Draw ζ_rd and filter frequencies over motor speed; Fig. 10.
+
+    With the frequencies that the drive reported.
 
     Args:
         material: Result, bench and recordings.
@@ -124,7 +132,10 @@ def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, shown: 
 
 
 def _reported(material: Material, filters: FilterSet, number: int, panel: Axes) -> int:
-    """Draw the filter's frequency as reported by the drive; return 1 if there was any, else 0."""
+    """Draw the filter frequency that the drive reported.
+
+    Return 1 if there was any, else 0.
+    """
     runs = (material.find(CONSTANT_ACCELERATION, number, name) for name in filters.treatments)
     run = next((run for run in runs if run is not None), None)
     recording = material.recording(run)
@@ -142,7 +153,9 @@ def _reported(material: Material, filters: FilterSet, number: int, panel: Axes) 
 
 
 def families(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | None:
-    """|F_n| and |G_al| for speeds from f_s to f_e, and |G_al| on the line ω = 2π k f_m against (5); Fig. 11.
+    """Draw |F_n| and |G_al| from f_s to f_e; Fig. 11.
+
+    And |G_al| on the line ω = 2π k f_m, with constraint (5).
 
     Args:
         material: Result and bench.
@@ -199,7 +212,9 @@ def families(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | 
 
 
 def mark_own_harmonic(panel: Axes, frequency_hz: float, gain_db: float, colour: Any) -> None:
-    """Draw a dot, above all curves, where a curve is at the harmonic of its own speed.
+    """Draw a dot on a curve at the harmonic of its speed.
+
+    The dot is above all curves.
 
     Args:
         panel: Panel of the curves.
@@ -226,7 +241,10 @@ def _on_the_line(panel: Axes, loop: Loop, notch: Notch, bound: Any) -> None:
 
 
 def _bound(material: Material, number: int, order: int) -> Any:
-    """Constraint (5) in dB as a function of the frequency, or None if no amplitude is known."""
+    """Return constraint (5) in dB as a function of frequency.
+
+    None if the amplitude is not known.
+    """
     amplitude = material.amplitude_arcsec(number, order) * ARCSEC
     if amplitude <= 0.0:
         return None
@@ -235,7 +253,9 @@ def _bound(material: Material, number: int, order: int) -> Any:
 
 
 def nyquist(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | None:
-    """The open loop for speeds from f_s to f_e, whole and near −1; Fig. 12.
+    """Draw the open loop from f_s to f_e; Fig. 12.
+
+    Whole and near −1.
 
     Args:
         material: Result and bench.
@@ -313,14 +333,20 @@ WORST: style.Line = {"color": style.VERMILLION, "linestyle": "-", "linewidth": 1
 
 
 def draw_worst(panel: Axes, response: Any, name: str) -> None:
-    """Draw the open loop, of shape (n,), of the speed at which it comes closest to −1, with a dot there."""
+    """Draw the open loop of the worst speed, with a dot.
+
+    The worst speed is that of the shortest distance to −1, which the dot marks. The response has the shape (n,).
+    """
     closest = response[int(np.argmin(np.abs(1.0 + response)))]
     panel.plot(response.real, response.imag, label=name, **WORST)
     panel.plot([closest.real], [closest.imag], "o", color=style.VERMILLION, markersize=4.5, zorder=5)
 
 
 def _open_loop(loop: Loop, speed_rps: float, grid: Real, order: int, range_hz: tuple[float, float]) -> Any:
-    """L(jω) at a frozen speed, finely around the harmonic of that speed and where the filters act."""
+    """Return L(jω) at a frozen speed, on a grid that suits it.
+
+    The grid is fine around the harmonic of that speed and in the band of the filters.
+    """
     here = order * speed_rps
     around = np.linspace(0.85 * here, 1.15 * here, 201)
     return loop.open_loop(

@@ -1,4 +1,4 @@
-"""Figure of the order map: which order of the motor's turning shakes the tip, and at which speed."""
+"""Figure of the order map: vibration over motor speed and order."""
 
 import math
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ class MarkedResonance:
 def order_maps(
     key: str, title: str, runs: Sequence[tuple[str, Recording]], axis: int, resonance: MarkedResonance
 ) -> Drawing | None:
-    """Figure of the tip's vibration over motor speed and order, a panel for each run, all in one scale of colours.
+    """Draw order maps of runs in one colour scale.
 
     Args:
         key: Anchor of the figure.
@@ -108,7 +108,9 @@ def order_maps(
 
 
 def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
-    """Order map of the tip while the motor speeds up; None if it turns too little.
+    """Return the order map of the tip on the ramp.
+
+    None if the motor turns too little.
 
     Args:
         recording: Recording of a constant-acceleration run.
@@ -124,7 +126,9 @@ def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
 
 
 def _longest_rise(speed_rps: Real) -> tuple[int, int]:
-    """Rows, from and up to, of the longest rise of the speed from rest: the ramp, and no quick way to where it begins.
+    """Return first and last row of the longest rise from rest.
+
+    The last row is exclusive. The longest rise is the ramp, not the fast motion to its starting point.
 
     Args:
         speed_rps: |f_m|; shape (n,).
@@ -157,7 +161,10 @@ def _draw(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance
 
 
 def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance) -> None:
-    """The same map over frequency k f_m: the resonance is level, an order a ray."""
+    """Draw the map over frequency k f_m.
+
+    In it the resonance is a horizontal line, and an order is a ray.
+    """
     speeds, orders = np.meshgrid(found.speed_rps, found.orders, indexing="ij")
     amplitude = np.ma.masked_invalid(found.amplitude)
     panel.contourf(speeds, orders * speeds, amplitude, levels=levels, colors=_colours())
@@ -187,7 +194,10 @@ def _printed(resonance: MarkedResonance) -> str:
 
 
 def _hyperbola(panel: Axes, speeds: Real, frequency_hz: float, name: str, look: style.Line) -> None:
-    """Line k f_m = f, with its name at its left end, above it: it falls."""
+    """Draw the line k f_m = f with its name.
+
+    The name is above the left end, as the line falls.
+    """
     orders = frequency_hz / speeds
     inside = np.flatnonzero((orders >= ORDERS[0]) & (orders <= ORDERS[-1]))
     if len(inside) < 2:

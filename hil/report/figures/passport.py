@@ -1,4 +1,7 @@
-"""Figure of a passport: an order's amplitude and phase over the dates of its runs, with their standard errors and the alarm."""
+"""Figure of a passport: an order's amplitude and phase over dates.
+
+With their standard errors and the alarm.
+"""
 
 import datetime
 from typing import Any
@@ -58,7 +61,10 @@ def _draw(panel: Axes, trend: Trend) -> None:
 
 
 def _draw_limits(panel: Axes, trend: Trend, dates: Any) -> None:
-    """Limits of a jump at each watched run, as steps; those far off the values leave the figure."""
+    """Draw the limits of a jump at each watched run, as steps.
+
+    The figure does not show limits that are far from the values.
+    """
     low, high = trend.watch.low, trend.watch.high
     values, errors = trend.values, trend.errors
     bottom, top = float(np.min(values - errors)), float(np.max(values + errors))

@@ -1,4 +1,7 @@
-"""Figures and tables of an identified plant: frequency responses with their confidence, friction and gravity."""
+"""Figures and tables of an identified plant.
+
+Frequency responses with their confidence, friction and gravity.
+"""
 
 import math
 from typing import Any
@@ -42,7 +45,10 @@ WHOLE_PERCENT = 10.0
 
 
 def _percent(relative: float) -> str:
-    """A standard error in percent of its value; one that is larger than the value says no more than that."""
+    """Return a standard error in per cent of its value.
+
+    An error much larger than the value reads `> …`.
+    """
     if relative > MOST_PERCENT:
         return f"> {MOST_PERCENT:g} %"
     return f"{relative:.0f} %" if relative >= WHOLE_PERCENT else f"{relative:.2g} %"
@@ -96,7 +102,10 @@ def checks(result: PlantResult) -> ReportTable | None:
 
 
 def frequency_response(result: PlantResult) -> Drawing | None:
-    """Figure of the motor angle per torque: gain, phase, coherence, fit and confidence."""
+    """Draw the motor angle per torque, with fit and confidence.
+
+    Gain, phase and coherence.
+    """
     measured, plant, parameters = result.response, result.plant, result.parameters
     if measured is None or plant is None or parameters is None:
         return None
@@ -182,7 +191,7 @@ def _coherence(panel: Any, frequency: Real, measured: FrequencyResponseEntry) ->
 
 
 def friction(result: PlantResult) -> Drawing | None:
-    """Figure of the slow turns: torque over the arm angle, and friction over the speed."""
+    """Draw the friction measurement: torque over arm angle, friction over speed."""
     curve, parameters = result.friction, result.parameters
     if curve is None or parameters is None:
         return None

@@ -1,4 +1,7 @@
-"""Figures and tables of a transmission error from recordings: order spectrum, map over the speed, fit, and change."""
+"""Figures and tables of a transmission error from recordings.
+
+Order spectrum, map over the speed, fit, and change from part to part.
+"""
 
 import math
 from functools import cached_property
@@ -116,7 +119,10 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
 
 
 def speed_map(material: RecordedMaterial) -> Drawing | None:
-    """Figure of amplitude over speed and order; None if the speed hardly changes."""
+    """Draw the amplitude over speed and order.
+
+    None if the speed hardly changes.
+    """
     table = material.map
     speeds = np.unique(table["speed_rps"])
     if len(speeds) < 3 or float(speeds[-1] - speeds[0]) < LEAST_SPEED_RANGE * float(speeds[-1]):
@@ -164,7 +170,7 @@ def speed_map(material: RecordedMaterial) -> Drawing | None:
 
 
 def fit(material: RecordedMaterial) -> Drawing | None:
-    """Figure of the longest stretch: signal and slow part, then error and residual."""
+    """Draw the longest stretch: signal, slow part, error and residual."""
     if not material.result.stretches:
         return None
     columns = material.fit
@@ -202,7 +208,10 @@ def fit(material: RecordedMaterial) -> Drawing | None:
 
 
 def change(material: RecordedMaterial) -> Drawing | None:
-    """Figure of A_k and φ_k from part to part, with two standard errors; None for one part."""
+    """Draw A_k and φ_k from part to part with two standard errors.
+
+    None for one part.
+    """
     parts, part = material.result.parts, material.result.ate
     if len(parts) < 2 or part is None:
         return None
@@ -287,7 +296,10 @@ def stretches(material: RecordedMaterial) -> ReportTable | None:
 
 
 def _shown_orders(material: RecordedMaterial) -> list[float]:
-    """Orders that stand above their noise, all where none does; four at most, the largest."""
+    """Return the largest orders above their noise, four at most.
+
+    If none is above its noise, the largest of all.
+    """
     part = material.result.ate
     if part is None:
         return []

@@ -1,4 +1,4 @@
-"""Figures of input shapers: the tip after a stop, and what a shaper leaves where the frequency is another."""
+"""Figures of input shapers: tip after a stop, and residual over frequency."""
 
 from collections.abc import Sequence
 
@@ -31,7 +31,9 @@ LINES: tuple[style.Line, ...] = (
 
 
 def after_stop(material: Material, axis: int, experiment: str, key: str, title: str) -> Drawing | None:
-    """The tip after the stop of an axis: each treatment over that without; None if fewer than two were recorded.
+    """Draw the tip after a stop, with and without each treatment.
+
+    None without an untreated and a treated recording.
 
     Args:
         material: Result and recordings.
@@ -85,7 +87,9 @@ def _label(run: RunEntry, before_mm: float | None) -> str:
 
 
 def residuals(runs: Sequence[RunEntry], key: str, title: str) -> Drawing | None:
-    """What shapers leave over the true frequency, by their formula; None if no run has one.
+    """Draw the residual of each shaper over the true frequency.
+
+    By the formula; None if no run has a shaper.
 
     Args:
         runs: Entries of runs of one motion.

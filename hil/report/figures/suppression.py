@@ -1,4 +1,7 @@
-"""Figures of the treatments at work: the paper's Figs. 13, 14 and 15, and the loop in the drive beside that on the host."""
+"""Figures of the treatments at work; Figs. 13, 14 and 15.
+
+And the loop in the drive beside the loop on the host.
+"""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,7 +35,10 @@ from hil.results.runs import RunEntry
 
 
 def suppression(material: Material, axis: int) -> list[Drawing]:
-    """Tip vibration and its spectrum without and with what acted; Figs. 13 and 14."""
+    """Draw tip vibration and spectrum of a ramp; Figs. 13 and 14.
+
+    Without and with treatments.
+    """
     groups = shown_runs(material, CONSTANT_ACCELERATION, axis)
     return [_ramp(material, axis, runs, f"suppression-{axis}{key_end(number)}") for number, runs in enumerate(groups)]
 
@@ -72,7 +78,10 @@ def _ramp(material: Material, axis: int, runs: list[DrawnRun], key: str) -> Draw
 
 
 def line_motion(material: Material) -> list[Drawing]:
-    """Tip vibration on the line and its spectrum up to 50 Hz, without and with what acted; Fig. 15."""
+    """Draw tip vibration and spectrum on the line; Fig. 15.
+
+    The spectrum ends at 50 Hz; without and with treatments.
+    """
     groups = shown_runs(material, LINE_MOTION, None)
     return [_line(material, runs, f"line-motion{key_end(number)}") for number, runs in enumerate(groups)]
 
@@ -116,7 +125,10 @@ def _line(material: Material, runs: list[DrawnRun], key: str) -> Drawing:
 
 
 def loop_sides(material: Material, axis: int) -> Drawing | None:
-    """The loop closed in the drive and on the host, without and with the notch."""
+    """Draw the tip for the loop in the drive and host-closed.
+
+    Without and with the notch.
+    """
     looks = (("drive", "closed in the drive", style.BROAD), ("host", "closed on the host, over the bus", style.OTHER_LOOP))
     pairs: dict[str, list[DrawnRun]] = {}
     for treatment in ("none", "notch"):
@@ -194,12 +206,12 @@ def _inner_legend(panel: Axes) -> None:
 
 
 def _scale_words(f_al: float | None) -> str:
-    """Clause on the scale of displacement, where there is one."""
+    """Clause on the scale of displacement, if there is one."""
     return "" if f_al is None else "; the scale on the right is the same as a displacement, divided by (2π f_al)²"
 
 
 def _changes(material: Material, runs: list[DrawnRun]) -> str:
-    """The comparisons of the drawn runs in a sentence each, where there are any."""
+    """Return a sentence on each comparison of the drawn runs."""
     return "".join(_change(material, run.entry) for run in runs if run.entry.treatment != "none")
 
 

@@ -1,1 +1,4 @@
-"""Figures of a report that can be zoomed, in the same single file: their numbers, and the scripts that draw them with Bokeh."""
+"""Zoomable figures of a report, in the same single file.
+
+The file contains the figures' numbers as JSON, and the scripts that draw them with Bokeh.
+"""

@@ -1,4 +1,7 @@
-"""Numbers of the figures of a page as JSON, bounded: of a curve with more samples, the least and the largest of each column."""
+"""Numbers of a page's figures as JSON, with an upper bound.
+
+A curve with more samples is reduced to columns with the least and the largest value of each.
+"""
 
 import base64
 import json
@@ -17,9 +20,9 @@ LEAST_COLUMNS = 100
 
 
 def numbers_json(figures: Mapping[str, ZoomFigure]) -> str:
-    """Numbers of the figures of a page by key, fit to stand inside a script element; equal figures give equal text.
+    """Return the numbers of figures as JSON for a script element.
 
-    Every number is a 32-bit float: seven digits.
+    By key; equal figures give equal text. Every number is a 32-bit float: seven digits.
     """
     columns = columns_for(figures.values())
     content = {
@@ -29,7 +32,10 @@ def numbers_json(figures: Mapping[str, ZoomFigure]) -> str:
 
 
 def columns_for(figures: Iterable[ZoomFigure]) -> int:
-    """Columns of each curve with which all figures together keep the bound of a page, and at least `LEAST_COLUMNS`."""
+    """Return the columns per curve that keep the bound of a page.
+
+    At least `LEAST_COLUMNS`.
+    """
     panels = [panel for figure in figures for panel in figure.panels.values()]
     lengths = np.array([len(curve.x) for panel in panels for curve in panel.curves])
     room = MOST_OF_PAGE - sum(panel.map.values.size // 2 for panel in panels if panel.map is not None)
@@ -40,11 +46,13 @@ def columns_for(figures: Iterable[ZoomFigure]) -> int:
 
 
 def envelope(x: Real, y: Real, columns: int) -> tuple[Real, Real]:
-    """The least and the largest value of each column of samples, in their order; all samples where they are no more.
+    """Return least and largest value of each column of samples.
+
+    In their order. Without more samples than that, all samples.
 
     Args:
         x: Abscissa; shape (n,).
-        y: Ordinate, NaN where there is none; shape (n,).
+        y: Ordinate, NaN for a missing value; shape (n,).
         columns: Columns, of equally many samples each but for one.
 
     Returns:

@@ -1,4 +1,7 @@
-"""What an interactive page has beside its figures: Bokeh from the installed package, our script, and a policy for them alone."""
+"""Scripts and policy of an interactive page.
+
+Bokeh from the installed package, our script, and a content security policy that allows these alone.
+"""
 
 import base64
 import hashlib
@@ -21,7 +24,7 @@ class InteractiveParts:
     """Parts of a page whose figures can be zoomed.
 
     Attributes:
-        policy: What the page may run and load: these scripts, and nothing from elsewhere.
+        policy: Content security policy: the page may run and load these scripts only.
         scripts: Texts of the scripts, in their order.
         style: Rules for the figures.
         numbers: Numbers of the figures as JSON.
@@ -65,7 +68,10 @@ def _scripts() -> tuple[str, ...]:
 
 
 def _inline(text: str) -> str:
-    """A script that does not end its element before its own end, with the one kind of line end that a browser hashes."""
+    """Make a script safe to inline.
+
+    It cannot end its element early, and has the line ends that a browser hashes.
+    """
     return text.replace("\r\n", "\n").replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 

@@ -1,1 +1,4 @@
-"""HTML pages of the reports, a module for each kind of result; `page` renders them all by one template."""
+"""HTML pages of the reports, one module per kind of result.
+
+`page` renders all of them with one template.
+"""

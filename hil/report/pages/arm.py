@@ -49,7 +49,7 @@ def verdict(result: ArmResult) -> PageVerdict:
 
 
 def dips(result: ArmResult) -> ReportTable:
-    """Measured dips beside those of the fit, and of the bench file's bodies."""
+    """Tabulate measured dips beside the fit and the bench file's bodies."""
     rows: list[list[Cell]] = []
     for row in result.measured:
         posture = ", ".join(f"{angle:.0f}" for angle in row.joints_deg).replace("-", "−")

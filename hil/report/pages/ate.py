@@ -1,4 +1,4 @@
-"""The page of an identification of the transmission error: one self-contained HTML file."""
+"""Page of an identified transmission error: one self-contained HTML file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,7 +78,10 @@ def sections(material: AteMaterial) -> list[Section]:
 
 
 def _order_maps(material: AteMaterial) -> Drawing | None:
-    """Order maps of the quickest and of the slowest pass; None without an accelerometer, or without a pass."""
+    """Draw order maps of the fastest and the slowest pass.
+
+    None without an accelerometer, or without a pass.
+    """
     made = [each for each in material.result.passes if each.stopped is None and (material.directory / each.recording).is_file()]
     if material.is_sensorless or not made:
         return None
@@ -115,7 +118,7 @@ def verdict(material: AteMaterial) -> PageVerdict:
     numbers = ", ".join(values_in_words(part))
     if result.is_within_goal:
         return PageVerdict("good", "✔", "The transmission error is identified", (numbers, *details))
-    return PageVerdict("open", "▲", "The transmission error is known less well than asked", (numbers, *details))
+    return PageVerdict("open", "▲", "The transmission error is less certain than requested", (numbers, *details))
 
 
 def provenance(material: AteMaterial) -> list[tuple[str, str]]:

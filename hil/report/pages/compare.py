@@ -54,7 +54,10 @@ def write_compare_report(directory: Path, *, is_interactive: bool = False) -> Pa
 
 
 def _bench_name(directory: Path, result: TreatmentTable) -> str:
-    """Name of the tour's bench where it ended before any robot was run; `none` without one."""
+    """Return the name of the bench of a tour without robots.
+
+    The tour ended before a run; `none` without a bench file.
+    """
     try:
         return load_bench(directory / result.tour.bench_file).name if isinstance(result, TourResult) else "none"
     except FileError:
@@ -103,8 +106,8 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
     vectors = [direction_table(each, f"directions-{name}") for name, each in materials.items() if each is not None]
     chapters.append(("directions", "The tip as a vector", [*vectors]))
-    chapters.append(("way", "How it came to that", [tables_compare.tour(result)]))
-    chapters.append(("robot", "Which robot it was", [tables_compare.revealed(result)]))
+    chapters.append(("way", "Steps of the tour", [tables_compare.tour(result)]))
+    chapters.append(("robot", "True numbers of the robot", [tables_compare.revealed(result)]))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
@@ -114,7 +117,10 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
 def _shaped(
     robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool
 ) -> list[Drawing | ReportTable | None]:
-    """What shapers did to a motion: their table, the tip after a stop, and what they would leave of another frequency."""
+    """Return tables and figures of the shapers for one motion.
+
+    Their table, the tip after a stop, and the residual over the frequency.
+    """
     key, name = f"{robot.directory}-{tables_compare.key_of(experiment, axis)}", f"{robot.name}, " if several else ""
     runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
     case = f"{name}{case_name(experiment, axis)}"

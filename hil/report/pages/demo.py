@@ -47,7 +47,9 @@ TOUR_FOLDER, ARM_FOLDER = "tour", "arm"
 
 
 def write_report(directory: Path, bench: Bench | None = None, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that holds `result.json` and the recordings it names.
+    """Write `report.html` into a directory of runs.
+
+    The directory contains `result.json` and the recordings that it names.
 
     Args:
         directory: Where result.json is.
@@ -60,7 +62,7 @@ def write_report(directory: Path, bench: Bench | None = None, *, is_interactive:
     Raises:
         NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: result.json cannot be read or the page cannot be written.
-        ValueError: result.json is not what a run writes.
+        ValueError: result.json is not the result of a run.
     """
     material = Material(directory, bench)
     with style.styled():
@@ -85,7 +87,7 @@ def write_report(directory: Path, bench: Bench | None = None, *, is_interactive:
 
 
 def heading(material: Material) -> str:
-    """Title of the page: what acted against the vibration."""
+    """Title of the page: the treatments of the runs."""
     acted = {treatment(run.treatment) for run in material.result.runs}
     if material.bench.is_paper and any(each.filters for each in acted):
         return "Vibration suppression with a variable notch"
@@ -94,7 +96,7 @@ def heading(material: Material) -> str:
 
 
 def sections(material: Material) -> list[Section]:
-    """All chapters for which there is data: what came of it first, then why."""
+    """Return all chapters with data: results first, then explanations."""
     driven = sorted({run.axis for run in material.result.runs if run.axis is not None and run.experiment != POINT_TO_POINT})
     chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
         (
@@ -170,7 +172,10 @@ def _filters(material: Material, filters: FilterSet, number: int) -> list[Drawin
 
 
 def _stops(material: Material) -> list[Drawing | ReportTable | None]:
-    """Shapers of the runs, and the tip after each stop; none without any."""
+    """Return table and figures of shapers and stops.
+
+    None without any.
+    """
     runs = material.result.runs
     stopped = sorted({run.axis for run in runs if run.axis is not None and run.experiment == POINT_TO_POINT})
     return [
@@ -190,7 +195,7 @@ def _trials(material: Material) -> ReportTable | None:
 
 
 def _order_maps(material: Material, axis: int) -> Iterator[Drawing | None]:
-    """Order maps of the ramps of an axis, without and with what acted."""
+    """Yield order maps of an axis without and with treatments."""
     for number, group in enumerate(shown_runs(material, CONSTANT_ACCELERATION, axis)):
         runs = [(run.label, run.recording) for run in group]
         key, title = f"orders-{axis}{key_end(number)}", f"Axis {axis}: which order shakes the tip"
@@ -198,7 +203,10 @@ def _order_maps(material: Material, axis: int) -> Iterator[Drawing | None]:
 
 
 def _part(material: Material, folder: str) -> TourResult | None:
-    """A part of the demo below this directory; None without it, or for that of an earlier demo."""
+    """Return a part of the demo from a folder below.
+
+    None if it is missing or belongs to an earlier demo.
+    """
     try:
         result = load_result(material.directory / folder, TourResult, "a tour")
     except (OSError, ResultFileError):
@@ -262,7 +270,10 @@ def stopped(material: Material) -> list[tuple[str, str]]:
 
 
 def verdict(material: Material) -> PageVerdict:
-    """Verdict on the paper's claims where they were judged, else on the runs against the specification."""
+    """Return the verdict on the paper's claims, or on the specification.
+
+    Claims count if they were judged; otherwise the runs are compared with the specification.
+    """
     claims = material.result.paper
     failed = [claim for claim in claims if claim.holds is False]
     held = [claim for claim in claims if claim.holds is True]
@@ -300,7 +311,10 @@ def verdict(material: Material) -> PageVerdict:
 
 
 def _line_in_a_row(material: Material) -> str:
-    """Tip peak on the line untreated and with each treatment in the drives; empty unless two treatments were run."""
+    """Return the tip peaks on the line for all treatments.
+
+    In the drives, untreated first; empty for fewer than two treatments.
+    """
     runs = [run for run in material.result.runs if (run.experiment, run.loop) == (LINE_MOTION, "drive")]
     treated = [run for run in runs if run.treatment != "none"]
     if len(treated) < 2 or len(treated) == len(runs) or any(run.tip_peak_mm is None for run in runs):
@@ -315,7 +329,10 @@ def _with_words(name: str) -> str:
 
 
 def _beyond(material: Material) -> str:
-    """Runs that leave the specification though something acts, where the paper claims nothing of their tip peak."""
+    """Return the treated runs outside the specification, as a sentence.
+
+    Without runs whose tip peak is part of a claim of the paper.
+    """
     limit_mm = material.bench.specification.tip_mm
     texts = [
         f"{run_name(run, with_window=False)}: tip {millimetres(run.tip_peak_mm, limit_mm)}"
@@ -325,7 +342,9 @@ def _beyond(material: Material) -> str:
 
 
 def millimetres(peak_mm: float | None, limit_mm: float) -> str:
-    """A peak in mm to three decimals, or as many as keep it on its side of the limit.
+    """Return a peak in mm to three decimals, or more.
+
+    As many as keep it on its side of the limit.
 
     >>> millimetres(0.0474, 0.05), millimetres(0.0502, 0.05)
     ('0.047 mm', '0.0502 mm')
@@ -339,7 +358,7 @@ def millimetres(peak_mm: float | None, limit_mm: float) -> str:
 
 
 def _by_specification(material: Material, details: list[str]) -> PageVerdict:
-    """Verdict in the user's own terms: the largest tip peak of what was judged, beside what was asked."""
+    """Return the verdict on the largest tip peak against the specification."""
     limit_mm = material.bench.specification.tip_mm
     runs = leading(material.result.runs)
     judged = [run for run in runs if run.within_spec is not None and run.invalid is None]
@@ -370,7 +389,10 @@ def _by_specification(material: Material, details: list[str]) -> PageVerdict:
 
 
 def _ramp_words(run: RunEntry) -> str:
-    """The order itself, the peak on the whole ramp, and the f_al by which a run was judged and where it comes from."""
+    """Return order, noise, ramp peak and f_al of a run in words.
+
+    With the source of f_al.
+    """
     order = "" if run.order_mm is None else f", order {run.order} {run.order_mm:.4f} ± {run.order_error_mm or 0.0:.4f} mm"
     noise = ", not told apart from the sensor's noise" if is_noise(run.tip_peak_mm, run.noise_mm) else ""
     whole = "" if run.ramp_peak_mm is None else f", {run.ramp_peak_mm:.3f} mm on the whole ramp"
@@ -393,7 +415,10 @@ def _with_unit(value: float | str | None, unit: str) -> str:
 
 
 def cards(material: Material) -> list[Card]:
-    """Card of every motion: its tip without treatment and with each; then the spectrum's area of the line motion."""
+    """Return a card of every motion: tip without and with treatments.
+
+    Then the area of the spectrum on the line motion.
+    """
     groups: dict[tuple[str, int | None, str], list[TreatmentComparison]] = {}
     for each in material.result.comparisons:
         groups.setdefault((each.experiment, each.axis, each.loop), []).append(each)

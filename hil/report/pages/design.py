@@ -51,15 +51,15 @@ def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
     """NotchVerdict at the top of the page."""
     failure = outcome.failure
     if failure is not None:
-        headline = "The given filters miss what is asked" if outcome.request.is_given else "No filter keeps all that is asked"
+        headline = "The given filters miss a requirement" if outcome.request.is_given else "No filter meets all requirements"
         if outcome.is_usable and not outcome.request.is_given:
             headline = "The best filters within all margins still miss the limits of the tip"
         return PageVerdict("bad", "✘", headline, (failure.what, *(str(check) for check in failure.missed)))
     best = outcome.best
-    which = "The given filters keep" if outcome.request.is_given else "The designed filters keep"
+    which = "The given filters meet" if outcome.request.is_given else "The designed filters meet"
     details = tuple(str(check) for check in best.checks)
     return PageVerdict(
-        "good", "✔", f"{which} all that is asked, at every speed, for {plants_words(outcome.problem.members)}", details
+        "good", "✔", f"{which} all requirements, at every speed, for {plants_words(outcome.problem.members)}", details
     )
 
 

@@ -19,7 +19,9 @@ from hil.results.learning import LearningPass, LearningResult, LearningRun
 
 
 def write_learning_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that `hil learn` has filled, whether it has learnt or not.
+    """Write `report.html` into a directory that `hil learn` has filled.
+
+    Also if it has learnt nothing.
 
     Raises:
         NotPossibleError: It shall be interactive, and Bokeh is not installed.
@@ -49,7 +51,10 @@ def write_learning_report(directory: Path, *, is_interactive: bool = False) -> P
 
 
 def sections(result: LearningResult, directory: Path | None = None) -> list[Section]:
-    """All chapters for which there is data; figures of recordings where their directory is given."""
+    """Return all chapters with data.
+
+    Figures of recordings need their directory.
+    """
     learnt: list[Drawing | ReportTable | None] = []
     is_paper = result.bench.file.is_paper
     for each in result.learnt:
@@ -73,7 +78,7 @@ def sections(result: LearningResult, directory: Path | None = None) -> list[Sect
 
 
 def _order_maps(result: LearningResult, directory: Path) -> list[Drawing | ReportTable | None]:
-    """Order maps of the first and of the last pass of each axis."""
+    """Return order maps of the first and last pass of each axis."""
     made: list[Drawing | ReportTable | None] = []
     for axis in result.learnt:
         runs = [run for run in result.runs if run.axis == axis.axis and run.stopped is None]
@@ -175,7 +180,7 @@ def verdict(result: LearningResult) -> PageVerdict:
         return PageVerdict("bad", "■", "A pass was stopped", (result.stopped, *learnt))
     if result.not_learnt is not None:
         return PageVerdict("bad", "✘", "Not everything was learnt", (result.not_learnt, *learnt))
-    return PageVerdict("good", "✔", f"What cancels the transmission error of axis {names} is learnt", tuple(learnt))
+    return PageVerdict("good", "✔", f"The cancellation of axis {names} is learnt", tuple(learnt))
 
 
 def cards(result: LearningResult) -> list[Card]:

@@ -15,7 +15,9 @@ RUN_WORDS = {"base": "without", "probe": "probing", "applied": "with what follow
 
 
 def write_motion_learning_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that `hil learn --motion` has filled, whether it has learnt or not.
+    """Write `report.html` into a directory of `hil learn --motion`.
+
+    Also if it has learnt nothing.
 
     Raises:
         NotPossibleError: It shall be interactive, and Bokeh is not installed.
@@ -55,7 +57,7 @@ def sections(result: MotionLearningResult) -> list[Section]:
 
 
 def parts(result: MotionLearningResult) -> ReportTable | None:
-    """Table of what the runs say of each order of each axis."""
+    """Table of the estimates of each order of each axis."""
     if not result.parts:
         return None
     header = ("", "Order", "A (arcsec)", "±", "φ (°)", "±", "Seen (%)", "")
@@ -82,7 +84,7 @@ def _part(part: ProbedPart) -> list[Cell]:
 
 
 def runs(result: MotionLearningResult) -> ReportTable | None:
-    """Table of every run: what was cancelled in it, and what the tip did."""
+    """Tabulate every run: cancelled error, and the tip."""
     if not result.runs:
         return None
     header = ("Run", "", "Tip's peak (mm)", "Root mean square (mm)", "Cycles", "Missed", "Recording")
@@ -118,13 +120,13 @@ def verdict(result: MotionLearningResult) -> PageVerdict:
     return PageVerdict(
         "good",
         "✔",
-        f"What cancels the transmission error of axis {names} is learnt",
+        f"The cancellation of axis {names} is learnt",
         (f"In the model file {result.model}.", *left),
     )
 
 
 def cards(result: MotionLearningResult) -> list[Card]:
-    """The tip's peak without cancellation, and with what is kept."""
+    """The tip's peak without cancellation, and with the learnt one."""
     kept = next((run for run in result.runs if run.is_kept), None)
     if kept is None or kept.tip_peak_mm is None or result.base_peak_mm is None:
         return []

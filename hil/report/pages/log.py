@@ -18,7 +18,7 @@ def write_explanation(path: Path, found: Explanation, made_utc: str) -> Path:
 
     Args:
         path: The page.
-        found: What the log tells.
+        found: Explanation of the log.
         made_utc: Date of the page.
 
     Raises:
@@ -30,9 +30,9 @@ def write_explanation(path: Path, found: Explanation, made_utc: str) -> Path:
     drawn = tuple(each for each in pictures if each is not None)
     sections = [Section("findings", "What was found", (_table(found.findings),))] if found.findings else []
     if drawn:
-        sections.append(Section("pictures", "What it was seen by", drawn))
+        sections.append(Section("pictures", "Data of the findings", drawn))
     if found.unknown:
-        sections.append(Section("unknown", "What this log cannot tell", (_unknown(found),)))
+        sections.append(Section("unknown", "Questions that this log cannot answer", (_unknown(found),)))
     sections.append(Section("nodes", "Nodes and process data", (_nodes(found),)))
     head = PageHead(
         log.path.name, made_utc, heading="A log explained", is_bench=False,
@@ -47,9 +47,9 @@ def verdict(found: Explanation) -> PageVerdict:
     if faults:
         return PageVerdict("bad", "✘", faults[0].words, tuple(each.words for each in faults[1:4]))
     if found.findings:
-        return PageVerdict("open", "▲", "No fault, and what may become one", tuple(each.words for each in found.findings[:3]))
+        return PageVerdict("open", "▲", "No fault, but warnings", tuple(each.words for each in found.findings[:3]))
     missing = tuple(each.words for each in found.unknown[:3])
-    return PageVerdict("open" if missing else "good", "▲" if missing else "✔", "Nothing wrong is seen", missing)
+    return PageVerdict("open" if missing else "good", "▲" if missing else "✔", "No fault found", missing)
 
 
 def _table(findings: tuple[Finding, ...]) -> ReportTable:

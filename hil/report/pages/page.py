@@ -22,15 +22,15 @@ class PageHead:
     """The head of a page.
 
     Attributes:
-        bench: Name of the bench, or of several, that it tells of.
+        bench: Name of the bench, or of several, of the page.
         started_utc: Instant at which the runs began; None if nothing was run.
-        notes: Sentences on what is missing on this page.
+        notes: Sentences on missing parts of the page.
         heading: Title above the verdict.
         subtitle: Sentence below the title.
-        aftermath: One sentence per thing that was not restored on the drives.
+        aftermath: One sentence per setting that was not restored on the drives.
         origin: Origin of the numbers: a robot, or an emulated one.
         is_paper: True for the paper's robot.
-        is_bench: True if `bench` is a bench; False if it says in words what the page is of.
+        is_bench: True if `bench` is a bench; False if it is a subject in words.
     """
 
     bench: str
@@ -44,13 +44,16 @@ class PageHead:
     is_bench: bool = True
 
     def tag(self, drawing: Drawing) -> str:
-        """Origin of a figure in words: what was measured on an emulated robot is called emulated."""
+        """Return the origin of a figure in words.
+
+        On an emulated robot, `emulated` replaces `measured`.
+        """
         return drawing.origin.replace("measured", self.origin.word)
 
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter of the page: figures and tables in the order in which they are read."""
+    """A chapter of the page: figures and tables in reading order."""
 
     key: str
     title: str
@@ -115,7 +118,10 @@ _CODE = re.compile(r"`([^`]+)`")
 
 
 def typeset(text: str) -> Markup:
-    """Text for HTML, with f_al and the like set as symbols with an index, and what stands between backticks as code."""
+    """Format text as HTML.
+
+    Symbols such as f_al have an index; text between backticks is code.
+    """
     if isinstance(text, Markup):
         return text
     parts = _CODE.split(str(escape(text)))
@@ -125,7 +131,9 @@ def typeset(text: str) -> Markup:
 
 
 def moment_text(instant: str) -> str:
-    """Instant of ISO 8601 as a reader says it, to the minute, in UTC; what is no instant stays as it is.
+    """Write an instant of ISO 8601 in words, to the minute, UTC.
+
+    Any other text is returned unchanged.
 
     >>> moment_text("2025-01-01T12:00:07Z")
     '1 January 2025, 12:00 UTC'
@@ -153,7 +161,7 @@ def render(
     provenance: list[tuple[str, str]] | None = None,
     is_interactive: bool = False,
 ) -> Path:
-    """Write a page: one file, no network, and no scripts but those of an interactive one.
+    """Write a page: one file, no network, no scripts unless interactive.
 
     Args:
         path: File to write.
@@ -161,7 +169,7 @@ def render(
         verdict: Result in a sentence, at the top.
         sections: Chapters in the order in which they are read.
         cards: Numbers before and after, below the verdict.
-        provenance: Names and texts on where, when and with what the runs were made.
+        provenance: Names and texts on place, time and versions of the runs.
         is_interactive: True if its figures can be zoomed, as far as they have what that takes.
 
     Returns:
@@ -193,7 +201,10 @@ def render(
 
 
 def _interactive(sections: list[Section]) -> InteractiveParts | None:
-    """Parts of an interactive page; None if it has no figure that can be zoomed."""
+    """Return the parts of an interactive page.
+
+    None if no figure can be zoomed.
+    """
     drawings = [item for section in sections for item in section.items if isinstance(item, Drawing)]
     figures = {each.key: each.zoom for each in drawings if each.zoom is not None}
     return interactive_parts(figures) if figures else None

@@ -73,17 +73,17 @@ def verdict(trends: Sequence[Trend]) -> PageVerdict:
     alarmed = [trend.words for trend in trends if trend.is_alarmed]
     open_ = {(trend.robot, trend.axis) for trend in trends} - {(trend.robot, trend.axis) for trend in trends if trend.is_watched}
     details = [
-        f"{robot}, axis {axis}: {FEWEST_BEFORE + 1} runs are needed before a change is told" for robot, axis in sorted(open_)
+        f"{robot}, axis {axis}: {FEWEST_BEFORE + 1} runs are needed before a change can show" for robot, axis in sorted(open_)
     ]
     if alarmed:
         return PageVerdict("bad", "✘", "A gear has changed", (*alarmed, *details))
     if not trends or open_:
-        return PageVerdict("open", "▲", "No change is told, with too few runs of some gears", tuple(details))
+        return PageVerdict("open", "▲", "No change is found, but some gears have too few runs", tuple(details))
     return PageVerdict("good", "✔", "No gear has changed", ())
 
 
 def table(trends: Sequence[Trend]) -> ReportTable:
-    """Every order of every gear: first and last, and whether it has changed."""
+    """Tabulate every order of every gear, and whether it changed."""
     rows: list[list[Cell]] = []
     for trend in trends:
         last = " ± ".join(value_and_error(float(trend.values[-1]), float(trend.errors[-1])))
@@ -105,7 +105,7 @@ def table(trends: Sequence[Trend]) -> ReportTable:
 def origin_table(origins: Sequence[OrderOrigin]) -> ReportTable:
     """Every order with its origin, and the reason."""
     rows: list[list[Cell]] = [[f"{each.robot}, axis {each.axis}", f"{each.order:g}", each.name, each.why] for each in origins]
-    caption = "Motor or gear: the runs do not tell, and nothing is guessed."
+    caption = "Motor or gear: the runs do not show it."
     return ReportTable(
         "origins", "Origins of the orders", "", ("gear", "order", "from", "why"), rows, frozenset({0, 2, 3}), caption
     )

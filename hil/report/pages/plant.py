@@ -13,7 +13,9 @@ from hil.results.plant import PlantResult
 
 
 def write_plant_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that `hil identify plant` has filled, whether it has identified or not.
+    """Write `report.html` into a directory of `hil identify plant`.
+
+    Also if it has identified nothing.
 
     Raises:
         NotPossibleError: It shall be interactive, and Bokeh is not installed.

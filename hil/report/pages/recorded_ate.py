@@ -55,7 +55,7 @@ def verdict(material: RecordedMaterial) -> PageVerdict:
     """Verdict at the top of the page."""
     result = material.result
     if result.ate is None or not result.is_identified:
-        return PageVerdict("bad", "✘", "No order stands above its noise", (result.not_identified or "", *result.notes))
+        return PageVerdict("bad", "✘", "No order exceeds its noise", (result.not_identified or "", *result.notes))
     numbers = ", ".join(values_in_words(result.ate))
     if any(each.is_seen for each in result.changes):
         return PageVerdict("open", "▲", "The transmission error is identified, and it changes", (numbers, *result.notes))

@@ -1,1 +1,4 @@
-"""Tables of the reports: each function returns a `hil.report.tables.paper_runs.ReportTable`, or None without data for it."""
+"""Tables of the reports.
+
+Each function returns a `hil.report.tables.paper_runs.ReportTable`, or None without data for it.
+"""

@@ -1,4 +1,4 @@
-"""Tables of a comparison: treatments side by side, their compliance, and the runs that were left out."""
+"""Tables of a comparison: treatments, compliance, and omitted runs."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,10 @@ from hil.results.comparison import AxisCompliance, ComparisonRow, TourResult, Tr
 
 
 def cases(result: TreatmentTable) -> list[tuple[str, int | None]]:
-    """Cases of a comparison, each an experiment with its axis or None, in the order of the runs."""
+    """Return the cases of a comparison in the order of the runs.
+
+    A case is an experiment with its axis or None.
+    """
     return list(dict.fromkeys((row.experiment, row.axis) for robot in result.robots for row in robot.rows))
 
 
@@ -20,7 +23,7 @@ def case_name(experiment: str, axis: int | None) -> str:
 
 
 def treatment_words(row: ComparisonRow | AxisCompliance) -> str:
-    """Treatment of a row in words; drive-closed unless it says otherwise."""
+    """Treatment of a row in words; a host-closed one is marked."""
     name: str = row.treatment
     return TITLES.get(name, name) + (", host-closed" if row.loop == "host" else "")
 
@@ -51,7 +54,10 @@ def overview(result: TreatmentTable, key: str = "overview", caption: str | Marku
 
 
 def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | None:
-    """Table of what a tour claims, beside the numbers that were judged; None if it claims nothing."""
+    """Tabulate a tour's claims beside the judged numbers.
+
+    None without claims.
+    """
     if not isinstance(result, TourResult) or not result.tour.claims:
         return None
     rows: list[list[Cell]] = [
@@ -125,7 +131,7 @@ def _host_words(rows: list[list[Cell]], left: int) -> str:
 
 
 def _in_order(rows: Iterable[ComparisonRow], name: str, axis: int | None) -> list[ComparisonRow]:
-    """Drive-closed first, as they were run; what was left out behind."""
+    """Drive-closed first, as they were run; omitted ones at the end."""
     own = [row for row in rows if (row.experiment, row.axis) == (name, axis)]
     return sorted(own, key=lambda row: row.left_out is not None)
 
@@ -157,7 +163,7 @@ def _cells(row: ComparisonRow) -> list[Cell]:
 
 
 def left_out(result: TreatmentTable) -> ReportTable | None:
-    """Table of the runs that were not made or not judged, grouped by the reason."""
+    """Tabulate runs that were not made or not judged, by reason."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for robot in result.robots:
         for row in robot.rows:
@@ -169,7 +175,7 @@ def left_out(result: TreatmentTable) -> ReportTable | None:
         return None
     rows: list[list[Cell]] = [[name, "; ".join(names), reason] for (name, reason), names in reasons.items()]
     return ReportTable(
-        "left-out", "What was left out or not judged", "", ("robot", "what", "why"), rows, frozenset({0, 1, 2}), is_prose=True
+        "left-out", "Runs left out or not judged", "", ("robot", "what", "why"), rows, frozenset({0, 1, 2}), is_prose=True
     )
 
 
@@ -205,7 +211,7 @@ def compliances(result: TreatmentTable) -> ReportTable | None:
 
 
 def tour(result: TreatmentTable) -> ReportTable | None:
-    """Table of the steps that led to a comparison, where it has a tour."""
+    """Tabulate the steps of a tour; None without one."""
     if not isinstance(result, TourResult) or not result.tour.steps:
         return None
     part = result.tour
@@ -226,7 +232,7 @@ def tour(result: TreatmentTable) -> ReportTable | None:
 
 
 def revealed(result: TreatmentTable) -> ReportTable | None:
-    """Table of the numbers that an emulated robot was made of, beside those that were found of it."""
+    """Tabulate an emulated robot's true numbers beside the identified ones."""
     if not isinstance(result, TourResult) or not result.tour.facts:
         return None
     part = result.tour

@@ -1,4 +1,7 @@
-"""Table of the tip as a vector: every run along x, y, z and the worst direction, on a bench with an arm."""
+"""Table of the tip as a vector on an arm.
+
+Every run along x, y, z and the worst direction.
+"""
 
 from collections.abc import Sequence
 
@@ -14,7 +17,9 @@ ALONG: tuple[Direction, ...] = ("x", "y", "z")
 
 
 def peaks_mm(entries: Sequence[RunEntry], treatment: str) -> dict[Direction, float]:
-    """Peak of the tip by direction in a judged run with a treatment; empty where it was not made, or refused.
+    """Return the tip's peaks by direction for a treatment.
+
+    From its first judged run; empty if there is none.
 
     Args:
         entries: Runs of one motion.
@@ -27,7 +32,10 @@ def peaks_mm(entries: Sequence[RunEntry], treatment: str) -> dict[Direction, flo
 
 
 def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportTable | None:
-    """The tip's peaks along x, y, z and the worst direction, a column for each treatment; None if no run has a vector."""
+    """Tabulate the tip's peaks by direction, with a column per treatment.
+
+    Directions are x, y, z and the worst; None if no run has a vector.
+    """
     runs, limit_mm = material.result.runs, material.bench.specification.tip_mm
     names = [name for name in dict.fromkeys(run.treatment for run in runs) if peaks_mm(runs, name)]
     if not names:
@@ -44,7 +52,10 @@ def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportT
 
 
 def directions(material: Material, key: str = "directions") -> ReportTable | None:
-    """Peaks, root mean squares and areas of every window that has them; None if none has."""
+    """Tabulate peaks, root mean squares and areas of every window.
+
+    None if no window has them.
+    """
     entries = [(run, run.directions) for run in material.result.runs if run.directions is not None]
     if not entries:
         return None

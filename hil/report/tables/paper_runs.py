@@ -34,7 +34,9 @@ Cell = str | Mark
 
 @dataclass(frozen=True)
 class ReportTable:
-    """One table; cells that are not text start with a number or a dash and stand to the right.
+    """One table.
+
+    Cells that are not text begin with a number or a dash and are aligned to the right.
 
     Attributes:
         key: Anchor of the table.
@@ -45,7 +47,7 @@ class ReportTable:
         text_columns: Indices of left-aligned columns.
         caption: Sentences below the table.
         is_prose: True if text wraps, and a row becomes a block on a narrow screen.
-        groups: Headings inside the table, by the row that each stands above.
+        groups: Headings inside the table, by the row below each.
     """
 
     key: str
@@ -60,7 +62,10 @@ class ReportTable:
 
 
 def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
-    """Number as text of a cell, with a proper minus sign; a dash for None."""
+    """Format a number for a cell.
+
+    With a proper minus sign; a dash for None.
+    """
     if value is None:
         return NONE
     if isinstance(value, str):
@@ -75,7 +80,9 @@ def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
 
 
 def value_and_error(value: float, error: float) -> tuple[str, str]:
-    """Value and standard error as text, both to the error's first digit, and to at most four digits where there is no error.
+    """Format value and standard error to the error's first digit.
+
+    Without an error, to at most four digits.
 
     >>> value_and_error(48.9745, 0.0432), value_and_error(-0.00067115, 0.00008), value_and_error(12.5, 0.0)
     (('48.97', '0.04'), ('−0.00067', '0.00008'), ('12.5', '0'))
@@ -185,7 +192,9 @@ def transmission_errors(material: Material) -> ReportTable | None:
 
 
 def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable | None:
-    """Table of filters that acted with their margins at the worst speed, beside the paper's Table 3.
+    """Tabulate filters with their margins at the worst speed.
+
+    Beside the paper's Table 3.
 
     Args:
         material: Result and bench.
@@ -233,7 +242,10 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
 
 
 def filters_end(nth: int) -> str:
-    """End of the keys of the n-th filters on a page, from 0; the first have none."""
+    """Return the end of the keys of the n-th filters.
+
+    Filters on a page count from 0; the first have an empty end.
+    """
     return f"-filters{nth + 1}" if nth else ""
 
 
@@ -245,7 +257,7 @@ def filter_names(filters: FilterSet) -> str:
 
 
 def _held(material: Material, filters: FilterSet) -> str:
-    """Where the parameters come from, as a sentence."""
+    """Sentence on the source of the parameters."""
     is_kept = any(run.filters is not None for run in material.result.runs)
     if filters.loop == "host":
         return "The parameters of the loop that the host closed."
@@ -277,7 +289,7 @@ def _margin_cells(worst: Margins | None) -> list[Cell]:
 
 
 def _both(paper: float | None, bench: float) -> str:
-    """The bench's value, and the paper's in brackets where it differs."""
+    """The bench's value, and the paper's in brackets if it differs."""
     if paper is None or math.isclose(paper, bench, rel_tol=1e-6):
         return f"{bench:g}"
     return f"{bench:g} ({paper:g})"
@@ -349,7 +361,7 @@ def _name(run: RunEntry) -> str:
 
 
 def motions(material: Material) -> ReportTable | None:
-    """Every motion once: what the bus carried, and how long it took."""
+    """Every motion once: load of the bus, and duration."""
     by_recording = {run.recording: run for run in material.result.runs}
     if not by_recording:
         return None

@@ -1,4 +1,7 @@
-"""Table of input shapers: what each is fitted to, what it leaves by its formula and on the robot, and what it costs."""
+"""Table of input shapers: fit, residual vibration, and cost.
+
+The residual is that of the formula, and that on the robot.
+"""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +12,9 @@ from hil.results.runs import RunEntry, ShapedMode
 
 
 def shapers(runs: Sequence[RunEntry], key: str = "shapers", title: str = "What the shapers leave and cost") -> ReportTable | None:
-    """Table of the runs with a shaper, each beside the run of the same motion without; None if none has one.
+    """Tabulate runs with a shaper beside runs without.
+
+    Of the same motion; None without shapers.
 
     Args:
         runs: Entries of runs on one robot.

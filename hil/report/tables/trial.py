@@ -1,4 +1,4 @@
-"""Table of the trials of cancellations: each order of each axis, what it should have done and what it did."""
+"""Table of a cancellation's trials: expected and actual effect of each order."""
 
 from collections.abc import Iterable
 
@@ -43,7 +43,10 @@ def _row(name: str, part: TrialPart) -> list[Cell]:
 
 
 def _both(value: float | None, error: float | None) -> tuple[str, str]:
-    """A value and its standard error; an order of which nothing was there has neither."""
+    """Return a value and its standard error as text.
+
+    Two dashes for an order without either.
+    """
     if value is None or error is None or not 0.0 < error < TOO_LARGE:
         return "–", "–"
     return value_and_error(value, error)

@@ -1,1 +1,4 @@
-"""The runs below a folder over their dates: reading of all of them, figures and tables, the page."""
+"""Trend of all runs below a folder over their dates.
+
+The modules read the runs, draw figures and tables, and write the page.
+"""

@@ -1,4 +1,4 @@
-"""Figure of a motion over the dates of its runs: the tip, f_al, margins, misses and lateness."""
+"""Figure of a motion over dates: tip, f_al, margins, misses, lateness."""
 
 import datetime
 import math
@@ -21,7 +21,9 @@ MOST_LINES = 4
 
 
 def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
-    """A motion in one window over the dates of its runs, a line for each treatment.
+    """Draw a motion in one window over the dates of its runs.
+
+    Each treatment has a line.
 
     Args:
         runs: Its runs by date, with any treatment.
@@ -60,7 +62,10 @@ def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
 
 
 def _scale(panel: Axes, *, from_zero: bool) -> None:
-    """Give a panel a scale that does not make much of little: from 0, or with whole numbers at its ticks."""
+    """Choose a scale that does not magnify small changes.
+
+    It begins at 0, or has plain numbers at its ticks.
+    """
     if not panel.get_lines():
         style.note(panel, "not known")
         panel.set_yticks([])

@@ -1,4 +1,7 @@
-"""Reading of all runs below a folder, each once; what cannot be read is named, and the rest goes on."""
+"""Reading of all runs below a folder, each once.
+
+A result that cannot be read is listed by name; the others are read all the same.
+"""
 
 import hashlib
 import os
@@ -21,7 +24,13 @@ from hil.results.runs import ExperimentsResult, RunEntry
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """Worst margins of a loop over the motor's speeds: largest M_s, least gain margin in dB, least phase margin in degrees."""
+    """Worst margins of a loop over the motor's speeds.
+
+    Attributes:
+        sensitivity_peak: Largest M_s.
+        gain_margin_db: Least gain margin in dB.
+        phase_margin_deg: Least phase margin in degrees.
+    """
 
     sensitivity_peak: float
     gain_margin_db: float
@@ -35,10 +44,10 @@ class TrendRun:
     Attributes:
         robot: Name of the bench, and whether it was emulated.
         date_utc: Beginning of its measurement, ISO 8601 in UTC.
-        folder: Directory of its result, from the folder that was asked for.
+        folder: Directory of its result, relative to the given folder.
         entry: Window of the run.
         margins: Worst margins of the axis' loop by the model, with the filters that acted; None if plant, gains or filters are
-            not known, for a line motion, and where the loop was closed on the host.
+            not known, for a line motion, and for a host-closed loop.
     """
 
     robot: str
@@ -117,7 +126,7 @@ def _results(folder: Path) -> list[Path]:
         if RESULT_FILE in names and not (Path(here) / RESULT_FILE).is_symlink():
             found.append(Path(here) / RESULT_FILE)
         if len(found) > MOST_FOUND_FILES:
-            raise NotPossibleError(f"more than {MOST_FOUND_FILES} results below {folder}: name a folder of fewer")
+            raise NotPossibleError(f"more than {MOST_FOUND_FILES} results below {folder}; give a folder with fewer")
     return sorted(found)
 
 

@@ -1,4 +1,7 @@
-"""The page of all runs below a folder: one self-contained HTML file in that folder."""
+"""Page of all runs below a folder, in that folder.
+
+One self-contained HTML file.
+"""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -25,7 +28,7 @@ SHOWN_REASONS = 50
 
 
 def write_trend(folder: Path, gathered: GatheredRuns) -> Path:
-    """Write `trend.html` into a folder whose runs have been read, and return its path.
+    """Write `trend.html` into a folder, and return its path.
 
     Raises:
         OSError: The page cannot be written.
@@ -136,7 +139,7 @@ def _notes(gathered: GatheredRuns, rows_left: int, figures: int) -> list[str]:
 
 
 def verdict(gathered: GatheredRuns) -> PageVerdict:
-    """How many runs there are, from when to when, and how many were stopped or missed their specification."""
+    """Count runs and their dates, and those stopped or outside their specification."""
     runs = gathered.runs
     first, last = runs[0].date_utc[:10], runs[-1].date_utc[:10]
     when = first if first == last else f"{first} to {last}"

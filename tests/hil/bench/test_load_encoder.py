@@ -70,7 +70,7 @@ def test_the_tip_is_the_lever_times_the_second_derivative_of_the_joint(hz):
     [
         (-1.0, "counts the wrong way; load_encoder.is_reversed = true"),
         (120.0 / 101.0, r"reduction_ratio 101 would agree with it, or counts_per_rev 124\d{4}; 1048576 is given"),
-        (0.0, "stands still; load_encoder.object may name"),
+        (0.0, "does not move; load_encoder.object may be"),
         (2.0, "reduction_ratio 60 would agree"),
     ],
 )
@@ -93,9 +93,9 @@ def test_wind_up_and_a_short_travel_accuse_no_encoder():
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("from_load_encoders = true", "", "either a node_id on the bus or a serial table, or none is there"),
-        ("from_load_encoders = true", "from_load_encoders = true\nnode_id = 16", "either a node_id"),
-        ("from_load_encoders = true", "from_load_encoders = true\nrange_m_s2 = 19.6", "there is no sensor that has range_m_s2"),
+        ("from_load_encoders = true", "", "needs either a node_id on the bus or a serial table"),
+        ("from_load_encoders = true", "from_load_encoders = true\nnode_id = 16", "needs either a node_id"),
+        ("from_load_encoders = true", "from_load_encoders = true\nrange_m_s2 = 19.6", "excludes range_m_s2"),
         ("counts_per_rev = 1048576", "counts_per_rev = 12", "counts_per_rev"),
         ('object = "60E4:1"', 'object = "additional"', "object"),
         ("[axis.2.load_encoder]\ncounts_per_rev = 1048576", "", "object"),
@@ -110,7 +110,7 @@ def test_an_axis_without_an_encoder_would_move_unseen(tmp_path):
     text = EXAMPLE.read_text()
     at = text.index("[axis.2.load_encoder]")
     (tmp_path / "bench.toml").write_text(text[:at] + text[text.index("[constant_acceleration]") :])
-    with pytest.raises(FileError, match="axis 2 has no load_encoder table, whose joint would move unseen"):
+    with pytest.raises(FileError, match="axis 2 has no load_encoder table; every axis needs one"):
         load_bench(tmp_path / "bench.toml")
 
 

@@ -158,12 +158,12 @@ def test_a_sensor_whose_weight_is_not_where_its_mounting_has_it_is_not_believed(
     assert at_rest(bench).doubt is None
     assert at_rest(bench, rpy_deg=(0.0, 95.0, 0.0)).doubt is None  # a drawing may be 5 degrees off
     wrong = at_rest(bench, rpy_deg=(0.0, 0.0, 0.0))
-    assert "shows its weight 90° from where its mounting has it, 10° at most" in (wrong.doubt or "")
-    with pytest.raises(ValueError, match="90° from where its mounting has it"):
+    assert "shows gravity 90° off its mounting, 10° at most" in (wrong.doubt or "")
+    with pytest.raises(ValueError, match="90° off its mounting"):
         check_range(bench, wrong)
-    assert "its weight: gravity = true" in (at_rest(bench, gravity=False).doubt or "")
+    assert "which is gravity; state gravity = true" in (at_rest(bench, gravity=False).doubt or "")
     dead = at_rest(bench, np.zeros((len(TIME), 3)))
-    assert "at rest the accelerometer shows 0.00 m/s², not its weight" in (dead.doubt or "")
+    assert "at rest the accelerometer shows 0.00 m/s², which is not gravity" in (dead.doubt or "")
     assert averaged([at_rest(bench), wrong]).doubt == wrong.doubt
 
 

@@ -42,7 +42,7 @@ def test_a_class_that_nobody_has_defined_is_no_event(can_id):
         (error(0x001), "could not be sent in time", ""),
         (error(0x002), "arbitration lost", ""),
         (error(0x010), "transceiver", ""),
-        (error(0x020), "nobody acknowledges", ""),
+        (error(0x020), "no node acknowledges", ""),
         (error(0x080), "bus error", ""),
         (error(COUNTERS), "error counters: sent 0, received 0", ""),
         (error(CONTROLLER | BUS_OFF, 0, 0x20), "bus-off; error-passive by sent frames", "lost warning"),

@@ -52,7 +52,7 @@ def test_a_design_leaves_a_report_a_design_file_a_parameter_set_and_json(app, qu
     assert "<code>hil run constant-acceleration</code>" in page
     assert "`" not in page[page.index("</style>") :]
     assert "K<sub>g</sub> (kN·m/rad)" in page
-    assert "The designed filters keep all that is asked" in page
+    assert "The designed filters meet all requirements" in page
     for key in ("families", "nyquist", "margins", "ramps", "peaks", "requirements", "plant-set"):
         assert f'id="{key}"' in page
     assert "<script" not in page
@@ -66,7 +66,7 @@ def test_the_given_filter_is_judged_without_a_search(app, quick, tmp_path):
     assert found.exit_code == 0, found.output
     assert "0.0446" in found.stdout
     assert not (tmp_path / "design.toml").exists()
-    assert "The given filters keep all that is asked" in (tmp_path / "design.html").read_text()
+    assert "The given filters meet all requirements" in (tmp_path / "design.html").read_text()
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -88,7 +88,7 @@ def test_a_given_filter_that_misses_a_limit_is_said_to_and_the_report_is_there(a
     assert found.exit_code == 9
     assert "the given filters miss what is asked: M_s 1.6" in found.stderr
     assert "at most 1.5 asked" in found.stderr
-    assert "The given filters miss what is asked" in (tmp_path / "design.html").read_text()
+    assert "The given filters miss a requirement" in (tmp_path / "design.html").read_text()
     assert not (tmp_path / "notch-axis2.toml").exists()
 
 

@@ -55,7 +55,7 @@ def test_a_second_axis_joins_the_model_file_of_the_same_robot_and_no_other(tmp_p
     assert set(load_identified(Path(model)).axis) == {1, 6}
     other = invoke("--recording", JOINT_1, "--axis", "1", "--model", model, "--out", str(tmp_path / "b"), "--robot", "another")
     assert other.exit_code == 3
-    assert "holds what was identified of 'LARA 8'" in other.stderr
+    assert "is the model file of 'LARA 8'" in other.stderr
 
 
 @pytest.mark.ci
@@ -82,8 +82,8 @@ def test_a_layout_file_says_columns_units_and_ratio(tmp_path: Path) -> None:
         (("--recording", JOINT_1, "--axis", "1", "--column", "speed=x"), 2, "is no column"),
         (("--recording", JOINT_1, "--axis", "1", "--column", "motor=encoder_motorinc_1,furlong"), 3, "is not a unit of motor"),
         (("--recording", JOINT_1, "--axis", "6", "--orders", "0.2,1,2"), 9, "need 10"),
-        (("--recording", JOINT_1, "--axis", "1", "--encoder"), 2, "says by its columns which encoders there are"),
-        (("--axis", "1"), 2, "--recording FILE moves nothing"),
+        (("--recording", JOINT_1, "--axis", "1", "--encoder"), 2, "the columns name the encoders"),
+        (("--axis", "1"), 2, "no bench file is given"),
         (("--bench", "reference", "--axis", "1", "--ratio", "100"), 2, "none is given"),
     ],
 )

@@ -170,14 +170,14 @@ DEFECTS = {
     "the drive says twice the counts": (twice_the_counts, "accelerometer", r"\+2\.\d\d ± .* scale of the encoder"),
     "the sensor is turned": (sensor(lambda x, y, z: (z, y, x)), "accelerometer", r"along x: the sensor is turned"),
     "the sensor sits upside down": (sensor(lambda x, y, z: (x, y, -z)), "accelerometer", r"against the motor"),
-    "the sensor is dead": (sensor(lambda x, y, z: (0, 0, 0)), "accelerometer", r"nothing else: is it alive"),
+    "the sensor is dead": (sensor(lambda x, y, z: (0, 0, 0)), "accelerometer", r"all the time; check the sensor"),
     "the sensor sits elsewhere": (sensor(lambda x, y, z: (x, y, z % 3)), "accelerometer", r"does not move with this axis"),
     "the drive does not miss its master": (at_each_sync(stranger_in_the_masters_name), "heartbeat loss", r"still enabled 500 ms"),
     "a quick stop is not heard": (deaf_to_quick_stop, "quick stop, standing", r"still in operation"),
     "a quick stop takes its time": (at_each_sync(lazy_quick_stop), "quick stop, moving", r"in operation for 0\.5 s"),
     "position limits have the wrong sign": (at_each_sync(inverted_limits), "upper limit", r"on the side that is free"),
     "position limits do not act": (at_each_sync(no_limits), "upper limit", r"it came to \+0\.2"),
-    "the brake does not hold": (sagging(), "brake holds", r"after torque was taken away"),
+    "the brake does not hold": (sagging(), "brake holds", r"after the torque ended"),
 }
 
 

@@ -35,7 +35,7 @@ def test_what_the_bus_says_stands_there_and_the_rest_is_a_text():
     assert axis["limits"]["torque_nm"] == 2.5
     assert axis["control"]["velocity_gain_nm_s_rad"] == 0.1
     assert document["accelerometer"]["node_id"] == 16
-    assert "4096 increments per motor revolution; its motor stands at 0.250 rev" in text
+    assert "4096 increments per motor revolution; its motor is at 0.250 rev" in text
     for key in ("reduction_ratio", "tip_lever_m"):
         assert axis[key].startswith("TYPE:")
     assert all(axis["limits"][key].startswith("TYPE:") for key in ("speed_rps", "position_min_rev", "position_max_rev"))

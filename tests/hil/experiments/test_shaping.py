@@ -127,7 +127,7 @@ def test_a_bench_without_the_move_says_what_it_needs():
 
 
 def test_a_move_to_nowhere_is_none():
-    with pytest.raises(ValueError, match="is no move"):
+    with pytest.raises(ValueError, match="is too short"):
         PointToPointMotion(distance_rev=0.001, speed_rps=1.0, acceleration_rps_s=10.0)
 
 

@@ -109,5 +109,5 @@ def test_a_serial_sensor_keeps_its_last_value_where_it_is_silent_and_forgets_it_
 
 
 def test_a_serial_sensor_is_refused_where_time_is_counted_in_syncs(network: Network) -> None:
-    with pytest.raises(SerialAccelerometerError, match="counted in SYNCs"):
+    with pytest.raises(SerialAccelerometerError, match="counts time in SYNCs"):
         SerialSensor(network, AccelerometerReader(SERIAL.settings())).open()

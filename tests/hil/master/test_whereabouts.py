@@ -22,22 +22,22 @@ def test_a_refused_motion_names_the_nearest_start_to_zero_from_which_it_fits(
     stands: float, low: float, high: float, to: str
 ) -> None:
     said = way_out(2, stands, LIMITS, low, high)
-    assert said == f"it stands at {stands:g} rev; hil move --axis 2 --to {to} brings it to where the motion fits"
+    assert said == f"it is at {stands:g} rev; hil move --axis 2 --to {to} brings it to where the motion fits"
     assert float(to) + low >= -22.0
     assert float(to) + high <= 22.0
 
 
 def test_a_motion_longer_than_the_limits_names_no_move() -> None:
-    assert way_out(2, 1.0, LIMITS, -30.0, 30.0) == "it stands at 1 rev, and the motion is longer than the limits of -22 … 22 rev"
+    assert way_out(2, 1.0, LIMITS, -30.0, 30.0) == "it is at 1 rev, and the motion is longer than the limits of -22 … 22 rev"
 
 
 def test_a_stop_says_where_each_axis_stands_and_brings_back_only_what_is_away() -> None:
     found = [Whereabouts(2, 10.987, 0.0), Whereabouts(3, 4.0, 4.001), Whereabouts(5, None, 0.0)]
     assert stop_text(found) == (
-        "axis 2 stands at 10.99 rev, axis 3 stands at 4 rev, where axis 5 stands is not known; "
+        "axis 2 is at 10.99 rev, axis 3 is at 4 rev, the position of axis 5 is not known; "
         "to bring it back: hil move --axis 2 --to 0"
     )
-    assert stop_text([Whereabouts(2, 0.0, None)]) == "axis 2 stands at 0 rev"
+    assert stop_text([Whereabouts(2, 0.0, None)]) == "axis 2 is at 0 rev"
     assert stop_text([Whereabouts(2, 1.0, 0.5), Whereabouts(3, 2.0, 1.0)]).endswith(
         "; to bring them back: hil move --axis 2 --to 0.5 and hil move --axis 3 --to 1"
     )

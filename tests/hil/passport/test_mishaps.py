@@ -103,7 +103,7 @@ def test_texts_of_a_run_are_bounded(tmp_path: Path):
     model(tmp_path, error(note="x" * 5000))
     done = called(tmp_path)
     assert done.exit_code == 0, done.output
-    assert "4000 and 200 are the most" in done.stderr
+    assert "the limits are 4000 and 200" in done.stderr
     assert "0 new runs" in done.stderr
 
 

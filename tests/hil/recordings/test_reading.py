@@ -79,11 +79,11 @@ def test_a_format_without_its_package_says_how_to_install_it(tmp_path, monkeypat
     ("content", "said"),
     [
         (text_of(names="time_s,motor_rad,motor_rad"), "'motor_rad' names two columns"),
-        (text_of(names="1.0,2.0,3.0"), "its first line holds numbers"),
+        (text_of(names="1.0,2.0,3.0"), "its first line has numbers"),
         (with_cell(7, "seven"), "line 8: 'seven' in the column 'motor_rad' is not a number"),
         ("\n".join([*text_of().splitlines()[:51], "0.2"]), "line 52 has 1 cells, 3 are named"),
         ("time_s,motor_rad,load_rad\n" + "0.0,,0.0\n" * 100, "a number is missing in 100 of 100 rows"),
-        ("time_s,motor_rad,load_rad\n" + "0.0,1.0,0.0\n" * 100, "does not run on"),
+        ("time_s,motor_rad,load_rad\n" + "0.0,1.0,0.0\n" * 100, "does not increase"),
         ("time_s,motor_rad,load_rad\n0.0,1.0,0.0\n", "1 rows are too few"),
         (text_of() + "0.0,1.0,1.0\n", "the time goes back by 0.796 s from row 200 to 201"),
         ("", "the file is empty"),
@@ -141,7 +141,7 @@ def test_few_rows_without_a_number_are_left_out_and_said(tmp_path):
     path.write_text(with_cell(7, ""), encoding="utf-8")
     recorded = read_recording(path, Said(), 1)
     assert len(recorded.time_s) == ROWS - 1
-    assert recorded.notes == ("1 rows that lack a number are left out",)
+    assert recorded.notes == ("1 rows without a number are left out",)
 
 
 def test_an_angle_that_begins_anew_goes_on(tmp_path):
@@ -154,7 +154,7 @@ def test_an_angle_that_begins_anew_goes_on(tmp_path):
 @pytest.mark.parametrize(
     ("angles", "said"),
     [
-        (np.mod(np.arange(ROWS) * 160.0, 360.0), "nobody knows which way"),
+        (np.mod(np.arange(ROWS) * 160.0, 360.0), "the direction is not known"),
         (np.where(np.arange(ROWS) < 100, 0.0, 1300.0) + np.arange(ROWS), "does not begin anew after one revolution"),
     ],
 )

@@ -252,7 +252,7 @@ def test_both_tables_are_read():
         (LINE_TOML, '"z"]', '"x"]', "'x' 2 times"),
         (LINE_TOML, '"-", ', '"time", ', "fields name 'time'"),
         (LINE_TOML, "counter_modulo = 65536\n", "", "needs counter_modulo"),
-        (LINE_TOML, '"counter", ', "", "without a counter"),
+        (LINE_TOML, '"counter", ', "", "needs a counter"),
         (LINE_TOML, 'prefix = "$"', 'sync = "AA"', "framing 'line' has no sync"),
         (LINE_TOML, '"xor"', '"crc32"', "one of"),
         (BINARY_TOML, "frame_bytes = 12", "frame_bytes = 13", "make 12"),
@@ -291,8 +291,8 @@ def test_a_bench_has_a_node_or_a_serial_port():
     node = bench("[accelerometer]\nnode_id = 16\n")
     assert Bench.model_validate_json(node.model_dump_json()) == node
     for wrong, says in (
-        ("[accelerometer]\n", "either a node_id"),
-        ("[accelerometer]\nnode_id = 16\n[accelerometer.serial]\n" + LINE_TOML, "either a node_id"),
+        ("[accelerometer]\n", "needs either a node_id"),
+        ("[accelerometer]\nnode_id = 16\n[accelerometer.serial]\n" + LINE_TOML, "needs either a node_id"),
         ("[accelerometer]\nnode_id = 127\n", "accelerometer.node_id: node id 127 is given twice on this bus: bus.master_node_id"),
         ("[accelerometer.serial]\n" + LINE_TOML.replace("baud_rate", "baudrate"), "did you mean baud_rate"),
     ):
@@ -460,7 +460,7 @@ def test_what_cannot_be_read_is_refused_with_the_reason(terminal, port, written,
 
 def test_a_bus_in_lock_step_is_refused(terminal):
     reader = AccelerometerReader(table(BINARY_TOML).settings())
-    with pytest.raises(SerialAccelerometerError, match="time on this bus is counted in SYNCs"):
+    with pytest.raises(SerialAccelerometerError, match="this bus counts time in SYNCs"):
         reader.open(is_lock_step=True)
     reader.close()
 

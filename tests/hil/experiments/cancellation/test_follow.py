@@ -84,7 +84,7 @@ def test_what_moves_and_does_not_help_keeps_still_unless_the_gear_changes(follow
     entry, begins = tried(following, 0.1)
     assert entry.is_used
     assert begins == {(2, 2): pytest.approx(0.15)}
-    assert "axis 2, order 2 is followed where more than 15 % of it is left" in entry.begins[0].words
+    assert "axis 2, order 2 is followed if more than 15 % of it remains" in entry.begins[0].words
 
 
 @pytest.mark.parametrize(("following", "words"), [(0.4, "falls in no window"), (0.7, "rises from")])

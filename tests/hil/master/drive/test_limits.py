@@ -61,7 +61,7 @@ def test_a_torque_that_nobody_sees_and_nobody_limits_is_held_by_nobody():
     assert limit_of("torque_nm").holder(profile) == "master alone"
     blind = profile.model_copy(update={"torque": torque})
     assert limit_of("torque_nm").holder(blind) == "nobody"
-    assert "axis 2: nobody holds limits.torque_nm" in " ".join(limit_words(2, blind, STATED))
+    assert "axis 2: neither master nor drive holds limits.torque_nm" in " ".join(limit_words(2, blind, STATED))
 
 
 def test_a_ramp_of_unknown_scale_is_the_drives_own():

@@ -62,7 +62,7 @@ RATIO = {"axis__2__reduction_ratio": 80.0}
         ),
         (
             result(), result(constant_acceleration__end_rps=8.0),
-            "the motion is another: in constant_acceleration end_rps = 8.0 became",
+            "the motion differs: in constant_acceleration end_rps = 8.0 became",
         ),
         (result(), result(run_entry(order=4)), "no run of one has the motion, the window and the treatment"),
     ],
@@ -73,7 +73,7 @@ def test_unlike_things_are_refused_in_words(tmp_path, new, old, why):
         written(tmp_path / name, each)
     found = CliRunner().invoke(app, ["report", str(tmp_path / "new"), "--against", str(tmp_path / "old")])
     assert found.exit_code == 3, found.output
-    assert f"unlike things are not compared: {why}" in found.output
+    assert f"the results are too different to compare: {why}" in found.output
     assert list(tmp_path.glob("new/*.html")) == []
 
 

@@ -297,7 +297,7 @@ def test_holes_in_a_recording_are_bridged_and_said(full_directory, tmp_path):
     (tmp_path / name).write_text("".join(lines), encoding="utf-8")
     shutil.copy(full_directory / "result.json", tmp_path)
     page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
-    assert f"{name}: 2 samples did not come in" in page.text
+    assert f"{name}: 2 samples are missing" in page.text
     assert "suppression-3" in page.figures
 
 
