@@ -13,6 +13,11 @@ void servo_start(struct law *law, real motor_angle, real speed_rad_s, real torqu
     }
 }
 
+void servo_move_origin(struct law *law, real by_rad)
+{
+    law->cascade_state.motor_angle_rad -= by_rad;
+}
+
 real servo_step(
     struct law *law, real period_s, real torque_limit_nm, real position, real velocity_offset, real torque_offset,
     real motor_angle)
