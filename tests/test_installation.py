@@ -11,14 +11,19 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("drive_profiles", "hil", "plant_emulator")
-FILES = ("Makefile", "pyproject.toml", "setup.py", "requirements.lock", "LICENSE", "README.md")
+FILES = (
+    "Makefile", "MANIFEST.in", "pyproject.toml", "setup.py", "requirements.lock", "requirements-compiler.lock", "LICENSE",
+    "README.md",
+)  # fmt: skip
+BUILT = ("__pycache__", "*.native", "*_abi.py")
 OLDEST_PIP = "23.0.1"
 WINDOWS_ONLY = {"colorama": ""}
 FOR_TESTS = {"pytest", "mypy", "ruff", "distributed", "hypothesis"}
 
 
-def run(folder, *command):
-    environment = {key: value for key, value in os.environ.items() if key not in {"VIRTUAL_ENV", "PYTHONPATH", "MAKEFLAGS", "CI"}}
+def run(folder, *command, **changes):
+    mine = {"VIRTUAL_ENV", "PYTHONPATH", "MAKEFLAGS", "CI"}
+    environment = {key: value for key, value in os.environ.items() if key not in mine} | changes
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{command} ended with {done.returncode}:\n{done.stdout}\n{done.stderr}"
     return done.stdout
@@ -30,7 +35,7 @@ def project(tmp_path):
     for name in FILES:
         shutil.copy(ROOT / name, tmp_path)
     for name in PACKAGES:
-        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns(*BUILT))
     (tmp_path / "tests").mkdir()
     return tmp_path
 
@@ -66,6 +71,22 @@ def test_the_demo_installs_with_this_pip_exactly_what_its_lock_says(project, pip
     assert {name: found.get(name) for name in wanted} | WINDOWS_ONLY == wanted | WINDOWS_ONLY
     assert not FOR_TESTS & found.keys()
     assert "hil" in run(project, ".venv/bin/hil", "--version")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_the_demo_runs_where_there_is_no_compiler(project, tmp_path_factory):
+    """The PATH has what make and its recipes need, and no cc."""
+    folder = tmp_path_factory.mktemp("bin")
+    for name in ("sh", "bash", "env", "make", "touch", "git", "uname", "dirname", "cat", "rm", "mkdir", "sed"):
+        if path := shutil.which(name):
+            (folder / name).symlink_to(path)
+    (folder / "python3").symlink_to(sys._base_executable)
+    assert not any(shutil.which(name, path=str(folder)) for name in ("cc", "gcc", "clang"))
+    said = run(project, "make", ".venv/installed", PATH=str(folder))
+    assert "There is no C compiler: installing requirements-compiler.lock into .venv" in said
+    run(project, ".venv/bin/hil", "demo", "--no-tour", "--out", "demo", PATH=str(folder))
+    assert (project / "demo" / "report.html").is_file()
 
 
 @pytest.mark.slow

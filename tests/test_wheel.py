@@ -5,12 +5,14 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
 
-from tests.test_installation import PACKAGES, ROOT
+from tests.test_installation import BUILT, PACKAGES, ROOT
 
 MINORS = (11, 12, 13, 14)
 OLDEST_FOR = 13
@@ -49,10 +51,10 @@ def interpreter(minor):
 def wheel(tmp_path_factory):
     """The wheel, built from a copy: a build leaves files in the project."""
     folder = tmp_path_factory.mktemp("wheel")
-    for name in ("pyproject.toml", "setup.py", "LICENSE", "README.md"):
+    for name in ("MANIFEST.in", "pyproject.toml", "setup.py", "LICENSE", "README.md"):
         shutil.copy(ROOT / name, folder)
     for name in PACKAGES:
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.o"))
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns(*BUILT))
     run(folder, sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "--wheel-dir", "dist", ".")
     (found,) = (folder / "dist").glob("*.whl")
     return found
@@ -65,6 +67,38 @@ def oldest(folder):
     assert all("==" in line for line in lines)
     (folder / "oldest.txt").write_text("\n".join(lines), encoding="utf-8")
     return "--constraint", "oldest.txt"
+
+
+def test_one_wheel_serves_every_python_of_a_platform(wheel):
+    assert re.fullmatch(r"hil_bench-[\w.]+-py3-none-(?!any)\w+\.whl", wheel.name)
+    names = zipfile.ZipFile(wheel).namelist()
+    for package, core in (("hil", "law"), ("plant_emulator", "plant")):
+        assert {f"{package}/core/{core}.native", f"{package}/core/{core}_abi.py", f"{package}/core/core.h"} <= set(names)
+    assert "hil/control/notch.c" in names, "whoever builds firmware finds the law"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="manylinux is Linux")
+def test_the_wheel_asks_for_nothing_but_the_c_library(wheel):
+    said = run(wheel.parent, sys.executable, "-m", "auditwheel", "show", wheel)
+    assert re.search(r"manylinux_2_\d+_", said), said
+
+
+def test_the_source_archive_builds_the_wheel(tmp_path):
+    folder = tmp_path / "project"
+    folder.mkdir()
+    for name in ("MANIFEST.in", "pyproject.toml", "setup.py", "LICENSE", "README.md"):
+        shutil.copy(ROOT / name, folder)
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    program = "from setuptools.build_meta import build_sdist; print(build_sdist('dist'))"
+    archive = folder / "dist" / run(folder, sys.executable, "-c", program).splitlines()[-1]
+    with tarfile.open(archive) as held:
+        names = held.getnames()
+    assert not [name for name in names if name.endswith((".native", "_abi.py"))], "what was built belongs to a machine"
+    assert [name for name in names if name.endswith("hil/control/notch.c")]
+    run(tmp_path, sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "--wheel-dir", "dist", archive)
+    (made,) = (tmp_path / "dist").glob("*.whl")
+    assert "hil/core/law.native" in zipfile.ZipFile(made).namelist()
 
 
 @pytest.mark.parametrize("versions", ["newest", "oldest"])

@@ -25,11 +25,6 @@ OPTIONS = {"vcan": "echo=1"}
 """Without echo vcan hands frames back before its queueing discipline, and `tc netem` has nothing to act on."""
 SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 SHARED_MEMORY = "/dev/shm"  # noqa: S108 - the kernel makes an unnamed file there: the machine's memory
-COMPILED = Path(sys.prefix) / "compiled-in-vm"
-"""The machine's own place for compiled code.
-
-It sees files' times in whole seconds, so it holds all that was compiled outside for outdated, and outside its own is.
-"""
 SLOWNESS = int(os.environ.get("HIL_MACHINE_SLOWNESS", "4"))
 """Seconds that pass here in one of the machine's, where a C compiler is: by its own clock it is as much faster (slow_clock.c)."""
 NO_MACHINE, TIMED_OUT = 125, 124
@@ -104,7 +99,6 @@ def run(command: list[str], interfaces: str, memory: str, limit_s: float, slowne
         (job / "interfaces").write_text(interfaces)
         exports = {key: value for key, value in os.environ.items() if key.isidentifier()}
         exports["TMPDIR"] = str(job / "tmp")
-        exports["NUMBA_CACHE_DIR"] = str(COMPILED)
         lines = [f"export {key}={shlex.quote(value)}" for key, value in exports.items()]
         (job / "command").write_text("\n".join([*lines, f"cd {shlex.quote(os.getcwd())}", shlex.join(command), ""]))
         with (job / "console").open("w+b") as console, os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
