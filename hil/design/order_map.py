@@ -281,7 +281,7 @@ def _windows(motor_angle_rad: Real, signals: Sequence[Real], period_s: float, or
             )
     together = np.stack(signal)
     if not (len(orders) and float(np.min(orders)) > 0.0 and period_s > 0.0 and turns > 0.0):
-        raise ValueError(f"orders {orders}, a period of {period_s:g} s and {turns:g} turns must all be above 0")
+        raise ValueError(f"orders {orders}, a period of {period_s:g} s and {turns:g} turns must be positive")
     count = 0
     for begin, end in _stretches(angle, period_s):
         position = np.maximum.accumulate(np.abs(angle[begin:end] - angle[begin])) / (2.0 * math.pi)
