@@ -161,7 +161,7 @@ def test_a_sensor_that_is_not_mounted_as_the_bench_says_identifies_nothing(forea
     with Session(bench, InProcessChannel(World(forearm)), BusLog(None)) as session:
         session.bring_up()
         knowledge = axis_knowledge(bench, 3, None, sensorless=False)
-        with pytest.raises(NotPossibleError, match=r"its weight \d\d° from where its mounting has it"):
+        with pytest.raises(NotPossibleError, match=r"gravity \d\d° off its mounting"):
             identify_on(session, AteRequest(3, goal=ONE_PASS), knowledge)
 
 

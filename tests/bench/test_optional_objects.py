@@ -185,7 +185,7 @@ def test_what_any_of_several_experiments_lacks_is_said_before_the_first_of_them_
     channel = InProcessChannel(World(reference_robot))
     monkeypatch.setattr(measurement, "open_channel", lambda address: channel)
     experiments = [Experiment("constant-acceleration", AXIS, "none", loop) for loop in ("drive", "host")]
-    with pytest.raises(NotPossibleError, match='axis 2: control = "as found", and the host closes the loop'):
+    with pytest.raises(NotPossibleError, match='axis 2: control = "as found" leaves the gains to the drive'):
         run_experiments(changed(short_bench, control=AS_FOUND), experiments, tmp_path)
     assert not channel.sent
 

@@ -111,7 +111,7 @@ def test_several_robots_do_not_share_the_bus_of_the_environment(tmp_path, monkey
     bench = bench_file(tmp_path, ROBOT)
     done = called("compare", "--bench", bench, "--bench", "reference", "--treatment", "notch")
     assert done.exit_code == 2
-    assert "HIL_BUS is for a single robot" in done.stderr
+    assert "HIL_BUS is for one robot" in done.stderr
 
 
 def test_a_plan_takes_the_same_bus_and_its_json_stays_alone_on_standard_output(tmp_path, monkeypatch):

@@ -144,7 +144,7 @@ def test_a_log_of_two_interfaces_is_read_one_at_a_time(tmp_path):
     first, second = open_log(path), open_log(path, interface="can1")
     assert (list(first.streams), first.damage.elsewhere) == ([0x181], 4)
     assert (list(second.streams), second.damage.elsewhere) == ([0x182], 4)
-    with pytest.raises(LogError, match="no frame of interface can7, and 8 of others"):
+    with pytest.raises(LogError, match="no frame of interface can7, but 8 of others"):
         open_log(path, interface="can7")
 
 

@@ -259,7 +259,7 @@ def test_both_tables_are_read():
         (BINARY_TOML, "<Hhhh", "Hhhh", "'<' or '>'"),
         (BINARY_TOML, "<Hhhh", "<Hhhhh", "has 5 numbers"),
         (BINARY_TOML, "<Hhhh", "<H99999999999999999999xhhh", "format"),
-        (BINARY_TOML, "<Hhhh", "<H999999999xhhh", "at most 256"),
+        (BINARY_TOML, "<Hhhh", "<H999999999xhhh", "the limit is 256"),
         (BINARY_TOML, "<Hhhh", "<hhhh", "needs counter_modulo"),
         (BINARY_TOML, 'sync = "AA 55"', "", "needs sync and format"),
         (BINARY_TOML, "460800", "115200", "need 120000 bit/s"),

@@ -31,7 +31,7 @@ def test_every_gap_is_listed_once_with_its_use():
     gaps = profile_gaps(2, TABLE, without(OWN, "position_gain_per_s", "lowpass_hz", "notch_1.mode"), "drive", with_notch=True)
     assert len(gaps) == 2
     gains, notch = gaps
-    assert "no position_gain_per_s, lowpass_hz, to which the gains of control are written" in gains
+    assert "no position_gain_per_s, lowpass_hz for the gains of control" in gains
     assert f'gains_are_set = true if the drive has these gains already, else control = "{AS_FOUND}"' in gains
     assert "no notch_1.mode, the filter that axis.2.notch describes" in notch
 
