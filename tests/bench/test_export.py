@@ -236,7 +236,7 @@ def test_plotjuggler_gets_every_row_as_an_object_with_its_time_and_a_layout_name
 
 
 def test_what_cannot_be_exported_is_said(folder, tmp_path):
-    with pytest.raises(ExportError, match=r"its run's bus\.log has"):
+    with pytest.raises(ExportError, match=r"give bus\.log of its run"):
         mapping_of(folder / "runs" / "line.csv", Known(None, {}))
     with pytest.raises(ExportError, match="no recording 'other'; there are line"):
         series_in(folder, Known(None, {}, run="other"))

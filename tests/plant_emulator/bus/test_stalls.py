@@ -288,7 +288,7 @@ def test_where_no_arrivals_are_known_frames_count_as_spread_over_the_stall(hold,
     held.stand_still(250, lambda: [channel.send(BEAT) for _ in range(20)])
     heard = held.ask(channel)
     assert emergencies(heard) == []
-    assert [words.split(",")[0] for words in held.words] == ["the emulator was 250 ms late"]
+    assert [words.split(" and ")[0] for words in held.words] == ["the emulator was 250 ms late"]
     held.pass_ms(40)
     assert emergencies(held.ask(channel)) == ["3081"]
 
