@@ -144,7 +144,7 @@ def test_a_run_asks_where_the_other_axes_stand() -> None:
     bench, world = bench_of(robot, mounting), World(robot)
     world.axes.plant_state["motor_angle_rad"][2] = -40.0  # axis 3, braked, 23 degrees off home
     assert world.axes.arm is not None
-    world.axes.arm.settle()
+    world.axes.arm.hang_at_rest()
     with Session(bench, InProcessChannel(world), BusLog(None)) as session:
         session.bring_up()
         motion = constant_acceleration(bench, 2, 0.002)

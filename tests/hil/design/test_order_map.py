@@ -115,10 +115,10 @@ def test_an_order_above_what_the_samples_show_is_not_shown():
     [
         (np.zeros(50), np.zeros(50), PERIOD_S, [2.0], 2.0, "never makes 2 turns"),
         (ramp(), np.zeros(3), PERIOD_S, [2.0], 2.0, "do not match"),
-        (ramp(), np.zeros(1250), PERIOD_S, [0.0, 2.0], 2.0, "above 0"),
-        (ramp(), np.zeros(1250), 0.0, [2.0], 2.0, "above 0"),
-        (ramp(), np.zeros(1250), PERIOD_S, [2.0], -1.0, "above 0"),
-        (ramp(), np.zeros(1250), PERIOD_S, [], 2.0, "above 0"),
+        (ramp(), np.zeros(1250), PERIOD_S, [0.0, 2.0], 2.0, "positive"),
+        (ramp(), np.zeros(1250), 0.0, [2.0], 2.0, "positive"),
+        (ramp(), np.zeros(1250), PERIOD_S, [2.0], -1.0, "positive"),
+        (ramp(), np.zeros(1250), PERIOD_S, [], 2.0, "positive"),
     ],
 )
 def test_what_cannot_be_mapped_is_refused_with_its_values(angle, values, period_s, orders, turns, words):
