@@ -91,7 +91,7 @@ class Table(pydantic.BaseModel):
     Unknown keys are refused, instances are frozen, strings are never converted to numbers, and NaN is refused.
     """
 
-    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
 
 
 class WrongKeyError(ValueError):

@@ -119,7 +119,7 @@ void cancellation_step(
     values[1] = sums[1];
     if (c->torque_step_nm > 0.0) { /* what is rounded off now is added next time: below 25 Hz nothing of it is left */
         const real wanted = sums[1] + s->left_nm;
-        values[1] = FLOOR(wanted / c->torque_step_nm + 0.5) * c->torque_step_nm;
+        values[1] = round_down(wanted / c->torque_step_nm + 0.5) * c->torque_step_nm;
         s->left_nm = wanted - values[1];
     }
 }

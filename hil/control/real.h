@@ -23,9 +23,15 @@ typedef int64_t integer;
 #define EXP IN_REAL(exp)
 #define SQRT IN_REAL(sqrt)
 #define ATAN2 IN_REAL(atan2)
-#define FLOOR IN_REAL(floor)
 #define FABS IN_REAL(fabs)
 #define COPYSIGN IN_REAL(copysign)
+
+/* Of a function that is part of its callers, however large it is: a control period is made of few such. */
+#ifdef __GNUC__
+#define INLINED static inline __attribute__((always_inline))
+#else
+#define INLINED static inline
+#endif
 
 /* From here on a number has no fraction. */
 #ifdef HIL_SINGLE
@@ -37,22 +43,29 @@ typedef int64_t integer;
 #define PI ((real)3.141592653589793)
 
 /* The smaller of two numbers; the first where neither is smaller, as where one is NaN. */
-static inline real least(real a, real b)
+INLINED real least(real a, real b)
 {
     return b < a ? b : a;
 }
 
 /* The larger of two numbers; the first where neither is larger, as where one is NaN. */
-static inline real most(real a, real b)
+INLINED real most(real a, real b)
 {
     return b > a ? b : a;
 }
 
 /* The nearest whole number, even where two are equally near: rint, which is a call of the library on some processors. */
-static inline real nearest_whole(real x)
+INLINED real nearest_whole(real x)
 {
     const real size = FABS(x);
     return size < WHOLE ? COPYSIGN((size + WHOLE) - WHOLE, x) : x;
+}
+
+/* The largest whole number that is not above x: floor, alike. */
+INLINED real round_down(real x)
+{
+    const real nearest = nearest_whole(x);
+    return nearest > x ? nearest - 1.0 : nearest;
 }
 
 #endif

@@ -56,7 +56,7 @@ class Servo:
         laws = np.zeros(1, LAW)
         self.notch_state = laws["notch_state"]
         config.write(laws[0])
-        self._law = CORE.pointer(laws, "law")
+        self._law, self._step = CORE.pointer(laws, "law"), CORE.call.servo_step
 
     def start(self, motor_angle: float, speed_rad_s: float = 0.0, torque_nm: float = 0.0) -> None:
         """Take over at this angle and speed while this torque acts, without a step in the torque."""
@@ -75,7 +75,5 @@ class Servo:
             The torque command in N·m.
         """
         limit_nm = self.config.torque_limit_nm
-        torque_nm: float = CORE.call.servo_step(
-            self._law, self.period_s, limit_nm, position, velocity_offset, torque_offset, motor_angle
-        )
+        torque_nm: float = self._step(self._law, self.period_s, limit_nm, position, velocity_offset, torque_offset, motor_angle)
         return torque_nm

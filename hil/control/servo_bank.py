@@ -1,7 +1,6 @@
 """The laws of several axes in one call, which the host makes in every cycle when it closes their loops."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -33,6 +32,8 @@ class ServoBank:
             config.write(laws[row])
             self._values[2, row] = config.torque_limit_nm
         self._laws, self._shared = CORE.pointer(laws, "law"), CORE.pointer(self._values)
+        self._each, self._limits_nm = [self._laws + row for row in range(count)], [each.torque_limit_nm for each in configs]
+        self._step, self._step_one = CORE.call.bank_step, CORE.call.servo_step
 
     def __len__(self) -> int:
         """Number of axes."""
@@ -47,28 +48,17 @@ class ServoBank:
             speed_rad_s: The motor's speed.
             torque_nm: The torque that acts now.
         """
-        CORE.call.servo_start(self._law(row), motor_angle, speed_rad_s, torque_nm)
+        CORE.call.servo_start(self._each[row], motor_angle, speed_rad_s, torque_nm)
 
     def step(self, positions: Sequence[float], motor_angles: Sequence[float]) -> list[float]:
         """Torques in N·m of all axes, from references and measured motor angles in rad."""
         values = self._values
         values[0], values[1] = positions, motor_angles
-        CORE.call.bank_step(self._laws, len(self), self.period_s, self._shared)
+        self._step(self._laws, len(self._each), self.period_s, self._shared)
         torques, self.notch_hz = values[3:].tolist()
         return torques  # type: ignore[no-any-return] # tolist() of an array gives whatever it holds
 
     def step_one(self, row: int, position: float, motor_angle: float) -> float:
         """Torque in N·m of one axis, from its reference and motor angle in rad; the other laws keep their state."""
-        law, limit_nm = self._law(row), float(self._values[2, row])
-        torque_nm: float = CORE.call.servo_step(law, self.period_s, limit_nm, position, 0.0, 0.0, motor_angle)
+        torque_nm: float = self._step_one(self._each[row], self.period_s, self._limits_nm[row], position, 0.0, 0.0, motor_angle)
         return torque_nm
-
-    def _law(self, row: int) -> Any:
-        """Law of an axis in C.
-
-        Raises:
-            IndexError: There is no such axis.
-        """
-        if not 0 <= row < len(self):
-            raise IndexError(f"row {row} is not within 0 … {len(self) - 1}")
-        return self._laws + row

@@ -11,7 +11,7 @@ from pathlib import Path
 
 _INCLUDE = re.compile(r'#include "([^"]+)"')
 _NUMBER = re.compile(r"#define (\w+) (-?[\d.]+(?:e-?\d+)?)\s")
-_BODY = re.compile(r"^static inline .*?^}\n", re.MULTILINE | re.DOTALL)
+_BODY = re.compile(r"^INLINED .*?^}\n", re.MULTILINE | re.DOTALL)
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 
 

@@ -7,9 +7,9 @@
 #include "record.h"
 
 /* The encoder's reading: the motor angle rounded to whole counts. */
-static inline real measured_counts(real motor_angle, real counts_per_rad)
+INLINED real measured_counts(real motor_angle, real counts_per_rad)
 {
-    return FLOOR(motor_angle * counts_per_rad + 0.5);
+    return round_down(motor_angle * counts_per_rad + 0.5);
 }
 
 /* One control period of a drive: measure, set-point, law, limits. Returns the torque in N m, 0 behind a closed brake. */

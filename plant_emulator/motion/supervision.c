@@ -127,8 +127,8 @@ void watch_inputs(struct motion *motion, real counts)
                 latch(m, &inputs[i], now, counts);
             }
         }
-        const real turn = FLOOR((counts - m->index_counts) / m->counts_per_rev);
-        const real before = FLOOR((m->seen_counts - m->index_counts) / m->counts_per_rev);
+        const real turn = round_down((counts - m->index_counts) / m->counts_per_rev);
+        const real before = round_down((m->seen_counts - m->index_counts) / m->counts_per_rev);
         if (turn != before && (m->edges & ((integer)1 << INDEX)) == 0) {
             m->edges |= (integer)1 << INDEX;
             m->latch_counts[INDEX] = m->index_counts + most(turn, before) * m->counts_per_rev;

@@ -51,7 +51,7 @@ void begin_mode(struct axis *axis, integer mode)
     const real demand_speed = is_foreign ? speed : m->demand_speed_rad_s;
     real error = 0.0, torque_offset = m->torque_offset_nm;
     if (mode == POSITION) {
-        m->previous_counts = m->target_counts = FLOOR(angle * m->counts_per_rad + 0.5);
+        m->previous_counts = m->target_counts = round_down(angle * m->counts_per_rad + 0.5);
         error = m->velocity_offset_rad_s - speed;
     } else if (mode == VELOCITY) {
         m->previous_speed_rad_s = m->target_speed_rad_s = speed - m->velocity_offset_rad_s;
@@ -64,7 +64,7 @@ void begin_mode(struct axis *axis, integer mode)
         m->reference_rad = has_position ? m->demand_rad : angle + speed / most(1.0, c->position_gain_per_s);
         m->reference_speed_rad_s = demand_speed;
         const real target = m->reference_rad + stopping_distance_rad(m, demand_speed);
-        m->target_counts = FLOOR(target * m->counts_per_rad + 0.5);
+        m->target_counts = round_down(target * m->counts_per_rad + 0.5);
         error = c->position_gain_per_s * (m->reference_rad - angle) - speed;
     } else {
         m->torque_demand_nm = torque;

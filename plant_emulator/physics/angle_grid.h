@@ -88,7 +88,7 @@ void find_constants(const struct plant *plant, struct constants *constants);
 void find_grid_point(const struct constants *k, real motor, real arm, struct grid_point *near);
 
 /* The grid angles nearest to an angle of the motor and one of the arm. */
-static inline void grid_angles(const struct constants *k, real motor_angle, real arm_angle, real *motor, real *arm)
+INLINED void grid_angles(const struct constants *k, real motor_angle, real arm_angle, real *motor, real *arm)
 {
     *motor = nearest_whole(motor_angle * (1.0 / MOTOR_GRID_RAD)) * MOTOR_GRID_RAD;
     *arm = nearest_whole((arm_angle + k->home_angle) * (1.0 / ARM_GRID_RAD)) * ARM_GRID_RAD;
@@ -98,7 +98,7 @@ static inline void grid_angles(const struct constants *k, real motor_angle, real
  *
  * Taylor's polynomials to d^6 and d^7 leave less than d^8/8! and d^9/9!: 5.8e-15 at |d| = 1/16. On an amplitude of A_k = 60" that
  * is 2e-18 rad, below the last digit of theta_m/N. Further away the library's functions take over. */
-static inline void motor_turn(real d, real *cosine, real *sine)
+INLINED void motor_turn(real d, real *cosine, real *sine)
 {
     if (FABS(d) > MOTOR_GRID_RAD) {
         *cosine = COS(d);
@@ -114,7 +114,7 @@ static inline void motor_turn(real d, real *cosine, real *sine)
  *
  * Taylor's polynomials to d^4 and d^5 leave less than d^6/6! and d^7/7!: 2.0e-14 at |d| = 1/64. On a gravity moment of 52 N m
  * that is 1e-12 N m; the last digit of an arm angle of 1 rad, times K_g, is 1e-11 N m. */
-static inline void arm_turn(real d, real *cosine, real *sine)
+INLINED void arm_turn(real d, real *cosine, real *sine)
 {
     if (FABS(d) > ARM_GRID_RAD) {
         *cosine = COS(d);
@@ -130,7 +130,7 @@ static inline void arm_turn(real d, real *cosine, real *sine)
  *
  * near is a grid point: the nearer, the smaller the error. command is the torque command in N m; braked: the brake holds the
  * motor. */
-static inline void rates(
+INLINED void rates(
     const struct constants *k, const struct grid_point *near, real command, int braked, const struct axis_state *at,
     struct axis_state *slope)
 {

@@ -84,7 +84,7 @@ struct plant_state {
 /* t_f = (t_C + (t_S - t_C) exp(-(w/w_s)^2)) tanh(w/0.05): Coulomb and Stribeck friction on the motor side, N m.
  *
  * With e = exp(-2|x|), tanh|x| = (1 - e)/(1 + e) to 2e-16; exponentials are worked out only where they are above 1e-17. */
-static inline real friction(real coulomb_nm, real rise_nm, real per_stribeck, real speed)
+INLINED real friction(real coulomb_nm, real rise_nm, real per_stribeck, real speed)
 {
     real level = coulomb_nm;
     const real ratio = speed * per_stribeck;

@@ -56,8 +56,8 @@ def test_a_record_of_an_array_is_taken_as_it_lies_there():
 
 def test_a_row_that_is_not_there_is_refused():
     bank = ServoBank([CONFIG] * 2, 250e-6)
-    for row in (2, -1, 10**9):
-        with pytest.raises(IndexError, match=f"row {row} is not within 0 … 1"):
+    for row in (2, -3, 10**9):
+        with pytest.raises(IndexError):
             bank.step_one(row, 0.0, 0.0)
 
 
