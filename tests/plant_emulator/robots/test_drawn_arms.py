@@ -129,7 +129,7 @@ def test_the_arm_of_a_urdf_file_is_given_drives_and_a_bench_that_reads_the_same_
     ("words", "status", "said"),
     [
         (("--urdf", EXAMPLE, "--home-deg", "0,20,95"), 2, "3 angles for 6 links"),
-        (("--urdf", EXAMPLE, "--home-deg", "0,twenty,95,0,65,0"), 2, "no angles"),
+        (("--urdf", EXAMPLE, "--home-deg", "0,twenty,95,0,65,0"), 2, "not a list of angles"),
         (("--urdf", EXAMPLE, "--home-deg", "0,200,95,0,65,0"), 2, "outside of its range_deg"),
         (("--urdf", EXAMPLE, "--tip-link", "wrist"), 3, "not at the arm's end"),
         (("--urdf", "nowhere.urdf"), 3, "cannot be read"),
