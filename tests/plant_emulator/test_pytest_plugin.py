@@ -323,7 +323,7 @@ def test_sto_ends_and_what_is_not_there_is_named(hil_drive, hil_faults, hil_robo
     assert hil_drive.is_enabled
     for call, words in (
         (lambda: hil_faults.safe_torque_off(4), "no axis 4; it has 2, 3, 5"),
-        (lambda: hil_faults.hold_input(2, "door"), "no input door; there are negative_limit"),
+        (lambda: hil_faults.hold_input(2, "door"), "unknown input door; expected one of negative_limit"),
         (lambda: hil_faults.bus_off(99), "no node 99; it has 2, 3, 5, 16"),
     ):
         with pytest.raises(ValueError, match=words):

@@ -83,7 +83,7 @@ def test_show_some_entries_as_json(wanted, count):
 def test_show_of_what_is_not_there_is_usage():
     result = run("show", CONFIGURED, "warp core")
     assert result.exit_code == 2
-    assert "no object 'warp core'" in " ".join(result.stderr.replace("│", " ").split())
+    assert "has no object 'warp core'" in " ".join(result.stderr.replace("│", " ").split())
 
 
 @pytest.mark.parametrize(("suffix", "kind"), [(".eds", "eds"), (".dcf", "dcf"), (".DCF", "dcf")])
