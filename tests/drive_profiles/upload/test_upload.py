@@ -49,7 +49,7 @@ def test_pull_change_upload_back_leaves_no_difference(name, tmp_path):
     pulled = device.pull()
     assert not pulled.header.not_read
     assert sum(1 for _ in pulled.items()) == sum(
-        1 for e in device.catalogue if e.is_readable and e.is_writable and not is_command(e.address)
+        1 for e in device.catalogue if e.is_readable and e.is_writable and not is_command(e.address, Profile.load(name))
     )
     assert upload(device, pulled, tmp_path, allow_unverified=True).written == 0
     moved = _moved(pulled, device)
