@@ -191,7 +191,7 @@ def test_numbers_beyond_any_arm_are_refused(tmp_path):
             A.replace('parent link="base"', 'parent link="middle"').replace('xyz="0 0 0"', 'xyz="9000 0 0"'),
         ),
     )
-    with pytest.raises(FileError, match="joint 'a': stands 18000 m from the joint before it"):
+    with pytest.raises(FileError, match="joint 'a': is 18000 m from the joint before it"):
         read_urdf(path, {"a": 1})
     with pytest.raises(FileError, match="<mass> has value='1e300'; expected a number within"):
         read_urdf(written(tmp_path, robot(BASE, ONE.replace('value="2.0"', 'value="1e300"'), A)), {"a": 1})
