@@ -202,7 +202,7 @@ void advance(integer periods, real period_s, integer substeps, struct axis *axes
             }
             if (trace != 0) {
                 real *shown = trace + 3 * (period * count + row);
-                mechanics->arm_acceleration_rad_s2 = arm_acceleration(&k, mechanics);
+                mechanics->arm_acceleration_rad_s2 = arm_acceleration(&k, mechanics, &near);
                 shown[0] = mechanics->arm_angle_rad;
                 shown[1] = mechanics->arm_speed_rad_s;
                 shown[2] = mechanics->arm_acceleration_rad_s2;
@@ -210,7 +210,7 @@ void advance(integer periods, real period_s, integer substeps, struct axis *axes
         }
         m->wake = m->trip != 0 || m->event != 0;
         if (periods > 0 && trace == 0) {
-            mechanics->arm_acceleration_rad_s2 = arm_acceleration(&k, mechanics);
+            mechanics->arm_acceleration_rad_s2 = arm_acceleration(&k, mechanics, &near);
         }
     }
 }

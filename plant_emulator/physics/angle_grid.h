@@ -94,6 +94,16 @@ INLINED void grid_angles(const struct constants *k, real motor_angle, real arm_a
     *arm = nearest_whole((arm_angle + k->home_angle) * (1.0 / ARM_GRID_RAD)) * ARM_GRID_RAD;
 }
 
+/* Make near the grid point nearest to these angles, if it is not. */
+INLINED void move_near(const struct constants *k, real motor_angle, real arm_angle, struct grid_point *near)
+{
+    real motor, arm;
+    grid_angles(k, motor_angle, arm_angle, &motor, &arm);
+    if (motor != near->motor || arm != near->arm) {
+        find_grid_point(k, motor, arm, near);
+    }
+}
+
 /* Cosine and sine of the motor's distance from its grid angle.
  *
  * Taylor's polynomials to d^6 and d^7 leave less than d^8/8! and d^9/9!: 5.8e-15 at |d| = 1/16. On an amplitude of A_k = 60" that

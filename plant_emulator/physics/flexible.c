@@ -30,12 +30,7 @@ static void find_all_near(const struct flexible *arm)
 {
     for (integer i = 0; i < arm->count; i++) {
         const struct axis_state *x = &arm->stages[STATE * arm->count + i];
-        struct grid_point *near = &arm->near[i];
-        real motor, inclination;
-        grid_angles(&arm->joints[i], x->theta_m, x->theta_l, &motor, &inclination);
-        if (motor != near->motor || inclination != near->arm) {
-            find_grid_point(&arm->joints[i], motor, inclination, near);
-        }
+        move_near(&arm->joints[i], x->theta_m, x->theta_l, &arm->near[i]);
     }
 }
 

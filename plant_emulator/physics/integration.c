@@ -27,11 +27,7 @@ void plant_period(
     const real h = period_s / (real)substeps;
     const real half = 0.5 * h, sixth = h / 6.0;
     for (integer step = 0; step < substeps; step++) {
-        real motor, arm;
-        grid_angles(k, x.theta_m, x.theta_l, &motor, &arm);
-        if (motor != near->motor || arm != near->arm) {
-            find_grid_point(k, motor, arm, near);
-        }
+        move_near(k, x.theta_m, x.theta_l, near);
         rates(k, near, command, braked, &x, &r1);
         const real wm2 = x.w_m + half * r1.w_m, wl2 = x.w_l + half * r1.w_l;
         at = (struct axis_state){x.theta_m + half * x.w_m, wm2, x.theta_l + half * x.w_l, wl2,
@@ -59,13 +55,12 @@ void plant_period(
     state->torque_nm = x.tau;
 }
 
-real arm_acceleration(const struct constants *k, const struct plant_state *state)
+real arm_acceleration(const struct constants *k, const struct plant_state *state, struct grid_point *near)
 {
     const struct axis_state at = state_of(state);
-    struct grid_point near;
     struct axis_state slope;
-    find_nearest(k, state, &near);
-    rates(k, &near, 0.0, 1, &at, &slope);
+    move_near(k, state->motor_angle_rad, state->arm_angle_rad, near);
+    rates(k, near, 0.0, 1, &at, &slope);
     return slope.w_l;
 }
 
@@ -77,5 +72,5 @@ void plant_step(
     find_constants(plant, &k);
     find_nearest(&k, state, &near);
     plant_period(&k, &near, state, command, braked, period_s, substeps);
-    state->arm_acceleration_rad_s2 = arm_acceleration(&k, state);
+    state->arm_acceleration_rad_s2 = arm_acceleration(&k, state, &near);
 }

@@ -15,8 +15,9 @@ void plant_period(
     const struct constants *k, struct grid_point *near, struct plant_state *state, real command, int braked, real period_s,
     integer substeps);
 
-/* Acceleration of the arm in a state; it does not depend on the torque command, which the motor feels first. */
-real arm_acceleration(const struct constants *k, const struct plant_state *state);
+/* Acceleration of the arm in a state; it does not depend on the torque command, which the motor feels first. near becomes the
+ * grid point nearest to the state. */
+real arm_acceleration(const struct constants *k, const struct plant_state *state, struct grid_point *near);
 
 /* plant_period of one axis by itself, and the arm's acceleration after it: where tests compare the plant with other solvers. */
 void plant_step(

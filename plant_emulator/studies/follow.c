@@ -41,7 +41,7 @@ void follow(
                     find_nearest(&k, mechanics, &near);
                 }
             }
-            mechanics->arm_acceleration_rad_s2 = arm_acceleration(&k, mechanics);
+            mechanics->arm_acceleration_rad_s2 = arm_acceleration(&k, mechanics, &near);
         }
     }
 }

@@ -84,7 +84,7 @@ def test_a_drawn_robots_tour_begins_with_its_blank_bench_and_ends_with_its_truth
 @pytest.mark.ci
 def test_a_robot_that_is_not_drawn_says_why(tmp_path: Path) -> None:
     draw_robot(3, tmp_path)
-    with pytest.raises(NotPossibleError, match="there already"):
+    with pytest.raises(NotPossibleError, match="already exist"):
         draw_robot(3, tmp_path)
 
 

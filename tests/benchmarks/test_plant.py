@@ -46,6 +46,7 @@ class TestLoose:
         with pytest.raises(DisagreementError, match=r"^loose: its result differs by .*, the bound is 1e-09$"):
             agreed("loose", plant.agreement(changed(WRONG), duration_s=1.0), plant.SAME_STEPS)
 
+    @pytest.mark.ci
     def test_a_field_that_moves_nothing_is_compared_too(self, changed):
         slow = changed({"#define START_LOWPASS_HZ 20.0\n": "#define START_LOWPASS_HZ 20.0001\n"})
         assert plant.agreement(slow, duration_s=0.2) > plant.SAME_STEPS

@@ -18,6 +18,7 @@ COMPILERS = [
 ]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("core", [LAW, PLANT], ids=lambda core: core.name)
 @pytest.mark.parametrize("name", COMPILERS)
 def test_the_core_compiles_without_a_warning(name, core, tmp_path):
@@ -72,6 +73,7 @@ def run(folder, program, **environment):
 SAY = "from hil.core.library import CORE; print(round(CORE.call.lowpass_blend(20.0, 250e-6), 6))"
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler")
 def test_a_core_that_is_missing_or_stale_is_built_on_import_and_one_that_cannot_be_is_refused(tmp_path):
     folder = copied(tmp_path)
