@@ -200,7 +200,6 @@ def study(folder: Path) -> dict[Cell, Found]:
     cells = grid()
     found = {cell: Found("does not fit", "plan") for cell in cells}
     fits = [cell for cell in cells if cell in PROOFS or cell.fits(bench)]
-    # another process per worker: numba's threads and a fork do not agree
     with multiprocessing.get_context("spawn").Pool(WORKERS) as pool:
         for number, (cell, what) in enumerate(pool.imap_unordered(_kept, [(cell, folder) for cell in fits]), 1):
             found[cell] = what

@@ -119,7 +119,7 @@ def versions() -> dict[str, str]:
     With the commit of this project, and the packages that a result depends on.
     """
     numbers = {DISTRIBUTION: version_text(), "python": platform.python_version()}
-    for package in ("python-can", "canopen", "numpy", "scipy", "numba"):
+    for package in ("python-can", "canopen", "numpy", "scipy", "cffi"):
         try:
             numbers[package] = version(package)
         except PackageNotFoundError:
