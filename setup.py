@@ -4,7 +4,7 @@ import runpy
 import sys
 from pathlib import Path
 
-from setuptools import setup
+from setuptools import Distribution, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py
 from setuptools.command.sdist import sdist
@@ -59,17 +59,21 @@ class SourceWithCommit(sdist):
 class PlatformWheel(bdist_wheel):
     """Wheel for every Python on one platform: the core is loaded, not imported."""
 
-    def finalize_options(self) -> None:
-        """Have the files go where those of a platform go."""
-        super().finalize_options()
-        self.root_is_pure = False
-
     def get_tag(self) -> tuple[str, str, str]:
         """Tag of the wheel."""
         return "py3", "none", super().get_tag()[2]
 
 
+class WithCore(Distribution):
+    """Distribution with machine code."""
+
+    def has_ext_modules(self) -> bool:
+        """Say so: its files belong to a platform."""
+        return True
+
+
 setup(
+    distclass=WithCore,
     setup_requires=compiler_from_pypi(),
     cmdclass={"build_py": BuildWithCore, "sdist": SourceWithCommit, "bdist_wheel": PlatformWheel},
 )
