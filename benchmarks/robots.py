@@ -60,7 +60,7 @@ def bench_of(count: int, address: Address | None = None, sync_period_s: float = 
 def swing(count: int, period_s: float, duration_s: float) -> Motion:
     """All axes to and fro, beginning and ending at rest."""
     times = np.arange(round(duration_s / period_s) + 1) * period_s
-    ramp = np.minimum(1.0, np.minimum(times, times[-1] - times) / 0.2)
+    ramp = np.minimum(1.0, np.minimum(times, times[-1] - times) / 0.35)
     angle = AMPLITUDE_REV * TURN * np.sin(TURN * FREQUENCY_HZ * times) * ramp * ramp * (3.0 - 2.0 * ramp)
     return Motion(tuple(numbers(count)), times, np.repeat(angle[:, np.newaxis], count, axis=1), starts_at_home=False)
 
