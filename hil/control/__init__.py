@@ -1,8 +1,8 @@
-"""The servo law: trajectories, P-PI cascade, variable notch and cancellation; pure, and compiled to machine code.
+"""The servo law: trajectories, P-PI cascade, variable notch and cancellation.
 
 Host and emulated drive run the same law. `servo` has it whole for one axis, `servo_bank` for several; `cascade`, `notch` and
 `cancellation` are its parts. `trajectory` and `excitation` make references, `treatments` names what acts against the vibration.
-`compiled` and `machine_code` compile the functions, `records` declares their data.
+The law is C: each header beside these modules has the equations of one part and the records that it works on.
 
 >>> from hil.control.cascade import Cascade
 >>> from hil.control.servo import Servo, ServoConfig

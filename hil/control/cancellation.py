@@ -1,4 +1,6 @@
-"""Cancellation of the transmission error: an addition to the set-point that follows from the measured motor angle and speed.
+"""Cancellation of the transmission error by additions to set-point and torque.
+
+The addition follows from the measured motor angle and speed.
 
 With θ_sync = Σ A_k cos(k θ_m + φ_k) the gear's torsion does not feel the error any more where the motor does
 
@@ -68,7 +70,9 @@ class InnerCancellation(NamedTuple):
 def inner_cancellation(
     known: InnerCancellation, lowpass_hz: float, period_s: float, angle: float, speed_rad_s: float
 ) -> tuple[float, float, float]:
-    """One sample inside a drive, which knows angle and speed: Δθ_ref, Δθ̇_ff and Δτ, without a table.
+    """Return one sample of the cancellation inside a drive: Δθ_ref, Δθ̇_ff, Δτ.
+
+    It knows angle and speed, and needs no table.
 
     With Δθ_m = −Σ a_k cos(k θ_m + φ_k), a_k = N A_k: the set-point moves by Δθ_m, so that the position loop sees nothing of it;
     the velocity offset is F_lp s Δθ_m, as the loop measures it; the torque is J_m Δθ̈_m + D_m Δθ̇_m, half a period ahead.
@@ -89,7 +93,10 @@ def inner_cancellation(
 
 
 def _turns(table: CancellationTable | None) -> tuple[tuple[float, ...], Real, Real, Real]:
-    """Orders of a table, phase of each wave, and how often the phase and the size of each order are in it."""
+    """Return the orders of a table and how waves depend on them.
+
+    Phase of each wave, and how often the phase and the size of each order are in it.
+    """
     if table is None:
         return (), np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
     each = [wave.turns(table.orders) for wave in table.waves]
@@ -103,7 +110,10 @@ def _turns(table: CancellationTable | None) -> tuple[tuple[float, ...], Real, Re
 
 
 class CancellationLaw:
-    """The cancellations of several axes with their states, one call per control period."""
+    """Cancellations of several axes with their states.
+
+    One call per control period.
+    """
 
     def __init__(
         self,
@@ -114,7 +124,9 @@ class CancellationLaw:
         speed_lowpass_hz: float = SPEED_LOWPASS_HZ,
         fade_rev: float = FADE_REV,
     ) -> None:
-        """Lay out the arrays; an axis whose table is None gets no additions.
+        """Lay out the arrays.
+
+        An axis whose table is None gets no additions.
 
         Args:
             tables: Table of each axis.
@@ -180,7 +192,9 @@ class CancellationLaw:
         self._table[row, :, given:] = self._table[row, :, given - 1 : given]
 
     def multiply(self, row: int, by_order: Mapping[float, complex]) -> None:
-        """Multiply the cancellation of each order of an axis by a complex factor, and what it mixes with accordingly.
+        """Multiply the cancellation of each order by a complex factor.
+
+        What it mixes with is multiplied accordingly.
 
         Args:
             row: Row of the axis.
@@ -197,7 +211,9 @@ class CancellationLaw:
         self._state[:] = np.zeros(1, CANCELLATION_STATE)[0]
 
     def step(self, angles_rad: Sequence[float], torques_nm: Sequence[float] | None = None) -> tuple[list[float], list[float]]:
-        """Give the additions to set-points (rad) and torques (N·m), in the order of the axes.
+        """Return the additions to set-points (rad) and torques (N·m).
+
+        They are in the order of the axes.
 
         Args:
             angles_rad: Measured motor angles.

@@ -1,4 +1,6 @@
-"""The table of a cancellation: what each sine of the addition asks of set-point and torque, over the motor speed.
+"""Table of a cancellation over the motor speed.
+
+It says what each sine of the addition asks of set-point and torque.
 
 `hil.design.inverse` makes it, `hil.control.cancellation` reads it in every cycle. Its largest values bound all that is added.
 """
@@ -43,7 +45,9 @@ class WaveLabel:
     sources: frozenset[float]
 
     def turns(self, orders: Sequence[float]) -> tuple[list[int], list[int]]:
-        """How often the phase and the amplitude of each order are in it: φ = Σ n_k φ_k + …, size ~ Π A_k^m_k.
+        """Return how often phase and amplitude of each order are in it.
+
+        φ = Σ n_k φ_k + …, size ~ Π A_k^m_k.
 
         A mixed wave is a product of amplitudes, some of them conjugate: as many as its degree, and its order is their sum.
 
@@ -75,7 +79,9 @@ ARRAYS = ("reference", "torque", "motion", "bend", "torque_bend", "load_referenc
 
 @dataclass(frozen=True)
 class MotorLoad:
-    """What a motor's torque says of the torque in its gear: τ_g = N (τ − J_m θ̈_m − D_m θ̇_m − τ_C sign θ̇_m).
+    """Relation between a motor's torque and the torque in its gear.
+
+    τ_g = N (τ − J_m θ̈_m − D_m θ̇_m − τ_C sign θ̇_m)
 
     Attributes:
         reduction_ratio: N.
@@ -156,7 +162,10 @@ class CancellationTable:
         return self._with(lambda part: by_wave * part, self.waves)
 
     def without(self, orders: Collection[float]) -> "CancellationTable | None":
-        """The table with some orders left out, and what they mix with; None if no other is left."""
+        """Return the table without some orders; None if no order remains.
+
+        What these orders mix with is left out too.
+        """
         out = frozenset(orders)
         kept = [index for index, wave in enumerate(self.waves) if not wave.sources & out]
         if not kept:
@@ -171,7 +180,9 @@ class CancellationTable:
         by_torque: "CancellationTable | None" = None,
         torque_nm: float = 0.0,
     ) -> "CancellationTable":
-        """The table whose set-points are no faster than a limit, where other means for waves of high frequency can reach that.
+        """Return the table with set-points no faster than a limit.
+
+        The limit holds where other means for waves of high frequency can reach that.
 
         The lowest orders come first. What the set-points have no room for is left to the torque, as far as that may go; what
         neither can do is left out.
@@ -198,7 +209,10 @@ class CancellationTable:
         return self._with(lambda each: part * each, self.waves)._added(by_torque, other)
 
     def _fitted(self, wanted: Real, size: Real, room: Real) -> Real:
-        """Fraction of each wave, of a size and no more than wanted, for which there is room; (waves, speeds)."""
+        """Return the fraction of each wave for which there is room.
+
+        It is of a size and no more than wanted; shape (waves, speeds).
+        """
         part = np.zeros_like(wanted)
         for row in np.argsort([wave.order for wave in self.waves], kind="stable"):
             part[row] = np.clip(room / np.maximum(size[row], 1e-12), 0.0, wanted[row])
@@ -212,7 +226,10 @@ class CancellationTable:
         return replace(self, waves=waves, **changed)
 
     def _added(self, other: "CancellationTable", part: Real) -> "CancellationTable":
-        """The table with a part of another one of the same waves added; shape (waves, speeds)."""
+        """Return the table plus a part of another table.
+
+        Both have the same waves; the part has shape (waves, speeds).
+        """
         sums: dict[str, Any] = {}
         for name in ARRAYS:
             mine, more = getattr(self, name), getattr(other, name)
@@ -228,17 +245,25 @@ class CancellationTable:
         return self._largest(self.largest_torques_nm(), up_to_rps)
 
     def largest_torques_nm(self) -> Real:
-        """|G| of the torque offset at any acceleration and load for which it changes; shape (waves, speeds)."""
+        """Return |G| of the torque offset; shape (waves, speeds).
+
+        It holds at any acceleration and load for which G changes.
+        """
         return self._at_most(self.torque, self.torque_bend, self.load_torque)
 
     def largest_speed_rps(self, up_to_rps: float) -> float:
-        """The fastest set-point of a motion up to a motor speed, in rev/s: that of the motion, and the change of the addition."""
+        """Return the fastest set-point up to a motor speed, in rev/s.
+
+        It is the speed of the motion plus the change of the addition.
+        """
         _, own, fast = self._largest_speeds(up_to_rps)
         inside = self.speeds_rps <= up_to_rps + self.step_rps
         return float(np.max((own + np.sum(fast, axis=0))[inside]))
 
     def _largest_speeds(self, up_to_rps: float) -> tuple[Real, Real, Real]:
-        """Frequency k f_m of each wave, set-points' speed without them, and how much faster each makes them, in Hz and rev/s.
+        """Return the frequency and the set-point speeds of each wave.
+
+        Frequency k f_m in Hz; set-points' speed without the waves, and how much faster each wave makes them, in rev/s.
 
         Without them it is the motor's own speed, and that at which the first addition is forgotten. Shapes (waves, speeds),
         (speeds,) and (waves, speeds).
@@ -253,11 +278,17 @@ class CancellationTable:
         return float(np.sum(np.abs(self.reference[:, 0])))
 
     def _largest_gains(self) -> Real:
-        """|G| of the set-points at any acceleration and load for which it changes; shape (waves, speeds)."""
+        """Return |G| of the set-points; shape (waves, speeds).
+
+        It holds at any acceleration and load for which G changes.
+        """
         return self._at_most(self.reference, self.bend, self.load_reference)
 
     def _at_most(self, gain: Complex, bend: Complex | None, load: Complex | None) -> Real:
-        """The most that a wave makes at any acceleration and any load for which it changes; shape (waves, speeds)."""
+        """Return the largest effect of each wave; shape (waves, speeds).
+
+        It holds at any acceleration and any load for which G changes.
+        """
         most = np.abs(gain) + (0.0 if bend is None else self.most_rad_s2 * np.abs(bend))
         if load is not None and self.motor_load is not None:
             most = most + abs(self.motor_load.reaction) * self.motor_load.most_nm * np.abs(load)

@@ -1,4 +1,7 @@
-"""Periodic excitation with little peak for much power: multisine and chirp, and the bias speed that keeps out of its way."""
+"""Periodic excitation: multisine and chirp, with a low peak.
+
+The bias speed keeps the vibration of a turning motor out of the excited lines.
+"""
 
 import math
 from collections.abc import Sequence
@@ -45,13 +48,15 @@ class Excitation:
 
 
 def crest_factor(wave: Array) -> float:
-    """Peak over root mean square of a signal; infinite for one that is zero."""
+    """Return peak over root mean square; infinite for a zero signal."""
     power = float(np.mean(np.square(wave)))
     return float(np.max(np.abs(wave))) / math.sqrt(power) if power > 0.0 else math.inf
 
 
 def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) -> Lines:
-    """Bins of a period within a band, both ends included, below half the sampling rate; shape (m,).
+    """Return the bins of a period within a band; shape (m,).
+
+    Both ends are included; all bins are below half the sampling rate.
 
     Args:
         low_hz: Lower end of the band.
@@ -73,7 +78,9 @@ def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) 
 
 
 def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excitation:
-    """A sum of cosines whose phases keep the peak low, scaled to a peak of 1.
+    """Return a multisine of low peak, scaled to a peak of 1.
+
+    The cosines' phases keep the peak low.
 
     Phases start as Schroeder's, φ_k = −2π Σ_{j<k} (k − j) p_j with p_j the fraction of the power in line j, and are improved by
     clipping: the wave is clipped, its phases are kept, its amplitudes are put back.
@@ -111,7 +118,9 @@ def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Ex
 
 
 def chirp(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excitation:
-    """A sweep through the band once in a period, low to high, scaled to a peak of 1.
+    """Return a sweep through the band once in a period.
+
+    It rises from low to high, and is scaled to a peak of 1.
 
     The time spent at a frequency is in proportion to the power wanted there, the instantaneous amplitude is constant: a flat
     amplitude gives the linear sweep.
@@ -140,7 +149,9 @@ def chirp(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excita
 
 
 def quiet_bias_rps(wanted_rps: float, period_s: float, periods: int, orders: Sequence[int] = (1, 2, 4)) -> float:
-    """The motor speed nearest to the wanted one at which the vibration of a turning motor cancels over all periods.
+    """Return the motor speed nearest to the wanted one without leakage.
+
+    At it the vibration of a turning motor cancels over all periods.
 
     Vibration of order k at f_m has k f_m T turns in a period T. With f_m T = n + 1/P its phase advances by k/P from each of P
     periods to the next, so that the sum over the P periods vanishes on every line, with all that it mixes with the excitation,

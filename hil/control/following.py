@@ -1,4 +1,6 @@
-"""Cancellation that follows: an observer of what the cancellation leaves, as sines of the motor's angle, and what it changes.
+"""Cancellation that follows a changing transmission error.
+
+An observer estimates what the cancellation leaves, as sines of the motor angle, and changes the cancellation.
 
 Of an order k the cancellation leaves d_k c_k e^{j k θ_m}, where c_k is what was identified and d_k a complex number, 0 where the
 cancellation is right. What is left shakes the tip through the arm on its gear,
@@ -132,7 +134,9 @@ class Followed(NamedTuple):
 
 
 class SecondDifference:
-    """Acceleration of a tip from the angle of its joint, a period late; causal, unlike that of a recording.
+    """Acceleration of a tip from its joint's angle, one period late.
+
+    It is causal, unlike that of a recording.
 
     The second difference is (2 sin(ωT/2)/(ωT))² of the second derivative, which is put right at f_al.
 
@@ -148,7 +152,9 @@ class SecondDifference:
         self._last: tuple[float, ...] = ()
 
     def __call__(self, angle_rad: float | None) -> float | None:
-        """The tip's acceleration a period ago; None until three angles have come one after the other.
+        """Return the tip's acceleration of one period ago.
+
+        None until three angles have come one after the other.
 
         Args:
             angle_rad: The joint's angle; None if it was not measured.
@@ -161,7 +167,10 @@ class SecondDifference:
 
 
 class FollowingLaw:
-    """The observer of all axes of a motion, and the factors w by which their cancellations are multiplied."""
+    """Observer of all axes of a motion, with their factors w.
+
+    The cancellations are multiplied by these factors.
+    """
 
     def __init__(
         self,
@@ -251,7 +260,10 @@ class FollowingLaw:
         return {each.order: complex(*self._factors[row, m]) for m, each in enumerate(self._orders[row])}
 
     def left(self, row: int) -> Mapping[float, tuple[complex, float]]:
-        """D of each order of an axis, and the standard error of either component of it."""
+        """Return d of each order of an axis with its standard error.
+
+        The standard error is that of either component of d.
+        """
         own, most = 2 * len(self._axes), self._standings.shape[1]
         found = {}
         for m, each in enumerate(self._orders[row]):
@@ -261,9 +273,15 @@ class FollowingLaw:
         return found
 
     def nearest(self, row: int) -> dict[float, float]:
-        """Largest |d| of each order of an axis at which w followed, nearly did, or would have with a lower `begin_part`."""
+        """Return the largest |d| of each order near which w followed.
+
+        It followed, nearly did, or would have with a lower `begin_part`.
+        """
         return {each.order: float(self._standings["nearest"][row, m]) for m, each in enumerate(self._orders[row])}
 
     def given_up(self, row: int) -> tuple[float, ...]:
-        """Orders of an axis that wanted to leave their bounds and were taken back."""
+        """Return the orders of an axis that were taken back.
+
+        Their factors reached their bounds.
+        """
         return tuple(each.order for m, each in enumerate(self._orders[row]) if self._standings["given_up"][row, m] > 0.0)

@@ -1,4 +1,7 @@
-"""Parameters of the notch filter that follows the motor, and of a fixed filter; `notch.h` has the filters themselves."""
+"""Parameters of the variable notch filter and of a fixed filter.
+
+`notch.h` has the filters themselves.
+"""
 
 import math
 from dataclasses import dataclass, fields
@@ -26,7 +29,9 @@ NOTCH_CONFIG, NOTCH_STATE = CORE.dtype("notch_config"), CORE.dtype("notch_state"
 
 @dataclass(frozen=True)
 class Notch:
-    """The variable notch filter of one harmonic order k, eq. (6), (7) and Table 3 of the paper.
+    """Variable notch filter of one harmonic order k.
+
+    Eq. (6), (7) and Table 3 of the paper.
 
     Attributes:
         mode: `NOTCH_OFF`, `NOTCH_SWITCHED` or `NOTCH_TRAPEZOID`.
@@ -84,7 +89,9 @@ NO_NOTCH = Notch(mode=NOTCH_OFF)
 
 @dataclass(frozen=True)
 class FixedFilter:
-    """A filter that does not follow the speed: y_n = b₀ u_n + b₁ u_{n−1} + b₂ u_{n−2} − a₁ y_{n−1} − a₂ y_{n−2}.
+    """Filter with fixed coefficients.
+
+    y_n = b₀ u_n + b₁ u_{n−1} + b₂ u_{n−2} − a₁ y_{n−1} − a₂ y_{n−2}
 
     Raises:
         ValueError: A coefficient that is not finite, or poles on or outside the unit circle.
@@ -115,7 +122,9 @@ class FixedFilter:
 def notch_coefficients(
     zero_hz: float, pole_hz: float, zeta_rn: float, zeta_rd: float, period_s: float
 ) -> tuple[float, float, float, float, float]:
-    """Coefficients b₀, b₁, b₂, a₁, a₂ of the notch, by the bilinear transform without prewarping.
+    """Return the coefficients b₀, b₁, b₂, a₁, a₂ of the notch.
+
+    They follow by the bilinear transform without prewarping.
 
     F_n(s) = (s² + 2 ζ_rn ω_rn s + ω_rn²) / (s² + 2 ζ_rd ω_rd s + ω_rd²) · ω_rd² / ω_rn²,  F_n(0) = 1,
     s = 2/T · (1 − z⁻¹)/(1 + z⁻¹),  y_n = b₀ u_n + b₁ u_{n−1} + b₂ u_{n−2} − a₁ y_{n−1} − a₂ y_{n−2}.
@@ -136,7 +145,9 @@ def notch_coefficients(
 
 
 def notch_weight(mode: int, speed_rps: float, start_rps: float, end_rps: float, ramp_rps: float) -> float:
-    """Weight of the filter at a speed, 0 … 1: always 1 where it switches, the height of the trapezoid where it has slopes.
+    """Return the weight of the filter at a speed, 0 … 1.
+
+    It is always 1 for a switched filter, and the height of the trapezoid for one with slopes.
 
     Args:
         mode: `NOTCH_SWITCHED` or `NOTCH_TRAPEZOID`.

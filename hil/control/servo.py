@@ -1,4 +1,7 @@
-"""The servo law of one axis for a caller in Python; `servo.h` has the law itself, which host and drive run."""
+"""The servo law of one axis for a caller in Python.
+
+`servo.h` has the law itself, which host and drive run.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -33,7 +36,10 @@ class ServoConfig:
             raise ValueError(f"torque_limit_nm = {self.torque_limit_nm} must be above 0")
 
     def write(self, law: NDArray[Any]) -> None:
-        """Put gains and filters into one record of a `LAW` array; the torque limit is an argument of `servo_step`."""
+        """Write gains and filters into one record of a `LAW` array.
+
+        The torque limit is an argument of `servo_step`.
+        """
         self.cascade.write(law["cascade_config"])
         for column in range(NOTCHES):
             notch: Notch | FixedFilter = self.notches[column] if column < len(self.notches) else NO_NOTCH
@@ -41,14 +47,19 @@ class ServoConfig:
 
 
 class Servo:
-    """The law of one axis with its state, for a caller in Python: the host-closed loop, and tests.
+    """Law of one axis with its state.
+
+    The host-closed loop and tests call it from Python.
 
     Attributes:
         notch_state: The filters' memory, live: a `NOTCH_STATE` array of shape (1, NOTCHES).
     """
 
     def __init__(self, config: ServoConfig, period_s: float) -> None:
-        """Lay out the record that the drive works on; it starts at angle 0, speed 0 and torque 0."""
+        """Lay out the record of the law.
+
+        It starts at angle 0, speed 0 and torque 0.
+        """
         if not period_s > 0.0:
             raise ValueError(f"period_s = {period_s} must be above 0")
         self.config = config
@@ -59,7 +70,10 @@ class Servo:
         self._law, self._step = CORE.pointer(laws, "law"), CORE.call.servo_step
 
     def start(self, motor_angle: float, speed_rad_s: float = 0.0, torque_nm: float = 0.0) -> None:
-        """Take over at this angle and speed while this torque acts, without a step in the torque."""
+        """Take over at this angle and speed without a torque step.
+
+        The given torque is the one that acts now.
+        """
         CORE.call.servo_start(self._law, motor_angle, speed_rad_s, torque_nm)
 
     def step(self, position: float, motor_angle: float, velocity_offset: float = 0.0, torque_offset: float = 0.0) -> float:

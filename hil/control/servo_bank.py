@@ -1,4 +1,7 @@
-"""The laws of several axes in one call, which the host makes in every cycle when it closes their loops."""
+"""The laws of several axes in one call.
+
+The host makes this call in every cycle when it closes their loops.
+"""
 
 from collections.abc import Sequence
 
@@ -16,7 +19,9 @@ class ServoBank:
     """
 
     def __init__(self, configs: Sequence[ServoConfig], period_s: float) -> None:
-        """Lay out the arrays; every axis starts at angle 0, speed 0 and torque 0.
+        """Lay out the arrays.
+
+        Every axis starts at angle 0, speed 0 and torque 0.
 
         Raises:
             ValueError: `period_s` is not above zero.
@@ -40,7 +45,7 @@ class ServoBank:
         return len(self.notch_hz)
 
     def start(self, row: int, motor_angle: float, speed_rad_s: float = 0.0, torque_nm: float = 0.0) -> None:
-        """Let one axis take over at this angle and speed while this torque acts, without a step in the torque.
+        """Let one axis take over without a step in the torque.
 
         Args:
             row: Index of the axis.
@@ -51,7 +56,10 @@ class ServoBank:
         CORE.call.servo_start(self._each[row], motor_angle, speed_rad_s, torque_nm)
 
     def step(self, positions: Sequence[float], motor_angles: Sequence[float]) -> list[float]:
-        """Torques in N·m of all axes, from references and measured motor angles in rad."""
+        """Return the torques of all axes in N·m.
+
+        References and measured motor angles are in rad.
+        """
         values = self._values
         values[0], values[1] = positions, motor_angles
         self._step(self._laws, len(self._each), self.period_s, self._shared)
@@ -59,6 +67,9 @@ class ServoBank:
         return torques  # type: ignore[no-any-return] # tolist() of an array gives whatever it holds
 
     def step_one(self, row: int, position: float, motor_angle: float) -> float:
-        """Torque in N·m of one axis, from its reference and motor angle in rad; the other laws keep their state."""
+        """Return the torque of one axis in N·m.
+
+        Reference and motor angle are in rad; the other laws keep their state.
+        """
         torque_nm: float = self._step_one(self._each[row], self.period_s, self._limits_nm[row], position, 0.0, 0.0, motor_angle)
         return torque_nm

@@ -1,4 +1,6 @@
-"""Input shapers: impulses with which a set-point is convolved, so that a mode that it excites has died away when it ends.
+"""Input shapers: impulses with which a set-point is convolved.
+
+A mode that the set-point excites has died away when it ends.
 
 A mode with the frequency ω and the damping ζ answers each impulse with a decaying wave. Impulses A_i at the times t_i, positive
 and of the sum 1, leave of it, in parts of what one impulse at t = 0 would have left at the time t_n of the last,
@@ -112,7 +114,7 @@ class Shaper:
 
     @property
     def delay_s(self) -> float:
-        """By how much a motion is late on the mean, Σ A_i t_i."""
+        """Return the mean delay of a motion, Σ A_i t_i."""
         return float(np.dot(self.amplitudes, self.times_s))
 
     def then(self, other: "Shaper") -> "Shaper":
@@ -138,7 +140,9 @@ class Shaper:
         return np.asarray(np.hypot(np.sum(waves * np.cos(angle), axis=-1), np.sum(waves * np.sin(angle), axis=-1)))
 
     def shaped(self, set_points: Real, period_s: float) -> Real:
-        """Set-points convolved with the impulses, exact at the instants of SYNC for set-points that are straight in between.
+        """Return set-points convolved with the impulses.
+
+        Exact at the instants of SYNC for set-points that are straight in between.
 
         Each is a mean of earlier ones with weights A_i: no position, speed or acceleration goes beyond those without.
 

@@ -1,4 +1,4 @@
-"""Trajectories: constant acceleration of one motor, a straight line of the tip, a smooth move between two points."""
+"""Trajectories: constant acceleration, straight line of the tip, smooth move."""
 
 import math
 from dataclasses import dataclass
@@ -20,13 +20,18 @@ class UnreachableError(ValueError):
 
 
 def sample_times(duration_s: float, period_s: float) -> Array:
-    """Instants 0, T, 2T … up to the first one at or after the duration; shape (n,)."""
+    """Return the instants 0, T, 2T …; shape (n,).
+
+    The last is the first one at or after the duration.
+    """
     return np.arange(math.ceil(round(duration_s / period_s, 9)) + 1, dtype=np.float64) * period_s
 
 
 @dataclass(frozen=True)
 class ConstantAcceleration:
-    """Rest, speed up at a constant rate, slow down at a (faster) constant rate, rest.
+    """Motion that speeds up slowly and slows down faster.
+
+    Rest, a constant acceleration, a (larger) constant deceleration, rest.
 
     Attributes:
         acceleration_rps_s: Motor revolutions per second, per second.
@@ -68,7 +73,9 @@ class ConstantAcceleration:
 
 @dataclass(frozen=True)
 class PointToPoint:
-    """Rest, speed up at a constant rate, a constant speed, slow down at the same rate, rest.
+    """Motion with equal constant acceleration and deceleration.
+
+    Rest, a constant acceleration, a constant speed, the same deceleration, rest.
 
     Attributes:
         distance_rev: Motor revolutions from rest to rest, negative backwards.
@@ -112,7 +119,9 @@ class PointToPoint:
 
 @dataclass(frozen=True)
 class Smooth:
-    """A move over a distance 1 in a time T with a raised-cosine acceleration over T_r at either end.
+    """Move over a distance 1 in a time T.
+
+    Its acceleration is a raised cosine over T_r at either end.
 
     ṡ = V (t/T_r − sin(2π t/T_r)/(2π)) while it rises, then V = 1/(T − T_r), then the mirror image.
     """
@@ -122,7 +131,9 @@ class Smooth:
 
     @classmethod
     def way(cls, distance: float, speed: float, ramp_s: float, acceleration: float | None = None) -> Self:
-        """The move over a distance at a speed, which a short one does not reach.
+        """Return the move over a distance at a speed.
+
+        A short move does not reach the speed.
 
         Args:
             distance: The distance, in any unit.
@@ -144,7 +155,10 @@ class Smooth:
         return 1.0 / (self.duration_s - self.ramp_s)
 
     def position(self, time_s: Array) -> Array:
-        """Distance s over the time, 0 before the start and 1 after the end; shape of `time_s`."""
+        """Return the distance s over time; shape of `time_s`.
+
+        It is 0 before the start and 1 after the end.
+        """
         t = np.clip(np.asarray(time_s), 0.0, self.duration_s)
         mirrored = t > 0.5 * self.duration_s
         t = np.where(mirrored, self.duration_s - t, t)
@@ -157,7 +171,9 @@ class Smooth:
 
 @dataclass(frozen=True)
 class PlanarChain:
-    """The arm in its vertical plane: shoulder, elbow and wrist with the tool pointing down; lengths in m.
+    """Arm in its vertical plane: shoulder, elbow and wrist.
+
+    The tool points down; lengths are in m.
 
     They are axes 2, 3 and 5 of most arms with six. Joint angles in rad, counted as industrial arms do: q₂ leans the upper arm
     forwards from the vertical, q₃ and q₅ lift forearm and tool against the link
@@ -176,12 +192,18 @@ class PlanarChain:
 
     @staticmethod
     def link_angles(joints: Array) -> Array:
-        """α₂, α₃, α₅ of joint angles; shape (..., 3). The map is affine, so it serves speeds too, less its constant."""
+        """Return α₂, α₃, α₅ of joint angles; shape (..., 3).
+
+        The map is affine, so it serves speeds too, less its constant.
+        """
         q = np.asarray(joints, dtype=np.float64)
         return np.cumsum(np.stack([0.5 * math.pi - q[..., 0], q[..., 1], q[..., 2]], axis=-1), axis=-1)
 
     def tip(self, joints: Array) -> Array:
-        """Tip position (x, z) in m; joints of shape (..., 3) give shape (..., 2)."""
+        """Return the tip position (x, z) in m.
+
+        Joints of shape (..., 3) give shape (..., 2).
+        """
         q = self.link_angles(joints)
         along, across = self.forearm_m
         cos, sin = np.cos(q), np.sin(q)
@@ -190,7 +212,9 @@ class PlanarChain:
         return np.stack([x + self.tool_m * cos[..., 2], z + self.tool_m * sin[..., 2]], axis=-1)
 
     def joints(self, tip: Array) -> Array:
-        """Joint angles, elbow up and tool pointing down, for tip positions (x, z); shape (..., 2) gives (..., 3).
+        """Return joint angles for tip positions (x, z).
+
+        Elbow up and tool pointing down; shape (..., 2) gives (..., 3).
 
         Raises:
             UnreachableError: A point outside the reach.
@@ -213,7 +237,9 @@ class PlanarChain:
 
 @dataclass(frozen=True)
 class Line:
-    """A straight line of the tip with smooth speed; rest before and after.
+    """Straight line of the tip with smooth speed.
+
+    The tip rests before and after.
 
     Attributes:
         chain: The arm.

@@ -1,4 +1,7 @@
-"""Treatments of the vibration by name, as data for both sides: effect, place in the loop and knowledge needed."""
+"""Treatments of the vibration by name, as data.
+
+Both sides read it: effect, place in the loop and knowledge needed.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -66,7 +69,10 @@ class Treatment:
 
     @property
     def is_plain(self) -> bool:
-        """True if a bench or robot file says everything and its gains stay: the filters act or they do not."""
+        """True if a bench or robot file says everything.
+
+        Its gains stay: the filters act or they do not.
+        """
         return not self.needs and self.gain_factor == 1.0
 
     @property
@@ -81,7 +87,10 @@ class Treatment:
 
     @property
     def is_remedy(self) -> bool:
-        """True if the tip is meant to keep the specification; the other treatments are there to compare with."""
+        """True if the tip is meant to keep the specification.
+
+        The other treatments are for comparison.
+        """
         return self.filters == "variable" or bool(self.cancels)
 
 
@@ -177,7 +186,10 @@ _ROWS: dict[str, Treatment] = {each.name: each for each in TABLE}
 
 
 def present_name(name: str) -> str:
-    """Return the present name of a treatment; any other word stays as it is."""
+    """Return the present name of a treatment.
+
+    Any other word stays as it is.
+    """
     return _PRESENT.get(name, name)
 
 
@@ -194,7 +206,9 @@ def treatment(name: str) -> Treatment:
 
 
 def present_token(word: str) -> str:
-    """Return the present spelling of a word of a command line: an option without its dashes, or the name of a treatment.
+    """Return the present spelling of a word of a command line.
+
+    It is an option without its dashes, or the name of a treatment.
 
     As a command's `token_normalize_func` it lets typer understand former spellings, which no help shows.
     """

@@ -1,4 +1,6 @@
-"""Build of the core: C sources to a shared library that belongs to no version of Python, and its declarations.
+"""Build of the core: a shared library and its declarations.
+
+The C sources become a library that belongs to no version of Python.
 
 setup.py runs this file before anything is installed: it needs the standard library and cffi.
 """
@@ -73,7 +75,9 @@ LAW = Core("law", "hil/core", "hil/core/core.h", ("hil/core", "hil/control", "hi
 
 
 def compiler() -> list[str]:
-    """Command of the C compiler: $CC, cc, gcc or clang, or else the one in the package ziglang.
+    """Return the command of the C compiler.
+
+    It is $CC, cc, gcc or clang, or else the one in the package ziglang.
 
     Raises:
         BuildError: There is none of these.

@@ -1,4 +1,6 @@
-"""What Python knows of a core: cffi's declarations from the headers, and the numbers that they define.
+"""Declarations of a core to Python: cffi's text and numbers.
+
+Both come from the headers.
 
 It is written when the core is built, so that a program that starts does not wait for a parser of C.
 """
@@ -16,7 +18,10 @@ _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 
 
 def _headers(path: Path, root: Path, known: dict[Path, str]) -> None:
-    """Read a header and those that it includes, each once, into `known`; included ones come first."""
+    """Read a header and those that it includes into `known`.
+
+    Each is read once; included ones come first.
+    """
     if path in known:
         return
     text = path.read_text(encoding="utf-8")
@@ -29,7 +34,10 @@ def _headers(path: Path, root: Path, known: dict[Path, str]) -> None:
 
 
 def _declarations(text: str) -> Iterator[str]:
-    """Lines of a header that declare something, for a compiler for which no macro is defined."""
+    """Yield the lines of a header that declare something.
+
+    No macro is defined.
+    """
     wanted = [True]
     for line in _BODY.sub("", _COMMENT.sub("", text)).splitlines():
         word = line.split(maxsplit=1)[0] if line.strip() else ""
@@ -44,7 +52,7 @@ def _declarations(text: str) -> Iterator[str]:
 
 
 def declarations(root: Path, header: str) -> tuple[str, dict[str, float]]:
-    """Return all declarations of a header and those that it includes, and the numbers that these define by name.
+    """Return the declarations and numbers of a header, includes followed.
 
     Args:
         root: Folder against which includes are resolved that do not lie beside their header.

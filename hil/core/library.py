@@ -1,4 +1,7 @@
-"""A core as Python sees it: functions of the library, and numpy's layout of the records that its headers describe."""
+"""A core as Python sees it: functions and record layouts.
+
+numpy's layouts are those of the structs that the headers describe.
+"""
 
 import importlib.util
 from functools import cache
@@ -29,7 +32,7 @@ class Library:
     """
 
     def __init__(self, core: Core) -> None:
-        """Load the core; one that is missing, or was built from other sources, is built first.
+        """Load the core; build it first if it is missing or stale.
 
         Raises:
             ImportError: It has to be built, and cannot be.
@@ -82,7 +85,9 @@ class Library:
         return _NUMBERS[kind.cname]
 
     def pointer(self, array: NDArray[Any] | np.void, name: str = "double") -> Any:
-        """Pointer to an array's first element, which keeps the array alive; it is a C array of such elements.
+        """Return a pointer to an array's first element.
+
+        It keeps the array alive, and is a C array of such elements.
 
         Args:
             array: The array, or one of its records; C code may write to it.

@@ -1,4 +1,6 @@
-"""The emulator's core in C: plant and control period; `CORE` has its functions and the layout of its records.
+"""The emulator's core in C: plant and control period.
+
+`CORE` has its functions and the layout of its records.
 
 >>> from plant_emulator.core import CORE
 >>> CORE.dtype("axis").names

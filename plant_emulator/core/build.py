@@ -1,4 +1,4 @@
-"""What the emulator's core is made of: the plant and the control period, on top of the law's own sources."""
+"""Sources of the emulator's core: plant, control period and law."""
 
 from hil.core.build import Core
 

@@ -1,4 +1,4 @@
-"""The arm of a robot as `Axes` moves it: the arrays of `advance_arm`, and its tip."""
+"""Arm of a robot: the arrays of `advance_arm`, and its tip."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,10 @@ class CoupledArm:
     """
 
     def __init__(self, arm: ArmTable, numbers: tuple[int, ...], rows: NDArray[np.void], mounting: Mounting | None = None) -> None:
-        """Lay out the arrays for the axes of `rows`; the arm hangs at rest at home, all brakes closed."""
+        """Lay out the arrays for the axes of `rows`.
+
+        The arm hangs at rest at home, all brakes closed.
+        """
         count = len(arm.link)
         self.rows, self.order = rows, [numbers.index(number) for number in arm.axes]
         self.links = link_rows(arm, numbers)
@@ -56,7 +59,10 @@ class CoupledArm:
         self.hang_at_rest()
 
     def hang_at_rest(self) -> None:
-        """Put the arm at rest under gravity: the gears carry the links, which hang below θ_m/N + θ_sync."""
+        """Put the arm at rest under gravity.
+
+        The gears carry the links, which hang below θ_m/N + θ_sync.
+        """
         plants, states = [self.rows["plant"][row] for row in self.order], [self.rows["plant_state"][row] for row in self.order]
         angles = [float(state["motor_angle_rad"]) for state in states]
         rigid = np.array(
@@ -105,16 +111,25 @@ class CoupledArm:
         CORE.call.advance_arm(periods, period_s, substeps, self._axes, self._shared, CORE.pointer(felt), len(felt))
 
     def acceleration(self) -> tuple[float, float, float]:
-        """Acceleration (X, Y, Z) of the tip in m/s² in the frame of the base, gravity left out, after the last period."""
+        """Return the acceleration (X, Y, Z) of the tip in m/s².
+
+        It is in the frame of the base, without gravity, after the last period.
+        """
         x, y, z = self.moved[ACCELERATION].tolist()
         return x, y, z
 
     def felt(self) -> tuple[float, float, float]:
-        """What the accelerometer feels in m/s² after the last period, `tips` not given: without noise, steps and filters."""
+        """Return the acceleration that the sensor feels, in m/s².
+
+        It is that after the last period, if `tips` was not given: without noise, steps and filters.
+        """
         x, y, z = self._felt[0].tolist()
         return x, y, z
 
     def specific_force(self) -> tuple[float, float, float]:
-        """Specific force a − g at the tip in m/s² along the axes of the tool, as a real accelerometer feels it."""
+        """Return the specific force a − g at the tip in m/s².
+
+        It is along the axes of the tool, as a real accelerometer feels it.
+        """
         x, y, z = self.moved[SPECIFIC_FORCE].tolist()
         return x, y, z

@@ -1,4 +1,7 @@
-"""All axes of a robot as arrays: what the control period of `period.h` works on, and what the tip feels."""
+"""All axes of a robot as arrays.
+
+The control period of `period.h` works on them, and the tip feels them.
+"""
 
 import math
 from collections.abc import Sequence
@@ -59,7 +62,9 @@ def live(array: Any, field: str) -> Any:
 
 
 class Axes:
-    """The mechanics of a robot and the process data of its drives; row i is the i-th axis of the file, in rising order.
+    """Mechanics of a robot and process data of its drives.
+
+    Row i is the i-th axis of the file, in rising order.
 
     Attributes:
         numbers: Axis number of each row.
@@ -75,7 +80,10 @@ class Axes:
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Lay out the arrays; all brakes are closed, and the arms hang at rest at home."""
+        """Lay out the arrays.
+
+        All brakes are closed, and the arms hang at rest at home.
+        """
         self.robot = robot
         self.numbers = tuple(sorted(robot.axis))
         count = len(self.numbers)
@@ -174,7 +182,10 @@ class Axes:
         return counts
 
     def open_brake(self, row: int, mode: int, periods_per_set_point: int = 1) -> int:
-        """Open the brake of an axis in a mode of `motion.record`; the set-point is where the motor stands, in counts."""
+        """Open the brake of an axis in a mode of `motion.record`.
+
+        The set-point is the present motor position, in counts; it is returned.
+        """
         motion, counts = self.motion[row], self.counts(row)
         motion["previous_counts"] = motion["target_counts"] = counts
         motion["elapsed_periods"] = NO_SET_POINT
@@ -186,18 +197,26 @@ class Axes:
         return counts
 
     def change_mode(self, row: int, mode: int, periods_per_set_point: int = 1) -> None:
-        """Turn an axis under torque to another mode of `motion.record` without a jump, see `begin_mode` of `transitions.h`."""
+        """Change the mode of an axis under torque without a jump.
+
+        See `begin_mode` of `transitions.h`.
+        """
         if self._mode[row] == BRAKED:
             raise ValueError(f"axis {self.numbers[row]} has its brake closed; open_brake opens it")
         self.motion[row]["periods_per_set_point"] = periods_per_set_point
         CORE.call.begin_mode(self._axes + row, mode)
 
     def stop(self, row: int, deceleration_rad_s2: float) -> None:
-        """Begin a ramp to rest; an infinite deceleration brakes with all the torque that the limits allow."""
+        """Begin a ramp to rest.
+
+        An infinite deceleration brakes with all the torque that the limits allow.
+        """
         CORE.call.begin_stop(self._axes + row, deceleration_rad_s2)
 
     def set_point(self, row: int, target_counts: int) -> None:
-        """Give an axis in cyclic position mode its next set-point; it goes there from where it is, in one interpolation period.
+        """Give an axis in cyclic position mode its next set-point.
+
+        The axis goes there from its present demand in one interpolation period.
 
         One outside the position limits, or faster than the motor may turn, trips the axis and is not followed. A SYNC that falls
         a control period early, as those of a busy bus do, finds the axis that much behind its last set-point: what counts is
@@ -221,14 +240,19 @@ class Axes:
         self._previous[row], self._target[row], self._elapsed_periods[row] = start, target, 0
 
     def set_speed(self, row: int, speed_rad_s: float) -> None:
-        """Give an axis in cyclic velocity mode its next set-point; it goes there from the last, in one interpolation period."""
+        """Give an axis in cyclic velocity mode its next set-point.
+
+        The axis goes there from the last one in one interpolation period.
+        """
         fraction = min(1.0, max(0.0, self._elapsed_periods[row] / self._span[row]))
         last, start = self._target_speed[row], self._previous_speed[row]
         self._previous_speed[row] = start + (last - start) * fraction
         self._target_speed[row], self._elapsed_periods[row] = speed_rad_s, 0
 
     def tip_acceleration(self) -> tuple[float, float, float]:
-        """True acceleration (X, Y, Z) of the tip in m/s², gravity left out.
+        """Return the true acceleration (X, Y, Z) of the tip in m/s².
+
+        Gravity is left out.
 
         While a single brake is open the sensor sits on that axis' lever, as in the single-axis experiments: Z is L θ̈_l, X points
         inwards. Otherwise the planar chain of the geometry moves it; a robot without a geometry adds the levers up. The links of
@@ -243,7 +267,9 @@ class Axes:
         return self._joint_acceleration(self._arm_angle, speeds, accelerations)
 
     def sensed_acceleration(self) -> tuple[float, float, float]:
-        """`tip_acceleration` as the robot's accelerometer passes it on: mounting, low-pass and delay, without noise and steps.
+        """Return the acceleration that the accelerometer passes on.
+
+        It is `tip_acceleration` behind mounting, low-pass and delay, without noise and steps.
 
         One that is fixed to a link of an arm gives what it feels there, along its own axes.
         """
@@ -252,7 +278,10 @@ class Axes:
         return self.tip_acceleration() if self.arm is None else self.arm.felt()
 
     def _single_row(self) -> int | None:
-        """The row whose brake alone is open, or which is the only one; None if several, or none, move the tip."""
+        """Return the row that alone moves the tip.
+
+        Its brake alone is open, or it is the only row; None if several rows, or none, move the tip.
+        """
         modes = self._mode.tolist()
         if len(modes) == 1 and self._chain is None:
             return 0
@@ -261,7 +290,10 @@ class Axes:
         return next(row for row, mode in enumerate(modes) if mode != BRAKED)
 
     def _buffers_of(self, periods: int) -> tuple[Real, Real, Any, Any]:
-        """Arrays for the arms' states and the tip after each of so many control periods, and the same in C."""
+        """Return arrays for the arms' states and the tip.
+
+        They have a row for each of so many control periods; the same follows in C.
+        """
         if periods not in self._buffers:
             if len(self._buffers) >= MOST_BUFFERS:
                 self._buffers.clear()
@@ -270,7 +302,10 @@ class Axes:
         return self._buffers[periods]
 
     def _fill(self, tips: Real, trace: Real) -> None:
-        """Write the true acceleration of the tip that several axes move, after each control period; shape (periods, 3)."""
+        """Write the true acceleration of a tip that several axes move.
+
+        It is that after each control period; shape (periods, 3).
+        """
         for i, (angles, speeds, accelerations) in enumerate(trace.transpose(0, 2, 1).tolist()):
             tips[i] = self._joint_acceleration(angles, speeds, accelerations)
 
@@ -289,7 +324,10 @@ class Axes:
 
 
 def response_of(robot: Robot) -> SensorResponse | None:
-    """The response of the robot's accelerometer; None if it shows the tip's acceleration of the instant."""
+    """Return the response of the robot's accelerometer.
+
+    None if it shows the tip's acceleration of the instant.
+    """
     sensor = robot.accelerometer
     if not sensor.filters:
         return None

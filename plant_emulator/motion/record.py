@@ -1,4 +1,7 @@
-"""A drive's process data: what the object dictionary and the control period say to each other; see `record.h`."""
+"""A drive's process data; see `record.h`.
+
+Object dictionary and control period exchange it.
+"""
 
 import math
 

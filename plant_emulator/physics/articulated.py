@@ -17,7 +17,9 @@ LINK = CORE.dtype("link")
 
 
 def link_rows(arm: ArmTable, axes: tuple[int, ...]) -> NDArray[np.void]:
-    """`LINK` array of an arm, shape (n_links + 1,); row 0 is the base, which falls upwards: so gravity acts on every link.
+    """Return the `LINK` array of an arm, shape (n_links + 1,).
+
+    Row 0 is the base, which falls upwards: so gravity acts on every link.
 
     Args:
         arm: The arm, its URDF file read.

@@ -1,4 +1,7 @@
-"""One axis: motor and arm joined by a harmonic drive gearing; `axis.h` states its equations of motion."""
+"""One axis: motor and arm joined by a harmonic drive gearing.
+
+`axis.h` states its equations of motion.
+"""
 
 from typing import Any
 
@@ -17,7 +20,10 @@ Record = NDArray[Any] | np.void
 
 
 def synchronous_error(plant: Record, motor_angle: float) -> tuple[float, float]:
-    """θ_sync = Σ A_k cos(k θ_m + φ_k) in rad on the arm side, and dθ_sync/dθ_m; k = 1, 2, 4, others, and m/N. Eq. (2)."""
+    """Return θ_sync in rad on the arm side, and dθ_sync/dθ_m.
+
+    θ_sync = Σ A_k cos(k θ_m + φ_k), k = 1, 2, 4, others, and m/N. Eq. (2).
+    """
     slope = np.empty(1)
     error = CORE.call.synchronous_error(CORE.pointer(plant, "plant"), motor_angle, CORE.pointer(slope))
     return error, float(slope[0])

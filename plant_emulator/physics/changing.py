@@ -1,4 +1,7 @@
-"""A gear that changes: its transmission error over time, wear, load, direction and temperature; see `changing.h`."""
+"""A gear that changes with time, load, direction and temperature.
+
+See `changing.h`.
+"""
 
 from plant_emulator.core import CORE
 from plant_emulator.physics.axis import Record
@@ -10,7 +13,7 @@ CHANGE, PAST = CORE.dtype("change"), CORE.dtype("past")
 
 
 def put_error(change: Record, past: Record, plant: Record) -> None:
-    """Put the transmission error as it is now into the axis' constants, in place.
+    """Update the axis' constants to the present transmission error.
 
     Args:
         change: How the error changes.

@@ -1,4 +1,4 @@
-"""What an accelerometer feels that is fixed to a link of an arm, or an ideal one at its tip."""
+"""Accelerometer on a link of an arm, or ideal at the tip."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,9 @@ SENSOR_ROWS: int = CORE.call.SENSOR_ROWS
 
 
 def sensor_rows(arm: ArmTable, mounting: Mounting | None) -> Real:
-    """A sensor in the frame of its link of `link_rows`; shape (5, 3).
+    """Return a sensor in the frame of its link; shape (5, 3).
+
+    The links are those of `link_rows`.
 
     Args:
         arm: The arm, its URDF file read.

@@ -1,4 +1,6 @@
-"""Path of the tip's acceleration through the accelerometer: mounting resonance, low-pass and delay at the control period.
+"""Path of the tip's acceleration through the accelerometer.
+
+Mounting resonance, low-pass and delay at the control period.
 
     mounting   (2 ζ ω s + ω²)/(s² + 2 ζ ω s + ω²)      the sensor's mass on its elastic mounting
     low-pass   ω²/(s² + √2 ω s + ω²)                    Butterworth of order 2
@@ -26,7 +28,9 @@ SECTIONS = CORE.dtype("sections")
 
 
 class SensorResponse:
-    """Response of an accelerometer to the motion of its tip; at rest until it is driven.
+    """Response of an accelerometer to the motion of its tip.
+
+    It is at rest until it is driven.
 
     Args:
         period_s: Sampling period of the true acceleration, the control period.
@@ -67,7 +71,10 @@ class SensorResponse:
         self.shared = CORE.pointer(rows, "sections"), CORE.pointer(ring), len(ring), CORE.pointer(self._sensed)
 
     def drive(self, tip_m_s2: Real) -> None:
-        """Let samples of the true acceleration pass, one per control period; shape (n, 3)."""
+        """Take samples of the true acceleration; shape (n, 3).
+
+        There is one per control period.
+        """
         sections, ring, size, sensed = self.shared
         CORE.call.sense(sections, ring, size, CORE.pointer(tip_m_s2), len(tip_m_s2), sensed)
 
@@ -79,7 +86,9 @@ class SensorResponse:
 
 
 def section(frequency_hz: float, damping: float, period_s: float, *, with_zero: bool) -> tuple[float, float, float, float, float]:
-    """b0, b1, b2, a1, a2 of (2 ζ ω s + ω²)/(s² + 2 ζ ω s + ω²), or of ω²/(…) without the zero; bilinear, ω kept.
+    """Return the coefficients b0, b1, b2, a1, a2 of a section.
+
+    It is (2 ζ ω s + ω²)/(s² + 2 ζ ω s + ω²), or ω²/(…) without the zero; bilinear, ω kept.
 
     Args:
         frequency_hz: ω/2π.
@@ -100,7 +109,10 @@ def section(frequency_hz: float, damping: float, period_s: float, *, with_zero: 
 
 
 def interpolation(delay_samples: float) -> tuple[int, tuple[float, float, float, float]]:
-    """The newest of four samples, counted backwards, and the weights of all four, for a delay in samples; Lagrange's cubic."""
+    """Return first sample and weights of Lagrange's cubic for a delay.
+
+    The delay is in samples; the newest of the four samples is counted backwards.
+    """
     whole = math.floor(delay_samples)
     fraction = delay_samples - whole
     if fraction < 1e-9:

@@ -1,4 +1,7 @@
-"""Acceleration at the tip, and its sensor: the planar chain of shoulder, elbow and wrist, or the lever of a single axis."""
+"""Acceleration at the tip, and its sensor.
+
+The tip is on the planar chain of shoulder, elbow and wrist, or on the lever of a single axis.
+"""
 
 import math
 from collections.abc import Sequence
@@ -17,12 +20,17 @@ _BLOCK = 256
 
 
 def lever_acceleration(lever_m: float, arm_speed: float, arm_acceleration: float) -> tuple[float, float, float]:
-    """Radial, sideways and tangential acceleration in m/s² at a lever: (−L θ̇², 0, L θ̈)."""
+    """Return the acceleration at a lever: radial, sideways, tangential.
+
+    (−L θ̇², 0, L θ̈) in m/s².
+    """
     return -lever_m * arm_speed * arm_speed, 0.0, lever_m * arm_acceleration
 
 
 def chain_acceleration(chain: PlanarChain, angles: Vector, speeds: Vector, accelerations: Vector) -> tuple[float, float, float]:
-    """Acceleration (X, Y, Z) of the tip in m/s², gravity left out; Y is 0 in a planar chain.
+    """Return the acceleration (X, Y, Z) of the tip in m/s².
+
+    Gravity is left out; Y is 0 in a planar chain.
 
     With the links' angles α_i above the horizontal and their vectors r_i: a = Σ (α̈_i ŷ×r_i − α̇_i² r_i).
 
@@ -55,7 +63,9 @@ def chain_acceleration(chain: PlanarChain, angles: Vector, speeds: Vector, accel
 
 @dataclass
 class TipSensor:
-    """Noise and resolution of the accelerometer; seeded, one draw of three values per sample.
+    """Noise and resolution of the accelerometer.
+
+    It is seeded, with one draw of three values per sample.
 
     Attributes:
         noise_m_s2: Standard deviation of the white noise of each sample.

@@ -1,4 +1,7 @@
-"""Motion of an arm's tip, and the specific force that an accelerometer in the tool's frame feels there."""
+"""Motion of an arm's tip.
+
+It includes the specific force that an accelerometer in the tool's frame feels there.
+"""
 
 import math
 
@@ -21,7 +24,10 @@ ROWS: int = CORE.call.TOOL_ROWS
 
 
 def tool_rows(arm: ArmTable) -> Real:
-    """The tool in the frame of the last link of `link_rows`: where the tip is, then the tool's frame; shape (4, 3)."""
+    """Return the tool in its link's frame; shape (4, 3).
+
+    Place of the tip, then the tool's frame; the link is the last one of `link_rows`.
+    """
     along = along_z(arm.link[-1].unit_direction())
     frame = rotation(*map(math.radians, arm.tip_rpy_deg))
     return np.vstack([along.T @ np.array(arm.tip_m), along.T @ frame])

@@ -1,4 +1,7 @@
-"""A whole run of cyclic set-points in one call, for studies of hundreds of runs."""
+"""A whole run of cyclic set-points in one call.
+
+Studies of hundreds of runs use it.
+"""
 
 from typing import Any
 
@@ -20,7 +23,7 @@ TORQUE: int = CORE.call.TRACE_TORQUE
 def follow(
     periods: int, period_s: float, substeps: int, axes: NDArray[Any], set_points: Real, encoder: Real, noise: Real
 ) -> Real:
-    """Measurements and states at each SYNC of a run; shape (n, n_axes, 5).
+    """Return measurements and states at each SYNC; shape (n, n_axes, 5).
 
     The same as `Axes.set_point` and `Axes.advance` in turn, to the bit, while no limit is set; the encoder may be wrong besides.
 
