@@ -65,7 +65,7 @@ format: $(TESTABLE)
 
 # The core is C: where the machine has no compiler, one comes from PyPI.
 $(INSTALLED): .venv/locked pyproject.toml requirements-compiler.lock
-	@if [ -z "$$CC" ] && ! command -v cc gcc clang >/dev/null; then \
+	@if ! $(BIN)/python -c 'from hil.core.build import compiler; compiler()' 2>/dev/null; then \
 	  echo "There is no C compiler: installing requirements-compiler.lock into .venv (400 MB)"; \
 	  $(PIP) --require-hashes -r requirements-compiler.lock; \
 	fi

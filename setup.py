@@ -2,6 +2,7 @@
 
 import runpy
 import sys
+import tomllib
 from pathlib import Path
 
 from setuptools import Distribution, setup
@@ -31,7 +32,8 @@ def compiler_from_pypi() -> list[str]:
     try:
         compiler()
     except BuildError:
-        return ["ziglang>=0.13,<0.17"]
+        groups = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["dependency-groups"]
+        return list(groups["compiler"])
     return []
 
 

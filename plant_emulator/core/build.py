@@ -6,5 +6,12 @@ PLANT = Core(
     "plant",
     "plant_emulator/core",
     "plant_emulator/core/core.h",
-    ("plant_emulator/core", "plant_emulator/physics", "plant_emulator/motion", "plant_emulator/studies", "hil/control"),
+    (
+        "plant_emulator/core",
+        "plant_emulator/physics",
+        "plant_emulator/motion",
+        "plant_emulator/studies",
+        "hil/control",
+        "hil/core",
+    ),
 )

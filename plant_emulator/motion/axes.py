@@ -29,8 +29,6 @@ from plant_emulator.robots.robot import Robot
 
 Real = NDArray[np.float64]
 
-MOST_BUFFERS = 8
-"""Numbers of control periods for which arrays are kept."""
 
 AT_REST = (
     "previous_speed_rad_s",
@@ -118,7 +116,6 @@ class Axes:
         self._chain_rows = [] if home is None else [self.row(number) for number in robot.chain_axes]
         self._levers = [robot.axis[number].tip_lever_m for number in self.numbers]
         self._response = response_of(robot)
-        self._buffers: dict[int, tuple[Real, Real, Any, Any]] = {}
         self._axes = CORE.pointer(rows, "axis")
         self._bind()
 
@@ -294,12 +291,8 @@ class Axes:
 
         They have a row for each of so many control periods; the same follows in C.
         """
-        if periods not in self._buffers:
-            if len(self._buffers) >= MOST_BUFFERS:
-                self._buffers.clear()
-            states, tips = np.zeros((periods, len(self.numbers), 3)), np.zeros((periods, 3))
-            self._buffers[periods] = states, tips, CORE.pointer(states), CORE.pointer(tips)
-        return self._buffers[periods]
+        states, tips = np.empty((periods, len(self.numbers), 3)), np.empty((periods, 3))
+        return states, tips, CORE.pointer(states), CORE.pointer(tips)
 
     def _fill(self, tips: Real, trace: Real) -> None:
         """Write the true acceleration of a tip that several axes move.

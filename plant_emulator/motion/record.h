@@ -46,7 +46,7 @@ enum {
 };
 
 /* elapsed_periods before the first set-point of a cyclic mode, -2^40: nothing is late that was never begun. */
-#define NO_SET_POINT (-((integer)1 << 40))
+#define NO_SET_POINT -1099511627776
 
 /* Below this speed a ramp to rest counts as done (0.08 motor revolutions per second). */
 #define STOPPED_RAD_S 0.5

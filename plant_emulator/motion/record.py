@@ -60,7 +60,7 @@ PROBE_2_FALLING: int = CORE.call.PROBE_2_FALLING
 
 EDGES: int = CORE.call.EDGES
 
-NO_SET_POINT = -(1 << 40)
+NO_SET_POINT = int(CORE.constants["NO_SET_POINT"])
 """`elapsed_periods` before the first set-point of a cyclic mode: nothing is late that was never begun."""
 
 STOPPED_RAD_S = CORE.constants["STOPPED_RAD_S"]
