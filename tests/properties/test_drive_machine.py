@@ -301,13 +301,6 @@ class VendorDrive(DriveMachine):
 
 
 MACHINES = [DriveMachine, SwitchedDrive, SlowDrive, VendorDrive]
-_EXAMPLES = {DriveMachine: 40, SwitchedDrive: 15, SlowDrive: 20, VendorDrive: 15}
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
-def test_a_drive_keeps_its_promises_whatever_happens(machine):
-    run_for(machine, examples=_EXAMPLES[machine], steps=30)
 
 
 @pytest.mark.ci

@@ -315,13 +315,6 @@ class UnconfiguredSlave(SlaveMachine):
 
 
 MACHINES = [SlaveMachine, UnconfiguredSlave]
-_EXAMPLES = {SlaveMachine: 45, UnconfiguredSlave: 15}
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
-def test_a_node_answers_each_request_once_whatever_happens(machine):
-    run_for(machine, examples=_EXAMPLES[machine], steps=30)
 
 
 @pytest.mark.ci

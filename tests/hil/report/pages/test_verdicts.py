@@ -40,8 +40,9 @@ def one(full_directory: Path, tmp_path: Path, treatment: str = "notch", **values
 # -- emulated --------------------------------------------------------------------------------------------------------------
 
 
-def test_an_emulated_robots_page_says_so_first_and_calls_nothing_measured(full_report: Any) -> None:
-    page = full_report[0]
+@pytest.mark.usefixtures("without_pictures")
+def test_an_emulated_robots_page_says_so_first_and_calls_nothing_measured(full_directory: Path, tmp_path: Path) -> None:
+    page = write_report(altered(full_directory, tmp_path, lambda result: None)).read_text(encoding="utf-8")
     assert page.index("Emulated robot: nothing on this page was measured on a real one.") < page.index("<h1>")
     assert re.search(r"<title>Emulated: ", page)
     assert not re.search(r'class="tag">[^<]*measured', page)
