@@ -105,7 +105,8 @@ def run(command: list[str], interfaces: str, memory: str, limit_s: float, slowne
             # whatever else computes would hold the machine up at each of its many switches between processes; it needs little
             first = ["nice", "-n", "-10"] if os.geteuid() == 0 else []
             machine = subprocess.Popen(
-                [*first, kernel, "rootfstype=hostfs", "rootflags=/", "rw", f"init={Path(__file__).with_name('init.sh')}", "panic=-1",
+                [*first, kernel,
+                 "rootfstype=hostfs", "rootflags=/", "rw", f"init={Path(__file__).with_name('init.sh')}", "panic=-1",
                  f"mem={memory}", f"uml_dir={job}/", "umid=vm", "quiet", f"bench_job={job}", "con=null", "ssl=null",
                  f"con0=null,fd:{console.fileno()}", f"con1=null,fd:{output.fileno()}"],
                 stdin=subprocess.DEVNULL, stdout=console, stderr=console, pass_fds=(console.fileno(), output.fileno()),
