@@ -63,6 +63,10 @@ class NoAnswerError(errors.NoAnswerError, NodeError):
     """A node did not answer in time."""
 
 
+class SharedNodeError(errors.SharedNodeError, NoAnswerError):
+    """A node did not answer, and another SDO client talks to it."""
+
+
 class WrongIdentityError(NodeError):
     """Another device than the bench file names answers at this node."""
 

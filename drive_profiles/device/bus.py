@@ -5,7 +5,6 @@ It offers SDO ports, NMT commands and a scan for nodes.
 
 from __future__ import annotations
 
-import collections
 import contextlib
 import queue
 import threading
@@ -16,7 +15,7 @@ from typing import Any, Self
 import can
 
 from drive_profiles.address import LOCAL, PYTHON_CAN_LOCAL, parse_address
-from drive_profiles.device.sdo import SdoPort
+from drive_profiles.device.sdo import ForeignRequests, SdoPort
 from drive_profiles.errors import BusError
 from drive_profiles.standard.cia301 import BROADCAST, MAX_NODE_ID, FunctionCode, NmtCommand
 
@@ -33,8 +32,6 @@ _FILTERS = [
 _FUNCTION = 0x780
 _POLL_S = 0.05
 _BACKLOG = 256
-_ECHOES = 64
-"""Number of own requests that are remembered, by which an adapter's echo is known."""
 _SCAN_BURST = 8
 """Number of requests that a scan sends together: the queue of a small adapter holds so many."""
 
@@ -47,19 +44,11 @@ class _Line:
         self.answers: queue.Queue[bytes] = queue.Queue(_BACKLOG)
         self.boots = 0
         self.nmt_state: int | None = None
-        self.requests_of_others = 0
-        self._sent: collections.deque[bytes] = collections.deque(maxlen=_ECHOES)
+        self.requests = ForeignRequests()
 
     def send(self, can_id: int, data: bytes) -> None:
-        self._sent.append(bytes(data))
+        self.requests.note_own(data)
         self._bus.send(can_id, data)
-
-    def on_request(self, data: bytes) -> None:
-        """Count an SDO request that another client sent to the node.
-
-        Frames of our own are not counted: some adapters return what they have sent.
-        """
-        self.requests_of_others += data not in self._sent
 
     def receive(self, timeout_s: float) -> bytes | None:
         """Wait for the next answer; raise `BusError` if the bus is lost."""
@@ -151,7 +140,7 @@ class SdoBus:
         if node not in self._ports:
             self._lines[node] = _Line(self)
             line = self._lines[node]
-            self._ports[node] = SdoPort(node, line, self.timeout_s, lambda: line.requests_of_others)
+            self._ports[node] = SdoPort(node, line, self.timeout_s, lambda: line.requests.count)
         return self._ports[node]
 
     def nmt(self, command: NmtCommand, node: int) -> None:
@@ -227,7 +216,7 @@ class SdoBus:
             elif message.arbitration_id == LSS_RESPONSE:
                 self.on_lss(bytes(message.data))
             elif function == FunctionCode.SDO_REQUEST and node in self._lines:
-                self._lines[node].on_request(bytes(message.data))
+                self._lines[node].requests.note_received(bytes(message.data))
             elif function == FunctionCode.HEARTBEAT and len(message.data) == 1 and node in self._lines:
                 self._lines[node].nmt_state = message.data[0] & 0x7F
                 self._lines[node].boots += message.data[0] == 0

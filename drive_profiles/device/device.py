@@ -107,6 +107,11 @@ class Device:
         entry = self.catalogue.get(address)
         return "" if entry is None else entry.name
 
+    def _may_be_long(self, address: ObjectAddress) -> bool:
+        """True if an object holds bytes of any number."""
+        entry = self.catalogue.get(address)
+        return entry is not None and entry.data_type is DataType.DOMAIN
+
     def read(self, address: ObjectAddress) -> bytes:
         """Read the bytes of an object.
 
@@ -117,7 +122,7 @@ class Device:
             NoAnswerError: The device does not answer, twice.
         """
         try:
-            return _read(self.port, address, self.name_of(address))
+            return _read(self.port, address, self.name_of(address), in_blocks=self._may_be_long(address))
         except SdoAbortedError as error:
             raise self._in_words(error) from None
 
@@ -135,7 +140,7 @@ class Device:
             NoAnswerError: The device does not answer; whether it has taken the value is not known.
         """
         try:
-            self.port.write(address, data, self.name_of(address), value, timeout_s)
+            self.port.write(address, data, self.name_of(address), value, timeout_s, in_blocks=self._may_be_long(address))
         except SdoAbortedError as error:
             raise self._in_words(error) from None
 
@@ -435,15 +440,15 @@ def _ask(port: SdoPort, address: ObjectAddress) -> bytes | None:
         return None
 
 
-def _read(port: SdoPort, address: ObjectAddress, name: str = "") -> bytes:
+def _read(port: SdoPort, address: ObjectAddress, name: str = "", *, in_blocks: bool = False) -> bytes:
     """Read an object, and retry once if there is no answer.
 
     A retry is safe, because reading changes nothing.
     """
     try:
-        return port.read(address, name)
+        return port.read(address, name, in_blocks=in_blocks)
     except NoAnswerError as first:
         try:
-            return port.read(address, name)
+            return port.read(address, name, in_blocks=in_blocks)
         except NoAnswerError as second:  # the first names the object; the second may name only what follows a time-out
             raise second if isinstance(second, SharedNodeError) else first from None

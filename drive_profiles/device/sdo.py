@@ -1,41 +1,29 @@
-"""An SDO client for one node, based on canopen's transfers.
+"""The SDO client of one node: it sends the frames of a transfer, and finds the answers that belong to it.
 
 The thread that reads the bus supplies the answers; late answers to earlier requests are discarded.
 """
 
 from __future__ import annotations
 
-import logging
+import collections
 import struct
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
-import canopen
-from canopen.sdo.client import SdoClient, WritableStream
-from canopen.sdo.exceptions import SdoAbortedError as CanopenAbort
-from canopen.sdo.exceptions import SdoCommunicationError
-
+from drive_profiles.device import transfer
+from drive_profiles.device.transfer import ABORT, LENGTH, Transfer, TransferAbortedError, TransferBrokenError
 from drive_profiles.errors import NoAnswerError, SdoAbortedError, SharedNodeError
 from drive_profiles.standard.cia301 import FunctionCode, SdoAbortCode, abort_text
 from drive_profiles.standard.object_address import ObjectAddress
 
-# The package's client reports each of its own aborts as an error to the root logger; here they are exceptions, told once.
-logging.getLogger("canopen").addHandler(logging.NullHandler())
-logging.getLogger("canopen").propagate = False
-
-MAX_UPLOAD_BYTES = 65536
-_LENGTH = 8
-_INITIATE_REQUESTS = (1, 2)
-"""Command specifiers of an initiate download and upload: these name their object (CiA 301, 7.2.4.3)."""
 _NAMED_ANSWERS = (2, 3, 4)
-"""Command specifiers of answers that name their object: initiate upload, initiate download, abort."""
+"""Command specifiers of answers that name their object: initiate upload, initiate download, abort (CiA 301, 7.2.4.3.3)."""
 _DOWNLOAD_ANSWER = 3
-_DOWNLOAD_REQUEST = 1
-_ABORT = 0x80
 _ENTANGLED = frozenset({SdoAbortCode.TOGGLE_BIT, SdoAbortCode.TIMED_OUT, SdoAbortCode.UNKNOWN_COMMAND, SdoAbortCode.GENERAL})
 """Aborts with which a server ends a transfer into which another client has spoken."""
 _OBJECT = struct.Struct("<HB")
-_SEGMENT = 7
+_ECHOES = 64
+"""Number of own requests that are remembered, by which an adapter's echo is known."""
 MAX_STRANGERS = 64
 """Number of foreign answers that are passed over while we wait for ours."""
 _BARRIER: tuple[ObjectAddress, ...] = ((0x1000, 0), (0x1018, 0), (0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4))
@@ -63,20 +51,27 @@ class SdoLine(Protocol):
         ...
 
 
-class _Sender(canopen.Network):
-    """Stand-in for the canopen network that its SDO client sends through."""
+class ForeignRequests:
+    """Counter of the SDO requests that other clients send to a node.
 
-    def __init__(self, send: Callable[[int, bytes], None]) -> None:
-        super().__init__()
-        self.subscribers.clear()  # its LSS master would keep every answer for ever
-        self._send = send
+    Some adapters return what they have sent: a request that is equal to one of our latest is not counted.
+    """
 
-    def send_message(self, can_id: int, data: Any, remote: bool = False) -> None:
-        """Send a frame on the line."""
-        self._send(can_id, bytes(data))
+    def __init__(self) -> None:
+        """Begin with none."""
+        self.count = 0
+        self._sent: collections.deque[bytes] = collections.deque(maxlen=_ECHOES)
+
+    def note_own(self, data: bytes) -> None:
+        """Remember a request of our own."""
+        self._sent.append(bytes(data))
+
+    def note_received(self, data: bytes) -> None:
+        """Count a request that came from the bus."""
+        self.count += data not in self._sent
 
 
-class SdoPort(SdoClient):
+class SdoPort:
     """The only SDO client of a node.
 
     A request is sent once. An answer that names another object than the requested one is late and is dropped. If it confirms a
@@ -110,17 +105,14 @@ class SdoPort(SdoClient):
             timeout_s: Time that an answer may take, s.
             requests_of_others: Function that returns the number of requests that other clients have sent to the node.
         """
-        super().__init__(FunctionCode.SDO_REQUEST + node, FunctionCode.SDO_RESPONSE + node, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         self.node = node
         self.timeout_s = timeout_s
         self.strays: set[ObjectAddress] = set()
         self._line = line
-        self.network = _Sender(line.send)
-        self._object = b""
-        self._writes = False
+        self._request_id = FunctionCode.SDO_REQUEST + node
         self._written: set[bytes] = set()
-        self._wait_s = timeout_s
         self._behind = False
+        self._has_blocks: bool | None = None
         self._requests_of_others = requests_of_others
 
     @property
@@ -138,35 +130,47 @@ class SdoPort(SdoClient):
         self.strays.clear()
         self._written.clear()
 
-    # -- what a caller does --------------------------------------------------------------------------------------------
-
-    def read(self, address: ObjectAddress, name: str = "") -> bytes:
+    def read(self, address: ObjectAddress, name: str = "", *, in_blocks: bool = False) -> bytes:
         """Upload the bytes of an object.
 
         Args:
             address: The object.
             name: Name of the object, for messages.
+            in_blocks: True for a block transfer, unless the node has refused one: for an object that may be long.
 
         Raises:
             SdoAbortedError: The node refuses.
             NoAnswerError: The node does not answer, or its answers make no sense.
         """
         self._catch_up()
-        return self._read(address, name)
-
-    def _read(self, address: ObjectAddress, name: str = "") -> bytes:
-        self._wait_s = self.timeout_s
+        if not in_blocks or self._has_blocks is False:
+            return self._read(address, name)
         try:
-            with self.open(*address, buffering=0) as stream:  # type: ignore[no-untyped-call]
-                return _bounded(stream)
-        except CanopenAbort as error:
-            raise self.refusal(self.node, *address, error.code, self._text_of(error.code), name) from error
-        except (SdoCommunicationError, struct.error) as error:
-            self._behind = True
-            raise self._silent(f"the read of {_said(address, name)}", self._wait_s) from error
+            content = self._read(address, name, transfer.block_upload)
+        except (SdoAbortedError, NoAnswerError) as error:
+            if self._has_blocks or (isinstance(error, SdoAbortedError) and error.code != SdoAbortCode.UNKNOWN_COMMAND):
+                raise
+            self._has_blocks = False
+            self._catch_up()
+            return self._read(address, name)
+        self._has_blocks = True
+        return content
+
+    def _read(
+        self, address: ObjectAddress, name: str = "", by: Callable[[list[bytes], ObjectAddress], Transfer] = transfer.upload
+    ) -> bytes:
+        out: list[bytes] = []
+        return self._transfer(out, by(out, address), address, name, "read", self.timeout_s)
 
     def write(
-        self, address: ObjectAddress, data: bytes, name: str = "", value: object = None, timeout_s: float | None = None
+        self,
+        address: ObjectAddress,
+        data: bytes,
+        name: str = "",
+        value: object = None,
+        timeout_s: float | None = None,
+        *,
+        in_blocks: bool = False,
     ) -> None:
         """Download the bytes of an object, once.
 
@@ -178,37 +182,90 @@ class SdoPort(SdoClient):
             name: Name of the object, for messages.
             value: The value as a message shall show it; None: the bytes.
             timeout_s: Time that the answer may take, s; None: the port's. Commands may need longer.
+            in_blocks: True for a block transfer, where a read in blocks has succeeded.
 
         Raises:
             SdoAbortedError: The node refuses.
             NoAnswerError: The node does not answer; whether it has taken the value is not known.
         """
         self._catch_up()
-        self._wait_s = self.timeout_s if timeout_s is None else timeout_s
-        shown = data.hex(" ") if value is None else value
+        wait_s = self.timeout_s if timeout_s is None else timeout_s
+        action = f"write of {data.hex(' ') if value is None else value}"
         self._written.add(_OBJECT.pack(*address))
-        try:
-            self._send(address, data)
-        except CanopenAbort as error:
-            raise self.refusal(self.node, *address, error.code, self._text_of(error.code), name, f"write of {shown}") from error
-        except (SdoCommunicationError, struct.error) as error:
-            self._behind = True
-            raise self._silent(f"the write of {_said(address, name)}", self._wait_s) from error
+        out: list[bytes] = []
+        if in_blocks and self._has_blocks:
+            try:
+                self._transfer(out, transfer.block_download(out, address, data), address, name, action, wait_s, writes=True)
+            except SdoAbortedError as error:
+                if error.code != SdoAbortCode.UNKNOWN_COMMAND:
+                    raise
+                out.clear()  # it takes no blocks, and nothing has been written: that is what an abort means
+            else:
+                return
+        self._transfer(out, transfer.download(out, address, data), address, name, action, wait_s, writes=True)
 
-    def _send(self, address: ObjectAddress, data: bytes) -> None:
-        """Download in segments through canopen's stream.
+    def _transfer(
+        self,
+        out: list[bytes],
+        running: Transfer,
+        address: ObjectAddress,
+        name: str,
+        action: str,
+        wait_s: float,
+        *,
+        writes: bool = False,
+    ) -> bytes:
+        """Send the frames of a transfer and feed it the answers, up to its end.
 
-        The stream's empty last segment is suppressed, which it would send even after a failed transfer.
+        Raises:
+            SdoAbortedError: The node refuses.
+            NoAnswerError: The node does not answer, or its answers make no sense.
         """
-        stream: Any = WritableStream(self, *address, size=len(data))  # type: ignore[no-untyped-call]
+        line, request_id, own = self._line, self._request_id, _OBJECT.pack(*address)
+        code = SdoAbortCode.TIMED_OUT
         try:
-            position = 0
-            while position < len(data):
-                position += stream.write(data[position : position + _SEGMENT])
-            if not data:
-                stream.close()
-        finally:
-            stream._done = True
+            is_segment = next(running)
+            while True:
+                if out:  # of answers that have come before, none is that to a request that is sent now
+                    for answer in line.clear():
+                        self._look_at(answer)
+                    for frame in out:
+                        line.send(request_id, frame)
+                    out.clear()
+                answer_ = self._answer(own, wait_s, writes=writes, is_segment=is_segment)
+                if answer_ is None:
+                    break
+                is_segment = running.send(answer_)
+        except StopIteration as end:
+            for frame in out:  # the last, which is not answered
+                line.send(request_id, frame)
+            return bytes(end.value)
+        except TransferAbortedError as error:
+            raise self.refusal(self.node, *address, error.code, self._text_of(error.code), name, action) from error
+        except TransferBrokenError as error:
+            code = error.code
+        line.send(request_id, transfer.abort(address, code))
+        self._behind = True
+        raise self._silent(f"the {'write' if writes else 'read'} of {_said(address, name)}", wait_s)
+
+    def _answer(self, own: bytes, wait_s: float, *, writes: bool, is_segment: bool) -> bytes | None:
+        """Return the next answer to our request; None if none comes in time, or others' only."""
+        for _ in range(MAX_STRANGERS):
+            answer = self._line.receive(wait_s)
+            if answer is None:
+                return None
+            if len(answer) != LENGTH:
+                continue  # no SDO
+            if is_segment and answer[0] != ABORT:
+                return answer
+            specifier = answer[0] >> 5
+            if specifier in _NAMED_ANSWERS and answer[1:4] != own:
+                self._look_at(answer)
+                continue
+            if specifier == _DOWNLOAD_ANSWER and not writes:  # a read was taken for a write
+                self.strays.add(_OBJECT.unpack(answer[1:4]))
+            return answer
+        return None
 
     def _catch_up(self) -> None:
         """Wait, after a time-out, until no older answer can arrive.
@@ -240,67 +297,15 @@ class SdoPort(SdoClient):
         text = abort_text(code)
         return f"{text} (another SDO client talks to this node)" if self.is_shared and code in _ENTANGLED else text
 
-    # -- what canopen's client calls -----------------------------------------------------------------------------------
-
-    def request_response(self, sdo_request: Any) -> bytes:
-        """Send a request once and wait for its answer.
-
-        Answers that arrived before the request are dropped.
-        """
-        for answer in self._line.clear():
-            self._look_at(answer)
-        if sdo_request[0] >> 5 in _INITIATE_REQUESTS:
-            self._object = bytes(sdo_request[1:4])
-            self._writes = sdo_request[0] >> 5 == _DOWNLOAD_REQUEST
-        self.send_request(sdo_request)  # type: ignore[no-untyped-call]
-        try:
-            return self.read_response()
-        except SdoCommunicationError:
-            self.abort(SdoAbortCode.TIMED_OUT)  # type: ignore[no-untyped-call]
-            raise
-
-    def read_response(self) -> bytes:
-        """Return the next answer to our request.
-
-        Raises:
-            SdoCommunicationError: No answer came in time.
-            SdoAbortedError: The answer is an abort (canopen's error, not ours).
-        """
-        for _ in range(MAX_STRANGERS):
-            answer = self._line.receive(self._wait_s)
-            if answer is None:
-                raise SdoCommunicationError("no SDO response")
-            if len(answer) != _LENGTH:
-                continue  # no SDO
-            if answer[0] >> 5 in _NAMED_ANSWERS and answer[1:4] != self._object:
-                self._look_at(answer)
-                continue
-            if answer[0] >> 5 == _DOWNLOAD_ANSWER and not self._writes:  # a read was taken for a write
-                self.strays.add(_OBJECT.unpack(answer[1:4]))
-            if answer[0] == _ABORT:
-                raise CanopenAbort(int.from_bytes(answer[4:], "little"))
-            return answer
-        raise SdoCommunicationError("others' answers only")
-
     def _look_at(self, answer: bytes) -> None:
         """Note the object of another client's confirmed write.
 
         An answer to a download that this port has not sent shows it.
         """
-        if len(answer) == _LENGTH and answer[0] >> 5 == _DOWNLOAD_ANSWER and answer[1:4] not in self._written:
+        if len(answer) == LENGTH and answer[0] >> 5 == _DOWNLOAD_ANSWER and answer[1:4] not in self._written:
             index, subindex = _OBJECT.unpack(answer[1:4])
             self.strays.add((index, subindex))
 
 
 def _said(address: ObjectAddress, name: str) -> str:
     return f"{address[0]:04X}h:{address[1]:X}" + (f" ({name})" if name else "")
-
-
-def _bounded(stream: Any) -> bytes:
-    """Read an upload up to a bound, which protects our memory."""
-    data = bytearray()
-    while chunk := stream.read(7):
-        data += chunk
-        if len(data) > MAX_UPLOAD_BYTES:
-            raise SdoCommunicationError(f"more than {MAX_UPLOAD_BYTES} bytes")
-    return bytes(data)

@@ -9,16 +9,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import canopen
-
-from drive_profiles.device.sdo import SdoPort
+from drive_profiles.device.sdo import ForeignRequests, SdoPort
 from drive_profiles.standard.cia301 import DataType, FunctionCode, NmtCommand, decode, encode
 from drive_profiles.standard.error_codes import emergency_text
 from hil.can.channel import Channel
 from hil.can.errors_frame import decode as decode_error
 from hil.can.frame import CAN_ERR_FLAG, Frame
 from hil.can.raw import RawChannel
-from hil.errors import NoAnswerError, ReadBackError, SdoAbortedError
+from hil.errors import NoAnswerError, ReadBackError, SdoAbortedError, SharedNodeError
 from hil.master.realtime import Clock, MonotonicClock
 from hil.recording import BusLog, LoggedFrame, LoggedMessage
 
@@ -52,16 +50,14 @@ class _Line:
     def __init__(self, network: "Network") -> None:
         self._network = network
         self.answers: deque[bytes] = deque(maxlen=MAX_EVENTS)
+        self.requests = ForeignRequests()
         self.unasked = 0
         self.boots = 0  # the network itself watches for them
 
     def send(self, can_id: int, data: bytes) -> None:
         """Send a frame and log it."""
+        self.requests.note_own(data)
         self._network.send(Frame(can_id, data))
-
-    def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Keep an answer."""
-        self.answers.append(bytes(data))
 
     def receive(self, timeout_s: float) -> bytes | None:
         """The next answer, or None when none came in time."""
@@ -80,21 +76,7 @@ class _Port(SdoPort):
 
     refusal = SdoAbortedError
     silence = NoAnswerError
-
-
-class _Tee(canopen.Network):
-    """The `canopen` package's network on our channel.
-
-    It sends through the channel, and receives every frame that is not cyclic.
-    """
-
-    def __init__(self, send: Callable[[Frame], None]) -> None:
-        super().__init__()
-        self._send_frame = send
-
-    def send_message(self, can_id: int, data: Any, remote: bool = False) -> None:
-        """Send a message by the channel."""
-        self._send_frame(Frame(can_id, bytes(data)))
+    shared = SharedNodeError
 
 
 class Network:
@@ -104,7 +86,6 @@ class Network:
 
     Attributes:
         channel: The bus.
-        canopen: canopen's network; it receives every frame that is not cyclic.
         emergencies: Emergencies of the nodes that were not handled yet; a bounded queue.
         fault_texts: For each node, its maker's own error codes in words.
         heartbeats: Time and NMT state of the last heartbeat of each node.
@@ -121,8 +102,6 @@ class Network:
         self.log = log
         self.timeout_s = timeout_s
         self.period_s = period_s
-        self.canopen = _Tee(self.send)
-        self.canopen.subscribers.clear()  # its LSS master would keep every answer for ever
         self.emergencies: deque[Emergency] = deque(maxlen=MAX_EVENTS)
         self.fault_texts: dict[int, Mapping[int, str]] = {}
         self.heartbeats: dict[int, tuple[float, int]] = {}
@@ -224,16 +203,21 @@ class Network:
             self._note_error(frame)
             return
         function, node = can_id & 0x780, can_id & 0x7F
-        if function == FunctionCode.HEARTBEAT and can_id <= 0x7FF and len(data) == 1:
+        if can_id > 0x7FF:  # extended, or a remote request
+            return
+        if function == FunctionCode.SDO_RESPONSE and node in self._lines:
+            self._lines[node].answers.append(data)
+        elif function == FunctionCode.SDO_REQUEST and node in self._lines:
+            self._lines[node].requests.note_received(data)
+        elif function == FunctionCode.HEARTBEAT and len(data) == 1:
             self.heartbeats[node] = (self.now(), data[0] & 0x7F)
             if data[0] == 0:
                 self.boots.add(node)
         elif can_id == FunctionCode.SYNC:
             self.foreign_sync = True
-        elif function == FunctionCode.EMERGENCY and node and can_id <= 0x7FF:
+        elif function == FunctionCode.EMERGENCY and node:
             code, register, vendor = _EMERGENCY.unpack(data.ljust(_EMERGENCY.size, b"\0")[: _EMERGENCY.size])
             self.emergencies.append(Emergency(node, code, register, vendor, self.fault_texts.get(node, {})))
-        self.canopen.notify(can_id, bytearray(data), self.now())
 
     def _note_error(self, frame: Frame) -> None:
         event = decode_error(frame)
@@ -272,8 +256,7 @@ class Network:
     def _port(self, node: int) -> _Port:
         if node not in self._ports:
             line = self._lines[node] = _Line(self)
-            port = self._ports[node] = _Port(node, line, self.timeout_s)
-            self.canopen.subscribe(port.tx_cobid, line.on_response)
+            self._ports[node] = _Port(node, line, self.timeout_s, lambda: line.requests.count)
         return self._ports[node]
 
     def read_raw(self, node: int, index: int, subindex: int = 0, name: str = "") -> bytes:

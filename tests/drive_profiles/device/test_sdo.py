@@ -4,7 +4,8 @@ from collections import deque
 
 import pytest
 
-from drive_profiles.device.sdo import MAX_STRANGERS, MAX_UPLOAD_BYTES, SdoPort
+from drive_profiles.device.sdo import MAX_STRANGERS, SdoPort
+from drive_profiles.device.transfer import MAX_UPLOAD_BYTES
 from drive_profiles.errors import NoAnswerError, SdoAbortedError
 from tests.drive_profiles import upload_rig as rig
 
