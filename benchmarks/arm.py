@@ -14,7 +14,7 @@ from benchmarks.robots import swing
 from benchmarks.whole_bench import BITRATE, Clocked, wait_for
 from drive_profiles.address import LOCAL, Address
 from hil.bench.bench import load_bench
-from hil.can.raw import RawChannel
+from hil.can.local import LocalChannel
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.motion.axes import Axes
@@ -70,7 +70,7 @@ def arm_over_bus(duration_s: float = 3.0, rounds: int = 3) -> list[str]:
             server = subprocess.Popen(command, stdout=subprocess.DEVNULL)  # noqa: S603 - our own interpreter and module
             try:
                 wait_for(address, server)
-                channel = RawChannel(address)
+                channel = LocalChannel(address)
                 factor = in_turn({"run": lambda channel=channel: _faster_than_life(channel, duration_s)}, rounds)["run"]
                 channel.close()
             finally:
@@ -80,7 +80,7 @@ def arm_over_bus(duration_s: float = 3.0, rounds: int = 3) -> list[str]:
     return table(("bit times", "× real time", f"µs per cycle of {1e3 * period_s:g} ms"), rows)
 
 
-def _faster_than_life(channel: RawChannel, duration_s: float) -> float:
+def _faster_than_life(channel: LocalChannel, duration_s: float) -> float:
     """All six axes swing: motion time over wall time."""
     bench, clocked = load_bench("reference-arm").model_copy(update={"settle_s": 0.05}), Clocked()
     with Session(bench, channel, BusLog(None), clocked) as session:

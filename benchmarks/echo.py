@@ -8,7 +8,7 @@ import sys
 from drive_profiles.address import LOCAL, parse_address
 from hil.can import clock
 from hil.can.frame import RECORD, Frame, pack, unpack
-from hil.can.raw import bind_can
+from hil.can.socketcan import bind_can
 
 SYNC_HEAD = RECORD.pack(0x80, 0, b"")[:4]
 PATTERN = b"\x37\x06\x00\x00\x01\x00\x05\x00"

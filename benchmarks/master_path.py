@@ -25,7 +25,8 @@ from drive_profiles.standard.units import Scaling
 from hil.can import clock
 from hil.can.channel import Channel
 from hil.can.frame import RECORD, Frame, pack
-from hil.can.raw import RawChannel, bind_to_one_core, connect_local
+from hil.can.local import LocalChannel, connect_local, one_core
+from hil.can.socketcan import SocketCanChannel
 from hil.control.servo import Servo, ServoConfig
 from hil.control.servo_bank import ServoBank
 from hil.master.cyclic import POSITION_COMMAND, CyclicExchange
@@ -203,7 +204,7 @@ def _on_vcan(count: int, path: list[list[int]]) -> float | None:
         return None
     address = Address(SOCKETCAN, VCAN)
     with echo(address, count):
-        channel = RawChannel(address)
+        channel = SocketCanChannel(address)
         channel.is_lock_step = True  # each cycle follows the last one's answers; nothing else of the path is changed
         try:
             mine = ours(channel, count)
@@ -224,13 +225,12 @@ def _contend(count: int) -> tuple[dict[str, float], list[list[int]]]:
         master = Master(f"bench-{count}", count)
         stack.callback(master.close)
         whole = os.sched_getaffinity(0)
-        channel = RawChannel(first)
+        channel = LocalChannel(first)
         stack.callback(channel.close)
         sock, together = (stack.enter_context(connect_local(address)) for address in (second, third))
-        os.sched_setaffinity(0, whole)
-        bind_to_one_core(sock)
-        os.sched_setaffinity(0, whole)
-        bind_to_one_core(together)
+        stack.enter_context(one_core(together))
+        stack.enter_context(one_core(sock))
+        stack.enter_context(channel.on_one_core())
         cores = os.sched_getaffinity(0)
         mine, library = ours(channel, count), theirs(master, count)
         limits = {"bare": bare(sock, count), "together": bare_together(together, count)}

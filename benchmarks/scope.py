@@ -17,8 +17,8 @@ from importlib import resources
 from pathlib import Path
 
 from drive_profiles.address import parse_address
+from hil.can.local import connect_local
 from hil.can.opening import open_channel
-from hil.can.raw import connect_local
 from hil.emulator import EmulatorProcess
 from hil.scope.process import ScopeProcess
 from tests.hil.report.browser import Browser

@@ -12,7 +12,7 @@ from benchmarks.robots import FIRST_NODE, SINGLE
 from benchmarks.stranger import dictionary
 from benchmarks.whole_bench import emulator
 from hil.can.frame import Frame
-from hil.can.raw import RawChannel
+from hil.can.local import LocalChannel
 from hil.master.network import Network
 from hil.recording import BusLog
 
@@ -39,7 +39,7 @@ def sdo() -> list[str]:
     progress("sdo: round trips")
     with contextlib.ExitStack() as stack:
         address = stack.enter_context(emulator(1, 1e-3, None))
-        channel = RawChannel(address)
+        channel = LocalChannel(address)
         stack.callback(channel.close)
         network = Network(channel, BusLog(None), 1.0, 1e-3)
 

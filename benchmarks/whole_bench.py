@@ -16,7 +16,7 @@ from benchmarks.robots import Loop, bench_of, robot_of, swing
 from drive_profiles.address import LOCAL, Address
 from hil.can.channel import Channel
 from hil.can.errors import BusUnavailableError
-from hil.can.raw import RawChannel, connect_local
+from hil.can.local import LocalChannel, connect_local
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
 from plant_emulator.bus.in_process import InProcessChannel
@@ -123,7 +123,7 @@ def as_processes(case: Case, keep: Callable[[Recording], object] = forget) -> It
     """The same over the local bus, the emulator a process."""
     count, period_s, loop, bitrate, duration_s = case
     with emulator(count, period_s, bitrate) as address:
-        channel = RawChannel(address)
+        channel = LocalChannel(address)
         try:
             yield lambda: run(channel, count, period_s, loop, duration_s, keep)
         finally:

@@ -14,7 +14,7 @@ from typing import Self
 
 from drive_profiles.address import LOCAL, Address
 from hil.can.errors import BusUnavailableError
-from hil.can.raw import connect_local
+from hil.can.local import connect_local
 from hil.errors import NotPossibleError
 
 START_TIMEOUT_S = 120.0

@@ -20,7 +20,8 @@ from drive_profiles.address import LOCAL, SOCKETCAN, Address
 from hil.can import clock
 from hil.can.errors import BusLostError, BusUnavailableError
 from hil.can.frame import MAX_DATA_LENGTH, RECORD, pack
-from hil.can.raw import bind_can, connect_local, wait_at_most
+from hil.can.local import connect_local, wait_at_most
+from hil.can.socketcan import bind_can
 
 T = TypeVar("T")
 Heard = NDArray[np.void]

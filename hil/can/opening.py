@@ -12,10 +12,14 @@ def open_channel(address: Address) -> Channel:
     Raises:
         BusUnavailableError: The bus does not exist, or cannot be used.
     """
-    if address.interface in {LOCAL, SOCKETCAN}:
-        from hil.can.raw import RawChannel  # noqa: PLC0415 - a bus loads its own means only
+    if address.interface == LOCAL:
+        from hil.can.local import LocalChannel  # noqa: PLC0415 - a bus loads its own means only
 
-        return RawChannel(address)
+        return LocalChannel(address)
+    if address.interface == SOCKETCAN:
+        from hil.can.socketcan import SocketCanChannel  # noqa: PLC0415 - likewise
+
+        return SocketCanChannel(address)
     from hil.can.adapter import AdapterChannel  # noqa: PLC0415 - python-can is slow to load
 
     return AdapterChannel(address)

@@ -17,6 +17,7 @@ from hil.bench.bench import Bench
 from hil.bench.load_encoder import watched_axes, with_load_encoders
 from hil.bench.tip import with_tip
 from hil.can.channel import Channel
+from hil.can.local import LocalChannel
 from hil.control.notch import FixedFilter
 from hil.errors import InterruptedRunError, NodeError, UnsafeRequestError
 from hil.master.control_words import DISABLE_VOLTAGE, FAULT_RESET
@@ -95,19 +96,21 @@ class Session:
         self.supervisor = Supervisor(self.network, bench.bus)
         self.emulated: dict[str, bool | None] = {}
         self.not_restored: list[str] = []
-        self._signals = ExitStack()
+        self._context = ExitStack()
 
     # -- context -------------------------------------------------------------------------------------------------------
 
     def __enter__(self) -> Self:
-        """Take Ctrl-C and SIGTERM; see `interruptible`."""
-        self._signals.enter_context(self.interruptible())
+        """Take Ctrl-C and SIGTERM, see `interruptible`; in lock-step, share a core with the emulator."""
+        self._context.enter_context(self.interruptible())
+        if isinstance(self.network.channel, LocalChannel):
+            self._context.enter_context(self.network.channel.on_one_core())
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the session, and restore the handlers."""
+        """Close the session, and undo what entering it has changed."""
         self.close()
-        self._signals.close()
+        self._context.close()
 
     def close(self) -> None:
         """Close the sensor, and write the rest of the log."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from hil.can import clock
 from hil.can.frame import MAX_DATA_LENGTH, RECORD, Frame, unpack
-from hil.can.raw import wait_at_most
+from hil.can.local import wait_at_most
 
 CLOCK_WAIT_S = 0.001
 """Longest silence of the lock-step client before the others are served, in s."""

@@ -13,7 +13,7 @@ from drive_profiles.address import LOCAL, Address
 from hil.can import clock
 from hil.can.errors import BusUnavailableError
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, RECORD, Frame, pack, unpack
-from hil.can.raw import connect_local
+from hil.can.local import connect_local
 
 SEND_PATIENCE_S = 10.0
 """Longest wait for room of a message without a time-out: a cyclic task of python-can ends with the first that finds none."""

@@ -314,8 +314,8 @@ class Server:
         if client is self._clock:
             self._clock = None
             self.time.begin(self.world.now)
-            if self._cores is not None:
-                os.sched_setaffinity(0, self._cores)  # the lock-step client may have taken us to its core
+        if self._clock is None and self._cores is not None:
+            os.sched_setaffinity(0, self._cores)  # the lock-step client may have taken us to its core, and have died
 
     def close(self) -> None:
         """Close all sockets and remove the path if still ours."""

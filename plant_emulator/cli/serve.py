@@ -338,7 +338,7 @@ def _open_ports(
     """Open the serial ports beside the bus; `ports` closes them."""
     if slcan is None and accelerometer is None:
         return
-    from hil.can.raw import connect_local  # noqa: PLC0415
+    from hil.can.local import connect_local  # noqa: PLC0415
     from plant_emulator.serial.accelerometer import LINE_BYTES  # noqa: PLC0415
     from plant_emulator.serial.pseudo_terminal import PathTakenError, PseudoTerminal  # noqa: PLC0415
     from plant_emulator.serial.slcan import SlcanPort  # noqa: PLC0415 - a system without terminals serves without them

@@ -1,5 +1,6 @@
 """The bench as its user has it: separate processes on a real socket, commands, exit statuses, and what is left on disk."""
 
+import contextlib
 import html
 import json
 import os
@@ -23,11 +24,13 @@ from typer.testing import CliRunner
 from drive_profiles.address import parse_address
 from drive_profiles.family.profile import VENDORS
 from drive_profiles.standard.cia402 import State, state_of
+from hil.bench.bench import load_bench
 from hil.can.frame import Frame
-from hil.can.raw import RawChannel
+from hil.can.local import LocalChannel
 from hil.cli.main import app
 from hil.errors import NOT_DISABLED, not_put_back
-from hil.recording import Recording
+from hil.master.session import Session
+from hil.recording import BusLog, Recording
 from hil.robot_tables import Control
 from plant_emulator.pytest_plugin.served import LocalBusServers, ServedBus
 
@@ -119,7 +122,7 @@ class Sniffer:
 
     def heard_up_to_now(self, hil_local_bus: ServedBus) -> Counter[int]:
         """What it has heard, and forgets: all that was on the bus before a frame of ours that it hears as well."""
-        channel = RawChannel(parse_address(hil_local_bus.address))
+        channel = LocalChannel(parse_address(hil_local_bus.address))
         channel.send(Frame(MARK, b""))
         self.wait_for(lambda: self.counts[MARK] > 0)
         channel.close()
@@ -509,17 +512,36 @@ def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, hi
 
 @pytest.mark.ci
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core: there is nothing to share")
-def test_both_ends_of_a_lock_step_bus_share_a_core_while_it_lasts(hil_local_bus: ServedBus) -> None:
-    mine, its = os.sched_getaffinity(0), os.sched_getaffinity(hil_local_bus.process.pid)
-    channel = RawChannel(parse_address(hil_local_bus.address))
-    try:
-        assert os.sched_getaffinity(0) == os.sched_getaffinity(hil_local_bus.process.pid)
-        assert len(os.sched_getaffinity(0)) == 1
-        channel.send(Frame(0x80, b""))
-    finally:
-        channel.close()
-    assert os.sched_getaffinity(0) == mine
+def test_both_ends_of_a_lock_step_bus_share_a_core_while_a_session_lasts(hil_local_bus: ServedBus) -> None:
+    def cores() -> list[set[int]]:
+        return [os.sched_getaffinity(process) for process in (0, hil_local_bus.process.pid)]
+
+    before, bench = cores(), load_bench("reference")
+    with contextlib.closing(LocalChannel(parse_address(hil_local_bus.address))) as channel:
+        assert cores() == before, "a channel is opened without it"
+        with Session(bench, channel, BusLog(None)):
+            mine, its = cores()
+            assert mine == its
+            assert len(mine) == 1
+            channel.send(Frame(0x80, b""))
+        assert cores() == before
+
+
+@pytest.mark.ci
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core: there is nothing to share")
+def test_the_emulator_has_its_cores_back_when_its_lock_step_client_has_died(hil_local_bus: ServedBus) -> None:
+    its = os.sched_getaffinity(hil_local_bus.process.pid)
+    code = (
+        "import os, signal, sys\n"
+        "from drive_profiles.address import parse_address\n"
+        "from hil.can.local import LocalChannel\n"
+        "with LocalChannel(parse_address(sys.argv[1])).on_one_core():\n"
+        "    print(len(os.sched_getaffinity(int(sys.argv[2]))), flush=True)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    words = [sys.executable, "-c", code, hil_local_bus.address, str(hil_local_bus.process.pid)]
+    assert subprocess.run(words, capture_output=True, text=True, check=False).stdout == "1\n"
     deadline = time.monotonic() + 60.0
     while os.sched_getaffinity(hil_local_bus.process.pid) != its:
-        assert time.monotonic() < deadline, "the emulator has its cores back when the lock-step client has gone"
+        assert time.monotonic() < deadline, "the emulator has not got its cores back"
         time.sleep(0.01)

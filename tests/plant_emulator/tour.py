@@ -15,7 +15,7 @@ from pathlib import Path
 from drive_profiles.address import Address
 from drive_profiles.standard.cia402 import Mode, Object, State
 from hil.can.frame import RECORD, Frame, pack, unpack
-from hil.can.raw import RawChannel, connect_local
+from hil.can.local import LocalChannel, connect_local
 from plant_emulator.bus.clients import SO_TIMESTAMPNS
 from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
 from plant_emulator.drive.dictionary.manufacturer_objects import SET_POINT_TIMEOUT, USER_TEXT
@@ -550,7 +550,7 @@ def start(folder, *options, drives=(), rate=""):
 
 def visit(process, path, robot, stations):
     """Go through the stations under the eyes of a `Watch`; who watched, and what the drive did not take part in."""
-    watch, guest, idle = Watch(path, process.pid), Guest(RawChannel(Address("local", str(path))), robot), []
+    watch, guest, idle = Watch(path, process.pid), Guest(LocalChannel(Address("local", str(path))), robot), []
     try:
         prepare(guest)
         for station in stations:

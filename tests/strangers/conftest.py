@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from drive_profiles.address import Address
-from hil.can.raw import RawChannel
+from hil.can.local import LocalChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.bus.server import Server
 from plant_emulator.bus.virtualcan import VirtualcanListener
@@ -119,7 +119,7 @@ class Served:
 
     def join_local(self):
         """A channel of ours."""
-        return self._joined(lambda: RawChannel(Address("local", self.path)))
+        return self._joined(lambda: LocalChannel(Address("local", self.path)))
 
     def close(self):
         for participant in self._open:

@@ -15,7 +15,7 @@ import pytest
 
 from drive_profiles.address import Address
 from hil.can.frame import Frame
-from hil.can.raw import RawChannel
+from hil.can.socketcan import SocketCanChannel
 
 VCAN = Address("socketcan", "vcan0")
 REFERENCE = (Path(__file__).parents[2] / "hil" / "bench" / "reference.toml").read_text()
@@ -114,7 +114,7 @@ class Listener:
     """A stranger on the bus: it counts, asks, and commands."""
 
     def __init__(self, address: Address = VCAN, *can_ids: int) -> None:
-        self.channel = RawChannel(address, [(can_id, 0x7FF) for can_id in can_ids])
+        self.channel = SocketCanChannel(address, [(can_id, 0x7FF) for can_id in can_ids])
         self.counts: Counter[int] = Counter()
 
     def __enter__(self) -> "Listener":

@@ -12,7 +12,7 @@ from drive_profiles.address import Address
 from hil.can.errors import BusLostError, BusUnavailableError
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame, pack
 from hil.can.opening import open_channel
-from hil.can.raw import CAN_BUFFER_BYTES, RawChannel
+from hil.can.socketcan import CAN_BUFFER_BYTES, SocketCanChannel
 from tests.vcan.conftest import ip, tc
 
 pytestmark = pytest.mark.vcan
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.vcan
 
 @pytest.fixture
 def pair(spare):
-    near, far = RawChannel(spare), RawChannel(spare)
+    near, far = SocketCanChannel(spare), SocketCanChannel(spare)
     yield near, far
     near.close()
     far.close()
@@ -70,12 +70,12 @@ def test_python_can_on_the_same_interface_understands(spare):
 def test_an_interface_that_is_down_is_not_opened(spare):
     ip("link", "set", spare.channel, "down")
     with pytest.raises(BusUnavailableError, match=f"is down; ip link set {spare.channel} up"):
-        RawChannel(spare)
+        SocketCanChannel(spare)
 
 
 def test_no_interface_is_no_bus():
     with pytest.raises(BusUnavailableError, match="No such device"):
-        RawChannel(Address("socketcan", "nosuch0"))
+        SocketCanChannel(Address("socketcan", "nosuch0"))
 
 
 def test_an_interface_that_goes_down_is_lost_although_it_comes_back(pair, spare):
@@ -85,7 +85,7 @@ def test_an_interface_that_goes_down_is_lost_although_it_comes_back(pair, spare)
     ip("link", "set", spare.channel, "up")
     assert_latched(near, "is down")
     assert_latched(far, "is down")  # it has not asked before; the kernel has kept the failure for it
-    new = RawChannel(spare)  # re-armed by a person: a new channel
+    new = SocketCanChannel(spare)  # re-armed by a person: a new channel
     new.send(Frame(0x80, b""))
     new.close()
 
@@ -115,8 +115,8 @@ def test_a_full_transmit_queue_is_a_lost_bus_and_no_set_point_is_sent_late(pair,
 
 
 def test_frames_that_are_not_read_in_time_are_counted(spare, monkeypatch):
-    monkeypatch.setattr("hil.can.raw.CAN_BUFFER_BYTES", 65536)
-    with contextlib.closing(RawChannel(spare)) as reader, contextlib.closing(RawChannel(spare)) as writer:
+    monkeypatch.setattr("hil.can.socketcan.CAN_BUFFER_BYTES", 65536)
+    with contextlib.closing(SocketCanChannel(spare)) as reader, contextlib.closing(SocketCanChannel(spare)) as writer:
         for number in range(1000):
             writer.send(Frame(0x100, struct.pack("<I", number)))
             if number % 100 == 99:
@@ -143,7 +143,7 @@ def test_the_buffer_holds_a_third_of_a_second_at_full_load(pair):
 
 
 def test_filters_are_the_kernels(spare):
-    picky, writer = RawChannel(spare, [(0x182, 0x7FF)]), RawChannel(spare)
+    picky, writer = SocketCanChannel(spare, [(0x182, 0x7FF)]), SocketCanChannel(spare)
     for can_id in (0x181, 0x182, 0x183):
         writer.send(Frame(can_id, b""))
     assert picky.receive(1.0) == Frame(0x182, b"")

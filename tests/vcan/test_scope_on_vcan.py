@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.can.listening import CanListener
-from hil.can.raw import RawChannel
+from hil.can.socketcan import SocketCanChannel
 from hil.scope import process
 from tests.hil.scope.traffic import Traffic, played
 from tests.hil.scope.viewer import all_rows_of, look
@@ -27,7 +27,7 @@ def test_a_scope_shows_every_row_and_sends_nothing(spare, monkeypatch):
     with (
         process.ScopeProcess(str(spare), "reference", 0) as scope,
         contextlib.closing(CanListener(spare)) as stranger,
-        contextlib.closing(RawChannel(spare)) as channel,
+        contextlib.closing(SocketCanChannel(spare)) as channel,
     ):
         played(channel, traffic, 200.0)
         time_s, values = look(scope, all_rows_of("node 42 position", CYCLES - 1))

@@ -14,7 +14,7 @@ from benchmarks.echo import serve
 from benchmarks.master_path import ours
 from drive_profiles.address import Address
 from hil.can.frame import Frame, pack
-from hil.can.raw import RawChannel
+from hil.can.local import LocalChannel
 from hil.master.cyclic import OFFSET_COMMAND, POSITION_COMMAND, TORQUE_COMMAND, Slot
 from hil.master.network import SYNC
 from hil.master.whole_cycle import WholeCycle
@@ -130,7 +130,7 @@ def test_cycles_in_messages_are_those_in_frames(count, tmp_path, monkeypatch):
             listener.listen()
             node = threading.Thread(target=echo, args=[listener])
             node.start()
-            channel = RawChannel(Address("local", str(tmp_path / name)))
+            channel = LocalChannel(Address("local", str(tmp_path / name)))
             found = ours(channel, count).path()
             channel.close()
             node.join()
@@ -140,6 +140,6 @@ def test_cycles_in_messages_are_those_in_frames(count, tmp_path, monkeypatch):
         return False
 
     together = run("messages")
-    monkeypatch.setattr(RawChannel, "takes_messages", property(refused))
+    monkeypatch.setattr(LocalChannel, "takes_messages", property(refused))
     assert run("frames") == together
     assert len({tuple(each) for each in together}) > 10

@@ -11,7 +11,7 @@ import pytest
 
 from drive_profiles.address import Address
 from hil.can.frame import RECORD
-from hil.can.raw import RawChannel
+from hil.can.local import LocalChannel
 from plant_emulator.bus.server import Server
 from plant_emulator.world import World
 from tests.plant_emulator.rig import ONE_AXIS
@@ -79,7 +79,7 @@ class Running:
     def join(self):
         """A channel of ours."""
         before = len(self.server._clients)
-        return self._joined(RawChannel(Address("local", self.path)), before)
+        return self._joined(LocalChannel(Address("local", self.path)), before)
 
     def plug(self):
         """A bare socket."""

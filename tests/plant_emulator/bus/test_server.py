@@ -15,7 +15,7 @@ import pytest
 from drive_profiles.address import Address
 from drive_profiles.standard.cia402 import Mode, Object, State
 from hil.can.frame import RECORD, Frame
-from hil.can.raw import RawChannel
+from hil.can.local import LocalChannel
 from plant_emulator.bus import clients as clients_module
 from plant_emulator.bus.clients import MAX_CLIENTS
 from plant_emulator.bus.server import AddressInUseError, Server
@@ -416,7 +416,7 @@ def test_at_its_end_it_leaves_a_path_that_is_another_servers_now(start_server, t
 @pytest.mark.parametrize(("number", "state"), [(signal.SIGINT, "free"), (signal.SIGTERM, "lock-step")])
 def test_a_signal_ends_it_and_removes_the_socket(serve, number, state):
     process, path = serve()
-    channel = RawChannel(Address("local", str(path)))
+    channel = LocalChannel(Address("local", str(path)))
     try:
         if state == "lock-step":
             channel.send(SYNC)
@@ -446,7 +446,7 @@ def test_it_lives_as_long_as_its_standard_input_is_open(serve):
     process, path = serve("--until-stdin-closes", stdin=subprocess.PIPE)
     process.stdin.write("anything\n")
     process.stdin.flush()
-    channel = RawChannel(Address("local", str(path)))
+    channel = LocalChannel(Address("local", str(path)))
     exchange(channel, 1)  # so it has looked at both
     channel.close()
     assert process.poll() is None

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from drive_profiles.address import Address
 from hil.can.frame import CAN_RTR_FLAG, Frame
-from hil.can.raw import RawChannel
+from hil.can.local import LocalChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.bus.server import Server
 from plant_emulator.bus.stalls import MADE_UP_NS, SILENCE_NS, made_up, spread
@@ -71,7 +71,7 @@ class Master:
     """
 
     def __init__(self, path):
-        self.channel = RawChannel(Address("local", str(path)))
+        self.channel = LocalChannel(Address("local", str(path)))
         self.heard, self.latest_s = [], 0.0
         self._is_beating = self._is_on = True
         self._thread = threading.Thread(target=self._run)
@@ -271,7 +271,7 @@ def hold(tmp_path):
         def start(*, stream=False, wall=False):
             held = Held(tmp_path / "robot.sock", stream=stream, wall=wall)
             ends.callback(held.close)
-            channel = RawChannel(Address("local", str(tmp_path / "robot.sock")))
+            channel = LocalChannel(Address("local", str(tmp_path / "robot.sock")))
             ends.callback(channel.close)
             return held, channel
 
@@ -299,7 +299,7 @@ def emergencies(frames):
 
 def test_a_client_that_left_during_a_stall_was_heard_and_harms_nobody(hold):
     held, channel = hold(wall=True)
-    guest = RawChannel(channel.address)
+    guest = LocalChannel(channel.address)
     held.ask(guest)
     drain(channel)
 

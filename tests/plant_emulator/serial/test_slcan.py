@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from drive_profiles.address import Address, parse_address
 from hil.can.adapter import AdapterChannel
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
-from hil.can.raw import connect_local
+from hil.can.local import connect_local
 from plant_emulator.serial.pseudo_terminal import PathTakenError, PseudoTerminal
 from plant_emulator.serial.slcan import POLL_FRAMES, Adapter, SlcanPort
 from tests.plant_emulator.bus.conftest import drain, frames_until, wait_for

@@ -11,10 +11,11 @@ from types import SimpleNamespace
 import pytest
 
 from drive_profiles.address import Address
-from hil.can import raw
+from hil.can import socketcan
 from hil.can.errors import BusLostError
 from hil.can.frame import CAN_ERR_FLAG, Frame, pack
-from hil.can.raw import MAX_REPORTS, RawChannel
+from hil.can.raw import MAX_REPORTS
+from hil.can.socketcan import SocketCanChannel
 
 
 class Wrapped:
@@ -47,8 +48,8 @@ class Wire:
     def __init__(self, monkeypatch):
         near, self.far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.socket = Wrapped(near)
-        monkeypatch.setattr(raw, "bind_can", lambda address, filters: self.socket)
-        self.channel = RawChannel(Address("socketcan", "can0"))
+        monkeypatch.setattr(socketcan, "bind_can", lambda address, filters: self.socket)
+        self.channel = SocketCanChannel(Address("socketcan", "can0"))
 
     def send(self, *frames):
         for frame in frames:
@@ -95,7 +96,7 @@ def waits(monkeypatch):
         asked.append(timeout_s)
         return select.select(reading, writing, failing, timeout_s)
 
-    monkeypatch.setattr(raw, "select", SimpleNamespace(select=watched))
+    monkeypatch.setattr(socketcan, "select", SimpleNamespace(select=watched))
     return asked
 
 
@@ -221,10 +222,10 @@ def test_filters_reach_the_kernel_as_pairs(monkeypatch):
 
     monkeypatch.setattr(socket, "AF_CAN", 29, raising=False)
     monkeypatch.setattr(socket, "CAN_RAW", 1, raising=False)
-    monkeypatch.setattr(raw.socket, "socket", Kernel)
-    sock = raw.bind_can(Address("socketcan", "nosuch0"), [(0x182, 0x7FF), (0x80, 0x780)])
+    monkeypatch.setattr(socketcan.socket, "socket", Kernel)
+    sock = socketcan.bind_can(Address("socketcan", "nosuch0"), [(0x182, 0x7FF), (0x80, 0x780)])
     assert sock.bound == ("nosuch0",)
     assert sock.options[101, 1] == struct.pack("=4I", 0x182, 0x7FF, 0x80, 0x780)
     assert sock.options[101, 2] == 0x1FFF_FFFF
     assert sock.options[socket.SOL_SOCKET, 40] == 1
-    assert sock.options[socket.SOL_SOCKET, socket.SO_RCVBUF] == raw.CAN_BUFFER_BYTES
+    assert sock.options[socket.SOL_SOCKET, socket.SO_RCVBUF] == socketcan.CAN_BUFFER_BYTES

@@ -12,11 +12,11 @@ import time
 import pytest
 
 from drive_profiles.address import Address
-from hil.can import clock, raw
+from hil.can import clock, local
 from hil.can.errors import BusLostError, BusUnavailableError, ChannelError
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame, pack
+from hil.can.local import LocalChannel
 from hil.can.opening import open_channel
-from hil.can.raw import RawChannel
 
 FOR_EVER_S = 600.0
 """Longer than a test may take."""
@@ -45,7 +45,7 @@ class Peer:
         accepted = []
         welcome = threading.Thread(target=lambda: accepted.append(answered(self.listener, **says)))
         welcome.start()
-        self.channel = RawChannel(self.address)
+        self.channel = LocalChannel(self.address)
         welcome.join()
         [self.socket] = accepted
 
@@ -271,7 +271,7 @@ def test_a_long_wait_sleeps(packets):
 def test_where_nobody_serves_it_says_what_to_start(tmp_path):
     address = Address("local", str(tmp_path / "nobody.sock"))
     with pytest.raises(BusUnavailableError) as refused:
-        RawChannel(address)
+        LocalChannel(address)
     assert refused.value.address == address
     assert os.strerror(errno.ENOENT) in str(refused.value)
     assert f"plant-emulator serve --bus {address}" in str(refused.value)
@@ -282,7 +282,7 @@ def test_a_socket_that_was_left_behind_is_no_bus(tmp_path):
     with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)) as left:
         left.bind(str(path))
     with pytest.raises(BusUnavailableError, match="refused"):
-        RawChannel(Address("local", str(path)))
+        LocalChannel(Address("local", str(path)))
 
 
 def test_an_interface_that_does_not_exist_is_no_bus():
@@ -328,7 +328,7 @@ def test_a_server_that_comes_back_needs_a_new_channel(peer):
     accepted = []
     welcome = threading.Thread(target=lambda: accepted.append(answered(peer.listener)))
     welcome.start()
-    with contextlib.closing(RawChannel(peer.address)) as new:
+    with contextlib.closing(LocalChannel(peer.address)) as new:
         welcome.join()
         with contextlib.closing(accepted[0]) as served:
             new.send(Frame(0x123, b""))
@@ -385,7 +385,7 @@ def test_a_server_that_reads_late_is_waited_for_a_moment(packets):
 
 
 def test_a_server_that_never_reads_is_lost(packets, monkeypatch):
-    monkeypatch.setattr(raw, "_SENSIBLE_SEND_S", 0.05)
+    monkeypatch.setattr(local, "_SENSIBLE_SEND_S", 0.05)
     with pytest.raises(BusLostError, match="does not drain"):
         send_many(packets.channel, 100_000)
     assert_lost_for_ever(packets.channel)
