@@ -29,7 +29,7 @@ _EXAMPLES = re.compile(r"^Examples?:[ \t]*", re.MULTILINE)
 _UNCUT = 10_000
 _UNBROKEN = "\u2011"  # a hyphen after which no line ends
 NEW_OBJECTS = 10_000
-"""New objects after which Python looks for garbage; with its own 700, a start-up or a page spends up to a tenth of its time so."""
+"""New objects after which Python looks for garbage; with its own 700, a start-up or a page spends a tenth of its time on that."""
 READER_GONE = 141
 """Exit status where the reader of standard output has gone: 128 + SIGPIPE, as a shell gives it."""
 
