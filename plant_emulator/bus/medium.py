@@ -4,10 +4,11 @@ It is either instantaneous and in order, or a wire with bit times.
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from hil.can import clock
 from hil.can.frame import Frame
+from plant_emulator.bus.heard import HeardFrame
 from plant_emulator.world import SECOND, World
 
 if TYPE_CHECKING:  # a bus without bit times does not load them
@@ -16,24 +17,8 @@ if TYPE_CHECKING:  # a bus without bit times does not load them
 
 _PDOS, _HEARTBEATS = (0x180, 0x580), (0x700, 0x780)
 """Identifiers in the predefined connection set (CiA 301, 7.3.3), the last one excluded: no node answers these."""
-FIRST_CLIENT = 1000
-"""Ports of clients count from here; a node's port is its node-ID."""
 NODES = 0
 """Port of all nodes together, where no bits are counted."""
-
-
-class HeardFrame(NamedTuple):
-    """A frame that has ended on the wire.
-
-    Attributes:
-        frame: The frame that every participant but the sender has received.
-        port: Port of the sender.
-        end_ns: End of the frame, in the world's time.
-    """
-
-    frame: Frame
-    port: int
-    end_ns: int
 
 
 class Medium(Protocol):

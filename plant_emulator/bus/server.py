@@ -18,7 +18,8 @@ from drive_profiles.standard.cia301 import FunctionCode
 from hil.can import clock
 from hil.can.frame import Frame, pack
 from plant_emulator.bus.clients import MAX_CLIENTS, Client, Listener
-from plant_emulator.bus.medium import FIRST_CLIENT, HeardFrame, Instant, Medium
+from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
+from plant_emulator.bus.medium import Instant, Medium
 from plant_emulator.bus.stalls import LATE_NS, WallTime, spread, to_stderr
 from plant_emulator.world import SECOND, World
 

@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import Callable
 
 from hil.can.frame import Frame
-from plant_emulator.bus.medium import FIRST_CLIENT, HeardFrame
+from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.world import FREE_STEP_NS, World
 
