@@ -9,8 +9,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 from benchmarks.measure import Row, progress, seconds, table, turns
 
@@ -57,14 +58,23 @@ print(json.dumps({name: statistics.median(us(call) for _ in range(6)) for name, 
 """Prints the microseconds of single calls: the door, the call, and what it computes."""
 
 
+class Times(NamedTuple):
+    """Times of a start: until it was there, and of the processor."""
+
+    waited_s: float
+    worked_s: float
+
+
 def _environment(path: Path) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": os.pathsep.join([str(path), os.environ.get("PYTHONPATH", "")])}
 
 
-def _python(*arguments: str, path: Path = ROOT, cwd: str | None = None) -> float:
-    command = [sys.executable, *arguments]
-    where = {"cwd": cwd or str(path), "env": _environment(path)}
-    return seconds(lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **where))  # noqa: S603
+def _python(*arguments: str, path: Path = ROOT, cwd: str | None = None) -> Times:
+    def run() -> None:
+        command, nowhere = [sys.executable, *arguments], subprocess.DEVNULL
+        subprocess.run(command, check=True, stdout=nowhere, stderr=nowhere, cwd=cwd or path, env=_environment(path))  # noqa: S603
+
+    return _waited_and_worked(lambda: seconds(run))
 
 
 def _copy(folder: Path) -> Path:
@@ -77,53 +87,56 @@ def _copy(folder: Path) -> Path:
 def startup(repeats: int = 5) -> list[str]:
     """A fresh process each time; first is a copy of our packages without Python's caches."""
     progress("start-up: help and core")
-    bare = statistics.median(_python("-c", "pass") for _ in range(turns(repeats)))
-    assisted = statistics.median(_python("-m", "hil", "--help") for _ in range(turns(repeats)))
+    bare = _medians(_python("-c", "pass") for _ in range(turns(repeats)))
+    assisted = _medians(_python("-m", "hil", "--help") for _ in range(turns(repeats)))
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         _copy(Path(folder))
         cold = _python("-c", READY, path=Path(folder))
-        warm = statistics.median(_python("-c", READY, path=Path(folder)) for _ in range(turns(3)))
+        warm = _medians(_python("-c", READY, path=Path(folder)) for _ in range(turns(repeats)))
+        served = _medians([_waited_and_worked(lambda: _served(Path(folder))) for _ in range(turns(repeats) + 1)][1:])
     progress("start-up: demo")
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         demo = _python("-m", "hil", "demo", "--no-tour", "--out", str(Path(folder) / "demo"), cwd=folder)
-    rows: list[Row] = [
-        ("`python -c pass`", bare, 1.0),
-        ("`hil --help`", assisted, assisted / bare),
-        ("law, drives and plant ready to run, first start", cold, cold / bare),
-        ("the same, later starts", warm, warm / bare),
-        ("`hil demo --no-tour`, warm: eight runs, figures and report", demo, demo / bare),
-    ]
-    return table(("a new process", "s", "`python -c pass` = 1"), rows)
+    found = {
+        "`python -c pass`": bare,
+        "`hil --help`": assisted,
+        "law, drives and plant ready to run, first start": cold,
+        "the same, later starts": warm,
+        "`plant-emulator serve` until it serves": served,
+        "`hil demo --no-tour`, warm: eleven runs, figures and report": demo,
+    }
+    rows: list[Row] = [(name, times.waited_s, times.worked_s, times.worked_s / bare.worked_s) for name, times in found.items()]
+    return table(("a new process", "s", "s of processor", "`python -c pass` = 1"), rows)
 
 
 def calls(repeats: int = 5) -> list[str]:
-    """Calls of the core from Python, and how long a served robot takes until it serves."""
+    """Calls of the core from Python."""
     progress("core: calls")
     found = [_calls(ROOT) for _ in range(turns(repeats))]
-    rows: list[Row] = [(f"{name}, µs per call", statistics.median(turn[name] for turn in found)) for name in found[0]]
-    progress("core: serve")
-    with tempfile.TemporaryDirectory(prefix="bench-") as folder:
-        waits = [_waited_and_worked(_served, Path(folder)) for _ in range(turns(repeats) + 1)][1:]
-    for place, what in enumerate(("s", "s of processor")):
-        rows.append((f"`plant-emulator serve` until it serves, {what}", statistics.median(wait[place] for wait in waits)))
-    return table(("core", "time"), rows)
+    rows: list[Row] = [(name, statistics.median(turn[name] for turn in found)) for name in found[0]]
+    return table(("a call of the core", "µs"), rows)
 
 
-def _waited_and_worked(start: Callable[[Path], float], path: Path) -> tuple[float, float]:
-    """Seconds until it was there, and of the processor in all."""
+def _medians(times: Iterable[Times]) -> Times:
+    waited_s, worked_s = zip(*times, strict=True)
+    return Times(statistics.median(waited_s), statistics.median(worked_s))
+
+
+def _waited_and_worked(start: Callable[[], float]) -> Times:
+    """Seconds that `start` says one waits, and all processes' work until they have ended."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    waited = start(path)
+    waited = start()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return waited, after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    return Times(waited, after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
 
 
 def _served(path: Path) -> float:
     """Until the emulator says that it serves; then it ends."""
     command = [sys.executable, "-m", "plant_emulator", "serve", "--bus", f"local:{path}/robot.sock", "--until-stdin-closes"]
     begin = time.perf_counter()
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    process = subprocess.Popen(command, cwd=path, env=_environment(path), **pipes)  # noqa: S603
-    said = process.stdout.readline()
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command, cwd=path, env=_environment(path), stdin=pipe, stdout=pipe)  # noqa: S603
+    said = process.stdout.readline() if process.stdout else b""
     waited = time.perf_counter() - begin
     process.communicate()
     if not said or process.returncode:

@@ -118,11 +118,6 @@ class LoggedMessage(NamedTuple):
     records: bytes
     is_received: bool
 
-    def frames(self) -> Iterator[LoggedFrame]:
-        """Its frames, one by one."""
-        for can_id, length, data in RECORD.iter_unpack(self.records):
-            yield LoggedFrame(self.time_s, can_id, data[:length], self.is_received)
-
 
 class BusLog:
     """Log of every frame of the master.
@@ -169,15 +164,21 @@ class BusLog:
         self._is_new = False
 
 
-def _each(kept: Iterable[LoggedFrame | LoggedMessage]) -> Iterator[LoggedFrame]:
+def _each(kept: Iterable[LoggedFrame | LoggedMessage]) -> Iterator[tuple[float, int, bytes, bool]]:
+    """Yield the fields of a `LoggedFrame` for each frame.
+
+    To make a `LoggedFrame` takes as long as its line.
+    """
     for each in kept:
         if isinstance(each, LoggedFrame):
             yield each
         else:
-            yield from each.frames()
+            time_s, records, is_received = each
+            for can_id, length, data in RECORD.iter_unpack(records):
+                yield time_s, can_id, data[:length], is_received
 
 
-def _lines(frames: Iterable[LoggedFrame], channel: str) -> Iterator[str]:
+def _lines(frames: Iterable[tuple[float, int, bytes, bool]], channel: str) -> Iterator[str]:
     """Return lines of frames, none with a stamp before the first's.
 
     Almost all are data frames with 11-bit identifiers, and a run has a million of them.

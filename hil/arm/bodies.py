@@ -63,11 +63,11 @@ class Body(Table):
 
     mass_kg: NotBelow
     centre_m: Vector = NOWHERE
-    inertia_kg_m2: Inertia = Inertia()
+    inertia_kg_m2: Inertia = Inertia.model_construct()
 
     @model_validator(mode="after")
     def _nothing_turns_without_a_mass(self) -> Self:
-        if self.mass_kg == 0.0 and self.inertia_kg_m2 != Inertia():
+        if self.mass_kg == 0.0 and self.inertia_kg_m2 != Inertia.model_construct():
             raise ValueError("mass_kg is 0, but inertia_kg_m2 is not; give both or neither")
         return self
 

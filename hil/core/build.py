@@ -9,9 +9,7 @@ import hashlib
 import importlib.util
 import os
 import shutil
-import subprocess
 import sys
-import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,6 +102,9 @@ def compile_core(core: Core, command: Sequence[str] | None = None, out: Path | N
     Raises:
         BuildError: There is no compiler, or it ended with an error, which the message quotes.
     """
+    import subprocess  # noqa: PLC0415 - a core that is built loads without them
+    import tempfile  # noqa: PLC0415
+
     given, path = list(command or compiler()), out or core.library
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)

@@ -10,8 +10,8 @@ from drive_profiles.address import LOCAL, Address
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.errors import BusLostError
 from hil.can.frame import Frame
+from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.medium import Instant, Medium
-from plant_emulator.bus.timed import FIRST_CLIENT, HeardFrame
 from plant_emulator.world import World
 
 STRANGER = FIRST_CLIENT + 1

@@ -4,14 +4,16 @@ It is either instantaneous and in order, or a wire with bit times.
 """
 
 from collections.abc import Iterator
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from hil.can import clock
 from hil.can.frame import Frame
-from plant_emulator.bus.faults import BusFaults
-from plant_emulator.bus.timed import HeardFrame, TimedBus
-from plant_emulator.bus.wire import EmulatedWire
+from plant_emulator.bus.heard import HeardFrame
 from plant_emulator.world import SECOND, World
+
+if TYPE_CHECKING:  # a bus without bit times does not load them
+    from plant_emulator.bus.faults import BusFaults
+    from plant_emulator.bus.timed import TimedBus
 
 _PDOS, _HEARTBEATS = (0x180, 0x580), (0x700, 0x780)
 """Identifiers in the predefined connection set (CiA 301, 7.3.3), the last one excluded: no node answers these."""
@@ -140,7 +142,7 @@ class Timed:
     It runs in lock-step or by the wall clock.
     """
 
-    def __init__(self, bus: TimedBus, *, wall: bool) -> None:
+    def __init__(self, bus: "TimedBus", *, wall: bool) -> None:
         """Put the wire between clients and world.
 
         Args:
@@ -213,7 +215,7 @@ def medium_for(
     *,
     wall: bool = False,
     host_latency_s: float = 0.0,
-    faults: BusFaults | None = None,
+    faults: "BusFaults | None" = None,
 ) -> Medium:
     """Choose the simplest medium that has the required properties.
 
@@ -231,5 +233,9 @@ def medium_for(
     """
     if bitrate is None and data_bitrate is None and not wall and faults is None and not host_latency_s:
         return Instant(world)
+
+    from plant_emulator.bus.timed import TimedBus  # noqa: PLC0415
+    from plant_emulator.bus.wire import EmulatedWire  # noqa: PLC0415
+
     wire = EmulatedWire(bitrate, data_bitrate, faults=faults, now_ns=world.now)
     return Timed(TimedBus(world, wire, round(1e9 * host_latency_s)), wall=wall)

@@ -18,9 +18,9 @@ from drive_profiles.standard.cia301 import FunctionCode
 from hil.can import clock
 from hil.can.frame import Frame, pack
 from plant_emulator.bus.clients import MAX_CLIENTS, Client, Listener
+from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.medium import Instant, Medium
 from plant_emulator.bus.stalls import LATE_NS, WallTime, spread, to_stderr
-from plant_emulator.bus.timed import FIRST_CLIENT, HeardFrame
 from plant_emulator.world import SECOND, World
 
 FREE_POLL_S = 0.001

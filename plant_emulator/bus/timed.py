@@ -5,30 +5,14 @@ Every frame takes its time there, and is received when it has ended.
 
 import contextlib
 from collections.abc import Callable
-from typing import NamedTuple
 
 from hil.can.frame import Frame
+from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.world import FREE_STEP_NS, World
 
-FIRST_CLIENT = 1000
-"""Ports of clients count from here; a node's port is its node-ID."""
 SETTLE_NS = 100_000_000
 """Longest wait of a frame outside of a SYNC cycle for a bus that others keep busy, in ns."""
-
-
-class HeardFrame(NamedTuple):
-    """A frame that has ended on the wire.
-
-    Attributes:
-        frame: The frame that every participant but the sender has received.
-        port: Port of the sender.
-        end_ns: End of the frame, in the world's time.
-    """
-
-    frame: Frame
-    port: int
-    end_ns: int
 
 
 class TimedBus:

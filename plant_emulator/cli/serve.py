@@ -212,7 +212,6 @@ def _robot(robot: str, changes: _Changes) -> "Robot":
     """
     from plant_emulator.robots.part import part_of  # noqa: PLC0415
     from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
-    from plant_emulator.robots.tuning import load_tuning, tuned  # noqa: PLC0415
 
     with exit_on_error(), exit_on_value_error():
         model = load_robot(robot)
@@ -223,6 +222,8 @@ def _robot(robot: str, changes: _Changes) -> "Robot":
             load_encoder_bits=changes.load_encoder_bits,
         )  # fmt: skip
         if changes.tuning is not None:
+            from plant_emulator.robots.tuning import load_tuning, tuned  # noqa: PLC0415
+
             model = tuned(model, load_tuning(changes.tuning).gains(model.axis))
     return model if changes.seed is None else model.model_copy(update={"seed": changes.seed})
 
@@ -297,13 +298,16 @@ def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) ->
     from hil.can.errors import BusUnavailableError  # noqa: PLC0415
     from hil.can.opening import open_channel  # noqa: PLC0415
     from plant_emulator.bus.attach import Attachment  # noqa: PLC0415
-    from plant_emulator.bus.faults import FaultsFile  # noqa: PLC0415
     from plant_emulator.bus.medium import medium_for  # noqa: PLC0415
     from plant_emulator.bus.server import AddressInUseError, Server  # noqa: PLC0415
 
     try:
         if address.interface == LOCAL:
-            faults = None if wire.faults is None else load(wire.faults, FaultsFile).faults()
+            faults = None
+            if wire.faults is not None:
+                from plant_emulator.bus.faults import FaultsFile  # noqa: PLC0415
+
+                faults = load(wire.faults, FaultsFile).faults()
             medium = medium_for(world, address.bitrate, wall=wire.wall, host_latency_s=wire.host_latency_s, faults=faults)
             return Server(world, address.channel, stream=stream, medium=medium)
         if wire != (False, 0.0, None):

@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from drive_profiles.errors import FileError, Problem
-from drive_profiles.family.profile import is_name
 from drive_profiles.files.reading import read_file
 from drive_profiles.files.toml import MAX_BYTES, Table, load
 from hil.arm.masses import check_masses, levers, mass_matrix
 from hil.arm.mounting import Mounting
 from hil.arm.tables import ArmTable
-from hil.arm.urdf import with_links
 from hil.control.angles import ARCSEC
 from hil.control.trajectory import PlanarChain
 from hil.robot_tables import (
@@ -98,12 +96,12 @@ class RobotAxis(PlantTable):
     torque_constant_nm_a: Positive = 1.0
     sdo_download_bytes: DownloadBytes = SDO_DOWNLOAD_BYTES
     switches: Switches | None = None
-    behaviour: Behaviour = Behaviour()
+    behaviour: Behaviour = Behaviour.model_construct()
     eccentricity: Annotated[tuple[EccentricityLine, ...], Field(max_length=MORE_LINES)] = ()
     cogging: Annotated[tuple[CoggingLine, ...], Field(max_length=MORE_LINES)] = ()
     load_encoder: LoadEncoder | None = None
     ate_change: Annotated[tuple[ErrorChange, ...], Field(max_length=MOST_LINES)] = ()
-    temperature: GearTemperature = GearTemperature()
+    temperature: GearTemperature = GearTemperature.model_construct()
 
     @model_validator(mode="after")
     def _changes_are_of_its_error(self) -> "RobotAxis":
@@ -216,8 +214,8 @@ class Robot(Table):
     plant_substeps: Annotated[int, Field(ge=2, le=64)] = 4
     sync_period_s: Positive = 0.002
     axis: Annotated[dict[AxisNumber, RobotAxis], Field(min_length=1)]
-    accelerometer: RobotAccelerometer = RobotAccelerometer()
-    bus: BusFacts = BusFacts()
+    accelerometer: RobotAccelerometer = RobotAccelerometer.model_construct()
+    bus: BusFacts = BusFacts.model_construct()
     geometry: Geometry | None = None
     line_motion: LineMotion | None = None
     constant_acceleration: ConstantAccelerationMotion | None = None
@@ -385,6 +383,8 @@ class ArmRobot(Robot):
             FileError: The URDF file describes no arm of these axes.
             ValueError: It describes one that cannot be moved, or that contradicts the robot file.
         """
+        from hil.arm.urdf import with_links  # noqa: PLC0415 - for an arm only
+
         arm, reductions = with_links(self.arm, folder, {axis.joint or "": number for number, axis in self.axis.items()})
         for number, ratio in reductions.items():
             if not math.isclose(ratio, self.axis[number].reduction_ratio, rel_tol=1e-6):
@@ -445,8 +445,11 @@ def _in_folder(axis: RobotAxis, folder: Path) -> RobotAxis:
     They are those of its profile and EDS file; a bare name is a profile of the package.
     """
     changes = {}
-    if not is_name(axis.profile):
-        changes["profile"] = str(folder / axis.profile)
+    if "profile" in axis.model_fields_set:
+        from drive_profiles.family.profile import is_name  # noqa: PLC0415 - slow to load, and our own drive has none
+
+        if not is_name(axis.profile):
+            changes["profile"] = str(folder / axis.profile)
     if axis.eds is not None:
         changes["eds"] = str(folder / axis.eds)
     return axis.model_copy(update=changes) if changes else axis

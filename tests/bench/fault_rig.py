@@ -18,9 +18,9 @@ from hil.master.realtime import MonotonicClock
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.faults import BusEvent, BusFaults, Fault
+from plant_emulator.bus.heard import FIRST_CLIENT
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
-from plant_emulator.bus.timed import FIRST_CLIENT
 from plant_emulator.motion.record import BRAKED
 from plant_emulator.rehearsal.families.rig import bench_of, robot_of
 from plant_emulator.robots.robot import Robot, load_robot

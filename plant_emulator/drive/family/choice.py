@@ -6,16 +6,11 @@ It is our own, or one of any profile.
 from dataclasses import replace
 from functools import lru_cache
 
-from drive_profiles import eds
-from drive_profiles.family.profile import Profile
 from drive_profiles.standard.object_address import ObjectAddress, object_address
 from drive_profiles.standard.units import Scaling
 from plant_emulator.drive.dictionary import manufacturer_objects as objects
 from plant_emulator.drive.dictionary.additional_encoder import FIRST, load_encoder_entries
 from plant_emulator.drive.family.base import DriveFamily, OwnFamily
-from plant_emulator.drive.family.described import DescribedFamily
-from plant_emulator.drive.family.dictionary import FamilyDictionary, vendor_scaling
-from plant_emulator.drive.family.gains import Gains
 from plant_emulator.drive.family.objects import described_entries, merged
 from plant_emulator.robots.robot import Robot
 from plant_emulator.slave.dictionary import Dictionary, Entry
@@ -34,6 +29,12 @@ def family_of(robot: Robot, number: int) -> DriveFamily:
     if axis.profile == OwnFamily.profile:
         scaling = Scaling(axis.encoder_counts_per_rev, axis.rated_torque)
         return OwnFamily(_dictionary(_own_entries(robot, number), robot, number), scaling)
+
+    from drive_profiles.family.profile import Profile  # noqa: PLC0415 - slow to load, and our own drive has none
+    from plant_emulator.drive.family.described import DescribedFamily  # noqa: PLC0415
+    from plant_emulator.drive.family.dictionary import FamilyDictionary, vendor_scaling  # noqa: PLC0415
+    from plant_emulator.drive.family.gains import Gains  # noqa: PLC0415
+
     profile = Profile.load(axis.profile)
     if profile.kind != "drive":
         raise ValueError(f"axis.{number}: profile {profile.name} describes an {profile.kind}; expected a drive profile")
@@ -113,6 +114,9 @@ def _dictionary(entries: list[Entry], robot: Robot, number: int, position: Objec
         entries = merged(entries, load_encoder_entries(encoder, position))
     if path is None:
         return Dictionary(entries)
+
+    from drive_profiles import eds  # noqa: PLC0415 - slow to load
+
     present = {(entry.index, entry.subindex): entry for entry in entries}
     described = described_entries(eds.load(path, node_id=robot.node_ids[number]).dictionary, present)
     return Dictionary([*entries, *described])

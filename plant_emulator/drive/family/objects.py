@@ -5,8 +5,7 @@ It has its profile's parameters, its EDS file's objects, and the CiA 402 objects
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-
-from canopen.objectdictionary import ObjectDictionary, ODVariable
+from typing import TYPE_CHECKING
 
 from drive_profiles.errors import DriveProfileError
 from drive_profiles.family.parameter import LIMITS, Parameter
@@ -16,6 +15,9 @@ from drive_profiles.standard.object_address import ObjectAddress
 from drive_profiles.standard.units import Scaling
 from plant_emulator.drive.dictionary.limit_table import MOTION_LIMITS
 from plant_emulator.slave.dictionary import Access, Entry
+
+if TYPE_CHECKING:  # slow to load
+    from canopen.objectdictionary import ObjectDictionary, ODVariable
 
 ENGINE = frozenset({
     *range(0x1000, 0x1006), *range(0x1007, 0x1012), 0x1014, 0x1016, 0x1018, 0x1029, *range(0x1200, 0x1C00),
@@ -138,13 +140,15 @@ def merged(entries: Iterable[Entry], more: Iterable[Entry]) -> list[Entry]:
     return list(by_address.values())
 
 
-def described_entries(dictionary: ObjectDictionary, present: Mapping[ObjectAddress, Entry]) -> Iterator[Entry]:
+def described_entries(dictionary: "ObjectDictionary", present: Mapping[ObjectAddress, Entry]) -> Iterator[Entry]:
     """Yield the objects of an EDS file that are missing.
 
     As entries they hold what is written to them and have no effect.
 
     Objects that the emulator has in part are completed, but for those that the engine uses.
     """
+    from canopen.objectdictionary import ODVariable  # noqa: PLC0415 - there with a dictionary
+
     indices = {index for index, _ in present}
     for index, thing in dictionary.items():
         if index < 0x1000 or index in ENGINE:
@@ -157,7 +161,7 @@ def described_entries(dictionary: ObjectDictionary, present: Mapping[ObjectAddre
                 yield _described(variable, thing.name)
 
 
-def _described(variable: ODVariable, record: str) -> Entry:
+def _described(variable: "ODVariable", record: str) -> Entry:
     kind = DataType(variable.data_type or 0)
     low, high = _holdable(kind, variable.min), _holdable(kind, variable.max)
     if low is not None and high is not None and low > high:

@@ -6,8 +6,9 @@ from drive_profiles.standard.cia301 import NmtCommand
 from hil.can.bits import frame_bits
 from hil.can.frame import Frame
 from plant_emulator.bus.faults import BusFaults, Fault
+from plant_emulator.bus.heard import FIRST_CLIENT
 from plant_emulator.bus.medium import Instant, Timed, medium_for
-from plant_emulator.bus.timed import FIRST_CLIENT, TimedBus
+from plant_emulator.bus.timed import TimedBus
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
