@@ -22,6 +22,8 @@ def move(*arguments: str) -> tuple[int, str]:
     [
         (("--axis", "2"), 2, "give one of --to and --by"),
         (("--axis", "2", "--to", "0", "--by", "1"), 2, "give one of --to and --by"),
+        (("--axis", "2", "--to", "0", "--back"), 2, "give one of --to and --by, in motor revolutions, or --back"),
+        (("--axis", "9", "--back"), 3, "has no axis 9; it has 2, 3, 5"),
         (("--axis", "2", "--to", "zero"), 2, "'zero': expected a valid number"),
         (("--axis", "two", "--to", "0"), 2, "'two': expected a valid integer"),
         (("--to", "0"), 2, "--axis"),
@@ -57,3 +59,15 @@ def test_a_choice_and_a_bench_file_that_are_misspelt_are_told_what_there_is() ->
 def test_a_bench_file_that_is_none_is_named(tmp_path: Path) -> None:
     code, said = move("--axis", "2", "--to", "0", "--bench", str(tmp_path / "no.toml"))
     assert (code, "no.toml" in said) == (3, True)
+
+
+def test_back_without_a_log_of_a_motion_says_where_it_looked_and_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "refused").mkdir()
+    (tmp_path / "refused" / "bus.log").write_text("(0.000000) local 582#4364600000000100 R\n", encoding="utf-8")
+    code, said = move("--axis", "2", "--back", "--bench", "reference", "--bus", NOWHERE)
+    assert code == 3
+    assert "no log of a motion of axis 2 in bench-out/*/bus.log and */bus.log" in said
+    assert said.endswith("give the command in the folder of the last one, or name a position with --to\n")
