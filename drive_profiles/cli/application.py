@@ -12,7 +12,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 from typing import Annotated, Any, NoReturn
 
@@ -131,9 +131,15 @@ class ToolGroup(_Help, TyperGroup):
         click would end with 1.
         """
         try:
-            return super().invoke(ctx)
+            with _interruptible():
+                return super().invoke(ctx)
         except BrokenPipeError:
             os._exit(READER_GONE)
+
+    def make_context(self, *arguments: Any, **named: Any) -> Any:
+        """Read the arguments of the tool, for which modules may load."""
+        with _interruptible():
+            return super().make_context(*arguments, **named)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands with their summaries."""
@@ -142,6 +148,16 @@ class ToolGroup(_Help, TyperGroup):
         if rows:
             with formatter.section("Commands"):
                 formatter.write_dl(rows)
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """End with a line after Ctrl-C; click would end without one."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("interrupted", err=True)
+        raise typer.Exit(ExitStatus.INTERRUPTED) from None
 
 
 class Tool(typer.Typer):
