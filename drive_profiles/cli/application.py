@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import io
+import math
 import os
 import re
 import signal
@@ -111,7 +112,13 @@ class ToolCommand(_Help, TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments; a refusal names value and expectation."""
         try:
-            return super().parse_args(ctx, args)
+            rest = super().parse_args(ctx, args)
+            options: list[Any] = self.params
+            for option in options:
+                value = ctx.params.get(str(option.name))
+                if isinstance(value, float) and not math.isfinite(value):
+                    raise typer.BadParameter(f"'{value}': expected a finite number", ctx, option)
+            return rest
         except typer.BadParameter as error:
             details: list[Any] = getattr(error.__cause__, "errors", list)()
             if details and details[0]["type"] != "value_error":  # a choice names the value itself

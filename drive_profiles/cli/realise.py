@@ -62,7 +62,7 @@ def realise(
 
     with exit_on_error():
         profile = Profile.load(name)
-    if period_us is not None and not (period_us > 0.0 and math.isfinite(period_us)):
+    if period_us is not None and not period_us > 0.0:
         raise typer.BadParameter(f"{period_us} must be positive", param_hint="--period-us")
     try:
         target = NotchTarget.at_speed(order, speed_rps, offset_hz, zeta_rn, zeta_rd)
