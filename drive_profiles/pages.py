@@ -90,7 +90,8 @@ def index(profiles: Sequence[Profile]) -> str:
         "# Drives",
         f"What is known of each family, with its sources; made from `drive_profiles/vendors` by `{_COMMAND}`.",
         "`exact`: the paper's own law or filter. `yes`: it can. `approximate`: something near it, with the difference stated. "
-        "`unknown`: neither a document nor a file at hand says. The reasons are on each page.",
+        "`lost`: less than half of the notch's depth, in dB, is left. `unknown`: neither a document nor a file at hand says. "
+        "The reasons are on each page.",
         _table(header, rows),
         *_further_products(profiles, answers),
         *_runs(profiles),
@@ -251,7 +252,7 @@ def _held(profile: Profile, target: NotchTarget, period_s: float | None) -> tupl
     except NotRealisableError as error:
         return "", "", "", "refused: " + "; ".join(error.reasons)
     held = realisation.held
-    verdict = "exact" if realisation.is_exact else "approximate: " + "; ".join(realisation.reasons)
+    verdict = ": ".join(filter(None, (realisation.verdict, "; ".join(realisation.reasons))))
     zeros, poles = f"{held.zero_hz:.2f} Hz, ζ {held.zeta_zero:.3f}", f"{held.pole_hz:.2f} Hz, ζ {held.zeta_pole:.3f}"
     lost = realisation.deviations.depth_db
     return zeros, poles, f"{lost if abs(lost) >= 0.05 else 0.0:.1f} dB", verdict

@@ -1,5 +1,12 @@
-"""`python -m hil`."""
+"""`hil`, also as `python -m hil`."""
 
-from hil.cli.main import main
+from drive_profiles.cli.entry import start
 
-main()
+
+def main() -> None:
+    """Entry point of the console script."""
+    start("hil")
+
+
+if __name__ == "__main__":
+    main()

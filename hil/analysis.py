@@ -374,8 +374,9 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, s
     top_rps, resonant_rps = float(np.max(np.abs(motor_speed_rps(recording, axis))[inside])), scale.f_al_hz / order
     if top_rps < resonant_rps:
         raise ValueError(
-            f"the ramp is at {top_rps:.2f} rev/s when it brakes; order {order} meets f_al = {scale.f_al_hz:.2f} Hz at "
-            f"{resonant_rps:.2f} rev/s: raise end_rps of constant_acceleration"
+            f"the motor, behind its set-points, is at {top_rps:.2f} rev/s when the ramp brakes; order {order} meets "
+            f"f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s: raise end_rps of constant_acceleration by "
+            f"{math.ceil(10.0 * (resonant_rps - top_rps)) / 10.0:.1f} rev/s or more"
         )
     acceleration, period = recording.felt_m_s2, recording.period_s
     displacement = tip_displacement_mm(acceleration, period, scale)

@@ -1,5 +1,12 @@
-"""`python -m plant_emulator`."""
+"""`plant-emulator`, also as `python -m plant_emulator`."""
 
-from plant_emulator.cli.main import main
+from drive_profiles.cli.entry import start
 
-main()
+
+def main() -> None:
+    """Entry point of the console script."""
+    start("plant_emulator")
+
+
+if __name__ == "__main__":
+    main()

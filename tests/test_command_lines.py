@@ -8,6 +8,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -214,3 +215,27 @@ def test_a_tool_whose_reader_has_gone_ends_as_one_that_the_signal_ends() -> None
         assert tool.wait(60.0) == 141
         assert tool.stderr is not None
         assert tool.stderr.read() == b""
+
+
+LOADING = """
+import importlib, signal
+def load(name):
+    try:
+        signal.raise_signal(signal.SIGINT)
+    finally:
+        raise ImportError("a module has made its own error of it")
+importlib.import_module = load
+from {package}.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize("package", TOOLS.values())
+def test_ctrl_c_while_a_tool_loads_its_modules_is_one_line_and_130(package):
+    done = subprocess.run([sys.executable, "-c", LOADING.format(package=package)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
+def test_a_console_script_starts_the_module_of_its_tool():
+    scripts = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    assert scripts == {tool: f"{package}.__main__:main" for tool, package in TOOLS.items()}

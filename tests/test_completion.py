@@ -41,7 +41,7 @@ def asked(words, shell="bash"):
 
 
 def entry_point(tool):
-    return importlib.import_module(f"{PACKAGES[tool]}.cli.main").main
+    return importlib.import_module(f"{PACKAGES[tool]}.__main__").main
 
 
 @pytest.fixture
@@ -158,7 +158,7 @@ def test_other_shells_ask_in_their_own_way(shell, offered, monkeypatch):
 )
 def test_the_process_that_a_shell_starts_offers_the_same_and_waits_for_no_numbers(words, folder, offered):
     code = (
-        f"import sys; sys.argv = [{words[0]!r}]; from {PACKAGES[words[0]]}.cli.main import main\n"
+        f"import sys; sys.argv = [{words[0]!r}]; from {PACKAGES[words[0]]}.__main__ import main\n"
         "try: main()\nexcept SystemExit as left: assert not left.code\n"
         "print(sorted({'numpy', 'scipy', 'cffi', 'matplotlib', 'canopen', 'can', 'rich'} & set(sys.modules)))"
     )

@@ -9,11 +9,12 @@ import contextlib
 import gc
 import inspect
 import io
+import math
 import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 from typing import Annotated, Any, NoReturn
 
@@ -114,7 +115,13 @@ class ToolCommand(_Help, TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments; a refusal names value and expectation."""
         try:
-            return super().parse_args(ctx, args)
+            rest = super().parse_args(ctx, args)
+            options: list[Any] = self.params
+            for option in options:
+                value = ctx.params.get(str(option.name))
+                if isinstance(value, float) and not math.isfinite(value):
+                    raise typer.BadParameter(f"'{value}': expected a finite number", ctx, option)
+            return rest
         except typer.BadParameter as error:
             details: list[Any] = getattr(error.__cause__, "errors", list)()
             if details and details[0]["type"] != "value_error":  # a choice names the value itself
@@ -134,9 +141,15 @@ class ToolGroup(_Help, TyperGroup):
         click would end with 1.
         """
         try:
-            return super().invoke(ctx)
+            with _interruptible():
+                return super().invoke(ctx)
         except BrokenPipeError:
             os._exit(READER_GONE)
+
+    def make_context(self, *arguments: Any, **named: Any) -> Any:
+        """Read the arguments of the tool, for which modules may load."""
+        with _interruptible():
+            return super().make_context(*arguments, **named)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands with their summaries."""
@@ -145,6 +158,16 @@ class ToolGroup(_Help, TyperGroup):
         if rows:
             with formatter.section("Commands"):
                 formatter.write_dl(rows)
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """End with a line after Ctrl-C; click would end without one."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("interrupted", err=True)
+        raise typer.Exit(ExitStatus.INTERRUPTED) from None
 
 
 class Tool(typer.Typer):

@@ -5,12 +5,9 @@ Its commands read, compare, write and restore parameters.
 
 from __future__ import annotations
 
-import contextlib
-import os
-
 from drive_profiles.cli import compare, convert, eds, profiles, read, realise, restore, schema, write
 from drive_profiles.cli.application import Tool
-from drive_profiles.cli.console import EPILOG, ExitStatus
+from drive_profiles.cli.console import EPILOG
 from drive_profiles.cli.live import backup, faults, lss, nmt, watch
 
 app = Tool(
@@ -21,13 +18,3 @@ app = Tool(
 
 for group in (profiles, read, watch, faults, nmt, lss, backup, write, compare, restore, convert, eds, realise, schema):
     group.mount(app)
-
-
-def main() -> None:
-    """Entry point of the ``drive-profiles`` command."""
-    try:
-        app.run()
-    except OSError as error:  # such as a full disk behind standard output
-        with contextlib.suppress(OSError):
-            os.write(2, f"{error}\n".encode())
-        os._exit(ExitStatus.INTERNAL)

@@ -62,7 +62,7 @@ def realise(
 
     with exit_on_error():
         profile = Profile.load(name)
-    if period_us is not None and not (period_us > 0.0 and math.isfinite(period_us)):
+    if period_us is not None and not period_us > 0.0:
         raise typer.BadParameter(f"{period_us} must be positive", param_hint="--period-us")
     try:
         target = NotchTarget.at_speed(order, speed_rps, offset_hz, zeta_rn, zeta_rd)
@@ -77,6 +77,7 @@ def realise(
     if as_json:
         facts = dataclasses.asdict(realisation) | {
             "is_exact": realisation.is_exact,
+            "verdict": realisation.verdict,
             "biquads": [b._asdict() for b in realisation.biquads],
         }
         print_json(_finite(facts))
@@ -86,13 +87,12 @@ def realise(
 
 def _show(profile: Profile, realisation: Realisation) -> None:
     target, held, off = realisation.target, realisation.held, realisation.deviations
-    match = "exact" if realisation.is_exact else "approximate"
-    typer.echo(f"{realisation.profile}: {match}, filter period {1e6 * realisation.period_s:g} µs")
+    typer.echo(f"{realisation.profile}: {realisation.verdict}, filter period {1e6 * realisation.period_s:g} µs")
     for reason in realisation.reasons:
         typer.echo(f"  {reason}")
-    wanted_db, held_db = (shape.gain_db(target.zero_hz) for shape in (target.shape, held))
-    if held_db > 0.5 * wanted_db:
-        typer.echo(f"  the notch is as good as lost: {held_db:.1f} dB at its frequency instead of {wanted_db:.1f} dB")
+    if realisation.verdict == "lost":
+        held_db, wanted_db = (shape.gain_db(target.zero_hz) for shape in (held, target.shape))
+        typer.echo(f"  the notch is lost: {held_db:.1f} dB at its frequency instead of {wanted_db:.1f} dB")
     _doubt(profile.notch)
     rows = [
         ("zeros, Hz", f"{target.zero_hz:.4f}", f"{held.zero_hz:.4f}", f"{off.zero_hz:+z.4f}"),

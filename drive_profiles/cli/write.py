@@ -156,10 +156,11 @@ def set_(
         force_commissioning=force_commissioning,
         journals=journals,
     )
+    pairs = [_pair(text) for text in values]  # before the bus is opened
     with exit_on_error():
         with SdoBus(bus, timeout_s) as opened:
             device = device_at(opened, node, profile, eds)
-        wanted = _as_set([_pair(text) for text in values], device.catalogue, kind)
+        wanted = _as_set(pairs, device.catalogue, kind)
         if skipped_by_objflags := wanted.skipped_by_objflags(device.catalogue):
             named = ", ".join(skipped_by_objflags)
             raise fail(f"{named}: the EDS excludes it from downloads (ObjFlags); leave out --eds to write it", ExitStatus.FILE)

@@ -22,9 +22,12 @@ NEEDED_ZETA_RN = 0.028
 
 
 class Capability(Table):
-    """An answer to one question about the device, with its reason."""
+    """An answer to one question about the device, with its reason.
 
-    answer: Literal["exact", "yes", "approximate", "no", "unknown"]
+    `exact`, `approximate` and `lost` are the verdicts of `drive_profiles.realisation` on the paper's notch.
+    """
+
+    answer: Literal["exact", "yes", "approximate", "lost", "no", "unknown"]
     reason: str = pydantic.Field(min_length=1)
 
 

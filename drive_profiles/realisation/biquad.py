@@ -63,7 +63,7 @@ class NotchTarget:
         zeta_pole: Damping of the poles, ζ_rd.
 
     Raises:
-        ValueError: A frequency or damping is not positive and finite.
+        ValueError: A frequency or damping is not positive and finite, or the zeros are not damped less than the poles.
     """
 
     zero_hz: float
@@ -77,6 +77,8 @@ class NotchTarget:
             value = getattr(self, name)
             if not (value > 0.0 and math.isfinite(value)):
                 raise ValueError(f"{name} = {value} must be positive and finite")
+        if self.zeta_zero >= self.zeta_pole:
+            raise ValueError(f"zeta_zero = {self.zeta_zero:g} must be below zeta_pole = {self.zeta_pole:g}, else it is no notch")
 
     @classmethod
     def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> NotchTarget:

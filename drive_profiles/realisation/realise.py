@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 from drive_profiles.family.capability import FilterSection, NotchFacts
 from drive_profiles.family.profile import Profile
@@ -157,6 +158,14 @@ class Realisation:
     def is_exact(self) -> bool:
         """True if the filter is the designed notch, within the tolerance."""
         return not self.reasons
+
+    @property
+    def verdict(self) -> Literal["exact", "approximate", "lost"]:
+        """Verdict in a word: `lost` if less than half of the depth, in dB, is left."""
+        if self.is_exact:
+            return "exact"
+        wanted_db, held_db = (shape.gain_db(self.target.zero_hz) for shape in (self.target.shape, self.held))
+        return "lost" if held_db > 0.5 * wanted_db else "approximate"
 
 
 def realise(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drive_profiles.files.safefile import write_atomically
+from drive_profiles.files.safefile import check_writable, write_atomically
 from drive_profiles.files.toml import Table, load, toml_value
 from hil.bench.bench import Bench
 from hil.control.notch import NOTCH_TRAPEZOID, NOTCHES, Notch
@@ -81,6 +81,24 @@ def load_designs(path: Path) -> Designs:
     return load(path, Designs)
 
 
+def check_file(path: Path, robot: str) -> None:
+    """Check that a design file can take a filter, before the search for one.
+
+    Raises:
+        FileError: The file is not a design file, or cannot be written.
+        NotPossibleError: The file belongs to another robot.
+    """
+    check_writable(path)
+    _known_in(path, robot)
+
+
+def _known_in(path: Path, robot: str) -> Designs:
+    known = load_designs(path) if path.exists() else Designs(robot=robot)
+    if known.robot != robot:
+        raise NotPossibleError(f"{path} holds filters of {known.robot!r}, this is {robot!r}: choose another file")
+    return known
+
+
 def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> Designs:
     """Put one axis into a design file; a missing file is created.
 
@@ -94,9 +112,7 @@ def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> D
         FileError: The file is not a design file, or cannot be written.
         NotPossibleError: The file belongs to another robot.
     """
-    known = load_designs(path) if path.exists() else Designs(robot=robot)
-    if known.robot != robot:
-        raise NotPossibleError(f"{path} holds filters of {known.robot!r}, this is {robot!r}: choose another file")
+    known = _known_in(path, robot)
     updated = known.model_copy(update={"axis": {**known.axis, number: axis}})
     updated.save(path)
     return updated

@@ -58,9 +58,9 @@ def exit_status_of(error: Exception) -> int:
     from hil.control.trajectory import UnreachableError  # noqa: PLC0415
     from hil.errors import HilError  # noqa: PLC0415
 
-    if isinstance(error, HilError):
+    if isinstance(error, HilError | DriveProfileError):
         return error.exit_code
-    if isinstance(error, DriveProfileError | LineError | UnreachableError | OSError):
+    if isinstance(error, LineError | UnreachableError | OSError):
         return ExitStatus.FILE
     if isinstance(error, AddressError):
         return ExitStatus.USAGE

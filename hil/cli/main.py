@@ -27,8 +27,3 @@ for command in (
     schema,
 ):
     command.mount(app)
-
-
-def main() -> None:
-    """Entry point of the console script."""
-    app.run()

@@ -1,6 +1,7 @@
 """hil move: one axis, slowly, to a position."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -33,6 +34,7 @@ def move(
     by_rev: Annotated[
         float | None, typer.Option("--by", metavar="REV", help="Distance from the present position, in revolutions.")
     ] = None,
+    back: Annotated[bool, typer.Option("--back", help="To the position before the last motion of this axis.")] = False,
     loop: LoopOption = "drive",
     bus: BusOption = None,
     out: Annotated[
@@ -45,23 +47,29 @@ def move(
     """Move one axis slowly to a position.
 
     It also works after a stop or a fault, which it resets. The speed is `approach_rps` or a quarter of the axis' speed limit,
-    whichever is lower. Ctrl-C stops it as it stops a run.
+    whichever is lower. Ctrl-C stops it as it stops a run. `--back` takes the position from the newest log of a motion in
+    `bench-out`, or in a folder that `--out` has made here.
 
     Examples:
         hil move --axis 2 --to 0 --bench bench.toml
 
         hil move --axis 2 --by -0.5 --bench bench.toml
+
+        hil move --axis 2 --back --bench bench.toml
     """
-    if (to_rev is None) == (by_rev is None):
-        raise fail("give one of --to and --by, in motor revolutions", ExitStatus.USAGE)
+    if [to_rev is not None, by_rev is not None, back].count(True) != 1:
+        raise fail("give one of --to and --by, in motor revolutions, or --back", ExitStatus.USAGE)
     with exit_on_error():
         bench = bench_on(bench_file, bus)
 
         from hil.experiments.move import MoveRequest, make_move, plan_move  # noqa: PLC0415
+        from hil.experiments.position_before import position_before  # noqa: PLC0415
         from hil.results.base import LOG_FILE  # noqa: PLC0415
 
         where = result_directory(out, f"move-axis{axis}", force=force)
-        planned = plan_move(bench, MoveRequest(axis, to_rev, by_rev, loop))
+        request = MoveRequest(axis, to_rev, by_rev, loop)
+        request.check(bench)
+        planned = plan_move(bench, replace(request, before=position_before(bench, axis)) if back else request)
         stands_rev: float | None = planned.from_rev
         if not planned.is_there:
             for line in planned.sentences:

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Generic, Literal, Self, TypeVar
 
-from drive_profiles.address import parse_address
+from drive_profiles.address import Address, parse_address
 from drive_profiles.files.safefile import check_writable, naming
 from hil.bench.bench import Bench
 from hil.can.channel import Channel
@@ -182,7 +182,7 @@ class Measurement(Generic[R]):
         channel, progress = self._channel, self._reporter.progress
         if isinstance(channel, SessionSource):
             return channel.session(self._bench, progress)
-        return Session(self._bench, channel, BusLog(self._out / LOG_FILE, log_label(channel)), progress)
+        return Session(self._bench, channel, BusLog(self._out / LOG_FILE, log_label(channel.address)), progress)
 
     def keep(self, recording: Recording, name: str) -> str:
         """Save a recording as `runs/name.csv`.
@@ -224,9 +224,9 @@ def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], 
     return [overload or check_load(bench, channel, demand) for demand in demands]
 
 
-def log_label(channel: Channel) -> str:
-    """Name of the bus in a candump log.
+def log_label(address: Address) -> str:
+    """Name of a bus in a candump log.
 
     For SocketCAN it is the interface of the system, so that the log can be replayed to it.
     """
-    return channel.address.channel if channel.address.interface == "socketcan" else channel.address.interface
+    return address.channel if address.interface == "socketcan" else address.interface

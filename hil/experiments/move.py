@@ -20,6 +20,7 @@ from hil.control.trajectory import Smooth, sample_times
 from hil.errors import NodeError, NotPossibleError, SafetyStopError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.measurement import check_demands, log_label
+from hil.experiments.position_before import PositionBefore
 from hil.master.motion import LoopName, Motion
 from hil.master.session import Session
 from hil.master.whereabouts import AWAY_REV, name_range, rev_text
@@ -56,12 +57,13 @@ def way_of(number: int, way_rad: float, speed_rps: float, period_s: float, most_
 
 @dataclass(frozen=True)
 class MoveRequest:
-    """Request of a move; either a position or a way is given.
+    """Request of a move; a position, a way or the position before a motion is given.
 
     Attributes:
         axis: Number of the axis.
-        to_rev: Motor position as the drive counts, rev; None if a way is given.
-        by_rev: Way of the motor from its present position, rev; None if a position is given.
+        to_rev: Motor position as the drive counts, rev; or None.
+        by_rev: Way of the motor from its present position, rev; or None.
+        before: Position before the last motion; or None.
         loop: Side that closes the loop, the drive or the host.
     """
 
@@ -69,6 +71,7 @@ class MoveRequest:
     to_rev: float | None = None
     by_rev: float | None = None
     loop: LoopName = "drive"
+    before: PositionBefore | None = None
 
     def check(self, bench: Bench) -> None:
         """Refuse a request that is wrong whatever the robot's state.
@@ -108,7 +111,7 @@ class Move:
         to_rev: Target of the motor.
         speed_rps: Largest speed of the motor.
         fault: Fault that the drive is in, in words; None if it is in none.
-        bench: The bench file; the limits of an axis outside of them leave room to turn back.
+        bench: The bench file; the limits of an axis at or beyond them leave room to turn back.
     """
 
     request: MoveRequest
@@ -135,10 +138,12 @@ class Move:
         """Describe the move for the question to the user."""
         number, limits = self.request.axis, self.bench.axis[self.request.axis].limits
         said = [f"axis {number} is {self.fault}: the fault is reset first"] if self.fault else []
+        before = self.request.before
+        back = "" if before is None else f", its position before the motion in {before.log},"
         return [
             *said,
             f"This moves axis {number} on {self.bench.bus.address}:",
-            f"  from {rev_text(self.from_rev)} to {rev_text(self.to_rev)} rev at up to {self.speed_rps:.3g} rev/s and "
+            f"  from {rev_text(self.from_rev)} to {rev_text(self.to_rev)} rev{back} at up to {self.speed_rps:.3g} rev/s and "
             f"{limits.torque_nm:g} N·m, in {self.motion().time_s[-1]:.1f} s; positions {name_range(limits)}",
         ]
 
@@ -223,7 +228,7 @@ def _session(
     try:
         period_s = bench.bus.host_sync_period_s if request.loop == "host" else bench.bus.sync_period_s
         check_demands(bench, channel, [BusDemand(f"a move of axis {request.axis}", (request.axis,), period_s, request.loop)])
-        with Session(bench, channel, BusLog(log, log_label(channel)), reporter.progress) as session:
+        with Session(bench, channel, BusLog(log, log_label(channel.address)), reporter.progress) as session:
             session.bring_up(in_fault=request.axis, moving=None if bench.arm is not None else {request.axis})
             yield session
     finally:
@@ -240,7 +245,12 @@ def _planned(session: Session, request: MoveRequest) -> Move:
     bench, axis = session.bench, session.axes[request.axis]
     limits = axis.table.limits
     here = axis.position_rad() / math.tau
-    to_rev = here + request.by_rev if request.to_rev is None and request.by_rev is not None else float(request.to_rev or 0.0)
+    if request.before is not None:
+        to_rev = axis.scaling.position_rad(request.before.counts) / math.tau
+    elif request.by_rev is not None:
+        to_rev = here + request.by_rev
+    else:
+        to_rev = float(request.to_rev or 0.0)
     check_position(request.axis, to_rev, limits, f"it stands at {rev_text(here)} rev; choose one within {name_range(limits)}")
     speed_rps = min(bench.approach_rps, SLOW_FRACTION * limits.speed_rps)
     return Move(request, here, to_rev, speed_rps, axis.fault(), with_room(bench, request.axis, here))
@@ -260,17 +270,18 @@ def sag_rev(table: AxisTable) -> float:
 
 
 def with_room(bench: Bench, number: int, stands_rev: float) -> Bench:
-    """Widen the limits of an axis that is outside of them.
+    """Widen the limits of an axis that is at one of them, or outside.
 
-    The axis may then turn back. Within the limits, the bench stays the same.
+    A load may turn it further when its brake opens, and it may then turn back. Elsewhere, the bench stays the same.
     """
     table = bench.axis[number]
     limits = table.limits
+    low_rev, high_rev = stands_rev - sag_rev(table), stands_rev + sag_rev(table)
     update = {}
-    if stands_rev < limits.position_min_rev:
-        update["position_min_rev"] = stands_rev - sag_rev(table)
-    if stands_rev > limits.position_max_rev:
-        update["position_max_rev"] = stands_rev + sag_rev(table)
+    if low_rev < limits.position_min_rev:
+        update["position_min_rev"] = low_rev
+    if high_rev > limits.position_max_rev:
+        update["position_max_rev"] = high_rev
     if not update:
         return bench
     wider = table.model_copy(update={"limits": limits.model_copy(update=update)})

@@ -279,7 +279,7 @@ def comparisons(runs: Sequence[RunEntry]) -> list[TreatmentComparison]:
         for other in leads:
             if other.treatment == "none" or other.tip_peak_mm is None or _conditions(other) != _conditions(run):
                 continue
-            same = next((each for each in runs if each.recording == other.recording and each.order == run.order), other)
+            same = same_window(runs, other, run)
             comparison = TreatmentComparison(
                 experiment=run.experiment,
                 axis=run.axis,
@@ -290,6 +290,11 @@ def comparisons(runs: Sequence[RunEntry]) -> list[TreatmentComparison]:
             )
             pairs.append(comparison)
     return pairs
+
+
+def same_window(runs: Sequence[RunEntry], run: RunEntry, untreated: RunEntry) -> RunEntry:
+    """Return the entry of a run in the leading window of the untreated one, if it has that."""
+    return next((each for each in runs if each.recording == run.recording and each.order == untreated.order), run)
 
 
 def _conditions(run: RunEntry) -> tuple[str, int | None, str]:

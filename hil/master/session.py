@@ -284,6 +284,7 @@ class Session:
             real_time = self.prepare(context, axes, run.exchange, with_notch=request.filters_in_drives)
             acted = {axis.number: request.filters_of(axis) for axis in axes}
             overflows, errors = self._overflows(), Counter(self.network.bus_errors)
+            self.log.write()  # with the positions before the motion, also if this process is killed in it
             stopped = run.perform()
             errors = self.network.bus_errors - errors
             if real_time is not None:

@@ -69,7 +69,7 @@ class ComparisonRow(ResultPart):
         loop: Side that closes the loop, the drive or the host.
         tip_peak_mm: Largest tip displacement in the judged window; None if the run was not made or not judged.
         tip_peak_change_pct: Change of the peak against no treatment.
-        spectrum_area: Area of the spectrum, m/s²·Hz.
+        spectrum_area: Area of the spectrum in the window in which the untreated run is worst, m/s²·Hz.
         spectrum_area_change_pct: Change of the area against no treatment.
         within_spec: True if the tip keeps the specification.
         trial: End of the trial of a cancellation, or of designed filters.

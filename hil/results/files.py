@@ -3,7 +3,7 @@
 import json
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar, get_args
 
 from pydantic import Field, TypeAdapter, ValidationError
 
@@ -58,9 +58,11 @@ def load_any(path: Path) -> AnyResult:
         OSError: The file cannot be read.
         ResultFileError: The file has another schema, no known kind, or wrong fields for its kind.
     """
-    text = path.read_text(encoding="utf-8")
     try:
+        text = path.read_text(encoding="utf-8")
         value = json.loads(text)
+    except UnicodeDecodeError as error:
+        raise ResultFileError(path, f"no JSON: byte 0x{error.object[error.start]:02x}; expected UTF-8 text") from error
     except ValueError as error:
         raise ResultFileError(path, f"no JSON: {error}") from error
     schema = value.get("schema") if isinstance(value, dict) else None
@@ -72,6 +74,9 @@ def load_any(path: Path) -> AnyResult:
             f"schema {schema} is not {SCHEMA}, the one known here; run the command again, or use the version that wrote it "
             "(recordings and bus.log beside it can be read as before)",
         )
+    kinds = [kind.model_fields["kind"].default for kind in get_args(get_args(AnyResult)[0])]
+    if value.get("kind") not in kinds:
+        raise ResultFileError(path, f"its kind is {value.get('kind')!r}; expected one of {', '.join(kinds)}")
     try:
         return _ANY.validate_json(_with_orders(value) if value.get("kind") in {"learn", "identify-ate"} else text)
     except ValidationError as error:

@@ -91,7 +91,7 @@ def fleet(
 
     The ranges are those of industrial robots; the bench files contain no knowledge of the drawn values.
 
-    Equal seeds give equal robots. `robots.csv` lists the drawn values, a line per robot.
+    Equal seeds give equal robots. `robots.csv` lists the drawn values, a line per robot. A folder that has robots keeps them.
 
     Examples:
         plant-emulator fleet --seeds 7 --out fleet
@@ -110,11 +110,13 @@ def fleet(
     with exit_on_error():
         with exit_on_value_error():
             named = seeds_of(seeds)
-        files = {out / f"{name}-{seed}.toml" for name in ("robot", "bench") for seed in named} | {out / "robots.csv"}
+        files = {out / f"{name}-{seed}.toml" for name in ("robot", "bench") for seed in named}
         there = sorted(str(path) for path in files if path.exists())
         if there:
             more = f" and {len(there) - 1} more" if len(there) > 1 else ""
-            raise fail(f"{there[0]}{more} already exists; nothing was written; choose another folder", EmulatorExitStatus.FILE)
+            what = f"{there[0]}{more} already exists; nothing was written; choose other seeds or another folder"
+            raise fail(what, EmulatorExitStatus.FILE)
+        before = _listed(out)
         rows: list[Row] = []
         texts: dict[str, str] = {}
         for seed in named:
@@ -127,7 +129,7 @@ def fleet(
             rows.append(row)
         for name, text in texts.items():
             write_atomically(out / name, text.encode())
-        write_atomically(out / "robots.csv", csv_text(rows).encode())
+        write_atomically(out / "robots.csv", csv_text([*before, *rows]).encode(), force=bool(before))
     if arms or urdf is not None:
         cells = [(str(row["seed"]), *(_number(row[name], 1.0) for _, name in ARM_COLUMNS)) for row in rows]
         table("", ("seed", *(head for head, _ in ARM_COLUMNS)), cells)
@@ -135,6 +137,20 @@ def fleet(
         table("", ("seed", "kind", *(head for head, *_ in COLUMNS)), [_cells(row) for row in rows])
     what = "one robot and its bench file" if len(rows) == 1 else f"{len(rows)} robots and their bench files"
     typer.echo(f"{what} in {out}; robots.csv lists the drawn values", err=True)
+
+
+def _listed(out: Path) -> "list[Row]":
+    """Return the rows of the robots that are in the folder already."""
+    from plant_emulator.rehearsal.many.table import read_rows
+
+    path = out / "robots.csv"
+    if not path.exists():
+        return []
+    rows = read_rows(path)
+    if rows and all((out / f"robot-{row.get('seed')}.toml").exists() for row in rows):
+        return rows
+    what = f"{path} is not the list of the robots in {out}; nothing was written; choose another folder"
+    raise fail(what, EmulatorExitStatus.FILE)
 
 
 def _home(home_deg: str | None, tip_link: str | None, urdf: Path | None) -> tuple[float, ...]:

@@ -15,8 +15,3 @@ app = Tool(
 
 for command in (serve, simulate, eds, robustness, fleet, rehearse, following, schema):
     command.mount(app)
-
-
-def main() -> None:
-    """Entry point of the console script."""
-    app.run()

@@ -10,8 +10,10 @@ from drive_profiles.standard.cia402 import State
 from hil.bench.bench import Bench
 from hil.can.frame import Frame
 from hil.errors import InterruptedRunError, NodeError, NotPossibleError, SafetyStopError, UnsafeRequestError
+from hil.experiments.measurement import log_label
 from hil.experiments.motions import constant_acceleration
 from hil.experiments.move import Move, MoveRequest, make_move, plan_move
+from hil.experiments.position_before import position_before
 from hil.master.session import Session
 from hil.recording import BusLog
 from hil.reporter import SilentReporter
@@ -159,6 +161,12 @@ def test_from_beyond_its_limits_an_axis_can_be_moved_back_and_no_further(bench: 
     assert moved(narrow, channel, to_rev=0.5) == pytest.approx(0.5, abs=0.01)
 
 
+def test_from_its_very_limit_an_axis_can_be_moved_back_under_its_load(bench: Bench, channel: InProcessChannel) -> None:
+    stands = moved(bench, channel, to_rev=1.0)
+    narrow = limited(bench, position_max_rev=stands + 1e-6)
+    assert moved(narrow, channel, to_rev=0.5) == pytest.approx(0.5, abs=0.01)
+
+
 def test_ctrl_c_stops_a_move_as_it_stops_a_run_and_says_how_to_go_on(bench: Bench, channel: InProcessChannel) -> None:
     planned = plan_move(bench, MoveRequest(2, to_rev=FULL_TURNS), channel=channel)
 
@@ -221,3 +229,37 @@ def test_an_emergency_in_a_run_is_said_in_words_with_where_the_axis_stands(bench
     channel.on_sync = lambda number: None
     channel.world.free_step(channel.world.now + 2_000_000_000)
     assert moved(bench, channel, to_rev=0.0) == pytest.approx(0.0, abs=0.01)
+
+
+def test_back_is_where_the_axis_was_before_the_last_motion_even_if_the_master_was_killed_in_it(
+    bench: Bench, channel: InProcessChannel, tmp_path: Path
+) -> None:
+    moved(bench, channel, to_rev=0.25)
+    planned = plan_move(bench, MoveRequest(2, to_rev=1.0), channel=channel)
+    seen: list[float] = []
+
+    class Watching(SilentReporter):
+        def progress(self, fraction: float) -> None:
+            if fraction > 0.5 and not seen:
+                seen.append(position_before(on_channel, 2, tmp_path).counts)
+
+    on_channel = bench.on(str(channel.address))
+    outcome = make_move(planned, tmp_path / "bench-out" / "killed" / "bus.log", channel=channel, reporter=Watching())
+    assert outcome.stands_rev == pytest.approx(1.0, abs=0.01)
+    before = position_before(on_channel, 2, tmp_path)
+    assert seen == [before.counts], "the log has it while the axis moves"
+    request = MoveRequest(2, before=before)
+    back = plan_move(bench, request, channel=channel)
+    assert f"to 0.25 rev, its position before the motion in {before.log}," in back.sentences[-1]
+    assert make_move(back, channel=channel).stands_rev == pytest.approx(0.25, abs=0.01)
+
+
+def test_back_does_not_take_the_log_of_a_command_that_was_refused(
+    bench: Bench, channel: InProcessChannel, tmp_path: Path
+) -> None:
+    make_move(plan_move(bench, MoveRequest(2, to_rev=0.3), channel=channel), tmp_path / "seen" / "bus.log", channel=channel)
+    with Session(bench, channel, BusLog(tmp_path / "refused" / "bus.log", log_label(channel.address))) as session:
+        session.bring_up()
+    before = position_before(bench.on(str(channel.address)), 2, tmp_path)
+    assert before.log == tmp_path / "seen" / "bus.log"
+    assert before.counts == pytest.approx(0, abs=2000)

@@ -54,7 +54,7 @@ HIL = [sys.executable, "-m", "hil"]
 WITHOUT_PICTURES = [
     sys.executable,
     "-c",
-    "from hil.report import style; style.to_svg = lambda figure, key, **_: '<svg></svg>'; from hil.cli.main import main; main()",
+    "from hil.report import style; style.to_svg = lambda figure, key, **_: '<svg></svg>'; from hil.__main__ import main; main()",
 ]
 """`hil` whose reports have figures that are made but not drawn: drawing them takes longer than a run."""
 

@@ -65,6 +65,6 @@ if __name__ == "__main__":
     take_away()
     sys.stdout.reconfigure(encoding="cp1252")
     sys.stderr.reconfigure(encoding="cp1252")
-    from drive_profiles.cli.main import main
+    from drive_profiles.__main__ import main
 
     main()

@@ -10,7 +10,7 @@ from drive_profiles.cli.tables import lines as table_lines
 from hil.bench.bench import Bench
 from hil.design.compliance import Compliance, compliance, judged_speeds
 from hil.experiments.comparison.plan import ComparisonPlan, ComparisonRequest
-from hil.experiments.plan import Experiment
+from hil.experiments.plan import Experiment, same_window
 from hil.experiments.treatment import TreatmentSetup
 from hil.results.comparison import (
     AxisCompliance,
@@ -37,13 +37,16 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
         ended: Reason why they ended early; empty if they did not.
     """
     bench = plan.robot.bench
-    runs = {_key(run): run for run in ([] if result is None else leading(result.runs))}
+    entries = [] if result is None else result.runs
+    runs = {_key(run): run for run in leading(entries)}
     changes = {_key(change): change for change in ([] if result is None else result.comparisons)}
     rows = []
     for experiment, setup in plan.setups.items():
         key = _key_of(experiment)
         row = _row(experiment, _factors(bench, experiment, setup, runs.get(key)))
-        rows.append(_measured(row, runs.get(key), changes.get(key), ended))
+        run, untreated = runs.get(key), runs.get((experiment.name, experiment.axis, "none", experiment.loop))
+        area = None if run is None else same_window(entries, run, untreated or run).spectrum_area
+        rows.append(_measured(row, run, area, changes.get(key), ended))
     rows += [_row(left.experiment, left_out=left.reason) for left in plan.left_out]
     return ComparisonRobot(
         name=bench.name,
@@ -89,7 +92,9 @@ def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, le
     )
 
 
-def _measured(row: ComparisonRow, run: RunEntry | None, change: TreatmentComparison | None, ended: str) -> ComparisonRow:
+def _measured(
+    row: ComparisonRow, run: RunEntry | None, area: float | None, change: TreatmentComparison | None, ended: str
+) -> ComparisonRow:
     """Fill a row with the numbers of its run.
 
     A refused treatment has no numbers, since the run was made without it.
@@ -104,7 +109,7 @@ def _measured(row: ComparisonRow, run: RunEntry | None, change: TreatmentCompari
         values["trial"] = "accepted" if run.filter_trial.is_good else "refused"
     if run.invalid is not None or run.stopped is not None:
         return row.model_copy(update=values | {"not_judged": run.invalid or run.stopped})
-    values |= {"tip_peak_mm": run.tip_peak_mm, "spectrum_area": run.spectrum_area, "within_spec": run.within_spec}
+    values |= {"tip_peak_mm": run.tip_peak_mm, "spectrum_area": area, "within_spec": run.within_spec}
     values["ramp_peak_mm"] = run.ramp_peak_mm
     if change is not None:
         values["tip_peak_change_pct"] = round(-change.tip_peak_reduction_pct, 3)

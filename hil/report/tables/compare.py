@@ -114,6 +114,7 @@ def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTab
         rows,
         frozenset({*range(left + 2), left + 7, left + 8}),
         "The tip's peak is that of the judged window; the whole ramp is without the jerks at its ends. "
+        "The area is that of the window in which the untreated run is judged. "
         "Changes are against nothing, closed in the same place. The trial is a cancellation's own check at the tip "
         "before it is used. Compliance: how many times further the motor gives way to a disturbing torque than without the "
         "treatment, at 1 Hz and at the frequency from 0.1 to 30 Hz where it gives way most, for the worst of the moved axes at "

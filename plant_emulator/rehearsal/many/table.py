@@ -9,8 +9,12 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
+from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically
 from plant_emulator.rehearsal.many.rows import Row, Value
+
+MAX_BYTES = 64 << 20
+"""Longest table that is read, with room for 100 000 robots."""
 
 
 def columns_of(rows: Sequence[Row]) -> list[str]:
@@ -32,6 +36,16 @@ def csv_text(rows: Sequence[Row]) -> str:
     writer.writerow(columns)
     writer.writerows([_cell(row.get(column)) for column in columns] for row in rows)
     return out.getvalue()
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Read rows that `csv_text` has written; all cells are text, empty ones None.
+
+    Raises:
+        FileError: It cannot be read.
+    """
+    text = read_file(path, "a table of robots", max_bytes=MAX_BYTES).decode("utf-8", "replace")
+    return [{str(name): cell or None for name, cell in row.items()} for row in csv.DictReader(io.StringIO(text), restval="")]
 
 
 def _cell(value: Value) -> str:

@@ -447,7 +447,7 @@ def test_a_file_that_is_there_is_not_replaced_in_silence(folder):
 
 HELD = """
 import pathlib, time
-from drive_profiles.cli import main as cli
+from drive_profiles.__main__ import main
 from drive_profiles.device import sdo
 write, written = sdo.SdoPort.write, []
 def held(*arguments, **named):
@@ -457,7 +457,7 @@ def held(*arguments, **named):
     write(*arguments, **named)
     written.append(True)
 sdo.SdoPort.write = held
-cli.main()
+main()
 """
 """The tool, which stands still before its second write until it has been signalled."""
 

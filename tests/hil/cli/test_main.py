@@ -38,7 +38,7 @@ def test_a_bench_file_with_a_mistake_is_refused_before_anything_heavy_is_loaded(
     bench = tmp_path / "bench.toml"
     bench.write_text("name = 3\n", encoding="utf-8")
     program = (
-        "import sys\nfrom hil.cli.main import main\n"
+        "import sys\nfrom hil.__main__ import main\n"
         f"try:\n    main()\nexcept SystemExit as end:\n    print(end.code, {HEAVY} & set(sys.modules) or 'none')"
     )
     done = run("-c", program, *command, "--bench", str(bench))

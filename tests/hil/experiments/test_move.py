@@ -18,6 +18,12 @@ def test_an_axis_beyond_its_limits_has_room_for_the_sag_that_its_torque_limit_an
     assert with_room(BENCH, 2, 21.0) is BENCH
 
 
+def test_an_axis_that_stands_at_a_limit_has_the_room_that_its_load_takes_when_the_brake_opens() -> None:
+    table = BENCH.axis[2]
+    assert with_room(BENCH, 2, 22.0).axis[2].limits.position_max_rev == pytest.approx(22.0 + sag_rev(table))
+    assert with_room(BENCH, 2, -22.0).axis[2].limits.position_min_rev == pytest.approx(-22.0 - sag_rev(table))
+
+
 def test_without_gains_the_room_is_what_the_motor_may_be_behind_its_set_point() -> None:
     limits = BENCH.axis[2].limits.model_copy(update={"following_error_rev": 0.05})
     table = BENCH.axis[2].model_copy(update={"limits": limits})

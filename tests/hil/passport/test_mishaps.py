@@ -79,7 +79,7 @@ def test_a_disk_that_is_full_is_said_and_the_passport_is_as_before(tmp_path: Pat
     add(tmp_path / "p.sqlite", [run("h")])
     command = (
         "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (60000, 60000)); from hil.cli.main import main; main()"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (60000, 60000)); from hil.__main__ import main; main()"
     )
     words = [sys.executable, "-c", command, "passport", str(tmp_path / "runs"), "--file", str(tmp_path / "p.sqlite")]
     done = subprocess.run(words, capture_output=True, text=True, check=False)

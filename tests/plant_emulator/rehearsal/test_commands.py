@@ -63,6 +63,26 @@ def test_a_stable_overwrites_nothing(tmp_path):
     assert (tmp_path / "bench-2.toml").read_text() == "mine"
 
 
+def test_a_second_seed_joins_the_robots_of_a_folder(tmp_path):
+    assert invoke("fleet", "--seeds", "1-2", "--out", tmp_path / "apart").exit_code == 0
+    for seed in (1, 2):
+        assert invoke("fleet", "--seeds", seed, "--out", tmp_path / "joined").exit_code == 0
+    assert len({(tmp_path / folder / "robots.csv").read_text() for folder in ("apart", "joined")}) == 1
+    again = invoke("fleet", "--seeds", "2-3", "--out", tmp_path / "joined")
+    assert again.exit_code == 3
+    assert "bench-2.toml and 1 more already exists; nothing was written; choose other seeds or another folder" in again.output
+    assert not (tmp_path / "joined" / "robot-3.toml").exists()
+
+
+@pytest.mark.parametrize("text", ["", "seed,mass\n7,3.0\n", "mine\n", "\0,\n\1\n"])
+def test_a_table_of_something_else_is_neither_replaced_nor_joined(tmp_path, text):
+    (tmp_path / "robots.csv").write_text(text)
+    done = invoke("fleet", "--seeds", "1", "--out", tmp_path)
+    assert done.exit_code == 3
+    assert f"robots.csv is not the list of the robots in {tmp_path}; nothing was written" in done.output
+    assert (tmp_path / "robots.csv").read_text() == text
+
+
 def test_one_seed_is_one_robot(tmp_path):
     assert invoke("stable", "--seed", "7", "--kind", "real", "--out", tmp_path).exit_code == 0, "the old name works too"
     assert tomllib.loads((tmp_path / "robot-7.toml").read_text())["name"] == "fleet-real-7"

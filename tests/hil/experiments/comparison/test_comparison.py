@@ -13,7 +13,7 @@ from hil.experiments.cancellation.cancellation import cancellation_for
 from hil.experiments.comparison import run as module
 from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot, knowledge_by_robot, plan
 from hil.experiments.comparison.run import compare
-from hil.experiments.comparison.table import summary
+from hil.experiments.comparison.table import gathered, summary
 from hil.experiments.plan import Experiment, comparisons
 from hil.experiments.runner import ExperimentsOutcome
 from hil.experiments.treatment import TREATMENTS, Knowledge
@@ -188,6 +188,22 @@ def test_the_table_has_changes_trials_costs_and_reasons(runner, tmp_path):
     assert done.result == load_result(tmp_path, ComparisonResult, "a comparison")
     assert any(line.startswith("cancellation-learnt") and ": left out: " in line for line in summary(done.result))
     assert any("×3.70" in line for line in summary(done.result))
+
+
+def test_the_area_and_its_change_are_those_of_one_window():
+    """The worst window of a treated run may be another one than that of the untreated run."""
+    peaks = {"none": {1: (0.7, 1.0), 2: (0.6, 1.2)}, "notch": {1: (0.6, 0.9), 2: (0.7, 1.3)}}
+    windows = [
+        entry(Experiment(RAMP, 2, treatment), order=order, tip_peak_mm=peak, spectrum_area=area)
+        for treatment, of in peaks.items()
+        for order, (peak, area) in of.items()
+    ]
+    result = ExperimentsResult(bench=measured_bench(), runs=windows, comparisons=comparisons(windows))
+    asked = ComparisonRequest((RAMP,), (2,), ("notch",))
+    rows = {row.treatment: row for row in gathered(plan(KnownRobot(BENCH), asked, channel=IDEAL), "", result, "").rows}
+    assert (rows["none"].tip_peak_mm, rows["notch"].tip_peak_mm) == (0.7, 0.7)
+    assert (rows["none"].spectrum_area, rows["notch"].spectrum_area) == (1.0, 0.9)
+    assert rows["notch"].spectrum_area_change_pct == pytest.approx(-10.0)
 
 
 def test_a_line_names_its_axes_and_a_ramp_has_its_whole_peak(runner, tmp_path):

@@ -1,0 +1,130 @@
+"""Wrong inputs of distinct kinds: one message that names the cause and the value, its exit status, and no traceback.
+
+No bus is there: a command that looked for one before it named the cause would end with 4.
+"""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from drive_profiles.cli.main import app as drive_profiles
+from hil.bench.bench import REFERENCE
+from hil.cli.main import app as hil
+from plant_emulator.cli.main import app as plant_emulator
+
+NOWHERE = ("--bus", "local:/nowhere/x.sock")
+TEXT = REFERENCE.read_text(encoding="utf-8")
+RUN = ("run", "constant-acceleration", "--axis", "2", "--treatment", "none", "--bench", "bench.toml", *NOWHERE)
+IDENTIFY = ("identify", "plant", "--axis", "2", "--bench", "reference", *NOWHERE)
+TREATED = ("run", "constant-acceleration", "--axis", "2", "--bench", "reference", *NOWHERE, "--treatment")
+
+BENCHES = {
+    "a node twice": ("node_id = 3", "node_id = 2", "axis.3.node_id: node id 2 is given twice on this bus: axis.2.node_id has it"),
+    "no such node": ("node_id = 3", "node_id = 128", "axis.3.node_id: found 128; expected at most 127"),
+    "limits swapped": ("min_rev = -22.0, position_max_rev = 22.0", "min_rev = 22.0, position_max_rev = -22.0", "is not below"),
+    "a negative limit": ("speed_rps = 12.0", "speed_rps = -12.0", "speed_rps: found -12.0; expected more than 0.0 rev/s"),
+    "not a number": ("torque_nm = 7.1", "torque_nm = nan", "torque_nm: found nan; expected a finite number in N·m"),
+    "infinite": ("reduction_ratio = 120.0", "reduction_ratio = inf", "reduction_ratio: found inf; expected a finite number"),
+    "a unit in a text": ("speed_rps = 12.0", 'speed_rps = "12 rev/s"', "found '12 rev/s'; expected a number in rev/s"),
+    "a unit in a key": ("torque_nm = 7.1", "torque_mnm = 7100.0", "wrong unit: 'torque_mnm'; expected torque_nm (N·m)"),
+    "mm as m": ("tip_lever_m = 0.70", "tip_lever_m = 700.0", "700 m is no robot's lever, the longest is 20 m"),
+    "ms as s": ("sync_period_s = 0.002", "sync_period_s = 2", "bus.sync_period_s: found 2; expected at most 0.1 s"),
+    "a key twice": ("approach_rps = 10.0", "approach_rps = 1.0\napproach_rps = 2.0", "bench.toml:7: Cannot overwrite a value"),
+    "an unknown key": ("[constant_acceleration]", "[constant_acceleration]\njerk = 3", "unknown key 'jerk'; expected one of"),
+    "a table of another kind": ('name = "reference"', 'name = ["a"]', "name: found ['a']; expected a valid string"),
+    "a line left to type": ("reduction_ratio = 120.0", 'reduction_ratio = "TYPE: gear"', "found 'TYPE: gear'; expected a number"),
+    "no bus address": ('"local:/tmp/robot.sock"', '"robot"', "bus.address: 'robot' is not a bus address; expected INTERFACE"),
+    "beyond the speed limit": ("approach_rps = 10.0", "approach_rps = 1e9", "is above axis 2's speed_rps 12.0"),
+    "notch that ends early": ("start_rps = 4.0", "start_rps = 40.0", "start_rps 40.0 is not below end_rps 9.0"),
+}
+
+FILES = {
+    "bench.toml": TEXT,
+    "words.toml": "precious",
+    "empty.toml": "",
+    "x.log": "hello\nworld\n",
+    "columns.csv": "a,b\n1,2\n",
+    "old/result.json": '{"schema": 1}',
+    "other/result.json": '{"schema": 2, "kind": "cake"}',
+    "broken/result.json": "no",
+    "list/result.json": "[]",
+}
+
+COMMANDS = {
+    "an axis that is not there": (hil, (*RUN, "--axis", "7"), 3, "has no axis 7; it has 2, 3, 5"),
+    "an axis too many": (hil, ("run", "line-motion", "--axis", "2", "--bench", "reference"), 2, "takes no --axis"),
+    "a folder in use": (hil, (*RUN, "--out", "old"), 3, "old/result.json already exists, from an earlier command"),
+    "a file as a folder": (hil, (*RUN, "--out", "x.log"), 3, "x.log/runs: Not a directory"),
+    "no design file": (hil, (*TREATED, "notch-designed"), 3, "needs a design file: --design design.toml, from hil design notch"),
+    "an empty file": (hil, (*TREATED, "notch-designed", "--design", "empty.toml"), 3, "empty.toml:1: robot: is missing"),
+    "no TOML": (hil, (*TREATED, "cancellation", "--model", "words.toml"), 3, "words.toml:1: Expected '='"),
+    "a file that is missing": (hil, (*TREATED, "none", "--model", "no.toml"), 3, "no.toml: cannot be read"),
+    "a file of another kind": (hil, (*TREATED, "none", "--model", "bench.toml"), 3, "geometry: unknown key 'geometry'"),
+    "a model file to write": (hil, (*IDENTIFY, "--model", "words.toml"), 3, "words.toml:1: Expected '='"),
+    "a folder that is missing": (hil, (*IDENTIFY, "--model", "/no/m.toml"), 3, "/no/m.toml: cannot be written: there is no"),
+    "an option that is no number": (hil, (*IDENTIFY, "--bias-rps", "nan"), 2, "--bias-rps: 'nan': expected a finite number"),
+    "an order of 0": (hil, ("identify", "ate", "--axis", "2", "--bench", "reference", "--orders", "0"), 2, "must be above 0"),
+    "no log": (hil, ("explain", "x.log"), 3, "x.log: no frame in it: none of its 2 lines is one of candump's"),
+    "a design file to write": (
+        hil, ("design", "notch", "--axis", "2", "--bench", "reference", "--design", "bench.toml"), 3, "unknown key 'geometry'",
+    ),
+    "a recording without the motor": (
+        hil, ("identify", "ate", "--axis", "2", "--recording", "columns.csv", "--bench", "reference", "--model", "m.toml"), 3,
+        "columns.csv: no column is known as motor; give --column motor=NAME,UNIT; there are a, b",
+    ),
+    "an unknown treatment": (
+        hil, ("compare", "--bench", "reference", *NOWHERE, "--treatment", "none,cake"), 2, "--treatment cake: expected one of",
+    ),
+    "an old result": (hil, ("report", "old"), 3, "old/result.json: schema 1 is not 2, the one known here; run the command again"),
+    "a result of no kind": (hil, ("report", "other"), 3, "its kind is 'cake'; expected one of run, compare"),
+    "a result that is no JSON": (hil, ("report", "broken"), 3, "broken/result.json: no JSON"),
+    "a result without a schema": (hil, ("report", "list"), 3, "list/result.json: no result: it has no `schema`"),
+    "a result that is no text": (hil, ("report", "bytes"), 3, "result.json: no JSON: byte 0xff; expected UTF-8 text"),
+    "a value without its key": (drive_profiles, ("set", "gain", "--node", "2", *NOWHERE), 2, "'gain': expected OBJECT=VALUE"),
+    "no such profile": (drive_profiles, ("show", "cake"), 2, "no drive profile 'cake'; available: copley_plus"),
+    "no such interface": (drive_profiles, ("scan", "--bus", "cake:1"), 2, "unknown interface 'cake'; expected one of local"),
+    "a notch that lifts": (
+        drive_profiles, ("realise", "emulated_drive", "--speed-rps", "5.9", "--zeta-rn", "5"), 2,
+        "zeta_zero = 5 must be below zeta_pole = 0.1, else it is no notch",
+    ),
+    "a set that is none": (drive_profiles, ("upload", "bench.toml", "--node", "2", *NOWHERE), 3, "unknown key 'geometry'"),
+    "an assignment that is none": (plant_emulator, ("serve", "--drive", "3:x"), 2, "--drive 3:x: expected AXIS=VALUE, such as"),
+    "seeds backwards": (plant_emulator, ("fleet", "--seeds", "3-1", "--out", "q"), 2, "3-1 ends before it begins"),
+    "a robot that is a bench": (plant_emulator, ("serve", "--robot", "bench.toml"), 3, "axis.2.limits: unknown key 'limits'"),
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    (tmp_path / "bytes").mkdir()
+    (tmp_path / "bytes" / "result.json").write_bytes(b"\xff\xfe")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("HIL_BUS", raising=False)
+    return tmp_path
+
+
+def refused(app, arguments):
+    done = CliRunner().invoke(app, [*arguments])
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    assert "Traceback" not in done.output
+    return done.exit_code, " ".join(done.stderr.replace("Invalid value for ", "").replace("'--bias-rps'", "--bias-rps").split())
+
+
+@pytest.mark.parametrize(("found", "wrong", "words"), BENCHES.values(), ids=BENCHES)
+def test_a_mistake_in_a_bench_file_is_named_with_line_and_value(folder, found, wrong, words):
+    assert found in TEXT
+    (folder / "bench.toml").write_text(TEXT.replace(found, wrong, 1), encoding="utf-8")
+    status, said = refused(hil, RUN)
+    assert (status, said.startswith("bench.toml:")) == (3, True), said
+    assert words in said
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("app", "arguments", "status", "words"), COMMANDS.values(), ids=COMMANDS)
+def test_a_wrong_input_is_named_before_a_bus_is_looked_for(app, arguments, status, words):
+    code, said = refused(app, arguments)
+    assert (code, words in said) == (status, True), said
