@@ -25,7 +25,7 @@ ARM: style.Line = {"color": style.EDGE, "linestyle": "-", "linewidth": 2.0}
 BEFORE: style.Line = {"color": style.ORANGE, "linestyle": "-", "linewidth": 0.9}
 AFTER: style.Line = {"color": style.BLUE, "linestyle": "-", "linewidth": 1.6}
 """Lines of small loops, in which dashes could not be told; what acts is dark, strong and inside."""
-NOTHING = "nothing acting"
+NOTHING = "no treatment"
 GROUND_M = 0.1 * np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0]])
 """Corners of the plane on which the base stands."""
 TRIAD_M = 0.2

@@ -231,7 +231,7 @@ def window_words(material: Material, axis: int, order: int = SHADED_ORDER) -> st
     """Sentence on the shaded speeds."""
     window = material.window_rps(axis, order)
     if window is None:
-        return "Nothing is shaded, since the run is not judged."
+        return "Nothing is shaded: the run is not judged."
     words = {1: "first", 2: "second", 4: "fourth"}.get(order, f"{order}th")
     return f"Shaded: {window[0]:.3g} to {window[1]:.3g} rev/s, where the {words} harmonic crosses the resonance."
 
@@ -274,7 +274,7 @@ def limit_words(material: Material, axis: int, where: str = "") -> str:
     """
     f_al = material.f_al(axis)
     if f_al is None:
-        return "Without an f_al there is no frequency by which the specification becomes an acceleration."
+        return "Without f_al the specification cannot be converted to an acceleration."
     limit = limit_m_s2(material, f_al)
     return (
         f"Dotted: the specification of ±{material.bench.specification.tip_mm:g} mm as an acceleration, ±{limit:.3f} m/s²{where}."

@@ -72,8 +72,8 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
         f"{name[0].upper()}{name[1:]}: the tip, old and new",
         "",
         "measured",
-        f"Above: tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase, each from the beginning of its "
-        f"recording.{limit} Below: {below_words}",
+        f"Above: tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase, each from the beginning of "
+        f"its recording.{limit} Below: {below_words}",
         style.to_svg(figure, key, is_zoomable=True),
     )
 
@@ -126,7 +126,7 @@ def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
     panel.set(xlabel="Order k", ylabel="Amplitude A_k (arcsec)")
     panel.set_ylim(0.0, None)
     style.legend_above(figure, panel)
-    words = "Discs new, squares old, side by side at each order; bars: standard errors."
+    words = "Discs: new; squares: old; bars: standard errors."
     return Drawing(
         "errors-by-order", "Transmission error by order", "", "measured", words, style.to_svg(figure, "errors-by-order")
     )
@@ -148,7 +148,7 @@ def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:
     gain.set_ylabel(r"$|\theta_m/\tau|$ (dB re 1 rad/N·m)")
     phase.set(xlabel="Frequency (Hz)", ylabel="Phase (°)")
     style.legend_above(figure, gain)
-    words = "Frequency response on the excited lines of each."
+    words = "Frequency response of each result at its excited frequencies."
     svg = style.to_svg(figure, "responses", is_zoomable=True)
     return Drawing("responses", "Motor angle per torque", "", "measured", words, svg)
 

@@ -66,14 +66,14 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
         if f_al is None
         else f"Dotted: the specification of ±{robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
     )
-    below = " Below: their envelopes, in which lines that cover each other above lie apart." if overlaid else ""
-    behind = below if overlaid else " Behind each in orange: nothing acting, closed in the same place."
+    below = " Below: their envelopes, which separate lines that overlap above." if overlaid else ""
+    behind = below if overlaid else " Orange, behind each: no treatment, with the loop closed in the same place."
     return Drawing(
         key,
         title,
         "",
         "measured",
-        f"{direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase. "
+        f"{direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase. "
         f"{window} {limit}{behind}",
         svg,
     )
@@ -81,8 +81,8 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
 
 def _without_f_al(material: Material) -> str:
     if material.bench.arm is not None:
-        return "An arm's displacement is the acceleration integrated twice: its peaks are in the table."
-    return "Without a model there is no frequency by which the specification becomes an acceleration."
+        return "The peaks of the displacement, which is the acceleration integrated twice, are in the table."
+    return "Without a model the specification cannot be converted to an acceleration."
 
 
 def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> list[Drawing]:
@@ -297,7 +297,7 @@ def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
         "",
         "measured",
         f"Dotted line and shade: the specification of ±{robot.tip_mm:g} mm. Blue discs are within it, red squares outside; "
-        "the thin line leads to the peak with nothing acting, closed in the same place.",
+        "the thin line leads to the peak with no treatment and the loop closed in the same place.",
         style.to_svg(figure, key),
     )
 

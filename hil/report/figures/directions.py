@@ -68,7 +68,7 @@ def directions_of(material: Material, drawn: list[DrawnRun], axis: int | None, k
         "",
         "measured",
         f"Displacement of the tip in the base frame: its acceleration from {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz, "
-        f"integrated twice. Dotted: the specification of ±{limit:g} mm, which every direction has to keep. "
+        f"integrated twice. Dotted: the specification of ±{limit:g} mm, which holds for every direction. "
         f"{shaded}{_worst(runs)}",
         style.to_svg(figure, key, is_zoomable=True),
     )

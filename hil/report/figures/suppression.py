@@ -71,8 +71,8 @@ def _ramp(material: Material, axis: int, runs: list[DrawnRun], key: str) -> Draw
         f"{direction_words(material, axis).capitalize()} of the constant-acceleration runs, band-passed {band[0]:.3g} to "
         f"{band[1]:.3g} Hz without phase, "
         f"which is what the run is judged by{_scale_words(f_al)}. {window_words(material, axis)} {limit_words(material, axis)} "
-        f"Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are the "
-        f"bins').{_changes(material, runs)}",
+        "Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are those of the "
+        f"bins).{_changes(material, runs)}",
         style.to_svg(figure, key, is_zoomable=True),
     )
 

@@ -41,7 +41,7 @@ def test_it_writes_model_file_curves_and_report(tmp_path: Path) -> None:
     assert identified.axis[1].ate is not None
     assert identified.axis[1].ate.values.a2_arcsec == pytest.approx(7.2, abs=0.6)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    for title in ("Order spectrum of axis 1", "The longest stretch of axis 1", "from part to part", "Stretches"):
+    for title in ("Order spectrum of axis 1", "The longest stretch of axis 1", "part by part", "Stretches"):
         assert title in page
     assert json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))["kind"] == "identify-ate-recording"
 

@@ -177,6 +177,6 @@ def test_the_command_writes_the_masses_into_the_model_file_and_a_page(tmp_path):
     assert load_identified(model).arm == result.arm
     assert result.arm.axes == AXES
     page = (tmp_path / "arm" / "report.html").read_text()
-    assert "Where the arm rings along its line" in page
+    assert "Resonances of the arm along its line" in page
     assert "emulated" in page
     assert any(row.way_fraction is not None for row in result.measured if abs(row.joints_deg[1] - math.degrees(HOME[1])) < 2.1)
