@@ -195,7 +195,7 @@ def _walk(
     except (ExecutorsLostError, KeyboardInterrupt) as error:
         is_lost = isinstance(error, ExecutorsLostError)
         words = (
-            f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots are walked and kept; continue with --resume"
+            f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots are done and kept; continue with --resume"
         )
         raise fail(words, EmulatorExitStatus.BUS if is_lost else EmulatorExitStatus.INTERRUPTED) from None
 
@@ -258,7 +258,7 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
 
     rows = kept.rows()
     if not rows:
-        raise fail(f"{kept.folder}: no robot has been walked yet", EmulatorExitStatus.FILE)
+        raise fail(f"{kept.folder}: no robot has a result yet", EmulatorExitStatus.FILE)
     are_arms = kept.settings().kind == ARMS
     found = arm_claims(rows) if are_arms else claims_of(rows)
     whole = document(rows, found)

@@ -92,7 +92,7 @@ def test_the_bench_file_tells_the_mapping_to_one_who_comes_late():
 
 def test_a_mapping_that_is_not_known_gives_the_bus_signals_alone():
     _, found, _, _ = decoded(Traffic((2,)).run(50).heard())
-    assert set(found) == {"bus load", "misses", "SYNC distance"}
+    assert set(found) == {"bus load", "misses", "SYNC interval"}
 
 
 @pytest.mark.parametrize("pieces", [1, 30])

@@ -71,7 +71,7 @@ def test_one_robot_that_broke_makes_a_page_too(tmp_path):
 
 
 def test_no_robot_makes_no_page(tmp_path):
-    with pytest.raises(ValueError, match="no robot has been walked"):
+    with pytest.raises(ValueError, match="no robot has a result"):
         write_page(tmp_path / "report.html", [])
 
 
