@@ -38,7 +38,7 @@ from drive_profiles.upload.journal import Journal, UploadSnapshot, journal_path
 from drive_profiles.upload.result import Stored, UploadOptions, UploadReadBackError, UploadResult, UploadStatus
 
 MAX_PASSES = 3
-"""Number of attempts to put everything back, where writing one object changes another."""
+"""Number of attempts to restore everything, where writing one object changes another."""
 
 
 class Upload:

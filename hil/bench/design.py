@@ -96,7 +96,7 @@ def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> D
     """
     known = load_designs(path) if path.exists() else Designs(robot=robot)
     if known.robot != robot:
-        raise NotPossibleError(f"{path} holds filters of {known.robot!r}, this is {robot!r}: choose another file")
+        raise NotPossibleError(f"{path} holds filters of robot {known.robot!r}; expected {robot!r}; choose another file")
     updated = known.model_copy(update={"axis": {**known.axis, number: axis}})
     updated.save(path)
     return updated

@@ -48,7 +48,7 @@ BODIES_OFF = 0.05
 LARGE_MISFIT = 2.0
 """Misfit from which the postures contradict each other."""
 POOR_PERCENT = 2.0
-"""Standard error of a predicted dip from which one posture more is asked for."""
+"""Standard error of a predicted dip above which a note asks for one more posture."""
 
 
 class ArmNotIdentifiedError(HilError):
@@ -68,8 +68,7 @@ def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
     """
     if bench.arm is None:
         raise NotPossibleError(f"bench {bench.name!r} has no [arm]: a single axis is the same plant in every posture")
-    if identified.robot != bench.name:
-        raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    identified.check_robot(bench.name)
     postures = [(number, each) for number, axis in sorted(identified.axis.items()) for each in axis.posture]
     axes = tuple(number for number in bench.arm.axes if number in {each for each, _ in postures})
     count = max((sum(number == axis for number, _ in postures) for axis in axes), default=0)
@@ -103,7 +102,7 @@ class _Arm:
         return np.asarray(regressor(self.kinematics, joints_rad)[..., self.rows, :, :][..., :, self.rows, :])
 
     def around(self) -> Real:
-        """Postures all over the workspace, the other joints as they stood."""
+        """Postures all over the workspace, the other joints unchanged."""
         low, high = self.joints_rad[0].copy(), self.joints_rad[0].copy()
         home = self.arm.home_rad()
         for row, number in zip(self.rows, self.axes, strict=True):
@@ -121,7 +120,7 @@ class _Arm:
         try:
             fit = fit_masses(at, felt, self.regressors(around), made_up_masses(self.kinematics))
         except NoMassesError as error:
-            raise ArmNotIdentifiedError(_misfit_words(error.misfit, rigid)) from None
+            raise ArmNotIdentifiedError(f"no masses explain the measured modes: {_misfit_words(error.misfit, rigid)}") from None
         except TooFewPosturesError as error:
             there = _posture_words(self._posture_of(around[error.best]))
             raise ArmNotIdentifiedError(f"{error}; measure one more posture, such as --posture-deg {there}") from None
@@ -129,7 +128,7 @@ class _Arm:
         line, notes = self._line(fit, following)
         worst = max((e / hz for each in line for hz, e in zip(each.dips_hz, each.standard_error_hz, strict=True)), default=0.0)
         if fit.misfit > LARGE_MISFIT:
-            notes.append(_misfit_words(fit.misfit, rigid))
+            notes.append(f"the masses do not explain the measured modes well: {_misfit_words(fit.misfit, rigid)}")
         if 100.0 * worst > POOR_PERCENT:
             notes.append(
                 f"dips along the line are known to {100.0 * worst:.1f} % only; measure one more posture, best "
@@ -138,7 +137,7 @@ class _Arm:
         measured = self._measured(fit, felt, at)
         notes += _bodies_words(measured)
         if rigid:
-            notes.append(f"axes {', '.join(map(str, rigid))} were not identified: they count as rigid, and stay where they stood")
+            notes.append(f"axes {', '.join(map(str, rigid))} were not identified: they count as rigid, and keep their positions")
         return ArmResult(
             bench=self.bench.name,
             started_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -254,14 +253,11 @@ def _bodies_words(measured: Sequence[MeasuredDip]) -> list[str]:
 
 
 def _misfit_words(misfit: float, rigid: Sequence[int]) -> str:
-    """Sentence on postures that no masses explain."""
-    words = (
-        f"no masses explain the measured modes: the misfit is {misfit:.1f} standard errors; check that no load was "
-        "changed and every posture was kept"
-    )
+    """Misfit of the fitted masses, and what to check."""
+    words = f"misfit of {misfit:.1f} standard errors; check that no load was changed and every posture was kept"
     if rigid:
         words += f", and that axes {', '.join(map(str, rigid))}, which were not identified and count as rigid, do not swing along"
-    return f"{words}?"
+    return words
 
 
 def _nearest(hz: float, dips_hz: Sequence[float]) -> float:

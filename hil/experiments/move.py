@@ -150,7 +150,7 @@ class MoveOutcome:
     Attributes:
         stands_rev: Position of the motor after the move; None after a stop.
         stopped: Reason why the move was stopped, or None.
-        not_restored: Objects that could not be put back in the nodes.
+        not_restored: Objects that could not be restored in the nodes.
     """
 
     stands_rev: float | None
@@ -241,7 +241,7 @@ def _planned(session: Session, request: MoveRequest) -> Move:
     limits = axis.table.limits
     here = axis.position_rad() / math.tau
     to_rev = here + request.by_rev if request.to_rev is None and request.by_rev is not None else float(request.to_rev or 0.0)
-    check_position(request.axis, to_rev, limits, f"it stands at {rev_text(here)} rev; choose one within {name_range(limits)}")
+    check_position(request.axis, to_rev, limits, f"its position is {rev_text(here)} rev; choose one within {name_range(limits)}")
     speed_rps = min(bench.approach_rps, SLOW_FRACTION * limits.speed_rps)
     return Move(request, here, to_rev, speed_rps, axis.fault(), with_room(bench, request.axis, here))
 

@@ -163,7 +163,7 @@ def design(
             if given_verdict is None:
                 raise NotPossibleError(f"axis {request.axis}: the bench file gives it no notch")
             if not given_verdict.holds:
-                failure = InfeasibleError(request.axis, "the given filters miss what is asked", given_verdict.missed)
+                failure = InfeasibleError(request.axis, "the given filters do not meet every requirement", given_verdict.missed)
         elif bare := _bare_failure(request.axis, none):
             failure, designed = bare, none
         else:
@@ -224,9 +224,9 @@ class _Series:
         self.failure = None
         self.best = pooled_verdict(self.problem, fixed, self.orders, self.pool)
         if not self.best.holds:
-            what = "the filters together miss what is asked"
+            what = "the filters together do not meet every requirement"
             if self.best.is_harmless:
-                what = "the best filters within all margins still miss the limits of the tip"
+                what = "the best filters within all margins do not meet the limits of the tip"
             self.failure = InfeasibleError(axis, what, self.best.missed)
         return self
 

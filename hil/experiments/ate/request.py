@@ -164,8 +164,8 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
     """
     if axis not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
-    if identified is not None and identified.robot != bench.name:
-        raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    if identified is not None:
+        identified.check_robot(bench.name)
     part_of = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
     if part_of is not None:
         values = part_of.values

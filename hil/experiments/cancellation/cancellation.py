@@ -408,8 +408,8 @@ def treated_model(bench: Bench, identified: Identified | None, number: int) -> M
     Raises:
         NotPossibleError: The model file is another robot's, or the bench has no such axis.
     """
-    if identified is not None and identified.robot != bench.name:
-        raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    if identified is not None:
+        identified.check_robot(bench.name)
     if number not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {number}")
     model = (bench if identified is None else with_identified(bench, identified)).axis[number].model

@@ -36,7 +36,7 @@ class ComparisonOutcome:
 
     @property
     def not_restored(self) -> list[str]:
-        """Objects that could not be put back in the nodes."""
+        """Objects that could not be restored in the nodes."""
         return [what for robot in self.result.robots for what in robot.not_restored]
 
 

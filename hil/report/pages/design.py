@@ -53,7 +53,7 @@ def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
     if failure is not None:
         headline = "The given filters miss a requirement" if outcome.request.is_given else "No filter meets all requirements"
         if outcome.is_usable and not outcome.request.is_given:
-            headline = "The best filters within all margins still miss the limits of the tip"
+            headline = "The best filters within all margins do not meet the limits of the tip"
         return PageVerdict("bad", "✘", headline, (failure.what, *(str(check) for check in failure.missed)))
     best = outcome.best
     which = "The given filters meet" if outcome.request.is_given else "The designed filters meet"

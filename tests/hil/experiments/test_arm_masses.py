@@ -110,7 +110,7 @@ def test_postures_that_contradict_each_other_are_said_to_and_refused_where_no_ma
     modes = (wrong.model_copy(update={"antiresonance_hz": factor * wrong.antiresonance_hz}), *known.axis[2].posture[0].mode[1:])
     posture = known.axis[2].posture[0].model_copy(update={"mode": modes})
     axis = known.axis[2].model_copy(update={"posture": (posture, *known.axis[2].posture[1:])})
-    said = "no masses explain the measured modes: the misfit is .* axes 1, 4, 6, which were not identified"
+    said = "no masses explain the measured modes: misfit of .* axes 1, 4, 6, which were not identified"
     if is_refused:
         with pytest.raises(ArmNotIdentifiedError, match=said):
             identify_arm(BENCH, known.model_copy(update={"axis": {**known.axis, 2: axis}}))

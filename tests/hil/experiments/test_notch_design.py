@@ -285,7 +285,7 @@ def test_the_best_filter_is_given_where_it_still_misses_the_limit_of_the_tip():
     )
     outcome = design(BENCH, request)
     assert outcome.is_usable
-    assert "still miss the limits of the tip" in str(outcome.failure)
+    assert "do not meet the limits of the tip" in str(outcome.failure)
     assert designed_axis(outcome).notch
 
 
