@@ -252,7 +252,7 @@ class _TourRunner:
                 if item is None or item.value != value:
                     raise NotPossibleError(f"axis {axis}: notch_{column}.{key} is not the same in parameter set and design file")
 
-    def still_there(self) -> tuple[str, str]:
+    def read_back(self) -> tuple[str, str]:
         """Check that the drives still have the uploaded sets.
 
         Every run should have restored its changes.
@@ -389,7 +389,7 @@ def _told(runner: _TourRunner, request: ComparisonRequest, comparisons: list[Com
         request = replace(request, treatments=left, named=frozenset(left))
     runner.step("run side by side", lambda: _side_by_side(runner, request, comparisons))
     if designed:
-        runner.step("read back after the runs", runner.still_there)
+        runner.step("read back after the runs", runner.read_back)
     return request
 
 

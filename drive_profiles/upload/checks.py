@@ -14,7 +14,7 @@ from drive_profiles.parameter_set.steps import pdo_of
 from drive_profiles.upload.result import UploadOptions
 
 
-def against_identity(device: Device, header: Header, identity: DeviceIdentity, options: UploadOptions) -> list[str]:
+def identity_refusals(device: Device, header: Header, identity: DeviceIdentity, options: UploadOptions) -> list[str]:
     """Return reasons why profile, EDS or set do not fit the device.
 
     The result is empty if all fit.
@@ -61,12 +61,12 @@ def warnings_for(parameter_set: ParameterSet, identity: DeviceIdentity, writes: 
     if parameter_set.is_edited:
         said.append("the set has been edited since it was written")
     other = _other_device(header, identity)
-    if other and writes:  # refused unless that was asked for: see `against_values`
+    if other and writes:  # refused unless that was asked for: see `value_refusals`
         said.append(f"the set is of another device ({other})")
     return said
 
 
-def against_values(
+def value_refusals(
     device: Device, header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions
 ) -> list[str]:
     """Return reasons why these values must not go to this device.

@@ -57,7 +57,7 @@ def try_filters(
         runs.once_more()
         changes = runs.seen()
         peaks = _that_count(changes, judged_orders(scale, shown_rps(bench)) if scale.windows_rps else ())
-        if peaks[0].stands(RISE_SIGMAS) or (peaks[0].is_excluded and any(peak.is_fall for peak in peaks)):
+        if peaks[0].exceeds(RISE_SIGMAS) or (peaks[0].is_excluded and any(peak.is_fall for peak in peaks)):
             break
     return _entry(peaks, changes, runs.count)
 

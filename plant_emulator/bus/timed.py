@@ -13,7 +13,7 @@ from plant_emulator.world import FREE_STEP_NS, World
 
 FIRST_CLIENT = 1000
 """Ports of clients count from here; a node's port is its node-ID."""
-SETTLE_NS = 100_000_000
+DRAIN_NS = 100_000_000
 """Longest wait of a frame outside of a SYNC cycle for a bus that others keep busy, in ns."""
 
 
@@ -126,7 +126,7 @@ class TimedBus:
             heard += self.run(min(until, self.world.now + FREE_STEP_NS))
         return heard
 
-    def settle(self, mark: int | None = None) -> list[HeardFrame]:
+    def drain(self, mark: int | None = None) -> list[HeardFrame]:
         """Let time pass until all frames and answers are sent.
 
         Args:
@@ -134,7 +134,7 @@ class TimedBus:
                 Frames that a fault had delayed before, and faults to come, are not waited for.
         """
         mark = self.wire.mark if mark is None else mark
-        return self.run(self.world.now + SETTLE_NS, lambda: not self.wire.is_waiting(mark))
+        return self.run(self.world.now + DRAIN_NS, lambda: not self.wire.is_waiting(mark))
 
     def begin_cycles(self) -> None:
         """Let the next SYNC of the clock's holder begin a cycle."""

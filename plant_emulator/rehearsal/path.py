@@ -203,12 +203,12 @@ class _Walk:
         if not causes or model is None:
             return None
 
-        def anew(robot: Robot, bench: Bench) -> float | None:
+        def rerun(robot: Robot, bench: Bench) -> float | None:
             options = replace(self.options, with_design=False, with_probes=False, with_causes=False)
             return walk(robot, bench, self.folder / "without", options).end_tip_mm
 
         left_out = self.left_out.get(name, ())
-        return tip_without(causes, PathEnd(self.robot, self.bench, self.axis, model, left_out), anew)
+        return tip_without(causes, PathEnd(self.robot, self.bench, self.axis, model, left_out), rerun)
 
 
 def _ended(act: Callable[[], Note]) -> StepRecord:

@@ -147,7 +147,7 @@ class RobotAxis(PlantTable):
         for order in ORDERS:
             row[f"a{order}_rad"] = getattr(self.ate, amplitude_key(order)) * ARCSEC
             row[f"phi{order}_rad"] = math.radians(getattr(self.ate, phase_key(order)))
-        row["is_more"] = float(bool(self.ate.more))
+        row["has_more_orders"] = float(bool(self.ate.more))
         row["more_orders"], row["more_rad"], row["more_phi_rad"] = 0.0, 0.0, 0.0
         for column, line in enumerate(self.ate.more):
             row["more_orders"][column], row["more_rad"][column] = line.order, line.a_arcsec * ARCSEC

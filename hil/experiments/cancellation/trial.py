@@ -172,7 +172,7 @@ class _Protocol:
             if rise is not None:
                 is_over = not rise.is_open or runs >= MOST_WHOLE
                 part = (
-                    windows.riser(self._looks, used, rise, 0.0 if is_over else OPEN_SLACK) if rise.stands(LAST_SIGMAS) else None
+                    windows.riser(self._looks, used, rise, 0.0 if is_over else OPEN_SLACK) if rise.exceeds(LAST_SIGMAS) else None
                 )
                 if is_over or part is None:
                     return None if part is None else (part, rise)

@@ -17,8 +17,8 @@ from hil.report.arm_motion import (
     round_down,
     walked,
 )
-from hil.report.drawn_run import line_words
 from hil.report.material import Material
+from hil.report.plotted_run import line_words
 from hil.report.projection import ABOVE, ANGLE, SIDE
 from hil.report.style import Drawing, Line, Real
 

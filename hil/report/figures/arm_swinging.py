@@ -16,8 +16,8 @@ from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import IdentifiedArm
 from hil.report import style
 from hil.report.arm_motion import MovedArm, draw_directions, draw_ground, draw_skeleton, fit_limits, moved_arms, round_down
-from hil.report.drawn_run import line_words
 from hil.report.material import Material
+from hil.report.plotted_run import line_words
 from hil.report.projection import ANGLE, View, fullest
 from hil.report.style import Drawing, Line, Real
 from hil.tip_swing import MOST_SWINGS, Swing, resonances_hz, spectrum_mm, swing

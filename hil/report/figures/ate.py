@@ -18,10 +18,10 @@ from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style
-from hil.report.drawn_run import smooth_spectrum
 from hil.report.order_names import BY_ORDER, order_words, symbol, symbol_of
 from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
+from hil.report.plotted_run import smooth_spectrum
 from hil.report.style import Drawing, Real
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number, value_and_error
 from hil.results.ate import AteResult, AteRun

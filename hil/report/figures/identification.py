@@ -6,8 +6,8 @@ from hil.analysis import motor_speed_rps
 from hil.design.transmission_error import arm_response
 from hil.recording import Recording
 from hil.report import style
-from hil.report.drawn_run import FEWEST, judged_samples, limit_m_s2, limit_words, smooth_spectrum
 from hil.report.material import CONSTANT_ACCELERATION, Material
+from hil.report.plotted_run import FEWEST, judged_samples, limit_m_s2, limit_words, smooth_spectrum
 from hil.report.style import Drawing, Real
 
 

@@ -12,7 +12,6 @@ from hil.control.treatments import treatment
 from hil.experiments.plan import outside
 from hil.experiments.treatment import TITLES
 from hil.report import style
-from hil.report.drawn_run import key_end, shown_runs
 from hil.report.figures import (
     arm_along_line,
     arm_swinging,
@@ -28,6 +27,7 @@ from hil.report.figures import (
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.plotted_run import key_end, shown_runs
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables import paper_runs as tables

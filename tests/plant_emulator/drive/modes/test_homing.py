@@ -95,7 +95,7 @@ class Bare:
             self.axes.advance(WAKE_TICKS)
             self.inputs.dispatch()
             self.worst_rev = [min(self.worst_rev[0], self.rev), max(self.worst_rev[1], self.rev)]
-            demand = homing.step(self.inputs.levels, self.edges, self.latches, self.axes.counts(0), self.stands(demand))
+            demand = homing.step(self.inputs.levels, self.edges, self.latches, self.axes.counts(0), self.is_at_rest(demand))
             self.edges = 0
             if demand != self.demands[-1]:
                 self.demands.append(demand)
