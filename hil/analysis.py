@@ -374,8 +374,8 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, s
     top_rps, resonant_rps = float(np.max(np.abs(motor_speed_rps(recording, axis))[inside])), scale.f_al_hz / order
     if top_rps < resonant_rps:
         raise ValueError(
-            f"the ramp is at {top_rps:.2f} rev/s when it brakes; order {order} meets f_al = {scale.f_al_hz:.2f} Hz at "
-            f"{resonant_rps:.2f} rev/s: raise end_rps of constant_acceleration"
+            f"the ramp reaches {top_rps:.2f} rev/s before it brakes; order {order} meets f_al = {scale.f_al_hz:.2f} Hz at "
+            f"{resonant_rps:.2f} rev/s; raise end_rps of constant_acceleration"
         )
     acceleration, period = recording.felt_m_s2, recording.period_s
     displacement = tip_displacement_mm(acceleration, period, scale)

@@ -153,7 +153,7 @@ class Parameter(Fact):
         value: Value = self.default
         if self.is_bytes and self.data_type != "VISIBLE_STRING":
             if not isinstance(self.default, str):
-                raise ValueError("bytes are written as hexadecimal text")
+                raise ValueError("expected bytes as hexadecimal text")
             value = bytes.fromhex(self.default)
         elif self.type.is_real and isinstance(self.default, int):
             value = float(self.default)
@@ -246,7 +246,7 @@ class Parameter(Fact):
         if self.scale == 1.0 and not self.unit and not self.type.is_real and isinstance(value, float) and not value.is_integer():
             # a choice or a count is refused where a quantity would be rounded to the drive's step
             raise OutOfRangeError(
-                self.written_address, value, self.unit, f"is not a whole number, which a {self.data_type} takes"
+                self.written_address, value, self.unit, f"is not a whole number, which a {self.data_type} needs"
             )
         raw = self.raw(value, scaling)
         return encode(self.type, bool(raw) if self.data_type == "BOOLEAN" else raw)

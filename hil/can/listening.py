@@ -160,7 +160,7 @@ class LocalListener(_Listening):
     def _read(self) -> bytes | None:
         message = self._gathered(lambda flags: self._socket.recv(_HEARD_BYTES, flags))
         if message == b"":
-            raise OSError("the other end has closed it")
+            raise OSError("the other end has closed the connection")
         return message
 
     def take(self) -> ReceivedFrames:

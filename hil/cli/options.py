@@ -97,7 +97,9 @@ def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:
             what = f"{text!r} is no inertia; expected e.g. 2.6e-4, or 2=2.6e-4 for axis 2"
             raise typer.BadParameter(what, param_hint=INERTIA) from None
         if axis is None:
-            raise typer.BadParameter(f"{text} names no axis; with several, give e.g. 2={text} for axis 2", param_hint=INERTIA)
+            raise typer.BadParameter(
+                f"{text} has no axis number; with several, give e.g. 2={text} for axis 2", param_hint=INERTIA
+            )
         if not LEAST_INERTIA_KG_M2 <= inertia <= MOST_INERTIA_KG_M2:
             limits = f"{LEAST_INERTIA_KG_M2:g} to {MOST_INERTIA_KG_M2:g}"
             raise typer.BadParameter(f"{text}: a motor has {limits} kg·m²", param_hint=INERTIA)

@@ -111,7 +111,7 @@ def _ask(what: str) -> str:
 def _numbered(drives: list[FoundNode]) -> dict[int, FoundNode]:
     """Drives by the number of their axis, which is their node-ID."""
     if not drives:
-        raise NotPossibleError("no drive answers: a bench needs one")
+        raise NotPossibleError("no drive answers; a bench needs at least one")
     return {drive.node: drive for drive in drives}
 
 

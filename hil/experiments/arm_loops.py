@@ -170,12 +170,12 @@ def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Seq
     postures, notes = _postures(bench, masses.arm, axis)
     if masses.known is not None:
         known = f"{masses.known.postures} postures, dips to {100.0 * masses.known.dip_error:.1f} %"
-        notes.append(f"axis {axis}: masses were identified from {known}")
+        notes.append(f"axis {axis}: the masses come from {known}")
     rigid = [number for number in masses.arm.axes if number not in elastic]
     if rigid:
         notes.append(
-            f"axis {axis}: for lack of a model {_axes_words(rigid)} taken as rigid; the arm rings at lower "
-            "frequencies than computed"
+            f"axis {axis}: {_axes_words(rigid)} taken as rigid, because their models are missing; the arm's resonances are "
+            f"lower than computed"
         )
     laws = _laws(bench, [number for number in numbers if number != axis], elastic, law)
     if len(laws) < len(numbers) - 1:

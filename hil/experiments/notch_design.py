@@ -161,7 +161,7 @@ def design(
         given_verdict = pooled_verdict(problem, given, orders, pool) if given else None
         if request.is_given:
             if given_verdict is None:
-                raise NotPossibleError(f"axis {request.axis}: the bench file gives it no notch")
+                raise NotPossibleError(f"axis {request.axis}: the bench file has no notch for it")
             if not given_verdict.holds:
                 failure = InfeasibleError(request.axis, "the given filters do not meet every requirement", given_verdict.missed)
         elif bare := _bare_failure(request.axis, none):
@@ -209,7 +209,7 @@ class _Series:
         axis = self.request.axis
         fixed = tuple(notch for notch in given if notch.order not in self.orders and notch.mode != NOTCH_OFF)
         if len(fixed) + len(self.orders) > NOTCHES:
-            raise NotPossibleError(f"axis {axis}: {len(fixed)} filters of other orders leave no room; an axis has {NOTCHES}")
+            raise NotPossibleError(f"axis {axis}: {len(fixed)} filters of other orders leave no room for more than {NOTCHES}")
         found = False
         for number, order in enumerate(self.orders):
             result = self._search(number, order, fixed, [notch for notch in given if notch.order == order])
@@ -321,8 +321,8 @@ def check_drive(bench: Bench, axis: int) -> None:
     if profile.notch is None or profile.notch.form != "variable" or missing:
         has = "no filter" if profile.notch is None else f"a filter of the form {profile.notch.form!r}"
         raise NotPossibleError(
-            f"axis {axis}: drive family {profile.label} has {has}, no notch that follows the speed: no parameter set can be made "
-            "of this design; drive-profiles realise shows what it makes of one speed"
+            f"axis {axis}: drive family {profile.label} has {has}, but no notch that follows the speed, so there is no "
+            f"parameter set; drive-profiles realise shows the result at one speed"
         )
 
 

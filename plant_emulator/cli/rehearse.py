@@ -120,7 +120,7 @@ def rehearse(
             return
         named = _seeds(seeds)
         if arms and over_bus:
-            raise fail("--arms walks arms in this process; leave --over-bus out", EmulatorExitStatus.USAGE)
+            raise fail("--arms runs in this process; leave --over-bus out", EmulatorExitStatus.USAGE)
         executors = _executors(on, jobs, keep=keep)
         kept = Kept(out)
         kept.begin(RehearsalSettings(ARMS if arms else kind, over_bus), resume=resume)

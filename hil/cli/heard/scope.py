@@ -150,7 +150,7 @@ def _show_bus(
     finally:
         listener.close()
     if source.lost:
-        say(f"{source.lost} messages of the bus came faster than they were taken, and are not shown")
+        say(f"{source.lost} messages of the bus came too fast, and are not shown")
 
 
 def _title(bench: "Bench | None", address: "Address") -> str:

@@ -367,11 +367,11 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
     for order, amplitude in estimate.error.amplitude_arcsec.items():
         if not is_seen(estimate, order):
             sigma = estimate.amplitude_error_arcsec[order]
-            identification.notes.append(f"A_{order:g} is not seen ({amplitude:.2g} ± {sigma:.2g}″): the model file has none")
+            identification.notes.append(f"A_{order:g} is not significant ({amplitude:.2g} ± {sigma:.2g}″): not in the model file")
     peak = max(float(np.max(np.abs(each.recording.axis(request.axis, "torque_nm")))) for each in identification.passes)
     if peak >= SATURATED_TORQUE_FRACTION * table.limits.torque_nm:
         identification.notes.append(
-            f"the motor torque reached {peak:.3g} N·m, its limit is {table.limits.torque_nm:g} N·m: a slower ramp is better"
+            f"the motor torque reached {peak:.3g} N·mof at most {table.limits.torque_nm:g} N·m: a slower ramp is better"
         )
     if request.sensorless:
         fraction = knowledge.arm_inertia_fraction

@@ -59,8 +59,8 @@ class OrderWatch:
             elif way > room:
                 why = f"a ramp to there takes {way:.1f} rev of travel, {room_words(self.bench, self.axis)}"
             words.append(
-                f"order {order:g} meets the arm at {needed_rps:.2f} rev/s, which the ramps do not reach ({why}): A_{order:g} is "
-                "from the foot of its resonance"
+                f"order {order:g} meets the arm at {needed_rps:.2f} rev/s, which the ramps do not reach ({why}): A_{order:g} "
+                f"comes from the lower edge of its resonance"
             )
         return words
 

@@ -112,11 +112,11 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
         )
     if estimate.modes:
         sentences.append(
-            "J_l and K_g are those of the leading mode alone, as its f_a and the tip ask for them; whether modes depend on the "
+            "J_l and K_g are those of the leading mode alone, which fit its f_a and the tip; whether modes depend on the "
             "amplitude or the load, and how they move with the posture"
         )
     if estimate.tip is None:
-        sentences.append("the tip lever, and whether it was this axis that moved: what tells the tip is not in the fit")
+        sentences.append("the tip lever, and whether it was this axis that moved: the tip is not in the fit")
     return tuple(sentences)
 
 

@@ -123,9 +123,7 @@ class PlantIdentification:
             return self.request.excitation
         can = takes_torque_offset(self.drive.profile)
         if not can:
-            self.remarks.append(
-                f"drive family {self.drive.profile.label} takes no torque offset: the reference is excited instead"
-            )
+            self.remarks.append(f"drive family {self.drive.profile.label} has no torque offset: the reference is excited instead")
         return "torque" if can else "reference"
 
     def perform(self) -> PlantEvaluation:
@@ -325,7 +323,7 @@ class PlantIdentification:
         amplitude = min(largest, LARGEST_RISE * small)
         if amplitude <= 0.02 * small:
             raise self._refused(
-                f"no amplitude fits: without any excitation the {self._limited_by} already is at its limit (transmission "
+                f"no amplitude fits: without any excitation the {self._limited_by} is at its limit already (transmission "
                 f"error at {self.travel.bias_rps:.2g} rev/s: {rest.speed_rps:.2g} rev/s, {rest.tip_m_s2:.2g} m/s²); another "
                 "--bias-rps moves it away from the resonance",
                 causes=("limits",),

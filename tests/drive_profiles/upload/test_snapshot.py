@@ -69,7 +69,7 @@ def test_commands_and_what_is_read_only_were_never_written_and_do_not_go_back():
 
 @pytest.mark.parametrize("old", [{}, {(0x6040, 0): b"\x0f\0"}, {(0x6041, 0): b"\0\0"}])
 def test_a_snapshot_without_anything_to_write_back_is_refused(old):
-    with pytest.raises(RefusedError, match="holds nothing that could be written back"):
+    with pytest.raises(RefusedError, match="holds nothing that can be restored"):
         as_set(snapshot(old), DRIVE)
 
 

@@ -46,5 +46,5 @@ def test_the_tools_direction_is_given_by_roll_pitch_and_yaw():
 
 
 def test_a_line_without_length_is_refused():
-    with pytest.raises(LineError, match="start_m and end_m are one place"):
+    with pytest.raises(LineError, match="start_m and end_m are equal"):
         arm_line(FOUR, motion("end_m = { x = 0.5, z = 0.45 }"))

@@ -36,7 +36,7 @@ def test_a_class_that_nobody_has_defined_is_no_event(can_id):
         (error(CONTROLLER, 0, 0x40), "error-active again", ""),
         (error(CONTROLLER, 0, 0x01), "lost in the controller's receive buffer", "overflow"),
         (error(CONTROLLER, 0, 0x02), "transmit buffer", ""),
-        (error(CONTROLLER), "no known kind", ""),
+        (error(CONTROLLER), "unknown controller problem", ""),
         (error(PROTOCOL, 0, 0, 0x84), "protocol violation (bit stuffing error, while sending)", ""),
         (error(PROTOCOL), "protocol violation", ""),
         (error(0x001), "could not be sent in time", ""),
@@ -44,7 +44,7 @@ def test_a_class_that_nobody_has_defined_is_no_event(can_id):
         (error(0x010), "transceiver", ""),
         (error(0x020), "no node acknowledges", ""),
         (error(0x080), "bus error", ""),
-        (error(COUNTERS), "error counters: sent 0, received 0", ""),
+        (error(COUNTERS), "error counters: transmit 0, receive 0", ""),
         (error(CONTROLLER | BUS_OFF, 0, 0x20), "bus-off; error-passive by sent frames", "lost warning"),
     ],
 )  # fmt: skip

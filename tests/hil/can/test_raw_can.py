@@ -122,7 +122,7 @@ def test_a_warning_is_counted_told_and_handed_on(wire, state):
     assert wire.channel.receive(1.0) == Frame(0x123, b"")
     assert wire.channel.error_warnings == 1
     assert wire.channel.overflows == 0
-    assert "error counters: sent 97" in wire.channel.reports[0]
+    assert "error counters: transmit 97" in wire.channel.reports[0]
 
 
 def test_a_controller_that_recovers_gives_no_warning_but_a_word(wire):

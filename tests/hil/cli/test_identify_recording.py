@@ -79,7 +79,7 @@ def test_a_layout_file_says_columns_units_and_ratio(tmp_path: Path) -> None:
         (("--recording", JOINT_1, "--axis", "1", "--ratio", "120"), 3, "the encoders show 120.91; check whether it is 121"),
         (("--recording", JOINT_1, "--axis", "4"), 3, "no column is known as motor"),
         (("--recording", "nothing.csv", "--axis", "1"), 3, "there is no such file"),
-        (("--recording", JOINT_1, "--axis", "1", "--column", "speed=x"), 2, "is no column"),
+        (("--recording", JOINT_1, "--axis", "1", "--column", "speed=x"), 2, "is not a column"),
         (("--recording", JOINT_1, "--axis", "1", "--column", "motor=encoder_motorinc_1,furlong"), 3, "is not a unit of motor"),
         (("--recording", JOINT_1, "--axis", "6", "--orders", "0.2,1,2"), 9, "need 10"),
         (("--recording", JOINT_1, "--axis", "1", "--encoder"), 2, "the columns name the encoders"),

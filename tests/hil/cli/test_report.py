@@ -82,7 +82,7 @@ def test_a_result_of_the_schema_before_is_told_with_what_to_do(tmp_path):
     (tmp_path / "result.json").write_text(json.dumps(old), encoding="utf-8")
     code, output = report(tmp_path)
     assert code == 3
-    assert f"{tmp_path / 'result.json'}: schema 1 is not 2, the one known here; run the command again" in output
+    assert f"{tmp_path / 'result.json'}: schema 1; expected 2; run the command again" in output
     assert not (tmp_path / "report.html").exists()
 
 

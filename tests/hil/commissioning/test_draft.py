@@ -70,7 +70,7 @@ def test_a_device_that_may_be_several_is_not_taken_for_one(tmp_path):
     assert document["axis"]["2"]["limits"]["torque_nm"].startswith("TYPE:")
     path = tmp_path / "bench.toml"
     path.write_text(text)
-    with pytest.raises(DriveProfileError, match=r"axis\.2\.profile.*is still to be typed"):
+    with pytest.raises(DriveProfileError, match=r"axis\.2\.profile.*is not filled in yet"):
         load_bench(path)
 
 

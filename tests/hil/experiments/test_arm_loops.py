@@ -216,7 +216,7 @@ def test_masses_identified_from_three_postures_do_instead_of_bodies():
     known = model_file()
     identified = known.with_arm(identify_arm(BENCH, known).arm)
     found = loops_of(believed(arm=BENCH.arm), 2, identified=identified)
-    assert "masses were identified from 3 postures, dips to 0." in " ".join(found.notes)
+    assert "the masses come from 3 postures, dips to 0." in " ".join(found.notes)
     notch, speeds = replace(TABLE_3[2], hysteresis_rps=0.0), np.arange(4.0, 9.01, 0.05)
     nominal = [case for case in found.loops.cases if "frequencies" not in case.label]
     held = worst(replace(found.loops, cases=tuple(nominal)), (notch,), ("at the end of the line", "motors held"), speeds)

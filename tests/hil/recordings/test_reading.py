@@ -155,7 +155,7 @@ def test_an_angle_that_begins_anew_goes_on(tmp_path):
     ("angles", "said"),
     [
         (np.mod(np.arange(ROWS) * 160.0, 360.0), "the direction is not known"),
-        (np.where(np.arange(ROWS) < 100, 0.0, 1300.0) + np.arange(ROWS), "does not begin anew after one revolution"),
+        (np.where(np.arange(ROWS) < 100, 0.0, 1300.0) + np.arange(ROWS), "does not wrap after one revolution"),
     ],
 )
 def test_an_angle_that_cannot_be_followed_is_refused(tmp_path, angles, said):

@@ -236,7 +236,7 @@ def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joi
     if "torque" in roles:
         return "motor torque"
     raise ContradictedError(
-        f"{files[0].path}: no signal beside the motor angle is in every file; one of joint angle, tip "
+        f"{files[0].path}: no signal except the motor angle is in every file; one of joint angle, tip "
         "acceleration or motor torque is needed; name it, for example with --column load=NAME,UNIT"
     )
 

@@ -198,7 +198,7 @@ def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[floa
         )
         learning.outcomes[part] = PartOutcome(part, "not reached", words=words)
     if not parts:
-        raise NotPossibleError(f"no order comes into the band, {low:g} to {high:g} Hz; the motion is too slow to learn on it")
+        raise NotPossibleError(f"no order reaches the band, {low:g} to {high:g} Hz; the motion is too slow to learn on it")
     return parts
 
 
