@@ -58,7 +58,7 @@ class NotchDesignOutcome:
         source: Source of the plant, in words.
         request: Request of the design.
         problem: Problem that was solved.
-        f_al_hz: Peak of |G_al| of the believed plant without a filter.
+        f_al_hz: Peak of |G_al| of the nominal plant without a filter.
         none: Verdict without filters.
         given: Verdict on the bench file's filters; None without them.
         designed: Verdict on the best filters, or those that miss least; None if only the given ones were judged.
@@ -110,7 +110,7 @@ class NotchDesignOutcome:
         return verdict
 
     def loop(self, notches: Sequence[Notch] = ()) -> Loop:
-        """Loop around the believed plant."""
+        """Loop around the nominal plant."""
         return self.problem.loop(self.problem.members[0], notches)
 
 

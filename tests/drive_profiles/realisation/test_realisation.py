@@ -434,9 +434,7 @@ class TestZeroPole:
 
     def test_an_unknown_discretisation_is_a_doubt_about_the_damping(self):
         profile = zero_pole_drive("not known", zero_q={"maximum": 100.0})
-        with pytest.raises(
-            NotRealisableError, match=r"the damping of the zeros may be off by 0\.0023, 8 %"
-        ):
+        with pytest.raises(NotRealisableError, match=r"the damping of the zeros may be off by 0\.0023, 8 %"):
             realise(profile, NOTCH)
         assert realise(profile, NOTCH, period_s=31.25e-6).is_exact
 

@@ -78,7 +78,7 @@ SAY = "from hil.core.library import CORE; print(round(CORE.call.lowpass_blend(20
 def test_a_core_that_is_missing_or_stale_is_built_on_import_and_one_that_cannot_be_is_refused(tmp_path):
     folder = copied(tmp_path)
     nothing = run(folder, SAY, CC="/no/cc")
-    assert "law.native does not belong to its sources, and cannot be rebuilt: /no/cc cannot be started" in nothing.stderr
+    assert "law.native was built from other sources, and cannot be rebuilt: /no/cc cannot be started" in nothing.stderr
     assert run(folder, SAY).stdout == "0.03093\n"
     assert run(folder, SAY, CC="/no/cc").stdout == "0.03093\n", "what is built is kept"
     source = folder / "hil" / "control" / "notch.c"
