@@ -41,8 +41,8 @@ class ArmLine:
         Raises:
             LineError: The arm cannot follow the line.
         """
-        _, walked = self.line.walked
-        return np.asarray(np.flatnonzero(np.max(np.abs(walked - self.arm.home_rad()), axis=0) > MOVED_RAD), dtype=np.int64)
+        _, joints_rad = self.line.joints_along
+        return np.asarray(np.flatnonzero(np.max(np.abs(joints_rad - self.arm.home_rad()), axis=0) > MOVED_RAD), dtype=np.int64)
 
     @property
     def axes(self) -> tuple[int, ...]:

@@ -228,11 +228,11 @@ def _postures(bench: Bench, arm: ArmTable, axis: int) -> tuple[list[_Posture], l
     """
     if bench.line_motion is not None:
         try:
-            fractions, walked = arm_line(arm, bench.line_motion).line.walked
+            fractions, joints_rad = arm_line(arm, bench.line_motion).line.joints_along
         except LineError as error:
             why = f"the line motion cannot be followed ({error})"
         else:
-            found = [_Posture(_along_words(at), walked[int(np.argmin(np.abs(fractions - at)))]) for at in LINE_FRACTIONS]
+            found = [_Posture(_along_words(at), joints_rad[int(np.argmin(np.abs(fractions - at)))]) for at in LINE_FRACTIONS]
             return found, [
                 f"axis {axis}: margins on the arm hold at {len(found)} places of the line motion, at every motor speed there; in "
                 "other postures they are not known"

@@ -185,7 +185,7 @@ class _Arm:
             for mode in felt
         )  # fmt: skip
 
-    def _walked(self) -> tuple[Real, Real]:
+    def _line_joints(self) -> tuple[Real, Real]:
         """Fractions of the way along the bench's line, with joint angles.
 
         Raises:
@@ -193,40 +193,40 @@ class _Arm:
         """
         if self.bench.line_motion is None:
             return np.zeros(0), np.zeros((0, len(self.arm.axes)))
-        return arm_line(self.arm, self.bench.line_motion).line.walked
+        return arm_line(self.arm, self.bench.line_motion).line.joints_along
 
     def _way_fraction(self, joints_rad: Real) -> float | None:
         """Fraction of the line's way to which a posture is near."""
         try:
-            fractions, walked = self._walked()
+            fractions, line_rad = self._line_joints()
         except LineError:
             return None
-        away = np.degrees(np.max(np.abs(walked - joints_rad), axis=1))
+        away = np.degrees(np.max(np.abs(line_rad - joints_rad), axis=1))
         return float(fractions[np.argmin(away)]) if len(away) and np.min(away) < NEAR_DEG else None
 
     def _line(self, fit: MassFit, following: Mapping[int, float]) -> tuple[list[LineDips], list[str]]:
         """Dips along the bench's line motion, or why they are not known."""
         try:
-            fractions, walked = self._walked()
+            fractions, line_rad = self._line_joints()
         except LineError as error:
             return [], [f"dips along the line are not predicted: {error}"]
-        if not len(walked):
+        if not len(line_rad):
             return [], []
         others = [row for row in range(len(self.arm.axes)) if row not in self.rows]
-        away = np.degrees(np.abs(walked[:, others] - self.joints_rad[0, others]).max(axis=0, initial=0.0))
+        away = np.degrees(np.abs(line_rad[:, others] - self.joints_rad[0, others]).max(axis=0, initial=0.0))
         turning = [str(self.arm.axes[row]) for row, deg in zip(others, away, strict=True) if deg > STAYS_DEG]
         if turning:
             words = f"the line turns axis {', '.join(turning)}, which has no identified modes"
             return [], [f"dips along the line are not predicted: {words}"]
         at = [int(np.argmin(np.abs(fractions - each))) for each in np.linspace(0.0, 1.0, ALONG_LINE)]
-        values, errors = fit.dips_hz(self.regressors(walked[at]))
+        values, errors = fit.dips_hz(self.regressors(line_rad[at]))
         if not (np.all(np.isfinite(values)) and np.all(np.isfinite(errors))):
             words = "dips along the line are not predicted: these postures do not determine the masses there"
             return [], [f"{words}; measure one more posture, best --posture-deg {_posture_words(following)}"]
         return [
             LineDips(
                 way_fraction=float(fractions[row]), dips_hz=tuple(dips.tolist()), standard_error_hz=tuple(off.tolist()),
-                bodies_hz=self._by_bodies(fit, walked[row]),
+                bodies_hz=self._by_bodies(fit, line_rad[row]),
             )
             for row, dips, off in zip(at, values, errors, strict=True)
         ], []  # fmt: skip

@@ -58,7 +58,7 @@ class MovedArm:
         return float(np.max(np.linalg.norm(self.moved_mm[self.judged], axis=1)))
 
 
-def walked(material: Material) -> tuple[Real, Real] | None:
+def recorded_line(material: Material) -> tuple[Real, Real] | None:
     """Return joint angles and tip along the first complete recorded line.
 
     None without an arm.

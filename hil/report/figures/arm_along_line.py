@@ -14,8 +14,8 @@ from hil.report.arm_motion import (
     draw_skeleton,
     fit_limits,
     moved_arms,
+    recorded_line,
     round_down,
-    walked,
 )
 from hil.report.material import Material
 from hil.report.plotted_run import line_words
@@ -49,7 +49,7 @@ def arm_along_line(material: Material, key: str = "arm-line") -> Drawing | None:
         material: Result and recordings.
         key: Key of the figure.
     """
-    arms, way = moved_arms(material), walked(material)
+    arms, way = moved_arms(material), recorded_line(material)
     if way is None or material.bench.arm is None:
         return None
     has_loops = bool(arms) and _way_m(arms[0]) >= LEAST_WAY_M

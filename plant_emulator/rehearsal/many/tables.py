@@ -177,7 +177,7 @@ def cost(rows: Sequence[Row]) -> ReportTable | None:
 def robots(rows: Sequence[Row]) -> ReportTable | None:
     """Return the robots that miss the goal, one by one.
 
-    Those whose walk broke come first.
+    Those with an internal error come first.
     """
     found = sorted((row for row in rows if not is_quiet(row)), key=lambda row: (row.get("walk") == WALKED, row["seed"]))
     if not found:

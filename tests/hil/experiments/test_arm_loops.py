@@ -95,7 +95,7 @@ def sensitivity_of_the_emulated_arm(notch, speed_rps, lines_hz, others):
     robot = changed(quiet, **{name: 0.0 for name in FREE if "friction" in name}, ate=TransmissionErrorTable.of({}, {}))
     closed = (2,) if others == "held" else (2, 3, 5)
     elastic = FlexibleArm(robot, braked=[number for number in robot.axis if number not in closed])
-    turned = arm_line(arm, BENCH.line_motion).line.walked[1][-1] - arm.home_rad()
+    turned = arm_line(arm, BENCH.line_motion).line.joints_along[1][-1] - arm.home_rad()
     state = elastic.state
     state[:, 0] = turned * [robot.axis[number].reduction_ratio for number in arm.axes]
     state[:, 2] = turned
