@@ -245,8 +245,8 @@ def _bodies_words(measured: Sequence[MeasuredDip]) -> list[str]:
     at = int(np.argmax(sigmas))
     (worst, _), (away, _) = with_bodies[at], off[at]
     words = (
-        f"the bench file's bodies: the dip that is farthest off was measured at {worst.measured_hz:.2f} Hz, and is "
-        f"{worst.bodies_hz:.2f} Hz by them"
+        f"the bench file's bodies: the dip with the largest deviation was measured at {worst.measured_hz:.2f} Hz, but computed "
+        f"at {worst.bodies_hz:.2f} Hz"
     )
     found = f"{words}: {100.0 * away:.1f} %, {sigmas[at]:.1f} standard errors"
     return [found + ("" if away < BODIES_OFF else "; check that the bodies and the payload are those of this robot")]
@@ -256,7 +256,7 @@ def _misfit_words(misfit: float, rigid: Sequence[int]) -> str:
     """Misfit of the fitted masses, and what to check."""
     words = f"misfit of {misfit:.1f} standard errors; check that no load was changed and every posture was kept"
     if rigid:
-        words += f", and that axes {', '.join(map(str, rigid))}, which were not identified and count as rigid, do not swing along"
+        words += f", and that axes {', '.join(map(str, rigid))}, which were not identified and count as rigid, do not vibrate"
     return words
 
 

@@ -202,7 +202,7 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
         axis = session.axes[request.axis]
         here = axis.position_rad() / math.tau
         if abs(here - move.from_rev) > AWAY_REV:
-            what = f"axis {request.axis} has turned from {rev_text(move.from_rev)} to {rev_text(here)} rev meanwhile"
+            what = f"axis {request.axis} has turned from {rev_text(move.from_rev)} to {rev_text(here)} rev in the meantime"
             raise NodeError(axis.node, what, "give the command again")
         session.check_interrupt()
         session.reset_fault(axis)

@@ -249,17 +249,17 @@ class _Series:
         margins = [check for check in result.best.missed if not check.is_tip_limit and not check.is_rise]
         if margins:
             self.best = result.best
-            what = f"no {shapes} filter of order {order} meets every requirement; the best one misses"
+            what = f"no {shapes} filter of order {order} meets every requirement; the best one violates"
             return InfeasibleError(self.request.axis, what, result.best.missed)
         if result.best.is_harmless and result.ratio < GAIN_ENOUGH:
             return None
         self.best = self.best or self.none
-        what = f"no filter of order {order} is better than none here"
+        what = f"no filter of order {order} is an improvement"
         if result.ratio < WORST_RATIO:
             what += f": the closest leaves {100.0 * result.ratio:.0f} % of its tip peak"
         raised = [check for check in result.best.missed if check.is_rise]
         if raised:
-            what = f"no filter of order {order} is better than none here: the closest raises a peak"
+            what = f"no filter of order {order} is an improvement: the closest raises a peak"
         return InfeasibleError(self.request.axis, what, raised)
 
 

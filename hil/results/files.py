@@ -69,7 +69,7 @@ def load_any(path: Path) -> AnyResult:
     if schema != SCHEMA:
         raise ResultFileError(
             path,
-            f"schema {schema} ; expected {SCHEMA}; run the command again, or use the version that wrote it "
+            f"schema {schema}; expected {SCHEMA}; run the command again, or use the version that wrote it "
             "(recordings and bus.log beside it can be read as before)",
         )
     try:

@@ -147,7 +147,7 @@ def test_another_axis_in_fault_is_refused_with_where_it_stands(bench: Bench, cha
 def test_an_axis_that_was_turned_after_the_question_is_not_moved(bench: Bench, channel: InProcessChannel) -> None:
     planned = plan_move(bench, MoveRequest(2, to_rev=0.5), channel=channel)
     elsewhere = Move(planned.request, 0.3, planned.to_rev, planned.speed_rps, planned.fault, planned.bench)
-    with pytest.raises(NodeError, match=r"has turned from 0\.3 to 0 rev meanwhile"):
+    with pytest.raises(NodeError, match=r"has turned from 0\.3 to 0 rev in the meantime"):
         make_move(elsewhere, channel=channel)
 
 

@@ -212,7 +212,7 @@ class KnownOrders:
             elif is_last and acted.source == "learnt" and other is not None and not acted.agrees(other):
                 left, of_other = (_left(each, acted, verdict) for each in (acted, other))
                 if left is None or of_other is None or of_other <= left:
-                    self.decided[order] = ("known", "what the passes learnt of it leaves no less of it")
+                    self.decided[order] = ("known", "the learnt values do not reduce it further")
         return left_out
 
 
@@ -246,7 +246,10 @@ def _better(
     if not is_significant(estimate, order):
         return "known", "the passes do not show it"
     if known.agrees(learnt) and known.sigma_arcsec <= learnt.sigma_arcsec:
-        return "known", f"the passes know it to {learnt.sigma_arcsec:.2f}″ only, it was known to {known.sigma_arcsec:.2f}″"
+        return (
+            "known",
+            f"the passes identify it to {learnt.sigma_arcsec:.2f}″ only; it was known to {known.sigma_arcsec:.2f}″",
+        )
     return "learnt", ""
 
 

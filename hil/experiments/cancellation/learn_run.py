@@ -199,11 +199,11 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
     for axis, learnt in outcome.learnt.items():
         delay_ms = 1e3 * learnt.passes[-1].set_point_delay_s
         orders = ", ".join(value.words(k) for k, value in learnt.values().items() if value.source == "learnt")
-        late = f"; the motor follows {delay_ms:.2f} ms later than known" if delay_ms else ""
+        late = f"; the motor follows {delay_ms:.2f} ms later than expected" if delay_ms else ""
         lines += [f"left out: {verdict.words}" for verdict in learnt.left_out.values()]
         lines += [f"axis {axis}: {words}" for words in learnt.kept()]
         lines += [f"axis {axis}: note: {words}" for words in learnt.notes]
-        found = orders or "nothing is known better than before"
+        found = orders or "no value has improved"
         lines.append(
             f"axis {axis}: {found}; vibration −{100.0 * learnt.reduction_fraction:.0f} % after {len(learnt.passes)} passes{late}"
         )

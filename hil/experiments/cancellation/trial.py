@@ -141,7 +141,7 @@ class _Protocol:
         if not passed or not unseen or not alike(self._looks, [*passed, *unseen]):
             return {}
         if not alike(self._looks, passed):
-            self._reporter.step("trial of the cancellation: what passes")
+            self._reporter.step("trial of the cancellation: the accepted orders")
             self._add("what passes", 1.0, None, frozenset(self._parts) - set(passed))
         fall = windows.gain(self._looks, passed, [*passed, *unseen])
         return {} if fall is None else {part: replace(verdicts[part], verdict="accepted", rise=fall.words) for part in unseen}

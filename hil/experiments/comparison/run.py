@@ -67,7 +67,7 @@ def compare(
     for plan, directory in zip(plans, _directories(plans), strict=True):
         result: ExperimentsResult | None = None
         if isinstance(failure, SafetyStopError):
-            ended = "not run: what came before was stopped"
+            ended = "not run: an earlier run was stopped"
         else:
             own: Exception | None
             try:

@@ -199,7 +199,7 @@ def test_identified_modes_stand_for_the_posture_in_which_they_were_found_and_for
     found = loops_of(believed(arm=BENCH.arm), 2, identified=identified)
     speeds = np.arange(3.85, 9.16, 0.05)
     assert [case.label for case in found.loops.cases] == ["where its plant was identified, other motors held"]
-    assert "elsewhere on the line they are not known" in found.notes[0]
+    assert "elsewhere on the line they are unknown" in found.notes[0]
     by_masses = worst(loops_of(believed(), 2).loops, (TABLE_3[2],), ("at the start", "motors held"), speeds)
     assert worst(found.loops, (TABLE_3[2],), (), speeds) == pytest.approx(by_masses, rel=0.04)  # damping is a mode's own there
 
