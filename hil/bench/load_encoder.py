@@ -123,7 +123,7 @@ def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
     """
     for number in axes if bench.arm is None else bench.axis:
         if number in bench.axis and bench.axis[number].load_encoder is None:
-            why = "" if number in axes else ", and on an arm every joint swings"
+            why = "" if number in axes else ", and on an arm every joint vibrates"
             raise NotPossibleError(
                 f"axis {number} has no second encoder{why}; state [axis.{number}.load_encoder] in the bench file"
             )

@@ -121,7 +121,7 @@ def _doubt(bench: Bench, recording: Recording, angles: Real, of: LinkFrame, acce
     if mounting.gravity and away > 2.0 * math.sin(0.5 * MOST_ASKEW_RAD) * expected:
         degrees, most = math.degrees(2.0 * math.asin(min(1.0, 0.5 * away / expected))), math.degrees(MOST_ASKEW_RAD)
         return (
-            f"at rest the accelerometer shows gravity {degrees:.0f}° off its mounting, {most:g}° at most; check "
+            f"at rest the accelerometer shows gravity {degrees:.0f}° off its mounting; at most {most:g}° is allowed; check "
             "axis and rpy_deg of accelerometer.mounting, and home_deg of the arm"
         )
     return None

@@ -45,7 +45,7 @@ _PLAIN = {
     NO_ACKNOWLEDGE: "no node acknowledges: no other node, another bit rate, or no termination",
     BUS_OFF: "the controller is bus-off",
     BUS_ERROR: "bus error",
-    RESTARTED: "the controller was bus-off and has restarted by itself; set restart-ms 0",
+    RESTARTED: "the controller was bus-off and has restarted automatically; set restart-ms 0",
 }
 _KNOWN = sum(_PLAIN) | CONTROLLER | PROTOCOL | COUNTERS
 

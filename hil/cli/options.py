@@ -39,7 +39,7 @@ LoopOption = Annotated[LoopName, typer.Option("--loop", help="Where the loop is 
 TreatmentOption = Annotated[
     TreatmentName,
     typer.Option(
-        "--treatment", metavar="NAME", help=f"What acts against the vibration: {', '.join(described(row) for row in TABLE)}."
+        "--treatment", metavar="NAME", help=f"Treatment of the vibration: {', '.join(described(row) for row in TABLE)}."
     ),
 ]
 TreatmentListOption = Annotated[
@@ -48,12 +48,13 @@ TreatmentListOption = Annotated[
         "--treatment",
         metavar="NAME[,NAME]",
         autocompletion=complete_list(lambda: [row.name for row in TABLE]),
-        help=f"Names with commas between: {', '.join(row.name for row in TABLE)}. Left out: all that the given files allow.",
+        help=f"Comma-separated list of: {', '.join(row.name for row in TABLE)}. Left out: all that the given files allow.",
     ),
 ]
 PlainTreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="Plan with the notch or without.")]
 OrdersOption = Annotated[
-    str, typer.Option("--orders", metavar="K[,K]", help="Orders of the transmission error with commas between; fractions too.")
+    str,
+    typer.Option("--orders", metavar="K[,K]", help="Orders of the transmission error, comma-separated; also fractions."),
 ]
 NewOutOption = Annotated[Path | None, typer.Option("--out", help="Directory; default: a new one in bench-out.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace the files of an older result in --out.")]

@@ -88,7 +88,7 @@ class RequirementCheck:
         where = "" if self.speed_rps is None else f" at {self.speed_rps:.2f} rev/s"
         bound = "at most" if self.is_ceiling else "at least"
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.name} {self.value:.4g}{unit}{where} ({self.member}), {bound} {self.limit:.4g}{unit} asked"
+        return f"{self.name} {self.value:.4g}{unit}{where} ({self.member}), {bound} {self.limit:.4g}{unit} required"
 
 
 class Judge:

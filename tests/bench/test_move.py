@@ -190,7 +190,7 @@ def test_a_run_after_a_stop_names_where_the_axis_stands_and_the_move_that_lets_i
         with pytest.raises(UnsafeRequestError) as refused:
             session.run(motion, "none", "drive")
     assert longest < 2.5
-    assert "it is at 2 rev; hil move --axis 2 --to 0 brings it to where the motion fits" in str(refused.value)
+    assert "it is at 2 rev; hil move --axis 2 --to 0 moves it to where the motion fits" in str(refused.value)
     moved(narrow, channel, to_rev=0.0)
     with Session(narrow, channel, BusLog(None)) as session:
         session.bring_up()

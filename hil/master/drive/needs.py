@@ -46,7 +46,7 @@ ERROR_CODE = Need((Object.ERROR_CODE, 0), "error code", "it has the fault of the
 CYCLE_PERIOD = Need((0x1006, 0), "communication cycle period", "it sets the SYNC period, in drives that have it")
 
 _SUPERVISION = (
-    Need((Object.ABORT_CONNECTION_OPTION, 0), "abort connection option code", "the drive stops when the master falls silent"),
+    Need((Object.ABORT_CONNECTION_OPTION, 0), "abort connection option code", "the drive stops when the master stops sending"),
     Need((Object.QUICK_STOP_OPTION, 0), "quick stop option code", "a stop ends on its ramp, disabled"),
     Need((0x1016, 1), "consumer heartbeat time", "the drive watches the master"),
     Need((0x1017, 0), "producer heartbeat time", "the master watches the drive"),

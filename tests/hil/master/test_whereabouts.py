@@ -22,7 +22,7 @@ def test_a_refused_motion_names_the_nearest_start_to_zero_from_which_it_fits(
     stands: float, low: float, high: float, to: str
 ) -> None:
     said = way_out(2, stands, LIMITS, low, high)
-    assert said == f"it is at {stands:g} rev; hil move --axis 2 --to {to} brings it to where the motion fits"
+    assert said == f"it is at {stands:g} rev; hil move --axis 2 --to {to} moves it to where the motion fits"
     assert float(to) + low >= -22.0
     assert float(to) + high <= 22.0
 
