@@ -102,7 +102,7 @@ def test_identity_and_an_empty_one(numbers, structure):
         ((30, "[OptionalObjects] 3"), "'0x1018' listed already, line 29"),
         ((31, "[OptionalObjects] 4"), "'zero' is not an index; ignored"),
         ((45, "[ManufacturerObjects] 10"), "'0x200A' differs from '0x2009', which is taken, in line 44"),
-        ((54, "[1008]"), "'# the name' after the head of a section; ignored"),
+        ((54, "[1008]"), "'# the name' after a section header; ignored"),
         ((64, "[1018] DataType"), "'0x0023' ignored: it belongs to the sub-objects"),
         ((65, "[1018] SubNumber"), "'9' wrong: there are 2 sub-objects"),
         ((76, "[2000] ParameterName"), "missing; named '2000'"),

@@ -108,7 +108,7 @@ B = joint_xml("b", "continuous", "one", "two")
         (robot(BASE, ONE, joint_xml("a", "prismatic", "base", "one", inside=LIMIT)), "joint 'a': has the type 'prismatic'"),
         (robot(BASE, ONE, joint_xml("a", "floating", "base", "one")), "joint 'a': has the type 'floating'"),
         (robot(BASE, ONE, A.replace("</joint>", '<mimic joint="b"/></joint>')), "joint 'a': moves with another joint"),
-        (robot(BASE, ONE, joint_xml("a", "revolute", "base", "one")), "joint 'a': is revolute and has no <limit>"),
+        (robot(BASE, ONE, joint_xml("a", "revolute", "base", "one")), "joint 'a': is revolute but has no <limit>"),
         (robot(BASE, ONE, joint_xml("a", "revolute", "base", "elsewhere")), "joint 'a': has the child 'elsewhere'"),
         (robot(BASE, ONE, A.replace('lower="-3.0"', 'lower="4.0"')), "joint 'a': goes from 4 to 3 rad"),
         (robot(BASE, ONE, A.replace('xyz="0 0 1"', 'xyz="0 0 0"')), "joint 'a': has an axis of length 0"),

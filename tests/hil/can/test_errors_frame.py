@@ -32,7 +32,7 @@ def test_a_class_that_nobody_has_defined_is_no_event(can_id):
         (error(CONTROLLER, 0, 0x08), "error-warning level of sent frames", "warning"),
         (error(CONTROLLER, 0, 0x10), "error-passive by received frames", "warning"),
         (error(CONTROLLER, 0, 0x20), "error-passive by sent frames", "warning"),
-        (error(CONTROLLER, 0, 0x20, 0, 0, 0, 0, 128, 3), "sent 128, received 3", "warning"),
+        (error(CONTROLLER, 0, 0x20, 0, 0, 0, 0, 128, 3), "transmit 128, receive 3", "warning"),
         (error(CONTROLLER, 0, 0x40), "error-active again", ""),
         (error(CONTROLLER, 0, 0x01), "lost in the controller's receive buffer", "overflow"),
         (error(CONTROLLER, 0, 0x02), "transmit buffer", ""),

@@ -55,7 +55,7 @@ def test_a_second_axis_joins_the_model_file_of_the_same_robot_and_no_other(tmp_p
     assert set(load_identified(Path(model)).axis) == {1, 6}
     other = invoke("--recording", JOINT_1, "--axis", "1", "--model", model, "--out", str(tmp_path / "b"), "--robot", "another")
     assert other.exit_code == 3
-    assert "is the model file of 'LARA 8'" in other.stderr
+    assert "is of robot 'LARA 8'" in other.stderr
 
 
 @pytest.mark.ci
@@ -77,7 +77,7 @@ def test_a_layout_file_says_columns_units_and_ratio(tmp_path: Path) -> None:
     ("words", "status", "said"),
     [
         (("--recording", JOINT_1, "--axis", "1", "--ratio", "120"), 3, "the encoders show 120.91; check whether it is 121"),
-        (("--recording", JOINT_1, "--axis", "4"), 3, "no column is known as motor"),
+        (("--recording", JOINT_1, "--axis", "4"), 3, "no column is recognised as motor"),
         (("--recording", "nothing.csv", "--axis", "1"), 3, "there is no such file"),
         (("--recording", JOINT_1, "--axis", "1", "--column", "speed=x"), 2, "is not a column"),
         (("--recording", JOINT_1, "--axis", "1", "--column", "motor=encoder_motorinc_1,furlong"), 3, "is not a unit of motor"),

@@ -102,7 +102,7 @@ def test_an_arm_that_never_resonates_is_said_before_the_long_runs() -> None:
     robot = robot_of(axis_of(100.0, 400.0, 2.0, 2.6e-4))
     identified = identification(robot, 0.004)
     with pytest.raises(
-        PlantNotIdentifiedError, match=r"one inertia of .* no resonance of the arm is in reach; a SYNC period of 4 ms"
+        PlantNotIdentifiedError, match=r"one inertia of .* there is no resonance of the arm in this band; a SYNC period of 4 ms"
     ):
         identified.perform()
     assert set(identified.recordings) == {"probe", "pilot"}
