@@ -275,7 +275,7 @@ def _raw(entry: CatalogueEntry, value: float | str) -> Value:
     data_type = entry._type()
     if data_type in {DataType.OCTET_STRING, DataType.DOMAIN}:
         if not isinstance(value, str):
-            raise RefusedError(f"{entry}: {value!r} is not a hexadecimal text, which a {data_type.name} needs")
+            raise RefusedError(f"{entry}: {value!r} is not a hexadecimal text, which a {data_type.name} takes")
         try:
             return bytes.fromhex(value)
         except ValueError:
@@ -287,7 +287,7 @@ def _raw(entry: CatalogueEntry, value: float | str) -> Value:
             raise RefusedError(f"{entry}: {value!r} has characters that are not in ISO 8859-1, which a {data_type.name} takes")
         return value
     if not (data_type.is_real or isinstance(value, int) or value.is_integer()):
-        raise OutOfRangeError(str(entry), value, "", f"is not a whole number, which a {data_type.name} needs")
+        raise OutOfRangeError(str(entry), value, "", f"is not a whole number, which a {data_type.name} takes")
     try:
         raw = float(value) if data_type.is_real else int(value)
         encode(data_type, raw)

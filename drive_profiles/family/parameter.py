@@ -246,7 +246,7 @@ class Parameter(Fact):
         if self.scale == 1.0 and not self.unit and not self.type.is_real and isinstance(value, float) and not value.is_integer():
             # a choice or a count is refused where a quantity would be rounded to the drive's step
             raise OutOfRangeError(
-                self.written_address, value, self.unit, f"is not a whole number, which a {self.data_type} needs"
+                self.written_address, value, self.unit, f"is not a whole number, which a {self.data_type} takes"
             )
         raw = self.raw(value, scaling)
         return encode(self.type, bool(raw) if self.data_type == "BOOLEAN" else raw)
