@@ -342,10 +342,10 @@ def _panel(panel: Axes, found: dict[Cell, Found], bench: Bench, axis: int | None
         )  # fmt: skip
     what = "line, area of spectrum" if axis is None else "axis 2, tip peak"
     panel.set_title(f"{what}: {loop}-closed")
-    panel.set_ylabel("Taken away by the notch (%)" if loop == LOOPS[0] else "")
+    panel.set_ylabel("Reduction by the notch (%)" if loop == LOOPS[0] else "")
     panel.set_ylim(0.0, 60.0)
-    if axis is None:
-        asked = bench.specification.line_area_reduction_pct
+    asked = bench.specification.line_area_reduction_pct
+    if axis is None and asked is not None:
         panel.axhline(asked, **style.LIMIT)
         panel.annotate(
             f"paper: {asked:g} %", (0.0, asked), xytext=(3, -3), ha="left", va="top",

@@ -79,7 +79,7 @@ class Bare:
         else:
             self.motion["target_speed_rad_s"] = demand.direction * (fast_rps if demand.is_fast else slow_rps) * TURN
 
-    def stands(self, demand):
+    def is_at_rest(self, demand):
         if abs(self.axes.cascade_state[0]["speed_rad_s"]) > 0.5 or self.motion["demand_speed_rad_s"] != 0.0:
             return False
         return not isinstance(demand, GoTo) or abs(self.axes.counts(0) - demand.counts) < COUNTS_PER_REV / 1000
