@@ -92,7 +92,7 @@ def _show(profile: Profile, realisation: Realisation) -> None:
         typer.echo(f"  {reason}")
     wanted_db, held_db = (shape.gain_db(target.zero_hz) for shape in (target.shape, held))
     if held_db > 0.5 * wanted_db:
-        typer.echo(f"  the notch is as good as lost: {held_db:.1f} dB at its frequency instead of {wanted_db:.1f} dB")
+        typer.echo(f"  almost nothing of the notch remains: {held_db:.1f} dB at its frequency instead of {wanted_db:.1f} dB")
     _doubt(profile.notch)
     rows = [
         ("zeros, Hz", f"{target.zero_hz:.4f}", f"{held.zero_hz:.4f}", f"{off.zero_hz:+z.4f}"),
@@ -101,7 +101,7 @@ def _show(profile: Profile, realisation: Realisation) -> None:
         ("damping of the poles", f"{target.zeta_pole:.5f}", f"{held.zeta_pole:.5f}", f"{100 * off.zeta_pole:+z.2f} %"),
         ("gain at DC", "1", f"{held.dc_gain:.6f}", f"{off.dc_gain:+z.6f}"),
         (
-            "gain at the wanted zeros, dB",
+            "gain at the requested zeros, dB",
             *(f"{s.gain_db(target.zero_hz):.2f}" for s in (target.shape, held)),
             f"{off.depth_db:+z.2f}",
         ),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from drive_profiles.upload.result import UploadOptions, UploadResult
     from drive_profiles.upload.upload import Upload
 
-TOO_LATE = "the interrupt came too late: the upload ends as it would without it"
+TOO_LATE = "the interrupt came too late: the upload finishes"
 """Line on an interrupt after which nothing is restored any more; it holds before the outcome and after it."""
 MAX_ROWS = 20
 """Most changes that are shown before they are written."""

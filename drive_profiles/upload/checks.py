@@ -81,7 +81,7 @@ def value_refusals(
         options: Options of the upload.
     """
     guesses = [] if options.allow_unverified else [write for write in writes if not write.entry.is_verified]
-    why = "its facts are not verified; give --allow-unverified to write it all the same"
+    why = "its facts are not verified; give --allow-unverified to write it nevertheless"
     reasons = [f"{write.entry}: {why}" for write in guesses]
     if header.unverified and writes and not options.allow_unverified:
         reasons.append(
@@ -105,7 +105,7 @@ def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Writ
         return []
     limits = [str(write.entry) for write in theirs if write.parameter_class == "limits"]
     among = f"; limits are among its values: {', '.join(limits[:3])}{', …' if len(limits) > 3 else ''}" if limits else ""
-    return [f"the set is for another device ({other}){among}; give --other-device to write it all the same"]
+    return [f"the set is for another device ({other}){among}; give --other-device to write it nevertheless"]
 
 
 def _other_device(header: Header, identity: DeviceIdentity) -> str:
@@ -135,7 +135,7 @@ def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Wr
         return []
     serials = f"the set is of serial number {header.serial_number}, the device has {identity.serial_number}"
     names = ", ".join(str(write.entry) for write in theirs[:5])
-    remedy = "--force-commissioning writes them all the same, upload --classes leaves them out"
+    remedy = "--force-commissioning writes them nevertheless, upload --classes leaves them out"
     return [f"{names}: commissioning values of another device ({serials}); {remedy}"]
 
 

@@ -94,7 +94,7 @@ def _roll_back(uploads: Sequence[Upload], failures: Mapping[Upload, DriveProfile
 
     for upload, error in _each(uploads, back).items():  # a mistake of this program on the way back
         every = tuple(upload.named(address) for address in upload.addresses)
-        outcomes[upload] = upload.end("unknown", every, f"putting it back failed: {error}", 1)
+        outcomes[upload] = upload.end("unknown", every, f"restoring it failed: {error}", 1)
     return [outcomes[upload] for upload in uploads]
 
 

@@ -84,8 +84,8 @@ class JournalStatement:
         doubt = ", ".join(address_text(address) for address in self.uncertain) or "none"
         stored = {"yes": "stored", "no": "not stored", "unknown": "perhaps stored"}[self.stored]
         return (
-            f"upload to node {self.snapshot.node} {end}; {len(changed)} of {len(self.possible)} objects hold what was wanted, "
-            f"uncertain: {doubt}; {stored}"
+            f"upload to node {self.snapshot.node} {end}; {len(changed)} of {len(self.possible)} objects hold the requested "
+            f"values, uncertain: {doubt}; {stored}"
         )
 
 

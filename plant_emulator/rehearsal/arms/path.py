@@ -87,7 +87,12 @@ def run_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
     """
     row: dict[str, Value] = dict(arm_facts(robot))
     if bench.line_motion is None:
-        return row | {"learn_ended": "refused", "learn_words": "the arm can follow no line", "is_quiet": False, "is_worse": False}
+        return row | {
+            "learn_ended": "refused",
+            "learn_words": "the arm cannot follow a line",
+            "is_quiet": False,
+            "is_worse": False,
+        }
     channel, model = DirectChannel(World(robot), robot.bus.bitrate), folder / "learnt.toml"
     row |= _learnt(bench, folder, model, channel)
     learnt = load_identified(model) if model.exists() else None
