@@ -10,8 +10,8 @@ import hashlib
 import json
 import math
 import multiprocessing
+import re
 import sys
-import textwrap
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -242,7 +242,7 @@ def elsewhere(bench: Bench) -> list[str]:
     lines = ["| wiring, line motion, host-closed | shortest period | 0.5 ms | 0.25 ms |", "|---|---|---|---|"]
     for title, buses, wire in rows:
         shortest = max(bus.shortest_period_s(wire) for bus in buses)
-        cells = ["fits" if shortest <= period else "does not fit" for period in (500e-6, 250e-6)]
+        cells = ["fits" if shortest <= period else "–" for period in (500e-6, 250e-6)]
         lines.append(f"| {title} | {1e6 * shortest:.0f} µs | {cells[0]} | {cells[1]} |")
     return lines
 
@@ -262,10 +262,8 @@ def _words(without: Found, with_: Found) -> str:
         return f"{without.tip_mm:.3f} / {with_.tip_mm:.3f}"
     worse = with_ if with_.kind != "run" else without
     if worse.kind == "refused":
-        return f"unstable ({worse.words})" if worse.words.startswith("pole") else f"at the edge ({worse.words})"
-    if worse.kind == "does not fit":
-        return "does not fit" + ("" if worse.words == "plan" else " (run: answers missing)")
-    return f"does not fit (run: {worse.words})"
+        return "unstable" if worse.words.startswith("pole") else worse.words
+    return "–" if worse.words == "plan" else "– (run)"
 
 
 def _rate_name(rate: WireTiming | None) -> str:
@@ -286,7 +284,7 @@ def table(found: dict[Cell, Found], axis: int | None) -> list[str]:
 
 
 def reduction_pct(found: dict[Cell, Found], axis: int | None, loop: LoopName, period: float, rate: WireTiming | None) -> float:
-    """What the notch takes away: of the tip peak (one axis), of the spectrum's area (line); nan where there is no pair."""
+    """Reduction by the notch: of the tip peak (one axis), of the spectrum's area (line); nan where there is no pair."""
     without, with_ = _pair(found, axis, loop, period, rate)
     name = "area" if axis is None else "tip_mm"
     before, after = getattr(without, name), getattr(with_, name)
@@ -308,7 +306,7 @@ def figure(found: dict[Cell, Found], bench: Bench) -> str:
         for panel in panels[-1]:
             panel.set_xlabel("SYNC period (ms)")
         style.legend_above(drawing, panels[0, 0], columns=3)
-        return standalone(str(style.to_svg(drawing, "bus")), "What the notch takes away, over the SYNC period")
+        return standalone(str(style.to_svg(drawing, "bus")), "Reduction by the notch over the SYNC period")
 
 
 _LINES: dict[WireTiming | None, dict[str, Any]] = {
@@ -344,10 +342,10 @@ def _panel(panel: Axes, found: dict[Cell, Found], bench: Bench, axis: int | None
         )  # fmt: skip
     what = "line, area of spectrum" if axis is None else "axis 2, tip peak"
     panel.set_title(f"{what}: {loop}-closed")
-    panel.set_ylabel("Taken away by the notch (%)" if loop == LOOPS[0] else "")
+    panel.set_ylabel("Reduction by the notch (%)" if loop == LOOPS[0] else "")
     panel.set_ylim(0.0, 60.0)
-    if axis is None:
-        asked = bench.specification.line_area_reduction_pct
+    asked = bench.specification.line_area_reduction_pct
+    if axis is None and asked is not None:
         panel.axhline(asked, **style.LIMIT)
         panel.annotate(
             f"paper: {asked:g} %", (0.0, asked), xytext=(3, -3), ha="left", va="top",
@@ -369,8 +367,8 @@ def _mark_shortest(panel: Axes, shortest_ms: float, rate: WireTiming) -> None:
 
 
 def _fill(text: str, indent: str = "") -> str:
-    """A paragraph in lines."""
-    return textwrap.fill(" ".join(text.split()), 120, subsequent_indent=indent)
+    """A paragraph with one sentence per line."""
+    return re.sub(r"(?<=\D\.) (?=[A-Z*–])", f"\n{indent}", " ".join(text.split()))
 
 
 def page(found: dict[Cell, Found], bench: Bench) -> str:
@@ -385,40 +383,29 @@ def page(found: dict[Cell, Found], bench: Bench) -> str:
     limit = bench.specification.tip_mm
     return "\n".join([
         "# Host-closed or drive-closed over CAN?", "",
-        _fill("""`python -m benchmarks.bus_question --out docs` makes this page. It runs the reference bench and robot in
-              one process, in lock-step, once for each cell, with the seed of the robot file. Frames take their bit times,
-              stuff bits included. All figures are of the emulator, not of a robot."""), "",
-        _fill("""The answer is **drive-closed**. No SYNC period of the drives is both long enough for classic CAN and short
-              enough for a loop that the host closes:"""), "",
+        _fill("""With this page you can decide where to close the loop. The answer is **drive-closed**. No SYNC period of the
+              drives is both long enough for classic CAN and short enough for a loop that the host closes:"""), "",
         "| motion | host-closed loop is stable up to | 1 Mbit/s carries it from | 1 Mbit/s carries drive-closed from |",
         "|---|---|---|---|", *rows, "",
-        "![What the notch takes away, over the SYNC period](bus.svg)", "",
-        _fill("""Vertical lines show the shortest period at which a bit rate carries all answers at worst-case stuffing,
-              with the notch. The master's own check of the loop refuses the shaded periods (unstable, or M_s above 4). The
-              dotted horizontal line shows the paper's 26 %."""), "",
+        "![Reduction by the notch over the SYNC period](bus.svg)", "",
+        _fill("""Vertical lines: the shortest period at which a bit rate carries all answers at worst-case stuffing, with the
+              notch. Shaded: periods that the master refuses (unstable, or M_s above 4). Dotted: the paper's 26 %."""), "",
+        _fill("""`python -m benchmarks.bus_question --out docs` makes this page. It runs the emulated reference robot once for
+              each cell, in lock-step. Frames take their bit times, stuff bits included."""), "",
         *(line for axis in MOTIONS for line in (
             f"## Tip peak without / with the notch, mm: {names[axis]}" + (f" (limit: {limit:g} mm)" if axis else ""), "",
             *table(found, axis), "")),
-        _fill("""*does not fit*: by the plan (`hil plan`), not every answer comes before the next SYNC at worst-case
-              stuffing. Only the cells of the next table were run nevertheless. *unstable*, *at the edge*: the master
-              refuses the run before it enables a drive, and gives the first pole radius or M_s that it found, at one period
-              of delay. The line has no limit of its tip. The paper asks for 26 % less area of the spectrum."""), "",
-        "## Run although the plan refuses them", "", "| cell | what happened |", "|---|---|",
-        *(f"| {cell.name} | {_outcome(found[cell])} |" for cell in PROOFS if not cell.fits(bench)), "",
-        "## Other wiring: numbers of the plan only, nothing was run", "", *elsewhere(bench), "",
-        "## What it means", "",
+        _fill("""–: does not fit. By `hil plan`, not every answer comes before the next SYNC at worst-case stuffing; cells
+              with *run* were run nevertheless, and stopped. *unstable*, *M_s*: the master refuses the run before it enables a
+              drive. The line has no limit for the tip; the paper has 26 % less area of the spectrum."""), "",
+        "## Other wiring, by the plan only", "", *elsewhere(bench), "",
+        "## Conclusions", "",
         *(_fill(f"{number}. {text}", "   ") for number, text in enumerate(_meaning(found, bench), 1)), "",
     ])  # fmt: skip
 
 
-def _outcome(found: Found) -> str:
-    if found.kind == "run":
-        return f"ran: {found.missed} cycles lack an answer, tip {found.tip_mm:.3f} mm"
-    return f"{found.kind}: {found.words}"
-
-
 def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
-    """Nine statements."""
+    """Conclusions from the cells, in sentences."""
     real, one, wire = tuple(rate for rate in RATES if rate is not None), (2,), WireTiming(CLASSIC_MAX_BITRATE)
 
     def taken(axis: int | None, loop: LoopName, rates: tuple[WireTiming | None, ...]) -> str:
@@ -435,24 +422,21 @@ def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
     return [
         f"""Close the loop in the drive. At bit rates that carry it, the notch takes {taken(2, "drive", real)} off axis 2's
         tip peak and {taken(None, "drive", real)} off the area of the line's spectrum.""",
-        f"""The bus then carries set-points only. Its period decides on their smoothness, not on the stability of the loop.
-        On an ideal bus the notch takes {taken(2, "drive", (None,))} off the tip peak, at any period from 0.25 to 4 ms.""",
-        f"""With bit times {above} of the {len(peaks)} drive-closed cells of axis 2 are above {limit:g} mm with the notch; the
-        largest is {max(peaks):.3f} mm. The master's heartbeat is queued behind the process data and does not delay the
-        SYNC.""",
-        f"""Host-closed on an ideal bus the notch does as much ({taken(2, "host", (None,))}; line
-        {taken(None, "host", (None,))}), since the law is the same. But with one period of delay that loop is stable only up
-        to a period of {stable} (axis 2) or {stable_line} (all three).""",
+        f"""The bus then carries only set-points: its period affects their smoothness, not the stability of the loop. On an
+        ideal bus the notch takes {taken(2, "drive", (None,))} off the tip peak, at any period from 0.25 to 4 ms.""",
+        f"""With the notch, {above} of the {len(peaks)} drive-closed cells of axis 2 on a real bus are above {limit:g} mm; the
+        largest has {max(peaks):.3f} mm.""",
+        f"""Host-closed on an ideal bus the notch reduces as much ({taken(2, "host", (None,))}; line
+        {taken(None, "host", (None,))}). But with one period of delay that loop is stable only up to a period of {stable}
+        (axis 2) or {stable_line} (all three). Lower gains would make it stable, but less stiff.""",
         f"""Classic CAN at 1 Mbit/s needs {us(one, "host")} for one axis and the accelerometer, {us(LINE_AXES, "host")} for
-        three. So one axis alone can be closed over the bus at 0.5 ms, with hardly a margin on the wire and M_s near its
-        limit. For three axes no period suits both bus and loop.""",
-        """Lower bit rates only make it worse. Lower gains would make the loop stable, but less stiff.""",
+        three. So the host can close one axis at 0.5 ms, with little margin on the bus and M_s near its limit. For three axes
+        no period suits both bus and loop.""",
         f"""Drive-closed, 1 Mbit/s carries one axis from {us(one, "drive")} and three from {us(LINE_AXES, "drive")} on: 2 ms
         is a sound default for three axes, 4 ms at 500 kbit/s.""",
-        """A run that does not fit ends at once: the runs above stopped within a few cycles, because answers were missing,
-        or by a speed that late answers feign or cause. CAN FD (1 and 5 Mbit/s, frames as they are) carries the three axes
-        host-closed at 0.5 ms and drive-closed at 1 ms; this was run. One bus per axis was not run.""",
-        """One robot, one seed, one set of gains: `hil plan` gives the limits of another bench.""",
+        """A run that does not fit ends within a few cycles, because answers are missing or late.""",
+        """CAN FD (1 and 5 Mbit/s) carries the three axes host-closed at 0.5 ms and drive-closed at 1 ms.""",
+        """These are one robot, one seed and one set of gains: `hil plan` gives the limits of another bench.""",
     ]
 
 

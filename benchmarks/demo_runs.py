@@ -58,7 +58,7 @@ def world() -> list[str]:
         def cycles(whole: World = whole) -> None:
             for _ in range(500):
                 whole.receive(SYNC)
-                whole.settle()
+                whole.finish_period()
 
         def plant(axes: Axes = axes, periods: int = period_us // 250) -> None:
             for _ in range(500):

@@ -35,7 +35,7 @@ _QUESTIONS = {
     "reference_correction": "the host corrects the reference",
     "torque_offset": "the host adds a torque",
 }
-_COLUMNS = ("name", "object", "type", "unit", "step", "limits", "effective", "PDO", "evidence", "what it does")
+_COLUMNS = ("name", "object", "type", "unit", "step", "limits", "effective", "PDO", "evidence", "meaning")
 _CLASSES = {"tuning": "Tuning", "limits": "Limits", "communication": "Communication", "commissioning": "Commissioning"}
 
 
@@ -48,8 +48,8 @@ def page(profile: Profile) -> str:
     parts = [
         f"# {profile.title}",
         f"Profile `{profile.name}`; made from `drive_profiles/vendors/{profile.name}.toml` by `{_COMMAND}`.",
-        f"{SIGN} marks what no document, file or measurement at hand confirms: check it on the drive or in its manual. It is "
-        "written to a drive only when that is asked for. Numbers in brackets are sources, listed at the end.",
+        f"{SIGN} marks what no available document, file or measurement confirms: check it on the drive or in its manual. An "
+        f"upload needs `--allow-unverified` to write it. Numbers in brackets are sources, listed at the end.",
         *_capabilities(profile),
         *_notch_held(profile),
     ]
@@ -57,12 +57,12 @@ def page(profile: Profile) -> str:
         parts += [f"## {title}", *_fact(fact, sources)]
     if profile.aborts:
         rows = [(f"0x{a.code:08X}", a.text, sources.evidence(a)) for a in profile.aborts]
-        parts += ["## Abort codes of its own", _table(("code", "meaning", "evidence"), rows)]
+        parts += ["## Abort codes of this drive", _table(("code", "meaning", "evidence"), rows)]
     if profile.fault_codes:
         rows = [(f"{each.code:04X}h", each.text, sources.evidence(each)) for each in profile.fault_codes]
-        parts += ["## Error codes of its own", _table(("code", "meaning", "evidence"), rows)]
+        parts += ["## Error codes of this drive", _table(("code", "meaning", "evidence"), rows)]
     if profile.quirks:
-        parts += ["## What else to know", "\n".join(f"- {quirk}" for quirk in profile.quirks)]
+        parts += ["## Notes", "\n".join(f"- {quirk}" for quirk in profile.quirks)]
     parts += _products(profile, sources)
     parts += ["## Parameters", *_parameters(profile, sources)]
     parts += ["## Sources", "\n".join(f"{n}. {source}" for n, source in enumerate(sources.all, 1))]
@@ -88,9 +88,9 @@ def index(profiles: Sequence[Profile]) -> str:
     )  # fmt: skip
     return "\n\n".join([
         "# Drives",
-        f"What is known of each family, with its sources; made from `drive_profiles/vendors` by `{_COMMAND}`.",
-        "`exact`: the paper's own law or filter. `yes`: it can. `approximate`: something near it, with the difference stated. "
-        "`lost`: less than half of the notch's depth, in dB, is left. `unknown`: neither a document nor a file at hand says. "
+        f"Known facts on each family, with their sources; made from `drive_profiles/vendors` by `{_COMMAND}`.",
+        "`exact`: the paper's own law or filter. `yes`: supported. `approximate`: nearly, with the difference stated. "
+        "`lost`: less than half of the notch's depth, in dB, is left. `unknown`: no available document or file says so. "
         "The reasons are on each page.",
         _table(header, rows),
         *_further_products(profiles, answers),
@@ -109,15 +109,15 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
     yield "## Runs"
     yield (
         "What `hil run`, `hil identify plant` and `hil identify ate` do with each family, and the tip of the reference robot's "
-        "axis 2 without and with cancellation by set-points. Emulated drives have shown it: it says nothing of real firmware. "
-        "The drives have their gains from the start; limits are those of the bench file, and all but those that the drive keeps "
-        "are held by the master too. Made by `python -m plant_emulator.rehearsal.families`."
+        "axis 2 without and with cancellation by set-points. The results come from emulated drives and say nothing about real "
+        "firmware. The drives start with their gains set. Limits are those of the bench file; the master enforces all except "
+        "those that the drive keeps. Made by `python -m plant_emulator.rehearsal.families`."
     )
     header = ("family", *_RUN_COLUMNS, "held by the drive", "held by the master alone", "kept by the drive")
     yield _table(header, [_run_row(profile, run) for profile, run in made])
     refused = [(profile.name, words) for profile, run in made for words in (run.plant_refusal, run.refusal) if words]
     if refused:
-        yield "Not done:"
+        yield "Refused:"
         yield "\n".join(f"- {name}: {words}." for name, words in refused)
 
 
@@ -165,7 +165,7 @@ def _further_products(profiles: Sequence[Profile], answers: Callable[[Profile], 
         for member in profile.members[1:]
     ]
     if rows:
-        yield "The table speaks of the first product of each family. Further ones:"
+        yield "The table describes the first product of each family. Further products:"
         yield _table(
             ("product", "profile", "P-PI inside", "notch inside", "follows the speed", "host-closed", "parameters"), rows
         )
@@ -219,7 +219,7 @@ def _unverified(profile: Profile) -> int:
 def _capabilities(profile: Profile) -> Iterator[str]:
     if profile.capabilities is None:
         return
-    yield "## What it can do for the loop"
+    yield "## Control loop"
     rows = [(_QUESTIONS[name], f"**{entry.answer}**", entry.reason) for name, entry in profile.capabilities]
     yield _table(("what", "answer", "why"), rows)
 
@@ -231,15 +231,15 @@ def _notch_held(profile: Profile) -> Iterator[str]:
     """
     if profile.notch is None:
         return
-    yield "### The notch of Table 3 as it holds it"
+    yield "### The paper's notch (Table 3) in this drive"
     assumed_s = None if _knows_period(profile) else ASSUMED_PERIOD_S
     if assumed_s:
-        yield f"The period of its filter is not known; {1e6 * assumed_s:g} µs is taken here."
+        yield f"The period of its filter is not known; {1e6 * assumed_s:g} µs is assumed here."
     rows = []
     for axis, speed_rps, offset_hz, zeta_rn in (("2", 5.92, 0.5, 0.028), ("3", 5.72, 0.7, 0.036)):
         target = NotchTarget.at_speed(2, speed_rps, offset_hz, zeta_rn, 0.1)
         rows.append((axis, f"{target.zero_hz:.2f} Hz", f"{target.pole_hz:.2f} Hz", *_held(profile, target, assumed_s)))
-    yield _table(("axis", "zeros wanted", "poles wanted", "zeros held", "poles held", "depth lost", "verdict"), rows)
+    yield _table(("axis", "zeros requested", "poles requested", "zeros held", "poles held", "depth lost", "verdict"), rows)
 
 
 def _knows_period(profile: Profile) -> bool:
@@ -296,7 +296,7 @@ def _products(profile: Profile, sources: _Sources) -> Iterator[str]:
     if not profile.products:
         return
     yield "## Products"
-    yield f"All else on this page is of the first one. `{profile.name}/PRODUCT` names one, wherever a profile is asked for."
+    yield f"The rest of this page describes the first product. To select another, give `{profile.name}/PRODUCT` as the profile."
     rows = []
     for member in profile.members:
         identity = member.identity
@@ -331,9 +331,9 @@ def _differences(first: Profile, product: Product, member: Profile, sources: _So
     defaults = {name: member.parameters[name].default for name in product.parameters}
     others = [f"`{name}` {value}" for name, value in defaults.items() if _has_other_default(first, name, value)]
     if others:
-        yield f"Factory settings that are other, as they are on the wire: {', '.join(others)}."
+        yield f"Different factory settings, as raw values: {', '.join(others)}."
     if not (product.quirks or product.absent or product.capabilities or product.facts or changed):
-        yield "Nothing else is known to be other."
+        yield "No other difference is known."
 
 
 def _has_other_default(first: Profile, name: str, value: object) -> bool:

@@ -375,7 +375,7 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, s
     if top_rps < resonant_rps:
         raise ValueError(
             f"the motor, behind its set-points, is at {top_rps:.2f} rev/s when the ramp brakes; order {order} meets "
-            f"f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s: raise end_rps of constant_acceleration by "
+            f"f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s; raise end_rps of constant_acceleration by "
             f"{math.ceil(10.0 * (resonant_rps - top_rps)) / 10.0:.1f} rev/s or more"
         )
     acceleration, period = recording.felt_m_s2, recording.period_s

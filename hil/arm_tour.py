@@ -149,7 +149,7 @@ def claims(entries: list[RunEntry], limit_mm: float) -> tuple[TourClaim, ...]:
     largest = [after[name] for name in ALONG if name in after]
     return (
         TourClaim(
-            claim=f"nothing acting: the tip leaves ±{limit_mm:g} mm",
+            claim=f"no treatment: the tip leaves ±{limit_mm:g} mm",
             asked=limit_mm,
             is_above=True,
             found=before.get("worst"),
@@ -163,7 +163,7 @@ def claims(entries: list[RunEntry], limit_mm: float) -> tuple[TourClaim, ...]:
             claim=f"learnt: within ±{limit_mm:g} mm in the worst direction", asked=limit_mm, found=after.get("worst"), unit="mm"
         ),
         TourClaim(
-            claim="learnt: along none of them more than with nothing acting, but for the sensor's noise",
+            claim="learnt: along each of them at most as much as with no treatment, except for the sensor's noise",
             asked=noise_mm,
             found=max(rises) if len(rises) == len(ALONG) else None,
             unit="mm",

@@ -101,12 +101,12 @@ NOT_DISABLED = "NOT every drive has confirmed that it is disabled"
 """The words for the end of a stop after which torque may still act."""
 
 
-def not_put_back(what: str) -> str:
+def not_restored_words(what: str) -> str:
     """Return the words for an object that a run has not restored.
 
     Or for a node.
     """
-    return f"not put back as it was found: {what}"
+    return f"not restored: {what}"
 
 
 class SafetyStopError(HilError):

@@ -23,7 +23,7 @@ MOST_LEVER_M = 20.0
 
 def _in_metres(lever_m: float) -> float:
     if lever_m > MOST_LEVER_M:
-        raise ValueError(f"{lever_m:g} m is no robot's lever, the longest is {MOST_LEVER_M:g} m: state it in m, not in mm")
+        raise ValueError(f"{lever_m:g} m is too long for a lever; expected at most {MOST_LEVER_M:g} m: state it in m, not in mm")
     return lever_m
 
 
@@ -98,7 +98,7 @@ class TransmissionErrorTable(Table):
         twice = sorted({order for order in orders if orders.count(order) > 1})
         if twice:
             own = ", ".join(f"{order:g}" for order in twice)
-            raise ValueError(f"more has order {own} twice, or despite a key of its own (a1_arcsec, a2_arcsec, a4_arcsec)")
+            raise ValueError(f"more has order {own} twice, or together with its own key (a1_arcsec, a2_arcsec, a4_arcsec)")
         return self
 
     @classmethod
@@ -114,7 +114,7 @@ class TransmissionErrorTable(Table):
         phases: dict[float, float] = {order: float(value) for order, value in phases_deg.items()}
         without = sorted(amplitudes.keys() - phases.keys())
         if without:
-            raise ValueError(f"order {', '.join(f'{order:g}' for order in without)} has an amplitude and no phase")
+            raise ValueError(f"order {', '.join(f'{order:g}' for order in without)} has an amplitude but no phase")
         named: dict[str, float] = {}
         for order in ORDERS:
             named[amplitude_key(order)] = amplitudes.get(order, 0.0)

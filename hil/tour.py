@@ -29,7 +29,7 @@ from hil.bench.model import IdentifiedAxis, load_identified, update_file, values
 from hil.control.treatments import TreatmentName, treatment
 from hil.design.notch_search import Effort
 from hil.emulator import DrawnRobot
-from hil.errors import HilError, InterruptedRunError, NotPossibleError, not_put_back
+from hil.errors import HilError, InterruptedRunError, NotPossibleError, not_restored_words
 from hil.experiments import notch_design
 from hil.experiments.ate.on_bus import identify_ate
 from hil.experiments.ate.request import AteRequest
@@ -252,7 +252,7 @@ class _TourRunner:
                 if item is None or item.value != value:
                     raise NotPossibleError(f"axis {axis}: notch_{column}.{key} is not the same in parameter set and design file")
 
-    def still_there(self) -> tuple[str, str]:
+    def read_back(self) -> tuple[str, str]:
         """Check that the drives still have the uploaded sets.
 
         Every run should have restored its changes.
@@ -298,7 +298,7 @@ def _written(uploads: list[Upload]) -> list[UploadResult]:
     with Interrupts(is_last=False) as interrupts:
         if threading.current_thread() is threading.main_thread():
             late = "the interrupt came too late: everything has been written; another one ends the tour"
-            interrupts.hold("interrupted: what has been written is put back; wait for the outcome", late)
+            interrupts.hold("interrupted: what has been written is restored; wait for the outcome", late)
         return fleet.run(uploads, fleet.UploadControl(interrupts.window))
 
 
@@ -389,7 +389,7 @@ def _told(runner: _TourRunner, request: ComparisonRequest, comparisons: list[Com
         request = replace(request, treatments=left, named=frozenset(left))
     runner.step("run side by side", lambda: _side_by_side(runner, request, comparisons))
     if designed:
-        runner.step("read back after the runs", runner.still_there)
+        runner.step("read back after the runs", runner.read_back)
     return request
 
 
@@ -430,7 +430,7 @@ def run_side_by_side(
     if comparisons[-1].failure is not None:
         raise comparisons[-1].failure
     if comparisons[-1].not_restored:
-        raise NotPossibleError(not_put_back("; ".join(comparisons[-1].not_restored)))
+        raise NotPossibleError(not_restored_words("; ".join(comparisons[-1].not_restored)))
     return f"{len(planned.setups)} runs", "report.html"
 
 

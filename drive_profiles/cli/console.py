@@ -50,11 +50,11 @@ class ExitStatus(ToolExitStatus):
     FILE = 3, "invalid file or refused request"
     BUS = 4, "no bus"
     NODE = 5, "no answer, the wrong device or one that is enabled"
-    SDO = 6, "an SDO abort or a failed read-back (all is put back)"
+    SDO = 6, "an SDO abort or a failed read-back (all values are restored)"
     DIFFERS = 7, "differs"
     UNKNOWN = 8, "unknown which values the drive holds"
     NOT_REALISABLE = 9, "not realisable, with the reasons"
-    INTERRUPTED = 130, "interrupted (all is put back)"
+    INTERRUPTED = 130, "interrupted (all values are restored)"
 
 
 def epilog(statuses: Iterable[ToolExitStatus], own: Mapping[ToolExitStatus, str] | None = None) -> str:

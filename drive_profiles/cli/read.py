@@ -86,7 +86,7 @@ def _nodes(text: str) -> list[int]:
         if re.fullmatch(r"\s*\d{1,3}\s*(-\s*\d{1,3}\s*)?", part) is None:
             raise fail(f"--nodes {text}: expected node-IDs as 1-127, or 1,2,5", ExitStatus.USAGE)
         if last and int(last) < int(first):
-            raise fail(f"--nodes {text}: {first}-{last} runs backwards", ExitStatus.USAGE)
+            raise fail(f"--nodes {text}: {first}-{last} is in descending order", ExitStatus.USAGE)
         numbers |= set(range(int(first), int(last or first) + 1))
     if not numbers or not numbers <= set(range(1, 128)):
         raise fail(f"--nodes {text}: node-IDs are 1 to 127", ExitStatus.USAGE)

@@ -101,7 +101,7 @@ def _show(profile: Profile, realisation: Realisation) -> None:
         ("damping of the poles", f"{target.zeta_pole:.5f}", f"{held.zeta_pole:.5f}", f"{100 * off.zeta_pole:+z.2f} %"),
         ("gain at DC", "1", f"{held.dc_gain:.6f}", f"{off.dc_gain:+z.6f}"),
         (
-            "gain at the wanted zeros, dB",
+            "gain at the requested zeros, dB",
             *(f"{s.gain_db(target.zero_hz):.2f}" for s in (target.shape, held)),
             f"{off.depth_db:+z.2f}",
         ),

@@ -122,7 +122,7 @@ def _snapshot(request: TransactionRequest, path: Path, node: int | None) -> None
     statement = journal.read(path)
     before = statement.snapshot
     if node is not None and node != before.node:
-        raise fail(f"{path} is of node {before.node}, not of node {node}", ExitStatus.USAGE)
+        raise fail(f"{path} belongs to node {before.node}, not to node {node}", ExitStatus.USAGE)
     typer.echo(f"{path}: {statement}", err=True)
     profile = request.profile or before.profile or None
     code, revision = before.identity.get("product_code"), before.identity.get("revision")

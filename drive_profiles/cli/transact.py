@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from drive_profiles.upload.result import UploadOptions, UploadResult
     from drive_profiles.upload.upload import Upload
 
-TOO_LATE = "the interrupt came too late: the upload ends as it would without it"
-"""Line on an interrupt after which nothing is put back any more; it holds before the outcome and after it."""
+TOO_LATE = "the interrupt came too late: the upload finishes"
+"""Line on an interrupt after which nothing is restored any more; it holds before the outcome and after it."""
 MAX_ROWS = 20
 """Most changes that are shown before they are written."""
 
@@ -88,7 +88,7 @@ def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSe
             nodes = ", ".join(f"node {node}" for node, _ in pairs)
             confirm(f"write {count} objects{storing} on {nodes}?", yes=request.yes)
         total = sum(len(item.changes) + len(item.writes) for item in uploads)
-        back = "what has been written is put back" if request.options.rollback else "nothing more is written"
+        back = "what has been written is restored" if request.options.rollback else "nothing more is written"
         interrupts.hold(f"interrupted: {back}; wait for the outcome", TOO_LATE)
         with progress("writing", total) as step:
             outcomes = fleet.run(uploads, fleet.UploadControl(interrupts.window, lambda node, made: step(made)))

@@ -137,7 +137,7 @@ def check_lists(sections: dict[str, EdsSection], parts: dict[int, ObjectSections
     for identity in present:
         _read_list(sections[identity], listed, findings)
     if not present:
-        findings.warn(0, "", "", "has none of the lists of objects; all sections of objects are taken", "[MandatoryObjects] …")
+        findings.warn(0, "", "", "has none of the lists of objects; all sections of objects are read", "[MandatoryObjects] …")
         return
     for index, (section, entry) in listed.items():
         if index not in parts:
@@ -146,7 +146,7 @@ def check_lists(sections: dict[str, EdsSection], parts: dict[int, ObjectSections
     for index, mine in parts.items():
         if index >= 0x1000 and index not in listed and mine.head is not None:
             findings.warn(
-                mine.head.line, mine.head.name, "", "in no list of objects; taken all the same", "its index in one of the lists"
+                mine.head.line, mine.head.name, "", "in no list of objects; read nevertheless", "its index in one of the lists"
             )
 
 
@@ -226,7 +226,7 @@ def _unsigned32(section: EdsSection, key: str, builder: Builder) -> int | None:
         return None
     if not entry.value:
         if key in {"VendorNumber", "ProductNumber", "RevisionNumber"}:
-            builder.findings.warn(entry.line, section.name, entry.key, "empty; taken as unknown", "a whole number")
+            builder.findings.warn(entry.line, section.name, entry.key, "empty; read as unknown", "a whole number")
         return None
     number = builder.number(section, key)
     if number is None or 0 <= number <= MAX_UNSIGNED32:
@@ -247,7 +247,7 @@ def _node_id(section: EdsSection, builder: Builder) -> int | None:
     if 1 <= number <= MAX_NODE_ID:
         return number
     builder.findings.warn(
-        entry.line, section.name, entry.key, f"{number} is not a node-ID; taken as unknown", f"1 to {MAX_NODE_ID}"
+        entry.line, section.name, entry.key, f"{number} is not a node-ID; read as unknown", f"1 to {MAX_NODE_ID}"
     )
     return None
 

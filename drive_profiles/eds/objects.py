@@ -131,7 +131,7 @@ class Builder(VariableReader):
             if not parts.subs:
                 self.findings.refuse(line, name, "", f"no section [{parts.index:04X}] to which it belongs; left out", "one")
                 return
-            self.findings.warn(line, name, "", f"no section [{parts.index:04X}] above it; a record is made up", "one")
+            self.findings.warn(line, name, "", f"no section [{parts.index:04X}] above it; a record is assumed", "one")
             head = EdsSection(f"{parts.index:04X}", line)
             head.entries["parametername"] = EdsEntry("ParameterName", head.name, line)
             self._compound(ODRecord(head.name, parts.index), head, parts)

@@ -288,7 +288,7 @@ def _opened(document: Document, stripped: str, number: int, findings: Findings) 
         name = name[: comment_start(name)].strip(BLANK)
         findings.warn(number, name, "", 'section header lacks "]"; assumed', "[name]")
     elif rest:
-        findings.warn(number, name, "", f"{quoted(rest)} after the head of a section; ignored", "a comment on a line of its own")
+        findings.warn(number, name, "", f"{quoted(rest)} after a section header; ignored", "a comment on a line of its own")
     identity = section_id(name)
     first = document.sections.get(identity)
     if first is not None:
@@ -345,7 +345,7 @@ def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
                 text = data.decode(codec)
             except UnicodeDecodeError as error:
                 raise FileError(
-                    path, (Problem(0, "", f"begins as UTF-16, but is not ({error.reason})", "UTF-8 text"),)
+                    path, (Problem(0, "", f"begins like UTF-16, but is not ({error.reason})", "UTF-8 text"),)
                 ) from error
             findings.warn(1, "", "", "read as UTF-16", "UTF-8 text")
             return text, codec
@@ -356,7 +356,7 @@ def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
         if len(empty) > 2 and not any(empty) and all(letters) and len(data) % 2 == 0:  # no text has a NUL at every other place
             with contextlib.suppress(UnicodeDecodeError):
                 text = data.decode(codec)
-                findings.warn(1, "", "", "is UTF-16, though without its mark; read as that", "UTF-8 text")
+                findings.warn(1, "", "", "is UTF-16 without a byte order mark; read as UTF-16", "UTF-8 text")
                 return text, codec
     try:
         return data.decode("utf-8"), "utf-8"

@@ -189,7 +189,7 @@ class NotchFacts(Fact):
     @pydantic.model_validator(mode="after")
     def _complete(self) -> Self:
         if (self.word == "fixed point") != (self.fraction_bits is not None):
-            raise ValueError("fraction_bits goes with word = 'fixed point', and only with it")
+            raise ValueError("word = 'fixed point' and fraction_bits need each other: one is missing")
         return self
 
 
@@ -221,7 +221,7 @@ class TorqueFacts(Fact):
     @pydantic.model_validator(mode="after")
     def _current_has_a_step(self) -> Self:
         if (self.current is None) != (self.current_step_a is None):
-            raise ValueError("current goes with current_step_a, and only with it")
+            raise ValueError("current and current_step_a need each other: one is missing")
         return self
 
 
@@ -307,7 +307,7 @@ class StoreFacts(Fact):
     @pydantic.model_validator(mode="after")
     def _complete(self) -> Self:
         if self.object is None and not self.note:
-            raise ValueError("a drive without a store command needs a note that says what to do instead")
+            raise ValueError("a drive without a store command needs a note with what to do instead")
         return self
 
 

@@ -153,7 +153,7 @@ class Parameter(Fact):
         value: Value = self.default
         if self.is_bytes and self.data_type != "VISIBLE_STRING":
             if not isinstance(self.default, str):
-                raise ValueError("bytes are written as hexadecimal text")
+                raise ValueError("expected bytes as hexadecimal text")
             value = bytes.fromhex(self.default)
         elif self.type.is_real and isinstance(self.default, int):
             value = float(self.default)

@@ -135,7 +135,7 @@ class Product(Firmware, Fact):
     def _either(self) -> Self:
         both = sorted(set(self.absent) & set(self.parameters))
         if both:
-            raise ValueError(f"absent, and yet described: {', '.join(both)}")
+            raise ValueError(f"listed as absent, but described: {', '.join(both)}")
         return self
 
     @property
@@ -156,7 +156,7 @@ class Product(Firmware, Fact):
         """
         unknown = sorted(set(self.absent) - set(first))
         if unknown:
-            raise ValueError(f"absent names no parameter of the family: {', '.join(unknown)}")
+            raise ValueError(f"absent names parameters that the family does not have: {', '.join(unknown)}")
         own = {name: entry for name, entry in first.items() if name not in self.absent}
         for name, change in self.parameters.items():
             try:

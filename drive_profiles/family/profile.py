@@ -94,7 +94,7 @@ class Profile(Table):
         stated = [each.code for each in codes]
         twice = sorted({code for code in stated if stated.count(code) > 1})
         if twice:
-            raise ValueError(f"{twice[0]:04X}h is there twice")
+            raise ValueError(f"{twice[0]:04X}h is given twice")
         return codes
 
     @pydantic.field_validator("parameters")
@@ -137,10 +137,10 @@ class Profile(Table):
         names = [self.identity.product, *(product.name for product in self.products)]
         for number, product in enumerate(self.products):
             if product.name in names[: number + 1]:
-                raise ValueError(f"product {product.name} is there twice")
+                raise ValueError(f"product {product.name} is given twice")
             for other in self.products[:number]:
                 if product.product_code is not None and product.overlaps(other):
-                    raise ValueError(f"{other.name} and {product.name} have one product code and firmware in common")
+                    raise ValueError(f"{other.name} and {product.name} have the same product code and firmware")
             try:
                 self._as(product)
             except ValueError as error:

@@ -54,4 +54,4 @@ def read_file(path: Path, expected: str, *, max_bytes: int) -> bytes:
 def _refuse_all_but_files(path: Path, mode: int, expected: str) -> None:
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "something else")
-        raise FileError(path, (Problem(0, "", f"cannot be read: it is {kind}, and no file", expected),))
+        raise FileError(path, (Problem(0, "", f"cannot be read: it is {kind}, not a file", expected),))

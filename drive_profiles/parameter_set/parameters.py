@@ -420,7 +420,7 @@ def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, sca
         address = address_from(key)
         entry = _as_on_the_wire(address, None if address is None else catalogue.get(address), item, scaling, limits=limits)
     if is_command(entry.address, catalogue.profile):
-        raise RefusedError(f"{entry} is a command; a file does not give commands")
+        raise RefusedError(f"{entry} is a command; a parameter set cannot contain commands")
     if not entry.is_writable:
         raise RefusedError(f"{entry} is read only")
     if not entry.is_readable:

@@ -124,7 +124,9 @@ def _question_rule(fit: Fit) -> None:
     shape = Shape(fit.target.zero_hz, fit.target.zeta_zero + doubt, fit.target.pole_hz, fit.target.zeta_pole, 1.0, is_stable=True)
     if fit.distance(shape) > 1.0:
         percent = 100.0 * doubt / fit.target.zeta_zero
-        fit.reasons.append(f"its discretisation is not known: the zeros' damping may be {doubt:.2g} off, {percent:.0f} %")
+        fit.reasons.append(
+            f"its discretisation is not known: the damping of the zeros may be off by {doubt:.2g}, {percent:.0f} %"
+        )
 
 
 def _frequency(fit: Fit, part: str, wanted_hz: float) -> dict[str, float]:

@@ -213,7 +213,7 @@ def realise(
     held = shape_of(biquads[0], period)
     reasons = (*fit.reasons, *tolerance.objections(target, held))
     if reasons and (not allow_approximate or not held.is_notch):
-        raise NotRealisableError(profile.label, reasons if held.is_notch else (*reasons, "what is left is no stable notch"))
+        raise NotRealisableError(profile.label, reasons if held.is_notch else (*reasons, "the result is not a stable notch"))
     deviations = Deviations.between(target, held)
     return Realisation(profile.label, target, values, biquads, period, held, deviations, reasons, notch.is_verified)
 

@@ -14,7 +14,7 @@ from drive_profiles.parameter_set.steps import pdo_of
 from drive_profiles.upload.result import UploadOptions
 
 
-def against_identity(device: Device, header: Header, identity: DeviceIdentity, options: UploadOptions) -> list[str]:
+def identity_refusals(device: Device, header: Header, identity: DeviceIdentity, options: UploadOptions) -> list[str]:
     """Return reasons why profile, EDS or set do not fit the device.
 
     The result is empty if all fit.
@@ -40,7 +40,7 @@ def against_identity(device: Device, header: Header, identity: DeviceIdentity, o
         reasons += _differs("device type (1000h)", identity.device_type, types, who)
         if not (expected.is_verified and expected.product_code is not None) and not options.allow_unverified:
             reasons.append(
-                f"the identity in {who} is not verified ({expected.source}); give --allow-unverified to write all the same"
+                f"the identity in {who} is not verified ({expected.source}); give --allow-unverified to write nevertheless"
             )
     if description is not None:  # 0 and nothing are what an EDS says that does not know
         who = str(description.path)
@@ -57,16 +57,16 @@ def warnings_for(parameter_set: ParameterSet, identity: DeviceIdentity, writes: 
     header, said = parameter_set.header, []
     if header.revision is not None and identity.revision != header.revision:
         theirs, own = (_hexadecimal(number) for number in (header.revision, identity.revision))
-        said.append(f"the set is of revision {theirs}, the device of {own}")
+        said.append(f"the set is for revision {theirs}, the device has {own}")
     if parameter_set.is_edited:
         said.append("the set has been edited since it was written")
     other = _other_device(header, identity)
-    if other and writes:  # refused unless that was asked for: see `against_values`
-        said.append(f"the set is of another device ({other})")
+    if other and writes:  # refused unless that was asked for: see `value_refusals`
+        said.append(f"the set is for another device ({other})")
     return said
 
 
-def against_values(
+def value_refusals(
     device: Device, header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions
 ) -> list[str]:
     """Return reasons why these values must not go to this device.
@@ -81,11 +81,11 @@ def against_values(
         options: Options of the upload.
     """
     guesses = [] if options.allow_unverified else [write for write in writes if not write.entry.is_verified]
-    why = "its facts are not verified; give --allow-unverified to write it all the same"
+    why = "its facts are not verified; give --allow-unverified to write it nevertheless"
     reasons = [f"{write.entry}: {why}" for write in guesses]
     if header.unverified and writes and not options.allow_unverified:
         reasons.append(
-            f"the values come from unverified facts ({header.unverified}); give --allow-unverified to write them all the same"
+            f"the values come from unverified facts ({header.unverified}); give --allow-unverified to write them nevertheless"
         )
     reasons += _foreign_set(header, identity, writes, options)
     reasons += _commissioning(header, identity, writes, options)
@@ -105,7 +105,7 @@ def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Writ
         return []
     limits = [str(write.entry) for write in theirs if write.parameter_class == "limits"]
     among = f"; limits are among its values: {', '.join(limits[:3])}{', …' if len(limits) > 3 else ''}" if limits else ""
-    return [f"the set is of another device ({other}){among}; give --other-device to write it all the same"]
+    return [f"the set is for another device ({other}){among}; give --other-device to write it nevertheless"]
 
 
 def _other_device(header: Header, identity: DeviceIdentity) -> str:
@@ -135,7 +135,7 @@ def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Wr
         return []
     serials = f"the set is of serial number {header.serial_number}, the device has {identity.serial_number}"
     names = ", ".join(str(write.entry) for write in theirs[:5])
-    remedy = "--force-commissioning writes them all the same, upload --classes leaves them out"
+    remedy = "--force-commissioning writes them nevertheless, upload --classes leaves them out"
     return [f"{names}: commissioning values of another device ({serials}); {remedy}"]
 
 

@@ -21,7 +21,7 @@ class UploadControl:
     """Control of running uploads: their progress, and a way to stop them.
 
     Attributes:
-        window: An interrupt in it stops the uploads, and everything is put back. It is closed where all is written and read
+        window: An interrupt in it stops the uploads, and everything is restored. It is closed where all is written and read
             back, before anything is stored: the last point of return, of all drives together.
         progress: Called with a node and the number of steps made, from several threads.
     """
@@ -94,7 +94,7 @@ def _roll_back(uploads: Sequence[Upload], failures: Mapping[Upload, DriveProfile
 
     for upload, error in _each(uploads, back).items():  # a mistake of this program on the way back
         every = tuple(upload.named(address) for address in upload.addresses)
-        outcomes[upload] = upload.end("unknown", every, f"putting it back failed: {error}", 1)
+        outcomes[upload] = upload.end("unknown", every, f"restoring it failed: {error}", 1)
     return [outcomes[upload] for upload in uploads]
 
 
@@ -149,7 +149,7 @@ def _each(uploads: Sequence[Upload], step: Callable[[Upload], None]) -> dict[Upl
             step(upload)
         except DriveProfileError as error:
             failures[upload] = error
-        except Exception as error:  # noqa: BLE001 - whatever it is, the drives are put back before anything else
+        except Exception as error:  # noqa: BLE001 - whatever it is, the drives are restored before anything else
             failures[upload] = UnexpectedError(f"unexpected: {error!r}")
             failures[upload].__cause__ = error
 

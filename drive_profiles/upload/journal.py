@@ -27,7 +27,7 @@ from drive_profiles.standard.object_address import ObjectAddress, address_text, 
 MAX_SNAPSHOT_BYTES = 8 << 20
 """Longest first line: of a set's bytes, which its file holds in 4 MiB at most, it has the old ones and the new ones."""
 MAX_BYTES = 8 * MAX_SNAPSHOT_BYTES
-"""Longest journal that is read. The notes of an object, written and put back, are up to four times its part of the first line."""
+"""Longest journal that is read. The notes of an object, written and restored, are up to four times its part of the first line."""
 Answer = Literal["yes", "no", "unknown"]
 
 
@@ -84,8 +84,8 @@ class JournalStatement:
         doubt = ", ".join(address_text(address) for address in self.uncertain) or "none"
         stored = {"yes": "stored", "no": "not stored", "unknown": "perhaps stored"}[self.stored]
         return (
-            f"upload to node {self.snapshot.node} {end}; {len(changed)} of {len(self.possible)} objects hold what was wanted, "
-            f"uncertain: {doubt}; {stored}"
+            f"upload to node {self.snapshot.node} {end}; {len(changed)} of {len(self.possible)} objects hold the requested "
+            f"values, uncertain: {doubt}; {stored}"
         )
 
 

@@ -34,13 +34,13 @@ def as_set(snapshot: UploadSnapshot, catalogue: Catalogue) -> ParameterSet:
         try:
             key, table_item = item_of(CatalogueEntry(address, snapshot.names.get(address, ""), data_type), data, None)
         except ValueError as error:
-            reasons.append(f"{address_text(address)}: what the drive held cannot be written back: {error}")
+            reasons.append(f"{address_text(address)}: the drive's previous value cannot be restored: {error}")
             continue
         table[key] = table_item
     if reasons:
         raise RefusedError(*reasons)
     if not table:
-        raise RefusedError("the snapshot holds nothing that could be written back")
+        raise RefusedError("the snapshot holds nothing that can be restored")
     identity = snapshot.identity
     header = Header(
         profile=snapshot.profile,

@@ -33,12 +33,12 @@ from drive_profiles.errors import (
 from drive_profiles.parameter_set.parameters import ParameterSet, Write
 from drive_profiles.parameter_set.steps import Step, mapped, steps, support
 from drive_profiles.standard.object_address import ObjectAddress, address_text
-from drive_profiles.upload.checks import against_identity, against_values, warnings_for
+from drive_profiles.upload.checks import identity_refusals, value_refusals, warnings_for
 from drive_profiles.upload.journal import Journal, UploadSnapshot, journal_path
 from drive_profiles.upload.result import Stored, UploadOptions, UploadReadBackError, UploadResult, UploadStatus
 
 MAX_PASSES = 3
-"""Number of attempts to put everything back, where writing one object changes another."""
+"""Number of attempts to restore everything, where writing one object changes another."""
 
 
 class Upload:
@@ -106,7 +106,7 @@ class Upload:
         self.device.port.forget()
         self._boots = self.device.port.boots
         self.identity = identity = self.device.identify()
-        reasons = against_identity(self.device, self.parameter_set.header, identity, self.options)
+        reasons = identity_refusals(self.device, self.parameter_set.header, identity, self.options)
         if reasons:
             raise NodeError(self.device.node, "; ".join(reasons), "check node, profile and file")
         self.device.check_quiet()
@@ -156,7 +156,7 @@ class Upload:
         """
         if self.device.port.boots != self._boots:
             self._boots = self.device.port.boots
-            raise NodeError(self.device.node, "it has restarted meanwhile", "check its supply")
+            raise NodeError(self.device.node, "it has restarted in the meantime", "check its supply")
 
     def _before(self, address: ObjectAddress) -> bytes:
         """Read an object before anything is written.
@@ -178,7 +178,7 @@ class Upload:
         """Turn the lines into bytes; all objections are raised together."""
         header = self.parameter_set.header
         self.writes = self.device.resolve(self.parameter_set, self.options.classes, limits=self.options.limits)
-        reasons = against_values(self.device, header, identity, self.writes, self.options)
+        reasons = value_refusals(self.device, header, identity, self.writes, self.options)
         if reasons:
             raise RefusedError(*reasons)
 

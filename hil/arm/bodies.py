@@ -68,7 +68,7 @@ class Body(Table):
     @model_validator(mode="after")
     def _nothing_turns_without_a_mass(self) -> Self:
         if self.mass_kg == 0.0 and self.inertia_kg_m2 != Inertia.model_construct():
-            raise ValueError("mass_kg is 0, but inertia_kg_m2 is not; give both or neither")
+            raise ValueError("mass_kg is 0, but inertia_kg_m2 is not; set both or neither")
         return self
 
 

@@ -41,8 +41,8 @@ class ArmLine:
         Raises:
             LineError: The arm cannot follow the line.
         """
-        _, walked = self.line.walked
-        return np.asarray(np.flatnonzero(np.max(np.abs(walked - self.arm.home_rad()), axis=0) > MOVED_RAD), dtype=np.int64)
+        _, joints_rad = self.line.joints_along
+        return np.asarray(np.flatnonzero(np.max(np.abs(joints_rad - self.arm.home_rad()), axis=0) > MOVED_RAD), dtype=np.int64)
 
     @property
     def axes(self) -> tuple[int, ...]:
@@ -88,7 +88,7 @@ def arm_line(arm: ArmTable, motion: LineMotion) -> ArmLine:
         tuple(f"axis {axis}" for axis in arm.axes),
     )
     if line.length_m < SHORTEST_M and line.turned_rad < SHORTEST_RAD:
-        raise LineError(0.0, line.length_m, "start_m and end_m are one place, and the tool does not turn")
+        raise LineError(0.0, line.length_m, "start_m and end_m are equal, and the tool does not turn")
     return ArmLine(arm, line)
 
 

@@ -68,7 +68,7 @@ def check_masses(arm: ArmTable) -> None:
     heavy = [number for number, body in enumerate(bodies) if body.mass_kg > 0.0]
     last = heavy[-1] if heavy else -1
     if last + 1 < len(bodies):
-        raise ValueError(f"{arm.link[last + 1].label} turns no mass: give it, a link behind it, or the payload a body")
+        raise ValueError(f"{arm.link[last + 1].label} turns no mass; give a body to it, to a link after it, or to the payload")
     matrix = mass_matrix(arm, arm.home_rad())
     size_m = sum(math.hypot(*link.origin_m) for link in arm.link) + max(math.hypot(*body.centre_m) for body in bodies)
     nothing = LEAST_FREE**2 * sum(body.mass_kg for body in bodies) * size_m**2

@@ -17,7 +17,7 @@ from hil.arm.kinematics import Array, Kinematics, rotation_vector, turn
 from hil.control.trajectory import Smooth, sample_times
 
 STEP_M, STEP_RAD = 0.002, math.radians(0.5)
-"""Steps in which a line is walked: the shorter counts."""
+"""Steps in which a line is solved: the shorter counts."""
 FEWEST_STEPS, MOST_STEPS = 64, 2048
 REACHED_M, REACHED_RAD = 1e-7, 1e-7
 """Errors of a pose up to which it is reached."""
@@ -142,7 +142,7 @@ class StraightLine:
         return positions, turn(axis, s * angle) @ self.start.frame
 
     @cached_property
-    def walked(self) -> tuple[Array, Array]:
+    def joints_along(self) -> tuple[Array, Array]:
         """Fractions of the line and joint angles, in small steps.
 
         Shapes (m,) and (m, n).
@@ -174,7 +174,7 @@ class StraightLine:
         x, y, z = position_m.tolist()
         why = f"the arm does not bring its tip to x = {x:.3f}, y = {y:.3f}, z = {z:.3f} m"
         if self.with_frame:
-            why += " in the wanted direction"
+            why += " in the required direction"
         why += f"; the nearest found is {1e3 * missing_m:.3g} mm" + (
             f" and {math.degrees(missing_rad):.2g}°" if self.with_frame else ""
         )
@@ -199,8 +199,8 @@ class StraightLine:
         Raises:
             LineError: The arm cannot follow the line.
         """
-        fractions, walked = self.walked
-        near = _smooth_between(fractions, walked, fraction)
+        fractions, joints_rad = self.joints_along
+        near = _smooth_between(fractions, joints_rad, fraction)
         found, left = self.arm.solve(near, *self.poses(fraction))
         worst = int(np.argmax(np.max(np.abs(left), axis=-1)))
         self._check_reach(float(fraction[worst]), self.poses(fraction)[0][worst], left[worst])
@@ -256,16 +256,16 @@ def _is_reached(left: Array) -> bool:
     return float(np.linalg.norm(left[:3])) <= REACHED_M and float(np.linalg.norm(left[3:])) <= REACHED_RAD
 
 
-def _smooth_between(fractions: Array, walked: Array, wanted: Array) -> Array:
+def _smooth_between(fractions: Array, joints_rad: Array, wanted: Array) -> Array:
     """Interpolate angles between equal steps by Catmull and Rom's cubic.
 
     The result is smooth enough as a starting value; shape (n, joints).
     """
-    slopes = np.gradient(walked, fractions, axis=0)
+    slopes = np.gradient(joints_rad, fractions, axis=0)
     step = float(fractions[1] - fractions[0])
     at = np.clip((wanted / step).astype(np.int64), 0, len(fractions) - 2)
     u = ((wanted - fractions[at]) / step)[:, np.newaxis]
-    before, after = walked[at], walked[at + 1]
+    before, after = joints_rad[at], joints_rad[at + 1]
     rise, fall = slopes[at] * step, slopes[at + 1] * step
     return np.asarray(
         (2 * u**3 - 3 * u**2 + 1) * before + (u**3 - 2 * u**2 + u) * rise + (3 * u**2 - 2 * u**3) * after + (u**3 - u**2) * fall

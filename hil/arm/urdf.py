@@ -189,7 +189,10 @@ def _chain(file: _File) -> list[tuple[_Joint | None, list[tuple[str, Real, Real]
         if joint.child in above:
             first = above[joint.child].name
             file.refuse(
-                joint.element, f"joint {joint.name!r}", f"closes a loop: link {joint.child!r} hangs on {first!r} too", "a chain"
+                joint.element,
+                f"joint {joint.name!r}",
+                f"closes a loop: joint {first!r} carries link {joint.child!r} too",
+                "a chain",
             )
         above[joint.child] = joint
     roots = [name for name in file.links if name not in above]
@@ -198,7 +201,7 @@ def _chain(file: _File) -> list[tuple[_Joint | None, list[tuple[str, Real, Real]
         file.refuse(joint.element, f"joint {joint.name!r}", "is part of a loop: no link is the base", "a chain")
     if len(roots) > 1:
         loose = roots[1]
-        file.refuse(file.links[loose], f"link {loose!r}", f"hangs on no joint, like {roots[0]!r}", "one base")
+        file.refuse(file.links[loose], f"link {loose!r}", f"has no parent joint, and neither has {roots[0]!r}", "one base")
     groups: list[tuple[_Joint | None, list[tuple[str, Real, Real]]]] = []
     joint_above: _Joint | None = None
     start, reached = roots[0], 0
@@ -351,7 +354,7 @@ def _reductions(file: _File, root: Element) -> dict[str, float]:
 def _limits(file: _File, joint: _Joint, what: str) -> tuple[float, float]:
     limit = joint.element.child("limit")
     if limit is None:
-        file.refuse(joint.element, what, "is revolute and has no <limit>", "lower and upper, or the type continuous")
+        file.refuse(joint.element, what, "is revolute but has no <limit>", "lower and upper, or the type continuous")
     low, high = (_number(file, limit, side, what, 0.0) for side in ("lower", "upper"))
     if not low < high:
         file.refuse(limit, what, f"goes from {low:g} to {high:g} rad", "lower below upper")

@@ -186,7 +186,7 @@ class AxisTable(Table):
     @classmethod
     def _is_typed(cls, text: str | None) -> str | None:
         if text is not None and text.startswith(TO_BE_TYPED):
-            raise ValueError(f"is still to be typed:{text.removeprefix(TO_BE_TYPED)}")
+            raise ValueError(f"is not filled in yet:{text.removeprefix(TO_BE_TYPED)}")
         return text
 
     def gains(self, purpose: str) -> Control:
@@ -220,7 +220,7 @@ class AxisTable(Table):
             return self.tip_lever_m
         raise NotPossibleError(
             f"{purpose} needs an accelerometer that the axis moves: its lever at home is {1e3 * self.tip_lever_m:.2g} mm, "
-            f"{1e3 * LEAST_LEVER_M:g} mm is the least. Mount it elsewhere, or leave it out"
+            f"{1e3 * LEAST_LEVER_M:g} mm is the least. Mount it elsewhere, or leave out the table"
         )
 
     @property

@@ -95,7 +95,7 @@ def check_file(path: Path, robot: str) -> None:
 def _known_in(path: Path, robot: str) -> Designs:
     known = load_designs(path) if path.exists() else Designs(robot=robot)
     if known.robot != robot:
-        raise NotPossibleError(f"{path} holds filters of {known.robot!r}, this is {robot!r}: choose another file")
+        raise NotPossibleError(f"{path} holds filters of robot {known.robot!r}; expected {robot!r}; choose another file")
     return known
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hil.arm.kinematics import Kinematics
 from hil.bench.bench import Bench, with_levers
-from hil.bench.tip import NOBODY, joint_angles
+from hil.bench.tip import NO_ANGLES, joint_angles
 from hil.errors import NotPossibleError
 from hil.recording import TIP, Recording
 
@@ -51,7 +51,7 @@ def watched_axes(bench: Bench, moved: Collection[int]) -> tuple[int, ...]:
     return tuple(number for number in sorted(bench.axis) if number not in moved)
 
 
-def with_load_encoders(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NOBODY) -> Recording:
+def with_load_encoders(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NO_ANGLES) -> Recording:
     """Check a recording's load encoders against the motors.
 
     Return it; without a sensor, with the tip from the encoders.
@@ -123,7 +123,7 @@ def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
     """
     for number in axes if bench.arm is None else bench.axis:
         if number in bench.axis and bench.axis[number].load_encoder is None:
-            why = "" if number in axes else ", and on an arm every joint swings"
+            why = "" if number in axes else ", and on an arm every joint vibrates"
             raise NotPossibleError(
                 f"axis {number} has no second encoder{why}; state [axis.{number}.load_encoder] in the bench file"
             )
@@ -180,7 +180,7 @@ def check_counting(bench: Bench, recording: Recording, number: int) -> None:
 
 
 def tip_of_joints(
-    bench: Bench, recording: Recording, angles: Mapping[int, Real], standing_rad: Mapping[int, float] = NOBODY
+    bench: Bench, recording: Recording, angles: Mapping[int, Real], standing_rad: Mapping[int, float] = NO_ANGLES
 ) -> Real:
     """Compute the tip's acceleration from the joints' encoders.
 

@@ -235,6 +235,15 @@ class Identified(Table):
     axis: dict[AxisNumber, IdentifiedAxis] = Field(default_factory=dict)
     arm: IdentifiedArm | None = None
 
+    def check_robot(self, name: str, what: str = "the model file") -> None:
+        """Refuse the file of another robot than the bench of this name.
+
+        Raises:
+            NotPossibleError: The file belongs to another robot.
+        """
+        if self.robot != name:
+            raise NotPossibleError(f"{what} is of robot {self.robot!r}; expected {name!r}; choose another file")
+
     def with_part(self, number: int, part: IdentifiedPlant | IdentifiedError) -> "Identified":
         """The file with one part of one axis added or replaced."""
         name = "plant" if isinstance(part, IdentifiedPlant) else "ate"
@@ -315,8 +324,7 @@ def _known_in(path: Path, robot: str) -> Identified:
         NotPossibleError: The file belongs to another robot.
     """
     known = load_identified(path) if path.exists() else Identified(robot=robot)
-    if known.robot != robot:
-        raise NotPossibleError(f"{path} is the model file of {known.robot!r}, this is {robot!r}: choose another file")
+    known.check_robot(robot, str(path))
     return known
 
 

@@ -27,7 +27,7 @@ STANDSTILL_RAD, STANDSTILL_ROWS = 1e-5, 20
 MOST_ASKEW_RAD = math.radians(10.0)
 """Angle by which a sensor's weight may be elsewhere: more than any glue, gear or drawing is askew."""
 
-NOBODY: Mapping[int, float] = MappingProxyType({})
+NO_ANGLES: Mapping[int, float] = MappingProxyType({})
 
 
 def sensor_frame(bench: Bench, arm: Kinematics) -> LinkFrame:
@@ -39,7 +39,7 @@ def sensor_frame(bench: Bench, arm: Kinematics) -> LinkFrame:
     return arm.tip if mounting is None or bench.arm is None else mounting.frame(bench.arm)
 
 
-def joint_angles(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NOBODY) -> Real:
+def joint_angles(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NO_ANGLES) -> Real:
     """Angles of all joints of the bench's arm; shape (n, joints).
 
     Args:
@@ -60,7 +60,7 @@ def joint_angles(bench: Bench, recording: Recording, standing_rad: Mapping[int, 
     return angles
 
 
-def with_tip(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NOBODY) -> Recording:
+def with_tip(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NO_ANGLES) -> Recording:
     """Return a recording with the tip's acceleration in the base frame.
 
     The kinematics of the bench's arm gives it. The signals of a mounted sensor along its own axes are kept in columns of
@@ -121,7 +121,7 @@ def _doubt(bench: Bench, recording: Recording, angles: Real, of: LinkFrame, acce
     if mounting.gravity and away > 2.0 * math.sin(0.5 * MOST_ASKEW_RAD) * expected:
         degrees, most = math.degrees(2.0 * math.asin(min(1.0, 0.5 * away / expected))), math.degrees(MOST_ASKEW_RAD)
         return (
-            f"at rest the accelerometer shows gravity {degrees:.0f}° off its mounting, {most:g}° at most; check "
+            f"at rest the accelerometer shows gravity {degrees:.0f}° off its mounting; at most {most:g}° is allowed; check "
             "axis and rpy_deg of accelerometer.mounting, and home_deg of the arm"
         )
     return None

@@ -45,7 +45,7 @@ _PLAIN = {
     NO_ACKNOWLEDGE: "no node acknowledges: no other node, another bit rate, or no termination",
     BUS_OFF: "the controller is bus-off",
     BUS_ERROR: "bus error",
-    RESTARTED: "the controller was bus-off and has restarted by itself; set restart-ms 0",
+    RESTARTED: "the controller was bus-off and has restarted automatically; set restart-ms 0",
 }
 _KNOWN = sum(_PLAIN) | CONTROLLER | PROTOCOL | COUNTERS
 
@@ -79,12 +79,12 @@ def decode(frame: Frame) -> ControllerEvent | None:
     words = [text for bit, text in _PLAIN.items() if can_id & bit]
     words += [text for bit, text in _STATES.items() if state & bit]
     if can_id & CONTROLLER and not state:
-        words.append("controller problem of no known kind")
+        words.append("unknown controller problem")
     if can_id & PROTOCOL:
         kinds = [text for bit, text in _PROTOCOL.items() if data[2] & bit]
         words.append("protocol violation" + (f" ({', '.join(kinds)})" if kinds else ""))
     if can_id & COUNTERS or data[6] or data[7]:
-        words.append(f"error counters: sent {data[6]}, received {data[7]}")
+        words.append(f"error counters: transmit {data[6]}, receive {data[7]}")
     return ControllerEvent(
         words="; ".join(words),
         is_lost=bool(can_id & (BUS_OFF | RESTARTED)),

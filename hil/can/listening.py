@@ -24,8 +24,8 @@ from hil.can.local import connect_local, wait_at_most
 from hil.can.socketcan import bind_can
 
 T = TypeVar("T")
-Heard = NDArray[np.void]
-HEARD = np.dtype([("stamp_ns", "<i8"), ("can_id", "<u4"), ("length", "u1"), ("data", "<u8")])
+ReceivedFrames = NDArray[np.void]
+FRAME_RECORD = np.dtype([("stamp_ns", "<i8"), ("can_id", "<u4"), ("length", "u1"), ("data", "<u8")])
 """A frame that was heard: time in ns, identifier with SocketCAN's flags, length, and data with the first byte lowest."""
 _WIRE = np.dtype({"names": ["can_id", "length", "data"], "formats": ["=u4", "u1", "<u8"], "offsets": [0, 4, 8], "itemsize": 16})
 _MOMENT_S = 0.2
@@ -51,7 +51,7 @@ class Listener(Protocol):
     address: Address
     lost: int
 
-    def take(self) -> Heard:
+    def take(self) -> ReceivedFrames:
         """The frames that have come since; shape (n,).
 
         Raises:
@@ -161,10 +161,10 @@ class LocalListener(_Listening):
     def _read(self) -> bytes | None:
         message = self._gathered(lambda flags: self._socket.recv(_HEARD_BYTES, flags))
         if message == b"":
-            raise OSError("the other end has closed it")
+            raise OSError("the other end has closed the connection")
         return message
 
-    def take(self) -> Heard:
+    def take(self) -> ReceivedFrames:
         """The frames that have come since; shape (n,)."""
         octets = self._rest + b"".join(self._taken())
         whole = len(octets) - len(octets) % RECORD.size
@@ -212,7 +212,7 @@ class CanListener(_Listening):
                 return record, seconds * 1_000_000_000 + nanoseconds
         return record, -1
 
-    def take(self) -> Heard:
+    def take(self) -> ReceivedFrames:
         """The frames that have come since; shape (n,)."""
         messages = [each for each in self._taken() if len(each[0]) == RECORD.size and each[1] >= 0]
         records = np.frombuffer(b"".join(record for record, _ in messages), _WIRE)
@@ -250,7 +250,7 @@ class AdapterListener(_Listening):
         except self._errors as error:
             raise OSError(str(error)) from error
 
-    def take(self) -> Heard:
+    def take(self) -> ReceivedFrames:
         """Return the frames since the last call, without CAN FD; shape (n,)."""
         from hil.can.adapter import frame_of  # noqa: PLC0415 - python-can is slow to load
 
@@ -272,7 +272,9 @@ class AdapterListener(_Listening):
             self._bus.shutdown()
 
 
-def _heard(stamp_ns: NDArray[np.int64], can_id: NDArray[np.uint32], length: NDArray[np.uint8], data: NDArray[np.uint64]) -> Heard:
-    found = np.empty(len(stamp_ns), HEARD)
+def _heard(
+    stamp_ns: NDArray[np.int64], can_id: NDArray[np.uint32], length: NDArray[np.uint8], data: NDArray[np.uint64]
+) -> ReceivedFrames:
+    found = np.empty(len(stamp_ns), FRAME_RECORD)
     found["stamp_ns"], found["can_id"], found["length"], found["data"] = stamp_ns, can_id, length, data
     return found

@@ -205,7 +205,7 @@ class LocalChannel(RawChannel):
         except OSError as error:
             raise self._bus_lost(error) from error
         if not message:
-            raise self._bus_lost(OSError(errno.ECONNRESET, "the other end has closed it"))
+            raise self._bus_lost(OSError(errno.ECONNRESET, "the other end has closed the connection"))
         if message[-RECORD.size :].startswith(_CLOCK_HEAD) and self._is_period_over(message[-MAX_DATA_LENGTH:]):
             self._is_over = True
             return message[: -RECORD.size]
@@ -267,7 +267,7 @@ class LocalChannel(RawChannel):
             except OSError as error:
                 raise self._bus_lost(error) from error
             if not record:
-                raise self._bus_lost(OSError(errno.ECONNRESET, "the other end has closed it"))
+                raise self._bus_lost(OSError(errno.ECONNRESET, "the other end has closed the connection"))
             if self._takes_several:
                 self._take_message(record)
                 if self._early:

@@ -158,7 +158,7 @@ def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> 
             raise fail(f"--treatment {name}: expected one of {', '.join(TREATMENTS)}", ExitStatus.USAGE)
     chosen = tuple(name for name in TREATMENTS if not names or name in names)
     if set(chosen) == {"none"}:
-        raise fail("--treatment none: it is compared with others; give a second --treatment", ExitStatus.USAGE)
+        raise fail("--treatment none: expected a second --treatment to compare it with", ExitStatus.USAGE)
     return ComparisonRequest(wanted, tuple(dict.fromkeys(axes)), chosen, frozenset(names))
 
 
@@ -199,7 +199,7 @@ def _check_buses(benches: list[str], bus: str | None, robots: list[str]) -> None
         raise fail("--emulate starts a bus of its own; leave --bus out", ExitStatus.USAGE)
     if len(robots) not in {0, 1, len(benches)}:
         raise fail(
-            f"{len(robots)} times --emulate for {len(benches)} bench files: give one for all, or one each", ExitStatus.USAGE
+            f"{len(robots)} times --emulate for {len(benches)} bench files; give one for all, or one for each", ExitStatus.USAGE
         )
 
 

@@ -114,10 +114,10 @@ def exit_on_error(interrupted: str = "interrupted before anything moved") -> Ite
 
 def say_not_restored(objects: Iterable[str]) -> None:
     """Print the objects that could not be restored in the nodes."""
-    from hil.errors import not_put_back  # noqa: PLC0415
+    from hil.errors import not_restored_words  # noqa: PLC0415
 
     for name in objects:
-        say(not_put_back(name))
+        say(not_restored_words(name))
 
 
 def write_page(directory: Path) -> Path | None:

@@ -89,7 +89,7 @@ def demo(
 
 
 NEXT = (
-    ("the emulated robot, for any tool to join", "plant-emulator serve --robot reference --bus local:/tmp/robot.sock"),
+    ("the emulated robot, for any tool to connect to", "plant-emulator serve --robot reference --bus local:/tmp/robot.sock"),
     (
         "in another terminal: one experiment on it",
         "hil run constant-acceleration --axis 2 --treatment notch --bench reference --bus local:/tmp/robot.sock",
@@ -98,7 +98,7 @@ NEXT = (
         "identify its plant",
         "hil identify plant --bench reference --bus local:/tmp/robot.sock --axis 2 --model model.toml",
     ),
-    ("check the bus load of a bench of your own", "hil plan --bench bench.toml"),
+    ("check the bus load of your own bench", "hil plan --bench bench.toml"),
 )
 """Commands that somebody may want after the demo, with what each is for."""
 

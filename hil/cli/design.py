@@ -45,7 +45,7 @@ class ShapeName(StrEnum):
     BEST = "best"
 
 
-ModelOption = Annotated[Path | None, typer.Option("--model", help="Model file of hil identify, before the bench file's model.")]
+ModelOption = Annotated[Path | None, typer.Option("--model", help="Model file of hil identify; replaces the bench file's model.")]
 UncertaintyOption = Annotated[
     float | None, typer.Option(help="Uncertainty of K_g and J_l; default: the model file's standard errors, or 5. 0 for none.")
 ]
@@ -54,7 +54,7 @@ SetFileOption = Annotated[
 ]
 DesignFileOption = Annotated[
     Path | None,
-    typer.Option("--design", help="Design file, this axis of it replaced; default: design.toml in --out, or none with --given."),
+    typer.Option("--design", help="Design file; this axis is replaced; default: design.toml in --out, or none with --given."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print design.json on standard output, all else on standard error.")]
 

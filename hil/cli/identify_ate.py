@@ -68,9 +68,9 @@ FirstRampOption = Annotated[
     float | None,
     typer.Option(help="Acceleration of the first pass; later ones are slower. Default: chosen from f_a of the model file, or 4."),
 ]
-SensorlessOption = Annotated[bool, typer.Option("--sensorless", help="From motor torque and encoder only; needs J_m and J_l.")]
+SensorlessOption = Annotated[bool, typer.Option("--sensorless", help="Use motor torque and encoder only; needs J_m and J_l.")]
 EncoderOption = Annotated[
-    bool, typer.Option("--encoder", help="By the axis' second encoder, on the joint, instead of the accelerometer.")
+    bool, typer.Option("--encoder", help="Use the axis' second encoder, on the joint, instead of the accelerometer.")
 ]
 
 

@@ -63,7 +63,7 @@ ROWS = (
     ("friction_viscous_nm_s_rad", "friction slope", "N·m·s/rad"),
     ("gravity_moment_nm", "m g l", "N·m"),
     ("gravity_phase_deg", "q_0", "°"),
-    ("lever_ratio", "lever seen / bench file's", ""),
+    ("lever_ratio", "lever measured / bench file's", ""),
     ("torque_age_s", "age of the torque", "s"),
     ("torque_lag_s", "lag of the current loop", "s"),
     ("accelerometer_delay_s", "delay of the tip's signal", "s"),
@@ -106,7 +106,7 @@ def plant(
         float | None, typer.Option(help="Upper end of the band; default: likewise, within 0.4 of the SYNC rate.")
     ] = None,
     bias_rps: Annotated[
-        float | None, typer.Option(help="Motor speed under the excitation; default: one at which the gear does not ring.")
+        float | None, typer.Option(help="Motor speed under the excitation; default: away from the gear's resonance.")
     ] = None,
     periods: Annotated[int, typer.Option(help="Least number of averaged periods.")] = 10,
     excitation: Annotated[
@@ -221,7 +221,7 @@ def _motion_lines(bench: "Bench", request: "PlantRequest") -> Iterator[str]:
         yield f"This brings the arm of {bench.bus.address} into a posture, joint by joint, and back: {there}. Is the way clear?"
     yield f"This moves axis {request.axis} on {bench.bus.address}:"
     yield (
-        f"  to and fro within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions at up to "
-        f"{max(bench.approach_rps, FAST_RPS, bias):g} rev/s, shaken at {band.low_hz:g} … {band.high_hz:g} Hz with an "
+        f"  back and forth within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions at up to "
+        f"{max(bench.approach_rps, FAST_RPS, bias):g} rev/s, excited at {band.low_hz:g} … {band.high_hz:g} Hz with an "
         f"amplitude {amplitude}; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m"
     )

@@ -217,7 +217,8 @@ def _motion_lines(bench: "Bench", request: "LearnRequest") -> Iterator[str]:
             continue
         limits = bench.axis[axis].limits
         yield (
-            f"This moves axis {axis} on {bench.bus.address}: {request.passes} times to and fro at {request.acceleration_rps_s:g} "
+            f"This moves axis {axis} on {bench.bus.address}: {request.passes} times back and forth at "
+            f"{request.acceleration_rps_s:g} "
             f"rev/s², anywhere within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions; at most "
             f"{limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
         )

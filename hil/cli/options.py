@@ -39,7 +39,7 @@ LoopOption = Annotated[LoopName, typer.Option("--loop", help="Where the loop is 
 TreatmentOption = Annotated[
     TreatmentName,
     typer.Option(
-        "--treatment", metavar="NAME", help=f"What acts against the vibration: {', '.join(described(row) for row in TABLE)}."
+        "--treatment", metavar="NAME", help=f"Treatment of the vibration: {', '.join(described(row) for row in TABLE)}."
     ),
 ]
 TreatmentListOption = Annotated[
@@ -48,12 +48,13 @@ TreatmentListOption = Annotated[
         "--treatment",
         metavar="NAME[,NAME]",
         autocompletion=complete_list(lambda: [row.name for row in TABLE]),
-        help=f"Names with commas between: {', '.join(row.name for row in TABLE)}. Left out: all that the given files allow.",
+        help=f"Comma-separated list of: {', '.join(row.name for row in TABLE)}. Left out: all that the given files allow.",
     ),
 ]
 PlainTreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="Plan with the notch or without.")]
 OrdersOption = Annotated[
-    str, typer.Option("--orders", metavar="K[,K]", help="Orders of the transmission error with commas between; fractions too.")
+    str,
+    typer.Option("--orders", metavar="K[,K]", help="Orders of the transmission error, comma-separated; also fractions."),
 ]
 NewOutOption = Annotated[Path | None, typer.Option("--out", help="Directory; default: a new one in bench-out.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace the files of an older result in --out.")]
@@ -97,7 +98,9 @@ def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:
             what = f"{text!r} is no inertia; expected e.g. 2.6e-4, or 2=2.6e-4 for axis 2"
             raise typer.BadParameter(what, param_hint=INERTIA) from None
         if axis is None:
-            raise typer.BadParameter(f"{text} names no axis; with several, give e.g. 2={text} for axis 2", param_hint=INERTIA)
+            raise typer.BadParameter(
+                f"{text} has no axis number; with several, give e.g. 2={text} for axis 2", param_hint=INERTIA
+            )
         if not LEAST_INERTIA_KG_M2 <= inertia <= MOST_INERTIA_KG_M2:
             limits = f"{LEAST_INERTIA_KG_M2:g} to {MOST_INERTIA_KG_M2:g}"
             raise typer.BadParameter(f"{text}: a motor has {limits} kg·m²", param_hint=INERTIA)

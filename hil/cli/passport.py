@@ -103,7 +103,7 @@ def _say_motors(found: "list[Trend]", told: "list[OrderOrigin]") -> None:
     shown = {(trend.robot, trend.axis, trend.order) for trend in found}
     for each in told:
         if (each.robot, each.axis, each.order) not in shown:
-            say(f"{each.robot}, axis {each.axis}: order {each.order:g} is not the gear's, but the motor's: {each.why}")
+            say(f"{each.robot}, axis {each.axis}: order {each.order:g} comes from the motor, not the gear: {each.why}")
 
 
 def _date(text: str | None) -> str:

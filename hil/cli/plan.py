@@ -131,7 +131,7 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
         table("What the drives do not do", ("what",), [(words,) for words in verdict.remarks])
     if adviser.advice:
         columns = ("change", "cycle µs", "worst", "shortest period µs", "at ms", "fits", "loop", "needs")
-        table(f"What would shorten or mend it, at {at}", columns, [_advice_row(one) for one in adviser.advice])
+        table(f"Remedies, at {at}", columns, [_advice_row(one) for one in adviser.advice])
     longest = adviser.longest_stable_period_s if adviser.loop == "host" else None
     if longest is not None:
         typer.echo(f"\nhost-closed, one period of delay: of the usual periods stable up to {1e3 * longest:g} ms with these gains")
@@ -143,7 +143,7 @@ def _sentence(verdict: "PlanVerdict", adviser: "Adviser") -> str:
     remedies = [
         one.title if "SYNC" in one.title else f"{one.title}, SYNC every {1e3 * one.period_s:g} ms" for one in adviser.good
     ]
-    return f"{verdict.sentence} What would do: {'; '.join(remedies) or 'nothing that this program knows of'}."
+    return f"{verdict.sentence} Remedies: {'; '.join(remedies) or 'none known'}."
 
 
 _STABILITY = ("axis", "period ms", "delay, periods", "worst at rev/s", "M_s", "gain margin dB", "phase margin °", "pole radius",

@@ -46,7 +46,7 @@ def report(
             help="Write against.html: this result beside an older one of the same robot and motions.",
         ),
     ] = None,
-    trend: Annotated[bool, typer.Option("--trend", help="Write trend.html: all runs below the folder over their dates.")] = False,
+    trend: Annotated[bool, typer.Option("--trend", help="Write trend.html: all runs below the folder by date.")] = False,
 ) -> None:
     """Write report.html of a directory anew, from its result.json and recordings.
 

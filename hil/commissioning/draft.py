@@ -111,7 +111,7 @@ def _ask(what: str) -> str:
 def _numbered(drives: list[FoundNode]) -> dict[int, FoundNode]:
     """Drives by the number of their axis, which is their node-ID."""
     if not drives:
-        raise NotPossibleError("no drive answers: a bench needs one")
+        raise NotPossibleError("no drive answers; a bench needs at least one")
     return {drive.node: drive for drive in drives}
 
 
@@ -138,7 +138,7 @@ def _sync_lines(address: str, axes: dict[int, FoundNode]) -> list[str]:
     parsed = parse_address(address)
     known = {number: node for number, node in axes.items() if node.profile is not None}
     if len(known) < len(axes):
-        return [f"sync_period_s = {_ask('once profiles are known, hil plan says which fits')}"]
+        return [f"sync_period_s = {_ask('once profiles are known, hil plan shows which fits')}"]
     bench = _stand_in(address, axes)
     words = []
     for period_s in (each for each in SYNC_PERIODS_S if each >= LEAST_SYNC_S):
@@ -147,9 +147,7 @@ def _sync_lines(address: str, axes: dict[int, FoundNode]) -> list[str]:
             rate = "an ideal bus" if parsed.bitrate is None else f"{parsed.bitrate} bit/s"
             return [f"sync_period_s = {period_s:g}                 # {_axes_fit(len(axes))} on {rate} (hil plan has the numbers)"]
         words.append(verdict.sentence)
-    rate = (
-        "it is not known at which bit rate: give it in the address, as socketcan:can0@1M" if parsed.bitrate is None else words[-1]
-    )
+    rate = "the bit rate is not known; give it in the address, as socketcan:can0@1M" if parsed.bitrate is None else words[-1]
     return [f"sync_period_s = {_ask(rate)}"]
 
 

@@ -205,7 +205,7 @@ class HeldAxis(Run):
         Raises:
             SafetyStopError: The drive has not confirmed it.
         """
-        self.stopped = "it did not stop when it had to"
+        self.stopped = "it did not stop as required"
         if self.disable(DISABLE_VOLTAGE):
             return
         axis, word = self.slot.axis, DISABLE_VOLTAGE.to_bytes(2, "little")

@@ -30,8 +30,8 @@ def check_limits(of: Checked) -> list[CheckEntry]:
     names = ("upper limit", "lower limit")
     if any(limit_of(key).held_by(profile) is None for key in ("position_min_rev", "position_max_rev")):
         unknown = (
-            f"the drive holds no position limits of the bench file (profile {profile.label}), the master alone does: "
-            "set the drive's own with its maker's tool"
+            f"the drive holds no position limits of the bench file (profile {profile.label}); only the master does; set the "
+            "drive's own with its maker's tool"
         )
         return [of.entry(name, "NOT TOLD", unknown) for name in names]
     if (trouble := room_trouble(of, -FAR_REV, FAR_REV)) is not None:

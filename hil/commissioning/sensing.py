@@ -97,7 +97,7 @@ def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: sl
     """
     name, period_s = "accelerometer", recording.period_s
     if of.session.bench.accelerometer.from_load_encoders:
-        return of.entry(name, "NOT TOLD", "there is none: the joints' encoders tell the tip", path)
+        return of.entry(name, "NOT TOLD", "there is none: the joints' encoders give the tip", path)
     if recording.doubt is not None:
         return of.passed(name, False, recording.doubt, path)
     raw = np.stack([recording.columns[each] for each in TIP], axis=1)
@@ -126,7 +126,7 @@ def _wrong(of: Checked, own: Ratio, others: list[Ratio]) -> str:
         if abs(others[i].value) > ELSEWHERE:
             return f"{seen} along z, {others[i].words} along {NAMES[i]}: the sensor is turned, its z must point along the motion"
     if abs(own.value) < 0.1:
-        return f"{seen}: the sensor does not move with this axis (another axis' sensor, not mounted, dead?)"
+        return f"{seen}: the sensor does not move with this axis (sensor of another axis, not mounted, or defective)"
     return f"{seen}: scale of the encoder, reduction_ratio, tip_lever_m or unit of the sensor is wrong by this factor"
 
 

@@ -144,7 +144,7 @@ class CancellationTable:
         if not self.step_rps > 0.0:
             raise ValueError(f"step_rps = {self.step_rps} must be above 0")
         if not all(np.all(np.isfinite(part)) for part in (self.reference, *others)):
-            raise ValueError("a table holds what is not finite")
+            raise ValueError("a table holds values that are not finite")
 
     @property
     def orders(self) -> tuple[float, ...]:

@@ -47,11 +47,9 @@ class SwingingMode:
     def __post_init__(self) -> None:
         """Refuse what does not ring."""
         if not (self.frequency_hz > 0.0 and math.isfinite(self.frequency_hz)):
-            raise ValueError(f"a mode of {self.frequency_hz} Hz: its frequency is above 0")
+            raise ValueError(f"a mode of {self.frequency_hz} Hz: its frequency must be above 0")
         if not 0.0 <= self.damping <= MOST_SHAPED_DAMPING:
-            raise ValueError(
-                f"a mode with the damping {self.damping}: from 0 to {MOST_SHAPED_DAMPING:g} it rings, and can be shaped for"
-            )
+            raise ValueError(f"a mode with the damping {self.damping}; a shaper needs 0 to {MOST_SHAPED_DAMPING:g}")
 
     @property
     def period_s(self) -> float:

@@ -202,7 +202,7 @@ def treatment(name: str) -> Treatment:
     try:
         return _ROWS[name]
     except KeyError:
-        raise ValueError(f"no treatment {name!r}; there are {', '.join(_ROWS)}") from None
+        raise ValueError(f"no treatment {name!r}; expected one of {', '.join(_ROWS)}") from None
 
 
 def present_token(word: str) -> str:

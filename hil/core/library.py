@@ -61,8 +61,8 @@ class Library:
                 try:
                     build(core)
                 except (BuildError, OSError) as error:
-                    raise ImportError(f"{core.library} does not belong to its sources, and cannot be built: {error}") from None
-        raise ImportError(f"{core.declarations} does not belong to its sources; remove it, and install again")
+                    raise ImportError(f"{core.library} was built from other sources, and cannot be rebuilt: {error}") from None
+        raise ImportError(f"{core.declarations} was built from other sources; remove it, and install again")
 
     @cache  # noqa: B019 - a library lives as long as the process
     def dtype(self, name: str) -> np.dtype[Any]:

@@ -285,7 +285,7 @@ def cancellation_table(
     """
     if not amplitude_rad or not max_rps > 0.0:
         raise ValueError(
-            f"nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps:g} rev/s; at least one order and a "
+            f"there is nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps:g} rev/s; at least one order and a "
             "speed above 0 are needed"
         )
     turning = np.maximum(np.arange(math.ceil(max_rps / STEP_RPS) + 2) * STEP_RPS, LEAST_RPS)

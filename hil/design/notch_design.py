@@ -88,7 +88,7 @@ class RequirementCheck:
         where = "" if self.speed_rps is None else f" at {self.speed_rps:.2f} rev/s"
         bound = "at most" if self.is_ceiling else "at least"
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.name} {self.value:.4g}{unit}{where} ({self.member}), {bound} {self.limit:.4g}{unit} asked"
+        return f"{self.name} {self.value:.4g}{unit}{where} ({self.member}), {bound} {self.limit:.4g}{unit} required"
 
 
 class Judge:
@@ -202,11 +202,11 @@ class PeakRow:
 
     Attributes:
         order: Order k of the error.
-        rising_mm: Tip peak of the believed plant while the speed rises, as in a constant-acceleration run.
-        falling_mm: Tip peak of the believed plant while the speed falls.
+        rising_mm: Tip peak of the nominal plant while the speed rises, as in a constant-acceleration run.
+        falling_mm: Tip peak of the nominal plant while the speed falls.
         worst_mm: The larger of both for the worst of all plants.
         worst_member: Label of that plant.
-        other_mm: Largest peak of the believed plant, up or down, on each of the slower and faster ramps, by their rate in rev/s².
+        other_mm: Largest peak of the nominal plant, up or down, on each of the slower and faster ramps, by their rate in rev/s².
     """
 
     order: float
@@ -245,7 +245,7 @@ class NotchVerdict:
     Attributes:
         notches: The filters.
         checks: Every requirement at its worst.
-        margins: Margins of the believed plant, by speed.
+        margins: Margins of the nominal plant, by speed.
         peaks: Tip peaks, by order.
         postures: Margins on the arm, by posture; empty for an axis by itself.
     """

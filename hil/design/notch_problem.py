@@ -200,13 +200,13 @@ class NotchProblem:
     """An axis whose notch is wanted.
 
     Attributes:
-        members: The plants; the believed one first.
+        members: The plants; the nominal one first.
         cascade: The gains.
         period_s: Sampling time of the loop.
         delay_samples: Whole samples between measurement and torque.
         lever_m: L, from the arm's axis to the tip.
         speed_limit_rps: Highest motor speed at which margins are required.
-        f_al_hz: Peak of |G_al| of the believed plant without a filter.
+        f_al_hz: Peak of |G_al| of the nominal plant without a filter.
         ramps: Ramps on which a filter is judged; the user's own motion first.
         ranges: Ranges of speeds in which the tip is looked at: one for each order that the error has and the axis reaches.
         displacement_mm: Metric of the tip's motion.
@@ -256,7 +256,7 @@ class NotchProblem:
     def peaks_mm(self, member: Member, notches: Sequence[Notch]) -> Real:
         """Tip peaks of a plant by case, range and direction.
 
-        Cases of the believed plant: every ramp under friction and gravity, the user's own first; that one with gravity's help;
+        Cases of the nominal plant: every ramp under friction and gravity, the user's own first; that one with gravity's help;
         and where gravity is known, that one with the gear's reaction on the motor, gravity against it and with it. Other plants
         go along the user's ramp alone.
 

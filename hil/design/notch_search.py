@@ -1,6 +1,6 @@
 """Search for a notch by differential evolution, in parallel processes.
 
-The search uses the believed plant first, then the worst of all plants.
+The search uses the nominal plant first, then the worst of all plants.
 """
 
 import multiprocessing
@@ -69,8 +69,8 @@ class Effort:
     """Size of a search.
 
     Attributes:
-        population: Filters per generation on the believed plant.
-        generations: Number of generations on the believed plant.
+        population: Filters per generation on the nominal plant.
+        generations: Number of generations on the nominal plant.
         robust_population: Filters per generation on all plants.
         robust_generations: Number of generations on all plants.
         seed: Equal seeds give equal filters, whatever the number of processes.
@@ -91,7 +91,7 @@ class Effort:
     def within(cls, evaluations: int, seed: int = 1) -> "Effort":
         """Choose the largest search of at most so many evaluations.
 
-        The number counts for one shape of one order; half of the evaluations are on the believed plant.
+        The number counts for one shape of one order; half of the evaluations are on the nominal plant.
 
         >>> Effort.within(500), Effort.within(500).evaluations
         (Effort(population=16, generations=14, robust_population=8, robust_generations=5, seed=1), 480)

@@ -50,7 +50,7 @@ def balanced_signs(settings: int) -> Real:
         ValueError: There is none, or more than `MOST_SETTINGS`.
     """
     if not 1 <= settings <= MOST_SETTINGS:
-        raise ValueError(f"a design of {settings} settings; 1 to {MOST_SETTINGS} are possible")
+        raise ValueError(f"a design of {settings} settings; expected 1 to {MOST_SETTINGS}")
     runs = 4 * math.ceil(settings / 4)
     while (matrix := _hadamard(runs)) is None:
         runs += 4

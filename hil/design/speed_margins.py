@@ -127,9 +127,7 @@ class LoopFamily(OpenLoops):
             ValueError: There is no loop, or the loops have different periods.
         """
         if not loops or len({loop.period_s for loop in loops}) != 1:
-            raise ValueError(
-                "the loops have no or several sampling periods; at least one loop, and one period for all, are needed"
-            )
+            raise ValueError("the loops need one common sampling period, and at least one loop is needed")
         self.loops = [replace(loop, notches=()) for loop in loops]
         frequency = looked_at_hz([loop.plant.antiresonance_hz for loop in self.loops], self.loops[0].period_s, step)
         super().__init__(self.loops[0], frequency, np.array([loop.open_loop(frequency) for loop in self.loops]))

@@ -1,6 +1,6 @@
 """Plants that an axis might have.
 
-They are the believed plant and corners of its uncertainty.
+They are the nominal plant and corners of its uncertainty.
 """
 
 import itertools
@@ -15,7 +15,7 @@ DEFAULT_PERCENT = 5.0
 """Uncertainty of gear stiffness and arm inertia where no other is given."""
 
 SIGMAS = 2.0
-"""Number of standard errors from the believed plant to a corner."""
+"""Number of standard errors from the nominal plant to a corner."""
 
 LEAST_SPREAD = 0.03
 """Least relative distance of a corner, however small the standard errors are: they say how well one measurement was made, not
@@ -27,10 +27,10 @@ class Member:
     """One plant of the set.
 
     Attributes:
-        label: Its difference in words; `nominal` for the believed one.
+        label: Its difference in words; `nominal` for that one.
         plant: The axis.
         error: Its transmission error.
-        factors: Factors of the values that set it apart from the believed one, by symbol.
+        factors: Factors of the values that set it apart from the nominal one, by symbol.
     """
 
     label: str
@@ -47,16 +47,16 @@ def around(
     standard_error: Mapping[str, float] | None = None,
     amplitude_error_arcsec: Mapping[float, float] | None = None,
 ) -> tuple[Member, ...]:
-    """Build the believed plant and four corners around it.
+    """Build the nominal plant and four corners around it.
 
     Without standard errors the corners are K_g and J_l, each by `percent` up or down. With them they are f_a and K_g by two
     standard errors, but 3 % at least, J_l following from both: a frequency response gives f_a ten times better than K_g or J_l.
     The corners have a gear damping and amplitudes two standard errors to the worse side.
 
     Args:
-        plant: The believed plant.
-        error: The believed error.
-        percent: Uncertainty of K_g and J_l; it wins over the standard errors where both are given. 0: only the believed plant.
+        plant: The nominal plant.
+        error: The nominal error.
+        percent: Uncertainty of K_g and J_l; it wins over the standard errors where both are given. 0: only the nominal plant.
         standard_error: Standard errors by the names of `TwoInertia`, and `antiresonance_hz`.
         amplitude_error_arcsec: Standard errors of A_k.
 
@@ -132,11 +132,11 @@ def plants_words(members: Sequence[Member]) -> str:
 
     For example: `5 plants: f_a ±3 %, K_g ±3 %`.
     """
-    return f"{len(members)} plants: {spread_words(members)}" if len(members) > 1 else "the believed plant alone"
+    return f"{len(members)} plants: {spread_words(members)}" if len(members) > 1 else "the nominal plant only"
 
 
 def spread_words(members: Sequence[Member]) -> str:
-    """Describe the distance of the corners from the believed plant.
+    """Describe the distance of the corners from the nominal plant.
 
     For example: `f_a ±3 %, K_g ±3 %`.
     """

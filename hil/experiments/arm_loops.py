@@ -83,10 +83,10 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
         masses = _Masses.identified(bench, known, identified_axes)
         if all(masses.is_known_at(posture.joints_rad) for posture in _postures(bench, bench.arm, axis)[0]):
             return _by_masses(masses, bench, axis, law, [1.0, 1.0 - away, 1.0 + away])
-        lacking = "the masses of the model file make no valid mass matrix in some posture of the line"
+        lacking = "the masses of the model file give an invalid mass matrix in some posture of the line"
     own = identified_axes.get(axis, IdentifiedAxis()).plant
     if own is None or not own.modes:
-        note = f"axis {axis}: {lacking}, so margins are those of the axis by itself; on the arm they are not known"
+        note = f"axis {axis}: {lacking}, so margins are those of the single axis; on the arm they are unknown"
         return KnownLoops(None, (note,))
     modes = [(mode.inertia_kg_m2, mode.antiresonance_hz, mode.damping) for mode in own.modes]
     motor = TwoInertia(reduction_ratio=bench.axis[axis].reduction_ratio, **own.values.model_dump())
@@ -95,7 +95,7 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
     cases = tuple(ArmCase(label + _factor_words(factor), whole.stiffened(factor), 0) for factor in factors)
     note = (
         f"axis {axis}: {lacking}; margins on the arm hold in the posture in which the modes of the model file "
-        "were identified, with other motors held; elsewhere on the line they are not known"
+        "were identified, with other motors held; elsewhere on the line they are unknown"
     )
     return KnownLoops(ArmLoops(law, cases), (note,))
 
@@ -170,12 +170,12 @@ def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Seq
     postures, notes = _postures(bench, masses.arm, axis)
     if masses.known is not None:
         known = f"{masses.known.postures} postures, dips to {100.0 * masses.known.dip_error:.1f} %"
-        notes.append(f"axis {axis}: masses were identified from {known}")
+        notes.append(f"axis {axis}: the masses come from {known}")
     rigid = [number for number in masses.arm.axes if number not in elastic]
     if rigid:
         notes.append(
-            f"axis {axis}: for lack of a model {_axes_words(rigid)} taken as rigid; the arm rings at lower "
-            "frequencies than computed"
+            f"axis {axis}: {_axes_words(rigid)} taken as rigid, because their models are missing; the arm's resonances are "
+            f"lower than computed"
         )
     laws = _laws(bench, [number for number in numbers if number != axis], elastic, law)
     if len(laws) < len(numbers) - 1:
@@ -228,18 +228,18 @@ def _postures(bench: Bench, arm: ArmTable, axis: int) -> tuple[list[_Posture], l
     """
     if bench.line_motion is not None:
         try:
-            fractions, walked = arm_line(arm, bench.line_motion).line.walked
+            fractions, joints_rad = arm_line(arm, bench.line_motion).line.joints_along
         except LineError as error:
             why = f"the line motion cannot be followed ({error})"
         else:
-            found = [_Posture(_along_words(at), walked[int(np.argmin(np.abs(fractions - at)))]) for at in LINE_FRACTIONS]
+            found = [_Posture(_along_words(at), joints_rad[int(np.argmin(np.abs(fractions - at)))]) for at in LINE_FRACTIONS]
             return found, [
-                f"axis {axis}: margins on the arm hold at {len(found)} places of the line motion, at every motor speed there; in "
-                "other postures they are not known"
+                f"axis {axis}: margins on the arm hold at {len(found)} places of the line motion, at every motor speed there; "
+                f"in other postures they are unknown"
             ]
     else:
         why = "there is no line_motion"
-    note = f"axis {axis}: {why}: margins on the arm hold at home, elsewhere they are not known"
+    note = f"axis {axis}: {why}: margins on the arm hold at home; elsewhere they are unknown"
     return [_Posture("at home", arm.home_rad())], [note]
 
 

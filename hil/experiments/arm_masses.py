@@ -48,7 +48,7 @@ BODIES_OFF = 0.05
 LARGE_MISFIT = 2.0
 """Misfit from which the postures contradict each other."""
 POOR_PERCENT = 2.0
-"""Standard error of a predicted dip from which one posture more is asked for."""
+"""Standard error of a predicted dip above which a note asks for one more posture."""
 
 
 class ArmNotIdentifiedError(HilError):
@@ -68,8 +68,7 @@ def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
     """
     if bench.arm is None:
         raise NotPossibleError(f"bench {bench.name!r} has no [arm]: a single axis is the same plant in every posture")
-    if identified.robot != bench.name:
-        raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    identified.check_robot(bench.name)
     postures = [(number, each) for number, axis in sorted(identified.axis.items()) for each in axis.posture]
     axes = tuple(number for number in bench.arm.axes if number in {each for each, _ in postures})
     count = max((sum(number == axis for number, _ in postures) for axis in axes), default=0)
@@ -103,7 +102,7 @@ class _Arm:
         return np.asarray(regressor(self.kinematics, joints_rad)[..., self.rows, :, :][..., :, self.rows, :])
 
     def around(self) -> Real:
-        """Postures all over the workspace, the other joints as they stood."""
+        """Postures all over the workspace, the other joints unchanged."""
         low, high = self.joints_rad[0].copy(), self.joints_rad[0].copy()
         home = self.arm.home_rad()
         for row, number in zip(self.rows, self.axes, strict=True):
@@ -121,7 +120,7 @@ class _Arm:
         try:
             fit = fit_masses(at, felt, self.regressors(around), made_up_masses(self.kinematics))
         except NoMassesError as error:
-            raise ArmNotIdentifiedError(_misfit_words(error.misfit, rigid)) from None
+            raise ArmNotIdentifiedError(f"no masses explain the measured modes: {_misfit_words(error.misfit, rigid)}") from None
         except TooFewPosturesError as error:
             there = _posture_words(self._posture_of(around[error.best]))
             raise ArmNotIdentifiedError(f"{error}; measure one more posture, such as --posture-deg {there}") from None
@@ -129,7 +128,7 @@ class _Arm:
         line, notes = self._line(fit, following)
         worst = max((e / hz for each in line for hz, e in zip(each.dips_hz, each.standard_error_hz, strict=True)), default=0.0)
         if fit.misfit > LARGE_MISFIT:
-            notes.append(_misfit_words(fit.misfit, rigid))
+            notes.append(f"the masses do not explain the measured modes well: {_misfit_words(fit.misfit, rigid)}")
         if 100.0 * worst > POOR_PERCENT:
             notes.append(
                 f"dips along the line are known to {100.0 * worst:.1f} % only; measure one more posture, best "
@@ -138,7 +137,7 @@ class _Arm:
         measured = self._measured(fit, felt, at)
         notes += _bodies_words(measured)
         if rigid:
-            notes.append(f"axes {', '.join(map(str, rigid))} were not identified: they count as rigid, and stay where they stood")
+            notes.append(f"axes {', '.join(map(str, rigid))} were not identified: they count as rigid, and keep their positions")
         return ArmResult(
             bench=self.bench.name,
             started_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -186,7 +185,7 @@ class _Arm:
             for mode in felt
         )  # fmt: skip
 
-    def _walked(self) -> tuple[Real, Real]:
+    def _line_joints(self) -> tuple[Real, Real]:
         """Fractions of the way along the bench's line, with joint angles.
 
         Raises:
@@ -194,40 +193,40 @@ class _Arm:
         """
         if self.bench.line_motion is None:
             return np.zeros(0), np.zeros((0, len(self.arm.axes)))
-        return arm_line(self.arm, self.bench.line_motion).line.walked
+        return arm_line(self.arm, self.bench.line_motion).line.joints_along
 
     def _way_fraction(self, joints_rad: Real) -> float | None:
         """Fraction of the line's way to which a posture is near."""
         try:
-            fractions, walked = self._walked()
+            fractions, line_rad = self._line_joints()
         except LineError:
             return None
-        away = np.degrees(np.max(np.abs(walked - joints_rad), axis=1))
+        away = np.degrees(np.max(np.abs(line_rad - joints_rad), axis=1))
         return float(fractions[np.argmin(away)]) if len(away) and np.min(away) < NEAR_DEG else None
 
     def _line(self, fit: MassFit, following: Mapping[int, float]) -> tuple[list[LineDips], list[str]]:
         """Dips along the bench's line motion, or why they are not known."""
         try:
-            fractions, walked = self._walked()
+            fractions, line_rad = self._line_joints()
         except LineError as error:
             return [], [f"dips along the line are not predicted: {error}"]
-        if not len(walked):
+        if not len(line_rad):
             return [], []
         others = [row for row in range(len(self.arm.axes)) if row not in self.rows]
-        away = np.degrees(np.abs(walked[:, others] - self.joints_rad[0, others]).max(axis=0, initial=0.0))
+        away = np.degrees(np.abs(line_rad[:, others] - self.joints_rad[0, others]).max(axis=0, initial=0.0))
         turning = [str(self.arm.axes[row]) for row, deg in zip(others, away, strict=True) if deg > STAYS_DEG]
         if turning:
             words = f"the line turns axis {', '.join(turning)}, which has no identified modes"
             return [], [f"dips along the line are not predicted: {words}"]
         at = [int(np.argmin(np.abs(fractions - each))) for each in np.linspace(0.0, 1.0, ALONG_LINE)]
-        values, errors = fit.dips_hz(self.regressors(walked[at]))
+        values, errors = fit.dips_hz(self.regressors(line_rad[at]))
         if not (np.all(np.isfinite(values)) and np.all(np.isfinite(errors))):
             words = "dips along the line are not predicted: these postures do not determine the masses there"
             return [], [f"{words}; measure one more posture, best --posture-deg {_posture_words(following)}"]
         return [
             LineDips(
                 way_fraction=float(fractions[row]), dips_hz=tuple(dips.tolist()), standard_error_hz=tuple(off.tolist()),
-                bodies_hz=self._by_bodies(fit, walked[row]),
+                bodies_hz=self._by_bodies(fit, line_rad[row]),
             )
             for row, dips, off in zip(at, values, errors, strict=True)
         ], []  # fmt: skip
@@ -246,22 +245,19 @@ def _bodies_words(measured: Sequence[MeasuredDip]) -> list[str]:
     at = int(np.argmax(sigmas))
     (worst, _), (away, _) = with_bodies[at], off[at]
     words = (
-        f"the bench file's bodies: the dip that is farthest off was measured at {worst.measured_hz:.2f} Hz, and is "
-        f"{worst.bodies_hz:.2f} Hz by them"
+        f"the bench file's bodies: the dip with the largest deviation was measured at {worst.measured_hz:.2f} Hz, but computed "
+        f"at {worst.bodies_hz:.2f} Hz"
     )
     found = f"{words}: {100.0 * away:.1f} %, {sigmas[at]:.1f} standard errors"
     return [found + ("" if away < BODIES_OFF else "; check that the bodies and the payload are those of this robot")]
 
 
 def _misfit_words(misfit: float, rigid: Sequence[int]) -> str:
-    """Sentence on postures that no masses explain."""
-    words = (
-        f"no masses explain the measured modes: the misfit is {misfit:.1f} standard errors; check that no load was "
-        "changed and every posture was kept"
-    )
+    """Misfit of the fitted masses, and what to check."""
+    words = f"misfit of {misfit:.1f} standard errors; check that no load was changed and every posture was kept"
     if rigid:
-        words += f", and that axes {', '.join(map(str, rigid))}, which were not identified and count as rigid, do not swing along"
-    return f"{words}?"
+        words += f", and that axes {', '.join(map(str, rigid))}, which were not identified and count as rigid, do not vibrate"
+    return words
 
 
 def _nearest(hz: float, dips_hz: Sequence[float]) -> float:

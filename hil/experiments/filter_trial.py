@@ -57,7 +57,7 @@ def try_filters(
         runs.once_more()
         changes = runs.seen()
         peaks = _that_count(changes, judged_orders(scale, shown_rps(bench)) if scale.windows_rps else ())
-        if peaks[0].stands(RISE_SIGMAS) or (peaks[0].is_excluded and any(peak.is_fall for peak in peaks)):
+        if peaks[0].exceeds(RISE_SIGMAS) or (peaks[0].is_excluded and any(peak.is_fall for peak in peaks)):
             break
     return _entry(peaks, changes, runs.count)
 
@@ -78,7 +78,7 @@ def _entry(peaks: list[PeakChange], changes: list[PeakChange], runs: int) -> Fil
     if worst.beyond_mm > 0.0:
         words = f"the filters are refused: with them {worst.words}{end}"
     elif not any(peak.is_fall for peak in peaks):
-        words = f"the filters are refused: they lower the tip's peak in no window, at best it {best.change}{end}"
+        words = f"the filters are refused: they do not lower the tip's peak in any window; at best it {best.change}{end}"
     entries = tuple(
         FilterTrialPeak(order=peak.order, before_mm=peak.before_mm, after_mm=peak.after_mm, error_mm=peak.error_mm)
         for peak in changes

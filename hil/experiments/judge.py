@@ -107,7 +107,7 @@ class RunJudge:
             return _compared(known, own, f"axis {axis}")
         if own is None and self.bench.specification.band_hz is not None:
             low_hz, high_hz = self.bench.specification.band_hz
-            words = f"band {low_hz:g} to {high_hz:g} Hz, from the bench file: no single resonance is clearly the ramp's"
+            words = f"band {low_hz:g} to {high_hz:g} Hz, from the bench file: the ramp does not show a single clear resonance"
             return FoundScale(ramp_scale((low_hz, high_hz)), words=words)
         if own is None:
             why = self._why.get(axis)
@@ -149,7 +149,7 @@ def _compared(known: TipScale, own: Ringing | None, who: str) -> FoundScale:
     remark = f"{who}: the model says f_al = {known.f_al_hz:.2f} Hz, the ramp itself shows {own_words(own)}"
     doubt = None
     if abs(difference) > MOST_DIFFERENCE * known.f_al_hz:
-        doubt = f"{remark}: the model is another robot's, or the robot has changed; repeat hil identify plant"
+        doubt = f"{remark}: the model is for another robot, or the robot has changed; repeat hil identify plant"
     return FoundScale(known, "model", None, words, doubt, remark, max(1.0, (known.f_al_hz / own.peak_hz) ** 2))
 
 
@@ -274,7 +274,8 @@ def missing_words(axes: Iterable[int]) -> str:
     numbers = [str(axis) for axis in axes]
     who = f"axis {numbers[0]} has" if len(numbers) == 1 else f"none of the axes {', '.join(numbers)} has"
     return (
-        f"{who} {'no' if len(numbers) == 1 else 'a'} model, so f_al is not known, and no acceleration becomes mm. Run hil "
+        f"{who} {'no' if len(numbers) == 1 else 'a'} model, so f_al is not known, and accelerations cannot be converted to mm. "
+        f"Run hil "
         "identify plant --model model.toml, then repeat with --model model.toml, or give the model in the bench file"
     )
 

@@ -132,13 +132,12 @@ class Measurement(Generic[R]):
         address, is_lock_step = self._channel.address, self._channel.is_lock_step
         if wanted == "wall" and is_lock_step:
             raise NotPossibleError(
-                f"time on {address} is counted in SYNCs, so --clock wall is not possible there: start its emulator "
-                "with the wall clock (plant-emulator serve --wall)"
+                f"time on {address} is counted in SYNCs, so --clock wall is not possible; start its emulator with the wall "
+                f"clock (plant-emulator serve --wall)"
             )
         if wanted == "lock-step" and not is_lock_step:
             raise NotPossibleError(
-                f"time on {address} is the wall clock's, so --clock lock-step is not possible there: what is on it "
-                "does not wait for SYNC"
+                f"time on {address} is the wall clock's, so --clock lock-step is not possible: its nodes do not wait for SYNC"
             )
 
     @contextmanager

@@ -50,7 +50,7 @@ def nothing_known(bench: Bench, identified: Identified | None, axes: Sequence[in
         if error is not None and error.motor_inertia_kg_m2 is None and table.motor_inertia_kg_m2 is None:
             return (
                 f"the motor inertia of axis {number} is not known, and a cancellation needs it; hil identify plant finds it, or "
-                f"write that of the motor's data sheet as motor_inertia_kg_m2 into [axis.{number}]"
+                f"take it from the motor's data sheet as motor_inertia_kg_m2 into [axis.{number}]"
             )
     names = " or ".join(map(str, axes))
     return f"no transmission error is known of axis {names}; hil identify ate finds it, or a model in the bench file states it"

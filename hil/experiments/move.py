@@ -155,7 +155,7 @@ class MoveOutcome:
     Attributes:
         stands_rev: Position of the motor after the move; None after a stop.
         stopped: Reason why the move was stopped, or None.
-        not_restored: Objects that could not be put back in the nodes.
+        not_restored: Objects that could not be restored in the nodes.
     """
 
     stands_rev: float | None
@@ -207,7 +207,7 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
         axis = session.axes[request.axis]
         here = axis.position_rad() / math.tau
         if abs(here - move.from_rev) > AWAY_REV:
-            what = f"axis {request.axis} has turned from {rev_text(move.from_rev)} to {rev_text(here)} rev meanwhile"
+            what = f"axis {request.axis} has turned from {rev_text(move.from_rev)} to {rev_text(here)} rev in the meantime"
             raise NodeError(axis.node, what, "give the command again")
         session.check_interrupt()
         session.reset_fault(axis)
@@ -251,7 +251,7 @@ def _planned(session: Session, request: MoveRequest) -> Move:
         to_rev = here + request.by_rev
     else:
         to_rev = float(request.to_rev or 0.0)
-    check_position(request.axis, to_rev, limits, f"it stands at {rev_text(here)} rev; choose one within {name_range(limits)}")
+    check_position(request.axis, to_rev, limits, f"its position is {rev_text(here)} rev; choose one within {name_range(limits)}")
     speed_rps = min(bench.approach_rps, SLOW_FRACTION * limits.speed_rps)
     return Move(request, here, to_rev, speed_rps, axis.fault(), with_room(bench, request.axis, here))
 

@@ -58,7 +58,7 @@ class NotchDesignOutcome:
         source: Source of the plant, in words.
         request: Request of the design.
         problem: Problem that was solved.
-        f_al_hz: Peak of |G_al| of the believed plant without a filter.
+        f_al_hz: Peak of |G_al| of the nominal plant without a filter.
         none: Verdict without filters.
         given: Verdict on the bench file's filters; None without them.
         designed: Verdict on the best filters, or those that miss least; None if only the given ones were judged.
@@ -110,7 +110,7 @@ class NotchDesignOutcome:
         return verdict
 
     def loop(self, notches: Sequence[Notch] = ()) -> Loop:
-        """Loop around the believed plant."""
+        """Loop around the nominal plant."""
         return self.problem.loop(self.problem.members[0], notches)
 
 
@@ -161,9 +161,9 @@ def design(
         given_verdict = pooled_verdict(problem, given, orders, pool) if given else None
         if request.is_given:
             if given_verdict is None:
-                raise NotPossibleError(f"axis {request.axis}: the bench file gives it no notch")
+                raise NotPossibleError(f"axis {request.axis}: the bench file has no notch for it")
             if not given_verdict.holds:
-                failure = InfeasibleError(request.axis, "the given filters miss what is asked", given_verdict.missed)
+                failure = InfeasibleError(request.axis, "the given filters do not meet every requirement", given_verdict.missed)
         elif bare := _bare_failure(request.axis, none):
             failure, designed = bare, none
         else:
@@ -209,7 +209,7 @@ class _Series:
         axis = self.request.axis
         fixed = tuple(notch for notch in given if notch.order not in self.orders and notch.mode != NOTCH_OFF)
         if len(fixed) + len(self.orders) > NOTCHES:
-            raise NotPossibleError(f"axis {axis}: {len(fixed)} filters of other orders leave no room; an axis has {NOTCHES}")
+            raise NotPossibleError(f"axis {axis}: {len(fixed)} filters of other orders leave no room for more than {NOTCHES}")
         found = False
         for number, order in enumerate(self.orders):
             result = self._search(number, order, fixed, [notch for notch in given if notch.order == order])
@@ -224,9 +224,9 @@ class _Series:
         self.failure = None
         self.best = pooled_verdict(self.problem, fixed, self.orders, self.pool)
         if not self.best.holds:
-            what = "the filters together miss what is asked"
+            what = "the filters together do not meet every requirement"
             if self.best.is_harmless:
-                what = "the best filters within all margins still miss the limits of the tip"
+                what = "the best filters within all margins do not meet the limits of the tip"
             self.failure = InfeasibleError(axis, what, self.best.missed)
         return self
 
@@ -249,17 +249,17 @@ class _Series:
         margins = [check for check in result.best.missed if not check.is_tip_limit and not check.is_rise]
         if margins:
             self.best = result.best
-            what = f"no {shapes} filter of order {order} meets every requirement; the best one misses"
+            what = f"no {shapes} filter of order {order} meets every requirement; the best one violates"
             return InfeasibleError(self.request.axis, what, result.best.missed)
         if result.best.is_harmless and result.ratio < GAIN_ENOUGH:
             return None
         self.best = self.best or self.none
-        what = f"no filter of order {order} is better than none here"
+        what = f"no filter of order {order} is an improvement"
         if result.ratio < WORST_RATIO:
             what += f": the closest leaves {100.0 * result.ratio:.0f} % of its tip peak"
         raised = [check for check in result.best.missed if check.is_rise]
         if raised:
-            what = f"no filter of order {order} is better than none here: the closest raises a peak"
+            what = f"no filter of order {order} is an improvement: the closest raises a peak"
         return InfeasibleError(self.request.axis, what, raised)
 
 
@@ -321,8 +321,8 @@ def check_drive(bench: Bench, axis: int) -> None:
     if profile.notch is None or profile.notch.form != "variable" or missing:
         has = "no filter" if profile.notch is None else f"a filter of the form {profile.notch.form!r}"
         raise NotPossibleError(
-            f"axis {axis}: drive family {profile.label} has {has}, no notch that follows the speed: no parameter set can be made "
-            "of this design; drive-profiles realise shows what it makes of one speed"
+            f"axis {axis}: drive family {profile.label} has {has}, but no notch that follows the speed, so there is no "
+            f"parameter set; drive-profiles realise shows the result at one speed"
         )
 
 

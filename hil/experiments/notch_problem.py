@@ -105,7 +105,7 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
     table = bench.axis[number]
     plant = table.plant()
     if plant is None or table.model is None:
-        raise NotPossibleError(f"axis {number} has no model: give one in the bench file, or by hil identify and --model")
+        raise NotPossibleError(f"axis {number} has no model; give one in the bench file, or identify it and give --model")
     period = request.period_s or _period_s(table)
     cascade = table.gains(f"a filter of axis {number}").cascade()
     f_al = Loop(plant, cascade, (), period, request.delay_samples).peak_hz()

@@ -413,7 +413,7 @@ def _measured_claims(bench: Bench, runs: Sequence[RunEntry]) -> list[PaperClaim]
             continue
         if run.treatment != "none":
             continue
-        claim = f"{name}: tip beyond ±{limit:g} mm without it"
+        claim = f"{name}: tip outside ±{limit:g} mm without it"
         rows.append(_claim(claim, "section 5.1", f"> {limit:g}", peak, "mm", peak > limit))
         fourth = [other_mm for other, other_mm in singles if other.order == 4 and other.recording == run.recording]
         if fourth and fourth[0]:

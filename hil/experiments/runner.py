@@ -127,7 +127,7 @@ def run_experiments(
     Raises:
         ValueError: The paper's claims are asked of another robot.
         NotPossibleError: The bus has another clock or does not carry a run, or a treatment lacks its file; nothing was sent.
-        HilError: Nodes, limits or set-up do not allow the first run; all changes have been put back.
+        HilError: Nodes, limits or set-up do not allow the first run; all changes have been undone.
         ChannelError: The bus cannot be opened, or was lost before that.
     """
     knowledge = knowledge or Knowledge()
@@ -171,8 +171,7 @@ def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
     identified = knowledge.identified
     if identified is None:
         return bench
-    if identified.robot != bench.name:
-        raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    identified.check_robot(bench.name)
     return with_identified(bench, identified)
 
 

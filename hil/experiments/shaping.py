@@ -35,7 +35,7 @@ def rates_of(bench: Bench, axis: int, identified: Identified | None) -> Complex:
     loop = bench.axis[axis].loop(CONTROL_PERIOD_S, with_notch=False)
     if loop is None:
         raise NotPossibleError(
-            f"axis {axis} has no model or no gains, so what rings after a stop is not known: hil identify plant --bench … "
+            f"axis {axis} has no model or no gains, so its modes after a stop are not known; run hil identify plant --bench … "
             f"--axis {axis} --model model.toml, then --model model.toml"
         )
     known = None if identified is None else identified.axis.get(axis)
@@ -109,7 +109,7 @@ def fitted_shaper(name: ShaperName, bench: Bench, axes: Sequence[int], identifie
     for axis in known or axes[:1]:
         modes += modes_of(rates_of(bench, axis, identified))
     if not modes:
-        raise NotPossibleError(f"{name}: nothing rings while the loops hold {', '.join(f'axis {axis}' for axis in axes)}")
+        raise NotPossibleError(f"{name}: no mode to shape for while the loops hold {', '.join(f'axis {axis}' for axis in axes)}")
     modes.sort(key=lambda mode: mode.frequency_hz)
     chosen = modes[:1]
     for mode in modes[1:]:
@@ -170,7 +170,7 @@ def check_stop(is_stop: bool, name: str, loop: LoopName) -> None:
         return
     if name != "none" and treatment(name).shaper is None:
         raise NotPossibleError(
-            f"{name} acts only while a motor turns, and the arm rings after the stop; choose a shaper, alone or "
+            f"{name} acts only while a motor turns, but the arm rings after the stop; choose a shaper, alone or "
             "beside a cancellation (cancellation+shaper-ei)"
         )
     if loop == "host":

@@ -34,13 +34,13 @@ HOST_CLOSED: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if
 
 NO_FOLLOWING_ON_ARM = (
     "cancellation-following reads one direction of the tip with a lever for each axis, but on a bench with an "
-    "arm the tip is a vector; choose --treatment cancellation, or learn on the line anew (hil learn --motion "
+    "arm the tip is a vector; choose --treatment cancellation, or learn again on the line (hil learn --motion "
     "line-motion)"
 )
 
 NO_FOLLOWING_BY_ENCODERS = (
     "cancellation-following can replace the accelerometer by a joint's encoder only if that axis moves alone; "
-    "choose --treatment cancellation, or take an accelerometer for a motion of several axes"
+    "choose --treatment cancellation, or use an accelerometer for a motion of several axes"
 )
 
 
@@ -54,8 +54,8 @@ def arm_remark(bench: Bench, name: str) -> str | None:
     if bench.arm is None or not treatment(name).is_combined:
         return None
     return (
-        f"{name}: on an arm the filters beside a cancellation leave more vibration than the cancellation alone, "
-        "since they open the loops to the torques of the other axes; choose --treatment cancellation"
+        f"{name}: on an arm filters with a cancellation leave more vibration than the cancellation alone, because the loops "
+        f"then reject the torques of the other axes less; choose --treatment cancellation"
     )
 
 

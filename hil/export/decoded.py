@@ -88,7 +88,7 @@ def decoded(trace: Trace, bench: Bench | None) -> Decoded:
             others = int(np.count_nonzero(~rows))
             if others > MOST_OTHERS * len(rows):
                 notes.append(
-                    f"{pdo.name} was mapped in another way in {others} of {len(rows)} frames, so it is left out: cut the log "
+                    f"{pdo.name} had another mapping in {others} of {len(rows)} frames, so it is left out: cut the log "
                     "between the runs"
                 )
                 continue

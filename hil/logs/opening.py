@@ -59,7 +59,7 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
         unstamped += int(np.count_nonzero(stamp < 0))
         builder.add(stamp, can_id, length, data)
         if builder.frames > MOST_FRAMES:
-            raise LogError(path, f"more than {MOST_FRAMES} frames: cut the log")
+            raise LogError(path, f"more than {MOST_FRAMES} frames; split the log")
     if not builder.frames and counters[candump.ELSEWHERE]:
         raise LogError(path, f"no frame of interface {interface}, but {counters[candump.ELSEWHERE]} of others")
     if not builder.frames:

@@ -138,5 +138,5 @@ def heartbeat_fault(node: int, last_s: float | None, now_s: float, since_s: floa
     reference = since_s if last_s is None else max(last_s, since_s)
     silence = now_s - reference
     if silence > 3.0 * heartbeat_s + 1e-9:
-        return f"node {node} has lost its heartbeat: silent for {silence:.3f} s"
+        return f"node {node} has lost its heartbeat: nothing received for {silence:.3f} s"
     return None

@@ -195,7 +195,7 @@ def check_acceleration(table: AxisTable, axis: int, trajectory: ConstantAccelera
         return
     most_rps_s = limits.torque_nm / (2.0 * math.pi * inertia)
     if value > most_rps_s:
-        remedy = f"torque_nm = {limits.torque_nm:g} turns {inertia:.3g} kg·m² at the motor no faster: lower {name}"
+        remedy = f"torque_nm = {limits.torque_nm:g} cannot accelerate {inertia:.3g} kg·m² at the motor faster; lower {name}"
         raise UnsafeRequestError(what, value, most_rps_s, "rev/s²", remedy)
 
 

@@ -136,7 +136,7 @@ class CanopenSensor:
                 raise NodeError(node, f"channel {sub} measures in unit 0x{unit:08X}, m/s² is 0x{METRE_PER_SECOND_SQUARED:08X}")
             scales.add(10.0 ** -self._network.read(node, DIGITS_OBJECT, sub, U8, "decimal digits"))
         if len(scales) != 1:
-            raise NodeError(node, f"its channels count differently: {sorted(scales)} m/s² per step")
+            raise NodeError(node, f"its channels have different scales: {sorted(scales)} m/s² per step")
         return float(scales.pop())
 
     def restore(self) -> list[str]:

@@ -180,7 +180,7 @@ class Session:
         self.network.pump_until(lambda: False, 0.0 if self.network.channel.is_lock_step else TWICE_S)
         for node in (*(axis.node for axis in self.axes.values()), *self.sensor.nodes):
             if self.network.answers_twice(node):
-                raise NodeError(node, "it answers more often than it is asked", "do two nodes have this id?")
+                raise NodeError(node, "it answers more than once per request", "do two nodes have this id?")
         if not self.network.channel.is_lock_step:
             for axis, begun_s, begun_rad in begun:
                 axis.check_standing(begun_rad, self.clock.now() - begun_s)
@@ -410,7 +410,7 @@ class Session:
     def _check_lateness(self, period_s: float) -> None:
         limit = self.bench.bus.max_lateness_s
         if limit is not None and limit > period_s and not self.network.channel.is_lock_step:
-            raise UnsafeRequestError("bus.max_lateness_s", limit, period_s, "s", "a set-point is not sent in another's cycle")
+            raise UnsafeRequestError("bus.max_lateness_s", limit, period_s, "s", "a set-point is sent only in its own cycle")
 
     def _real_time(self, context: ExitStack) -> RealTime | None:
         """Enter real time for a run in wall-clock time.

@@ -43,10 +43,10 @@ def way_out(axis: int, stands_rev: float, limits: Limits, low_rev: float, high_r
     lowest, highest = limits.position_min_rev - low_rev, limits.position_max_rev - high_rev
     here = f"it is at {rev_text(stands_rev)} rev"
     if lowest > highest:
-        return f"{here}, and the motion is longer than the limits of {name_range(limits)}"
+        return f"{here}, and the motion is longer than the range of {name_range(limits)}"
     # to the hundredth of a turn, but never beyond
     lowest, highest = math.ceil(100.0 * lowest - 1e-6) / 100.0, math.floor(100.0 * highest + 1e-6) / 100.0
-    return f"{here}; {move_command(axis, min(max(0.0, lowest), highest))} brings it to where the motion fits"
+    return f"{here}; {move_command(axis, min(max(0.0, lowest), highest))} moves it to where the motion fits"
 
 
 def name_range(limits: Limits) -> str:

@@ -106,7 +106,7 @@ def origin_of_order(
     how, change, turn = motor.makes(order), _change(found), _turn(sides)
     gears = []
     if any(each.seen_by == "motion" and _is_large(each) for each in found):
-        gears.append("seen beside the motor's measured motion, which has all of its torques in it")
+        gears.append("seen in addition to the motor's measured motion, which contains all of its torques")
     if change is not None and change[1]:
         gears.append(f"A changes {change[0]}")
     if turn is not None and turn[0] == "gear":

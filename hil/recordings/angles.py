@@ -39,8 +39,7 @@ def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
             raise RecordingFileError(
                 path,
                 f"{column.name!r} jumps by {steps[row]:.3g} revolutions from row {row + 1} to {row + 2} while it runs "
-                f"over {span:.3g}: it "
-                "does not begin anew after one revolution, so the jump cannot be undone",
+                f"over {span:.3g}: it does not wrap after one revolution, so the jump cannot be undone",
             )
         turned = np.unwrap(turned, period=1.0)
     step = float(np.max(np.abs(np.diff(turned)))) if len(turned) > 1 else 0.0
@@ -48,7 +47,7 @@ def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
         row = int(np.argmax(np.abs(np.diff(turned))))
         raise RecordingFileError(
             path,
-            f"{column.name!r} begins anew each revolution and turns {step:.2f} of one from row {row + 1} to {row + 2}: "
+            f"{column.name!r} wraps each revolution and turns {step:.2f} of one from row {row + 1} to {row + 2}: "
             f"above {LARGEST_STEP:g} the direction is not known; record more often, or without the wrap",
         )
     return np.asarray(turned * math.copysign(2.0 * math.pi, unit.factor)), len(jumps)

@@ -69,7 +69,8 @@ class DelimitedFile:
                         raise RecordingFileError(self.path, f"more than {MOST_ROWS} rows")
                     if len(row) <= max(indices):
                         raise RecordingFileError(
-                            self.path, f"line {reader.line_num} has {len(row)} cells, {len(self.names)} are named"
+                            self.path,
+                            f"line {reader.line_num} has {len(row)} cells; expected {len(self.names)} as in line 1",
                         )
                     for name, place, column in zip(names, indices, values, strict=True):
                         column.append(self._number(row[place], name, reader.line_num))

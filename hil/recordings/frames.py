@@ -120,16 +120,17 @@ class FrameFile:
         try:
             log = open_log(self.path)
         except LogError as error:
-            raise RecordingFileError(self.path, f"no log of frames: {error.what}") from error
+            raise RecordingFileError(self.path, f"not a log of frames: {error.what}") from error
         damage = log.damage
         if damage.ended:
-            raise RecordingFileError(self.path, f"no log of frames, or one that was cut: {damage.ended}")
+            raise RecordingFileError(self.path, f"not a log of frames, or cut off: {damage.ended}")
         if damage.unreadable:
             raise RecordingFileError(
-                self.path, f"no log of frames: {damage.unreadable} lines are none, the first is line {damage.first_unreadable}"
+                self.path,
+                f"not a log of frames: {damage.unreadable} lines are not frames, first line {damage.first_unreadable}",
             )
         if damage.elsewhere:
-            raise RecordingFileError(self.path, f"{damage.elsewhere} frames are of another interface; keep those of one alone")
+            raise RecordingFileError(self.path, f"{damage.elsewhere} frames are of another interface; keep only those of one")
         return log
 
     def _refuse_cut_off(self) -> None:
@@ -140,10 +141,10 @@ class FrameFile:
         with self.path.open("rb") as file:
             head = file.read(BLF_SIZE.stop)
         if not head.startswith(b"LOGG"):
-            raise RecordingFileError(self.path, "no log of frames: a BLF file begins with LOGG")
+            raise RecordingFileError(self.path, "not a log of frames: a BLF file begins with LOGG")
         said, size = int.from_bytes(head[BLF_SIZE], "little"), self.path.stat().st_size
         if size < said:
-            raise RecordingFileError(self.path, f"cut off: {size} bytes of {said} in its header; copy it anew")
+            raise RecordingFileError(self.path, f"cut off: {size} bytes of {said} in its header; copy it again")
 
 
 def _of_device(path: Path, description: Description) -> Iterator[FrameSignal]:

@@ -149,7 +149,7 @@ def said_with(texts: Sequence[str], ratio: float | None, robot: str | None, file
         matching = [each for each in ROLES if each == role.strip()]
         name, _, spelled = rest.rpartition(",") if "," in rest else (rest, "", "")
         if not matching or not name.strip():
-            raise ValueError(f"{text!r} is no column: motor=encoder_2,2^20/rev is; roles are {', '.join(ROLES)}")
+            raise ValueError(f"{text!r} is not a column; expected e.g. motor=encoder_2,2^20/rev; roles are {', '.join(ROLES)}")
         column[matching[0]] = name.strip()
         if spelled.strip():
             unit[matching[0]] = spelled.strip()
@@ -193,7 +193,7 @@ def choose_columns(path: Path, names: Sequence[str], said: Said, axis: int) -> d
     for role in ("motor", "time"):
         if role not in chosen:
             raise RecordingFileError(
-                path, f"no column is known as {role}; give --column {role}=NAME,UNIT; there are {_some(names)}"
+                path, f"no column is recognised as {role}; give --column {role}=NAME,UNIT; there are {_some(names)}"
             )
     return chosen
 

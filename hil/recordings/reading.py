@@ -82,7 +82,7 @@ def read_recording(path: Path, said: Said, axis: int) -> Recorded:
         if each.unit.per_rev:
             value[role], wraps = angle_rad(path, each, raw[each.name])
             if wraps:
-                notes.append(f"{each.name!r} begins anew {wraps} times; whole revolutions were added")
+                notes.append(f"{each.name!r} wraps {wraps} times; whole revolutions were added")
         elif role != "time":
             value[role] = raw[each.name] * each.unit.factor
     return Recorded(path, column, value, tuple(notes))

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from hil.arm.kinematics import Kinematics
 from hil.bench.tip import joint_angles
 from hil.report import style
-from hil.report.drawn_run import DrawnRun, drawn_run, judged_line_s
 from hil.report.material import LINE_MOTION, Material, treatment_name
+from hil.report.plotted_run import PlottedRun, judged_line_s, plotted_run
 from hil.report.projection import View
 from hil.report.style import Real
 from hil.tip_swing import LEAST_SWING_ROWS, Rows
@@ -25,7 +25,7 @@ ARM: style.Line = {"color": style.EDGE, "linestyle": "-", "linewidth": 2.0}
 BEFORE: style.Line = {"color": style.ORANGE, "linestyle": "-", "linewidth": 0.9}
 AFTER: style.Line = {"color": style.BLUE, "linestyle": "-", "linewidth": 1.6}
 """Lines of small loops, in which dashes could not be told; what acts is dark, strong and inside."""
-NOTHING = "nothing acting"
+NOTHING = "no treatment"
 GROUND_M = 0.1 * np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0]])
 """Corners of the plane on which the base stands."""
 TRIAD_M = 0.2
@@ -46,7 +46,7 @@ class MovedArm:
         judged: Rows in which it is judged; shape (n,).
     """
 
-    run: DrawnRun
+    run: PlottedRun
     angles_rad: Real
     tip_m: Real
     moved_mm: Real
@@ -58,7 +58,7 @@ class MovedArm:
         return float(np.max(np.linalg.norm(self.moved_mm[self.judged], axis=1)))
 
 
-def walked(material: Material) -> tuple[Real, Real] | None:
+def recorded_line(material: Material) -> tuple[Real, Real] | None:
     """Return joint angles and tip along the first complete recorded line.
 
     None without an arm.
@@ -94,13 +94,13 @@ def moved_arms(material: Material) -> list[MovedArm]:
     plain = [run for run in entries if run.treatment == "none"]
     acting = sorted((run for run in entries if run.treatment != "none"), key=lambda run: run.tip_peak_mm or 0.0)
     drawn = [
-        drawn_run(material, run, NOTHING if run.treatment == "none" else treatment_name(run.treatment), look)
+        plotted_run(material, run, NOTHING if run.treatment == "none" else treatment_name(run.treatment), look)
         for run, look in [*((run, BEFORE) for run in plain[:1]), *((run, AFTER) for run in acting[:1])]
     ]
     return [moved for run in drawn if run is not None and (moved := _moved(material, run)) is not None]
 
 
-def _moved(material: Material, run: DrawnRun) -> MovedArm | None:
+def _moved(material: Material, run: PlottedRun) -> MovedArm | None:
     """Compute a run's motion by the kinematics of the bench's arm.
 
     None without an arm, or with too few judged rows.

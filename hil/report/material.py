@@ -178,8 +178,8 @@ class Material:
             return {}
         if row.needs == "design":
             self.notes.append(
-                f"{run_name(run, with_window=False)}: an earlier version wrote this result without its filters; see the design "
-                "file, or run again."
+                f"{run_name(run, with_window=False)}: this result does not contain its filters; see the design file, or run "
+                f"again."
             )
             return {}
         axes = self.bench.chain_axes if run.axis is None else (run.axis,)

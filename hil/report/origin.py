@@ -28,7 +28,7 @@ class Origin:
 
 
 MEASURED = Origin()
-NOT_RECORDED = Origin(band="Not recorded whether the robot was emulated: this result has no such key.")
+NOT_RECORDED = Origin(band="This result does not record whether the robot was emulated.")
 
 
 def origin_of(result: MeasuredResult) -> Origin:

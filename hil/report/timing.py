@@ -33,15 +33,14 @@ def timing_table(material: Material) -> ReportTable | None:
         }
     )
     header = ("Motion", "What", "p50", "p99", "p99.9", "max", "Cycles", "Dropped", "Late", "Missed", "Bus load (%)")
-    sentence = f" Not granted: {'; '.join(refused)}." if refused else " Everything that was asked of the system was granted."
+    sentence = f" Not granted: {'; '.join(refused)}." if refused else " The system granted every request."
     return ReportTable(
         "timing",
-        "How well the cycle was kept",
+        "Timing of the cycle",
         "",
         header,
         rows,
         frozenset({0, 1}),
-        "Percentiles are at most 2.4 % too large and never too small; the largest is exact. A cycle that is too late is dropped: "
-        "its set-points are never sent. Late: SYNC left beyond the limit all the same. Missed: an answer did not come."
-        + sentence,
+        "Percentiles are at most 2.4 % too large and never too small; the largest is exact. A cycle that is too late is "
+        "dropped: its set-points are not sent. Late: SYNC was sent after the limit. Missed: an answer did not come." + sentence,
     )

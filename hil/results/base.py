@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler
 from drive_profiles.files.safefile import naming
 from drive_profiles.version import DISTRIBUTION, version_text
 from hil.bench.bench import Bench
-from hil.errors import NOT_DISABLED, HilError, NotPossibleError, RefusalCause, SafetyStopError, not_put_back
+from hil.errors import NOT_DISABLED, HilError, NotPossibleError, RefusalCause, SafetyStopError, not_restored_words
 
 SCHEMA: Literal[2] = 2
 
@@ -168,7 +168,7 @@ def aftermath(all_disabled: bool | None, not_restored: Iterable[str]) -> tuple[s
         not_restored: Objects that could not be restored.
     """
     unconfirmed = () if all_disabled is not False else (NOT_DISABLED,)
-    return (*unconfirmed, *(not_put_back(what) for what in not_restored))
+    return (*unconfirmed, *(not_restored_words(what) for what in not_restored))
 
 
 class MeasuredResult(Result):

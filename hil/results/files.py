@@ -71,7 +71,7 @@ def load_any(path: Path) -> AnyResult:
     if schema != SCHEMA:
         raise ResultFileError(
             path,
-            f"schema {schema} is not {SCHEMA}, the one known here; run the command again, or use the version that wrote it "
+            f"schema {schema}; expected {SCHEMA}; run the command again, or use the version that wrote it "
             "(recordings and bus.log beside it can be read as before)",
         )
     kinds = [kind.model_fields["kind"].default for kind in get_args(get_args(AnyResult)[0])]

@@ -18,7 +18,7 @@ from drive_profiles.standard.error_codes import error_text
 from hil.bench.bench import Bench
 from hil.can.bits import NOMINAL_BITS
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG
-from hil.can.listening import HEARD, Heard
+from hil.can.listening import FRAME_RECORD, ReceivedFrames
 from hil.logs.findings.bus import EXTENDED_BITS, STUFFED
 from hil.logs.log import Stream
 from hil.scope.derived import AxisPast, derived
@@ -111,7 +111,7 @@ class SignalDecoder:
         axes = () if bench is None else bench.axis.values()
         self._fault_texts = {axis.node_id: Profile.load(axis.profile).fault_texts for axis in axes}
 
-    def feed(self, heard: Heard) -> SignalRows:
+    def feed(self, heard: ReceivedFrames) -> SignalRows:
         """Return the rows that these frames complete.
 
         The mapping in force at the time of a frame applies to it.
@@ -136,7 +136,7 @@ class SignalDecoder:
             tuple(event for part in parts for event in part.events),
         )
 
-    def _feed(self, heard: Heard) -> SignalRows:
+    def _feed(self, heard: ReceivedFrames) -> SignalRows:
         if self._overhearing.take(heard):
             self._reading = reading_of(self._overhearing.nodes, self._bench)
             self._speakers &= set(self._reading.expected)
@@ -158,7 +158,7 @@ class SignalDecoder:
         self._open.bits = float(bits[-1])
         return SignalRows(*rows, tuple(self.signals), events)
 
-    def _choose_begin(self, heard: Heard) -> None:
+    def _choose_begin(self, heard: ReceivedFrames) -> None:
         """SYNC, or the most frequent identifier without SYNC."""
         if self._begin_id == FunctionCode.SYNC:
             return
@@ -172,7 +172,7 @@ class SignalDecoder:
             if often is not None and self._counts.get(often, 0) >= CYCLES_WITHOUT_SYNC:
                 self._begin_id = often
 
-    def _columns(self, heard: Heard, row_of: NDArray[np.intp], count: int) -> tuple[dict[object, Real], Real, Real]:
+    def _columns(self, heard: ReceivedFrames, row_of: NDArray[np.intp], count: int) -> tuple[dict[object, Real], Real, Real]:
         """Values, missed answers and bits of each row."""
         columns: dict[object, Real] = {}
         carried = self._open.values
@@ -255,7 +255,7 @@ class SignalDecoder:
         nothing = np.full(len(time_s), np.nan)
         return time_s, np.column_stack([found.get(signal, nothing) for signal in self.signals])
 
-    def _events(self, heard: Heard) -> list[HeardEvent]:
+    def _events(self, heard: ReceivedFrames) -> list[HeardEvent]:
         """Emergencies and NMT states, in words; they are rare."""
         ids = heard["can_id"]
         base = ids & ~np.uint32(0x7F)
@@ -296,6 +296,6 @@ class SignalDecoder:
         return [HeardEvent(time_s, "nmt", node, f"NMT: {names.get(command, f'{command:02X}h')}")]
 
 
-def nothing_heard() -> Heard:
+def no_frames() -> ReceivedFrames:
     """No frames."""
-    return np.empty(0, HEARD)
+    return np.empty(0, FRAME_RECORD)

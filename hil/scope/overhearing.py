@@ -11,7 +11,7 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import FunctionCode
 from drive_profiles.standard.object_address import ObjectAddress
 from hil.bench.bench import Bench
-from hil.can.listening import HEARD, Heard
+from hil.can.listening import FRAME_RECORD, ReceivedFrames
 from hil.logs.log import Damage, Log, LogBuilder
 from hil.logs.nodes import Node, nodes_of
 from hil.logs.overheard import OverheardValue, overheard
@@ -42,11 +42,11 @@ class Overhearing:
         """
         self._bench, self._descriptions = bench, descriptions
         self._values: dict[tuple[int, ObjectAddress], OverheardValue] = {}
-        self._recent: Heard = np.empty(0, HEARD)
+        self._recent: ReceivedFrames = np.empty(0, FRAME_RECORD)
         self._first: dict[int, tuple[int, int, int, int]] = {}
         self.nodes: dict[int, Node] = {}
 
-    def take(self, heard: Heard) -> bool:
+    def take(self, heard: ReceivedFrames) -> bool:
         """Look through frames; True if `nodes` has changed.
 
         Args:
@@ -72,7 +72,7 @@ class Overhearing:
         self.nodes = nodes_of(_log(self._seen()), [*self._assumed(), *self._values.values()], self._descriptions)
         return before != self.nodes
 
-    def _note_first(self, heard: Heard) -> bool:
+    def _note_first(self, heard: ReceivedFrames) -> bool:
         """Keep a frame of each new identifier; True for a new one."""
         ids, rows = np.unique(heard["can_id"], return_index=True)
         fresh = [(int(each), int(row)) for each, row in zip(ids, rows, strict=True) if int(each) not in self._first]
@@ -81,11 +81,11 @@ class Overhearing:
             self._first[can_id] = (int(one["stamp_ns"]), can_id, int(one["length"]), int(one["data"]))
         return bool(fresh)
 
-    def _seen(self) -> Heard:
+    def _seen(self) -> ReceivedFrames:
         """A frame of each identifier, and a SYNC behind them."""
         rows = [each for each in self._first.values() if each[1] != FunctionCode.SYNC]
         last = max((each[0] for each in rows), default=0)
-        return np.array(sorted([*rows, (last + 1, int(FunctionCode.SYNC), 0, 0)]), HEARD)
+        return np.array(sorted([*rows, (last + 1, int(FunctionCode.SYNC), 0, 0)]), FRAME_RECORD)
 
     def _assumed(self) -> Iterable[OverheardValue]:
         """Yield the mapping of this package's own master.
@@ -115,7 +115,7 @@ class Overhearing:
             yield OverheardValue(0, node, (index, subindex), value.to_bytes(4, "little"), is_write=True)
 
 
-def _log(heard: Heard) -> Log:
+def _log(heard: ReceivedFrames) -> Log:
     builder = LogBuilder(Path("bus"))
     builder.add(heard["stamp_ns"].copy(), heard["can_id"].copy(), heard["length"].copy(), heard["data"].copy())
     return builder.log(Damage())

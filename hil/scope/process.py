@@ -57,8 +57,8 @@ class ScopeProcess:
             if not self.url:
                 self.__exit__(None, None, None)
                 errors.seek(0)
-                said = errors.read().strip() or f"it does not listen within {SCOPE_START_S:g} s"
-                raise NotPossibleError(f"nothing can be shown live, and nothing has moved: {said}")
+                said = errors.read().strip() or f"it did not start to listen within {SCOPE_START_S:g} s"
+                raise NotPossibleError(f"the live page cannot start, and nothing has moved: {said}")
         return self
 
     @property

@@ -22,7 +22,7 @@ class SignalQuantity(StrEnum):
     NOTCH = "notch frequency"
     BUS_LOAD = "bus load"
     MISSES = "misses"
-    SYNC_DISTANCE = "SYNC distance"
+    SYNC_DISTANCE = "SYNC interval"
     STATUS_WORD = "status word"
 
 

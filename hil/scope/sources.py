@@ -149,5 +149,5 @@ def recordings_in(directory: Path) -> dict[str, Path]:
     """
     found = {path.stem: path for path in sorted([*directory.glob("*.csv"), *directory.glob("runs/**/*.csv")])}
     if not found:
-        raise NotPossibleError(f"{directory}: no recording in it, neither *.csv nor runs/*.csv")
+        raise NotPossibleError(f"{directory} contains no recording; expected *.csv or runs/*.csv")
     return found

@@ -67,17 +67,17 @@ def order_spectrum(time_s: Real, values: Real, angle_rev: Real) -> tuple[Real, R
         raise SpectrumError(str(error)) from error
     shown = np.any(~np.isnan(found.amplitude), axis=0)
     if not shown.any():
-        raise SpectrumError("the motor turns too fast for these samples: no order has four of them in a cycle")
+        raise SpectrumError("the motor turns too fast for these samples: no order has four samples per cycle")
     return found.orders[shown], np.nanmean(found.amplitude[:, shown], axis=0)
 
 
 def _even(time_s: Real, *signals: Real) -> tuple[float, list[Real]]:
     """Period, and signals at even times, missing samples filled."""
     if not LEAST_WINDOW <= len(time_s) <= MOST_WINDOW or any(len(each) != len(time_s) for each in signals):
-        raise SpectrumError(f"{len(time_s)} samples: {LEAST_WINDOW} to {MOST_WINDOW} are possible")
+        raise SpectrumError(f"{len(time_s)} samples; expected {LEAST_WINDOW} to {MOST_WINDOW}")
     steps = np.diff(time_s)
     if not np.all(np.isfinite(time_s)) or np.any(steps <= 0.0):
-        raise SpectrumError("the times do not rise")
+        raise SpectrumError("the times do not increase")
     period_s = float(np.median(steps))
     count = round((time_s[-1] - time_s[0]) / period_s) + 1
     if count > MOST_WINDOW:

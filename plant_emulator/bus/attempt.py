@@ -136,7 +136,7 @@ class Attempt:
     __slots__ = ("collided", "dropped_out", "end", "failed", "idle", "senders", "start", "winners")
 
     def __init__(self, start: int, senders: tuple[QueuedFrame, ...]) -> None:
-        """Start; `settle` does the rest."""
+        """Start; `resolve` does the rest."""
         self.start = self.end = self.idle = start
         self.senders = self.winners = senders
         self.dropped_out: tuple[QueuedFrame, ...] = ()
@@ -191,7 +191,7 @@ def contend(waiting: Iterable[Port], idle: int) -> Attempt | None:
     return Attempt(start, senders)
 
 
-def settle(attempt: Attempt, ports: Iterable[Port], rates: Rates) -> None:
+def resolve(attempt: Attempt, ports: Iterable[Port], rates: Rates) -> None:
     """Work out the end of an attempt.
 
     Args:
@@ -249,7 +249,7 @@ def _fail(attempt: Attempt, sent: tuple[int, int], rates: Rates) -> None:
 
 
 def _collide(attempt: Attempt, others: list[Port], rates: Rates) -> None:
-    """Settle several frames that have one arbitration field.
+    """Resolve several frames that have one arbitration field.
 
     Senders of equal bits win, or an error frame ends the attempt.
 

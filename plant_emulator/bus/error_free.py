@@ -17,7 +17,7 @@ from plant_emulator.bus.attempt import Port
 from plant_emulator.bus.rates import INTERMISSION_BITS, Rates
 from plant_emulator.bus.traffic import Passed, Traffic
 
-NOBODY = 1 << 62
+NO_PORT = 1 << 62
 """Number above every port: it stops nothing."""
 MAX_KINDS = 4096
 """Kinds of frames that are remembered."""

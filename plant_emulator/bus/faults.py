@@ -162,7 +162,7 @@ class Fault:
         can_id = self.can_id or 0
         return can_id | CAN_EFF_FLAG if can_id > CAN_SFF_MASK else can_id
 
-    def means(self, frame: Frame, port: int, at_ns: int) -> bool:
+    def matches(self, frame: Frame, port: int, at_ns: int) -> bool:
         """Return True if the fault applies to a frame.
 
         Identifier, sender and time decide.
@@ -267,7 +267,7 @@ class BusFaults:
         """Return the passages of an offered frame: none, one or several."""
         passages: tuple[Passage, ...] = (Passage(frame),)
         for index, fault in self._of_a_frame:
-            if fault.means(frame, port, at_ns) and self._hits(index, fault):
+            if fault.matches(frame, port, at_ns) and self._hits(index, fault):
                 passages = self._apply(index, fault, passages)
         return passages
 

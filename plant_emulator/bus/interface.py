@@ -66,7 +66,7 @@ class LocalBus(can.BusABC):
                 self._socket.send(record)
             except BlockingIOError:
                 if not select.select([], [self._socket], [], SEND_PATIENCE_S if timeout is None else timeout)[1]:
-                    raise can.CanOperationError("the local bus takes no more frames") from None
+                    raise can.CanOperationError("the local bus accepts no more frames") from None
                 self._socket.send(record)
         except (OSError, ValueError) as error:
             raise can.CanOperationError(f"cannot send on the local bus: {error}") from error

@@ -129,7 +129,7 @@ class Instant:
         The master and the emulator then compute at the same time.
         """
         yield [HeardFrame(sync, port, self._world.now), *self._heard(self._world.receive(sync))]
-        yield self._heard(self._world.settle())
+        yield self._heard(self._world.finish_period())
 
     def _heard(self, frames: list[Frame]) -> list[HeardFrame]:
         now = self._world.now
@@ -190,17 +190,17 @@ class Timed:
         self._is_idle = False
         can_id = frame[0]
         is_answered = not (_PDOS[0] <= can_id < _PDOS[1] or _HEARTBEATS[0] <= can_id < _HEARTBEATS[1])
-        return self._settled(mark) if is_answered else []
+        return self._drained(mark) if is_answered else []
 
     def idle(self) -> list[HeardFrame]:
         """Let time pass until every waiting frame has been sent, answers included."""
-        return self._settled(self._bus.wire.mark)
+        return self._drained(self._bus.wire.mark)
 
-    def _settled(self, mark: int) -> list[HeardFrame]:
+    def _drained(self, mark: int) -> list[HeardFrame]:
         if self._is_idle or self.clock == clock.WALL:
             return []
         self._is_idle = True
-        return self._bus.settle(mark)
+        return self._bus.drain(mark)
 
     def cycle(self, port: int, sync: Frame) -> Iterator[list[HeardFrame]]:
         """Let time pass up to the next cycle."""

@@ -6,7 +6,7 @@ They are in the ports' queues or on their way into them; the next attempt is pla
 import heapq
 from collections.abc import Callable
 
-from plant_emulator.bus.attempt import Attempt, Port, QueuedFrame, contend, settle
+from plant_emulator.bus.attempt import Attempt, Port, QueuedFrame, contend, resolve
 from plant_emulator.bus.controller import ErrorState
 from plant_emulator.bus.faults import BusEvent, Passage
 from plant_emulator.bus.rates import Rates
@@ -132,7 +132,7 @@ class Queues:
         """
         plan = contend(self.waiting.values(), idle) if self.waiting else None
         if plan is not None:
-            settle(plan, self._ports.values(), self._rates)
+            resolve(plan, self._ports.values(), self._rates)
         self.plan = plan
         return plan
 

@@ -11,7 +11,7 @@ from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.world import FREE_STEP_NS, World
 
-SETTLE_NS = 100_000_000
+DRAIN_NS = 100_000_000
 """Longest wait of a frame outside of a SYNC cycle for a bus that others keep busy, in ns."""
 
 
@@ -110,7 +110,7 @@ class TimedBus:
             heard += self.run(min(until, self.world.now + FREE_STEP_NS))
         return heard
 
-    def settle(self, mark: int | None = None) -> list[HeardFrame]:
+    def drain(self, mark: int | None = None) -> list[HeardFrame]:
         """Let time pass until all frames and answers are sent.
 
         Args:
@@ -118,7 +118,7 @@ class TimedBus:
                 Frames that a fault had delayed before, and faults to come, are not waited for.
         """
         mark = self.wire.mark if mark is None else mark
-        return self.run(self.world.now + SETTLE_NS, lambda: not self.wire.is_waiting(mark))
+        return self.run(self.world.now + DRAIN_NS, lambda: not self.wire.is_waiting(mark))
 
     def begin_cycles(self) -> None:
         """Let the next SYNC of the clock's holder begin a cycle."""

@@ -24,7 +24,7 @@ from hil.can.frame import Frame
 from plant_emulator.bus.attempt import DELIMITER_BITS, Attempt, Port, QueuedFrame, check
 from plant_emulator.bus.confinement import Confinement
 from plant_emulator.bus.controller import Controller
-from plant_emulator.bus.error_free import NOBODY, ErrorFreeBus
+from plant_emulator.bus.error_free import NO_PORT, ErrorFreeBus
 from plant_emulator.bus.faults import BusEvent, FaultSource, Passage
 from plant_emulator.bus.queues import Queues
 from plant_emulator.bus.rates import INTERMISSION_BITS, SECOND, Rates
@@ -261,7 +261,7 @@ class EmulatedWire:
         """
         return [Delivered(frame, port, start, end) for frame, port, start, end, *_ in self.listen(until_ns)]
 
-    def listen(self, until_ns: int, stop_port: int = NOBODY) -> list[Passed]:
+    def listen(self, until_ns: int, stop_port: int = NO_PORT) -> list[Passed]:
         """Let time pass, but stop at certain frames.
 
         Time stops at the end of a frame of `stop_port` or a port above; `now` tells where. The frames that have ended are
@@ -313,7 +313,7 @@ class EmulatedWire:
             if delivered and delivered[-1][1] >= stop_port:
                 self.now = delivered[-1][3]
                 return
-            if confinement.has_switched and stop_port != NOBODY:
+            if confinement.has_switched and stop_port != NO_PORT:
                 self.now = max(self.now, at)
                 return
         self.now = until_ns

@@ -60,11 +60,11 @@ OnOption = Annotated[
     str | None, typer.Option("--on", metavar="dask:tcp://HOST:PORT", help="Use the workers of a Dask scheduler (extra cluster).")
 ]
 ResumeOption = Annotated[bool, typer.Option("--resume", help="Continue the folder's rehearsal with the missing robots.")]
-KeepOption = Annotated[bool, typer.Option("--keep", help="Keep all files of each walk, in files/SEED of the folder.")]
+KeepOption = Annotated[bool, typer.Option("--keep", help="Keep all files of each robot, in files/SEED of the folder.")]
 CheckOption = Annotated[bool, typer.Option("--check", help="End with exit status 9 if a goal is not reached.")]
 SummaryOption = Annotated[
     Path | None,
-    typer.Option("--summary", metavar="DIR", help="Walk no robot: rewrite table and report of DIR, and print Markdown."),
+    typer.Option("--summary", metavar="DIR", help="Run no robot: rewrite table and report of DIR, and print Markdown."),
 ]
 
 
@@ -120,11 +120,11 @@ def rehearse(
             return
         named = _seeds(seeds)
         if arms and over_bus:
-            raise fail("--arms walks arms in this process; leave --over-bus out", EmulatorExitStatus.USAGE)
+            raise fail("--arms runs in this process; leave --over-bus out", EmulatorExitStatus.USAGE)
         executors = _executors(on, jobs, keep=keep)
         kept = Kept(out)
         kept.begin(RehearsalSettings(ARMS if arms else kind, over_bus), resume=resume)
-        _walk(kept, named, executors, None if arms else kind, over_bus=over_bus, keep=keep)
+        _run_missing(kept, named, executors, None if arms else kind, over_bus=over_bus, keep=keep)
         _tell(kept, check=check, as_json=as_json)
 
 
@@ -156,17 +156,17 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _walk(
+def _run_missing(
     kept: "Kept", seeds: Sequence[int], executors: "Executors", kind: KindName | None, *, over_bus: bool, keep: bool
 ) -> None:
-    """Walk the missing robots.
+    """Run the missing robots.
 
     They are arms if there is no kind. Each row is saved at once.
     """
-    from plant_emulator.rehearsal.arms.path import walk_arm_seed
+    from plant_emulator.rehearsal.arms.path import run_arm_seed
     from plant_emulator.rehearsal.many.executors import ExecutorsLostError, ExecutorsRefusedError
-    from plant_emulator.rehearsal.many.one import kind_of, walk_seed
-    from plant_emulator.rehearsal.many.walking import walk_all
+    from plant_emulator.rehearsal.many.one import kind_of, run_seed
+    from plant_emulator.rehearsal.many.running import run_all
 
     there = kept.seeds()
     missing = [seed for seed in seeds if seed not in there]
@@ -187,15 +187,15 @@ def _walk(
                 step(row)
 
             if kind is None:
-                walk_all(missing, walk_arm_seed, (files,), executors, on_row)
+                run_all(missing, run_arm_seed, (files,), executors, on_row)
             else:
-                walk_all(missing, walk_seed, (kind, over_bus, files), executors, on_row)
+                run_all(missing, run_seed, (kind, over_bus, files), executors, on_row)
     except ExecutorsRefusedError as error:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
     except (ExecutorsLostError, KeyboardInterrupt) as error:
         is_lost = isinstance(error, ExecutorsLostError)
         words = (
-            f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots are walked and kept; continue with --resume"
+            f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots are done and kept; continue with --resume"
         )
         raise fail(words, EmulatorExitStatus.BUS if is_lost else EmulatorExitStatus.INTERRUPTED) from None
 
@@ -258,7 +258,7 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
 
     rows = kept.rows()
     if not rows:
-        raise fail(f"{kept.folder}: no robot has been walked yet", EmulatorExitStatus.FILE)
+        raise fail(f"{kept.folder}: no robot has a result yet", EmulatorExitStatus.FILE)
     are_arms = kept.settings().kind == ARMS
     found = arm_claims(rows) if are_arms else claims_of(rows)
     whole = document(rows, found)

@@ -123,7 +123,7 @@ def robustness(
     is_line, with_filters = experiment == "line-motion", treatment_named(treatment).filters != ""
     _check_options(tip_mm, area_percent)
     if not with_filters and notch is not None:
-        raise fail(f"--notch: --treatment {treatment} runs no filter", EmulatorExitStatus.USAGE)
+        raise fail(f"--notch: --treatment {treatment} has no filter", EmulatorExitStatus.USAGE)
     if is_line and axis is not None:
         raise fail("--axis: the line motion moves all axes of the arm", EmulatorExitStatus.USAGE)
     with exit_on_error():

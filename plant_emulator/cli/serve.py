@@ -74,7 +74,7 @@ DriveOption = Annotated[
 ]
 ServedAxesOption = Annotated[
     str | None,
-    typer.Option("--axis", metavar="N[,N]", help="Serve these axes alone; default: all.", autocompletion=AXES.several),
+    typer.Option("--axis", metavar="N[,N]", help="Serve only these axes; default: all.", autocompletion=AXES.several),
 ]
 HeldGainsOption = Annotated[
     Path | None,

@@ -29,7 +29,6 @@ from plant_emulator.drive.modes.table import modes_of
 from plant_emulator.drive.option_codes import OptionCodes
 from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.drive.signals import AxisSignals
-from plant_emulator.drive.standing import Standing
 from plant_emulator.drive.state_machine import (
     Action,
     Power,
@@ -42,6 +41,7 @@ from plant_emulator.drive.state_machine import (
     stopped,
     torque_lost,
 )
+from plant_emulator.drive.status import DriveStatus
 from plant_emulator.drive.touch_probe import TouchProbes
 from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes
@@ -113,7 +113,7 @@ class Drive:
         )
         self.on_state: Callable[[State, State], None] = lambda before, after: None
         self._signals = AxisSignals.of(axes)  # by which the control period wakes the drive
-        self._standing = Standing.of(Power())  # replaced whole with each change of state, input or lack: see `_stand`
+        self._status = DriveStatus.of(Power())  # replaced whole with each change of state, input or lack: see `_set_power`
         self._delayed: DelayedTransition | None = None  # where the robot file says that transitions take their time
         self._is_word_fresh = False  # whether a control word has come since the stop began: it acts when the motor stands
         self.data = DriveData(axes, number, self.family, self._is_powered)
@@ -129,7 +129,7 @@ class Drive:
             modes,
             self._faults,
             self.limit_switches,
-            power=lambda: self._standing.power,
+            power=lambda: self._status.power,
             halt_blocks=self.behaviour.halt_blocks_mode_change,
         )
         self._options = OptionCodes(self.family, self.behaviour)  # 605Ah to 605Eh
@@ -159,12 +159,12 @@ class Drive:
     @property
     def state(self) -> State:
         """State of the power drive system."""
-        return self._standing.power.state
+        return self._status.power.state
 
     def repeats(self, control_word: int) -> bool:
         """Return True if the drive is enabled and the word unchanged."""
-        standing = self._standing
-        return standing.is_following and standing.power.control_word == control_word
+        status = self._status
+        return status.is_following and status.power.control_word == control_word
 
     @property
     def mode(self) -> Mode | None:
@@ -173,7 +173,7 @@ class Drive:
         return Mode(acting.number) if acting is not None and acting.number else None
 
     def _is_powered(self) -> bool:
-        return self._standing.is_powered
+        return self._status.is_powered
 
     # -- the node, for the world ---------------------------------------------------------------------------------------
 
@@ -225,7 +225,7 @@ class Drive:
         if self._delayed is not None:
             self._wait_for_transition(self._delayed, now)
         acting = self._modes.acting
-        if self._standing.is_stopping:
+        if self._status.is_stopping:
             if self.stage.is_stopped:
                 self._end_stop()
         elif acting is not None:
@@ -242,33 +242,33 @@ class Drive:
         Such work is a stop, a delayed transition, a queued set-point or homing.
         """
         acting = self._modes.acting
-        if self._standing.is_stopping or self._delayed is not None:
+        if self._status.is_stopping or self._delayed is not None:
             return True
         return acting is not None and (acting.watches or self.limit_switches.are_there)
 
     # -- status and mode -----------------------------------------------------------------------------------------------
 
-    def _stand(self, power: Power) -> None:
-        """Replace the standing, and report a change of state."""
+    def _set_power(self, power: Power) -> None:
+        """Replace the status, and report a change of state."""
         before = self.state
-        self._standing = Standing.of(power, torque_off=self.inputs.is_sto_active, lack=self._faults.is_lacking)
+        self._status = DriveStatus.of(power, torque_off=self.inputs.is_sto_active, lack=self._faults.is_lacking)
         if power.state is not before:
             self.on_state(before, power.state)
 
     def _set_status(self) -> None:
-        """Replace the standing if something other than the state has changed."""
-        self._stand(self._standing.power)
+        """Replace the status if something other than the state has changed."""
+        self._set_power(self._status.power)
 
     def status_word(self) -> int:
         """Return the present status word."""
-        standing, signals, row = self._standing, self._signals, self.row
-        word, acting = standing.plain_word, self._modes.acting
-        if standing.is_enabled and acting is not None:
+        status, signals, row = self._status, self._signals, self.row
+        word, acting = status.plain_word, self._modes.acting
+        if status.is_enabled and acting is not None:
             word |= acting.status()
         else:
             if signals.following_count[row] > 0:
                 word |= FOLLOWING_ERROR
-            if standing.is_powered and signals.stopped[row]:
+            if status.is_powered and signals.stopped[row]:
                 word |= TARGET_REACHED
         if signals.limited[row] or self.limit_switches.blocked:
             word |= INTERNAL_LIMIT
@@ -277,19 +277,19 @@ class Drive:
     # -- state machine -------------------------------------------------------------------------------------------------
 
     def _write_control_word(self, word: int) -> None:
-        """Run the state machine on a control word until it settles.
+        """Run the state machine on a control word until its state stays.
 
         The fault reset acts on the edge only.
         """
-        standing = self._standing
-        if standing.is_following and word == standing.power.control_word:
+        status = self._status
+        if status.is_following and word == status.power.control_word:
             return
         if self._delayed is not None:
             self._delayed = self._delayed._replace(word=word)
             return
-        self._is_word_fresh = standing.is_stopping
+        self._is_word_fresh = status.is_stopping
         for _ in range(4):
-            before = self._standing.power
+            before = self._status.power
             step = commanded(before, word, self._options.now())
             if step.power.state is before.state and step.action is Action.NONE:
                 self._remember(step.power)
@@ -297,11 +297,11 @@ class Drive:
             if not self._may_take(step):
                 self._remember(before._replace(control_word=word))
                 break
-            if self.behaviour.transition_delay_ms and (step.action is Action.ENERGISE or not self._standing.is_powered):
+            if self.behaviour.transition_delay_ms and (step.action is Action.ENERGISE or not self._status.is_powered):
                 self._delayed = DelayedTransition(step, word)
                 return
             self._take(step)
-        if self._standing.is_following:
+        if self._status.is_following:
             self._modes.command(word)
 
     def _remember(self, power: Power) -> None:
@@ -309,8 +309,8 @@ class Drive:
 
         A master repeats the same word with every SYNC.
         """
-        if power != self._standing.power:
-            self._stand(power)
+        if power != self._status.power:
+            self._set_power(power)
 
     def _may_take(self, step: Step) -> bool:
         if step.action is Action.ENERGISE:
@@ -335,7 +335,7 @@ class Drive:
         self._delayed = None
         # a transition that has begun is finished, but for the one that opens the brake: that must still be wanted
         is_meant = step.action is not Action.ENERGISE or (
-            latest is not None and commanded(self._standing.power, latest, self._options.now()).power.state is step.power.state
+            latest is not None and commanded(self._status.power, latest, self._options.now()).power.state is step.power.state
         )
         if is_meant and self._may_take(step):
             self._take(step)
@@ -353,10 +353,10 @@ class Drive:
 
     def _take(self, step: Step) -> None:
         """Take one step of the state machine, with the power stage."""
-        if step.action is Action.NONE and step.power == self._standing.power:
+        if step.action is Action.NONE and step.power == self._status.power:
             return
         self._delayed = None
-        self._stand(step.power)
+        self._set_power(step.power)
         match step.action:
             case Action.ENERGISE:
                 self.data.apply()
@@ -379,25 +379,25 @@ class Drive:
 
         A control word that came since the stop began takes effect now; the one that began it does not act again.
         """
-        self._take(stopped(self._standing.power, self._options.now()))
-        if self._is_word_fresh and not self._standing.is_powered:
-            self._write_control_word(self._standing.power.control_word)
+        self._take(stopped(self._status.power, self._options.now()))
+        if self._is_word_fresh and not self._status.is_powered:
+            self._write_control_word(self._status.power.control_word)
 
     def _stop_at_rest(self) -> None:
         """End a stop at once if the motor is at rest.
 
         This concerns disable operation, shutdown, and a quick stop that ends by itself.
         """
-        ends = self._standing.power.leaving is not None or (
+        ends = self._status.power.leaving is not None or (
             self.state is State.QUICK_STOP_ACTIVE and self.behaviour.quick_stop_ends_disabled_at_once
         )
-        if ends and (self.stage.law_mode == record.BRAKED or self.stage.stands):
-            self._take(stopped(self._standing.power, self._options.now()))
+        if ends and (self.stage.law_mode == record.BRAKED or self.stage.is_at_rest):
+            self._take(stopped(self._status.power, self._options.now()))
 
     def _fault(self, cause: str, code: int) -> None:
         self._faults.report(cause, code)
         self._forget_words()
-        self._take(failed(self._standing.power, self._options.now()))
+        self._take(failed(self._status.power, self._options.now()))
 
     # -- safe torque off -----------------------------------------------------------------------------------------------
 
@@ -409,10 +409,10 @@ class Drive:
         """
         self._set_status()
         if active:
-            if self._standing.is_powered:
+            if self._status.is_powered:
                 self._faults.report(TORQUE_OFF, TORQUE_OFF_FAULT)
             self._forget_words()
-            self._take(torque_lost(self._standing.power))
+            self._take(torque_lost(self._status.power))
 
     # -- connection ----------------------------------------------------------------------------------------------------
 
@@ -437,8 +437,8 @@ class Drive:
         """
         self._forget_words()
         option = self.data.value(Object.ABORT_CONNECTION_OPTION)
-        step = react(self._standing.power, option, self._options.now())
-        if step.power == self._standing.power:
+        step = react(self._status.power, option, self._options.now())
+        if step.power == self._status.power:
             return
         if option == AbortConnectionOption.FAULT:
             self._faults.report_connection(code)
@@ -461,7 +461,7 @@ class Drive:
     def _restart(self) -> None:
         self._faults.forget()
         self._forget_words()
-        self._take(initialised(self._standing.power))
+        self._take(initialised(self._status.power))
         self.stage.motion["trip"] = 0  # what a set-point before the reset has broken is not the new start's fault
         self.data.restart()
         self.probes.reset()

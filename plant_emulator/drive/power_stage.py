@@ -87,7 +87,7 @@ class PowerStage:
         return bool(motion["stopped"] or motion["stop_periods"] * self._control_period_s > STOP_PATIENCE_S)
 
     @property
-    def stands(self) -> bool:
+    def is_at_rest(self) -> bool:
         """True if the measured motor speed counts as rest."""
         return abs(self.data.speed_rad_s) < record.STOPPED_RAD_S
 

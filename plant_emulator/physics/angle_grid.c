@@ -28,7 +28,7 @@ void find_constants(const struct plant *plant, struct constants *constants)
     k->a2_sin = p->a2_rad * SIN(p->phi2_rad);
     k->a4_cos = p->a4_rad * COS(p->phi4_rad);
     k->a4_sin = p->a4_rad * SIN(p->phi4_rad);
-    k->is_more = p->is_more;
+    k->has_more_orders = p->has_more_orders;
     k->is_eccentric = p->is_eccentric;
     k->is_cogging = p->is_cogging;
     for (int i = 0; i < MORE_LINES; i++) {

@@ -40,7 +40,7 @@ struct constants {
     real a2_sin;
     real a4_cos;
     real a4_sin;
-    real is_more;
+    real has_more_orders;
     real more_orders[MORE_LINES];
     real more_rad[MORE_LINES];
     real more_phi[MORE_LINES];
@@ -153,7 +153,7 @@ INLINED void rates(
     const real slope1 = near->x1 * sine + near->y1 * cosine, slope2 = near->x2 * sine2 + near->y2 * cosine2;
     const real slope4 = near->x4 * sine4 + near->y4 * cosine4;
     real steepness = -slope1 - 2.0 * slope2 - 4.0 * slope4;
-    if (k->is_more > 0.0) { /* any order, a fraction too: no grid leads there */
+    if (k->has_more_orders > 0.0) { /* any order, a fraction too: no grid leads there */
         for (int i = 0; i < MORE_LINES; i++) {
             const real turned = k->more_orders[i] * at->theta_m + k->more_phi[i];
             sync += k->more_rad[i] * COS(turned);

@@ -6,7 +6,7 @@ real synchronous_error(const struct plant *plant, real motor_angle, real *slope)
     const real x1 = motor_angle + p->phi1_rad, x2 = 2.0 * motor_angle + p->phi2_rad, x4 = 4.0 * motor_angle + p->phi4_rad;
     real value = p->a1_rad * COS(x1) + p->a2_rad * COS(x2) + p->a4_rad * COS(x4);
     *slope = -p->a1_rad * SIN(x1) - 2.0 * p->a2_rad * SIN(x2) - 4.0 * p->a4_rad * SIN(x4);
-    if (p->is_more > 0.0) {
+    if (p->has_more_orders > 0.0) {
         for (int i = 0; i < MORE_LINES; i++) {
             const real turned = p->more_orders[i] * motor_angle + p->more_phi_rad[i];
             value += p->more_rad[i] * COS(turned);

@@ -17,8 +17,8 @@
 
 #include "hil/control/real.h"
 
-/* Orders beside 1, 2 and 4 for which an axis has room, orders of the joint, and orders of cogging. is_more, is_eccentric and
- * is_cogging are 0 where it has none; these then cost nothing. */
+/* Orders besides 1, 2 and 4 for which an axis has room, orders of the joint, and orders of cogging. has_more_orders, is_eccentric
+ * and is_cogging are 0 if it has none; these then cost nothing. */
 enum { MORE_LINES = 4 };
 
 /* Constants of an axis, all in SI; gear and arm on the arm side, motor and friction on the motor side. */
@@ -41,7 +41,7 @@ struct plant {
     real phi2_rad;
     real a4_rad;
     real phi4_rad;
-    real is_more;
+    real has_more_orders;
     real more_orders[MORE_LINES];
     real more_rad[MORE_LINES];
     real more_phi_rad[MORE_LINES];

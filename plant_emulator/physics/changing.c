@@ -54,7 +54,7 @@ void put_error(const struct change *change, const struct past *past, struct plan
     find_line(change, past, 0, &plant->a1_rad, &plant->phi1_rad);
     find_line(change, past, 1, &plant->a2_rad, &plant->phi2_rad);
     find_line(change, past, 2, &plant->a4_rad, &plant->phi4_rad);
-    if (plant->is_more > 0.0) {
+    if (plant->has_more_orders > 0.0) {
         for (int i = 0; i < MORE_LINES; i++) {
             find_line(change, past, NAMED_LINES + i, &plant->more_rad[i], &plant->more_phi_rad[i]);
         }

@@ -41,9 +41,9 @@ class StepsOverBus:
     """Steps by the commands of `hil`, exactly as in docs/tuning.md.
 
     Args:
-        bench: The bench file; written into the folder of the walk.
+        bench: The bench file; written into the folder of the path.
         axis: Number of the axis.
-        files: The files of the walk.
+        files: The files of the path.
         address: The bus on which the robot is served.
     """
 

@@ -45,7 +45,7 @@ RUNS: dict[str, tuple[TreatmentName, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class PathOptions:
-    """Options of a walk.
+    """Options of a path.
 
     Attributes:
         axis: The axis that is treated; None for the robot's first.
@@ -66,12 +66,14 @@ class PathOptions:
     keeps_files: bool = False
 
 
-def walk(robot: Robot, bench: Bench, folder: Path, options: PathOptions | None = None, reporter: Reporter = SILENT) -> PathRecord:
-    """Walk the documented path.
+def run_path(
+    robot: Robot, bench: Bench, folder: Path, options: PathOptions | None = None, reporter: Reporter = SILENT
+) -> PathRecord:
+    """Run the documented path.
 
     Its steps are plant, ATE, design, runs with every treatment, and learning.
 
-    A refusal by the product raises nothing: the record states how each step ended. Ctrl-C and SIGTERM end the walk.
+    A refusal by the product raises nothing: the record states how each step ended. Ctrl-C and SIGTERM end the path.
 
     Args:
         robot: The robot that is treated, all its truth in it.
@@ -83,12 +85,12 @@ def walk(robot: Robot, bench: Bench, folder: Path, options: PathOptions | None =
     Raises:
         KeyboardInterrupt: A signal ended a motion.
     """
-    return _Walk(robot, bench, folder, options or PathOptions(), reporter).record()
+    return _Path(robot, bench, folder, options or PathOptions(), reporter).record()
 
 
 @dataclass
-class _Walk:
-    """A walk in progress."""
+class _Path:
+    """A path in progress."""
 
     robot: Robot
     bench: Bench
@@ -104,17 +106,17 @@ class _Walk:
         self.files = PathFiles(self.folder)
 
     def record(self) -> PathRecord:
-        """Walk, measure the truth, and return the record."""
+        """Run, measure the truth, and return the record."""
         result, began = self.result, time.process_time()
         self.folder.mkdir(parents=True, exist_ok=True)
         result.facts = facts_of(self.robot, self.bench, self.axis)
         with self._steps() as steps:
-            self._walk(steps)
+            self._run_steps(steps)
         result.quantities = quantities_of(self.robot, self.axis, self.files.identified(), self._knowledge().learnt)
-        walked = time.process_time()
-        result.cpu_s = walked - began
+        finished = time.process_time()
+        result.cpu_s = finished - began
         self._survey()
-        result.survey_cpu_s = time.process_time() - walked
+        result.survey_cpu_s = time.process_time() - finished
         if not self.options.keeps_files:
             for path in self.folder.iterdir():
                 if path.is_dir():
@@ -134,7 +136,7 @@ class _Walk:
         with EmulatorProcess(str(file), self.robot.bus.bitrate) as served:
             yield StepsOverBus(self.bench, self.axis, self.files, served.address)
 
-    def _walk(self, steps: Steps) -> None:
+    def _run_steps(self, steps: Steps) -> None:
         """Take the steps in order."""
         self._take("plant", steps.plant)
         self._take("ate", steps.ate)
@@ -203,12 +205,12 @@ class _Walk:
         if not causes or model is None:
             return None
 
-        def anew(robot: Robot, bench: Bench) -> float | None:
+        def rerun(robot: Robot, bench: Bench) -> float | None:
             options = replace(self.options, with_design=False, with_probes=False, with_causes=False)
-            return walk(robot, bench, self.folder / "without", options).end_tip_mm
+            return run_path(robot, bench, self.folder / "without", options).end_tip_mm
 
         left_out = self.left_out.get(name, ())
-        return tip_without(causes, PathEnd(self.robot, self.bench, self.axis, model, left_out), anew)
+        return tip_without(causes, PathEnd(self.robot, self.bench, self.axis, model, left_out), rerun)
 
 
 def _ended(act: Callable[[], Note]) -> StepRecord:
@@ -226,6 +228,6 @@ def _ended(act: Callable[[], Note]) -> StepRecord:
     except (HilError, ValueError, OSError) as error:
         causes = error.causes if isinstance(error, HilError) else ()
         return StepRecord("refused", type(error).__name__, str(error), causes=causes)
-    except Exception as error:  # noqa: BLE001 - a walk tells of every robot what happened, and goes on with the next
+    except Exception as error:  # noqa: BLE001 - the record states what happened to each robot, and the next one follows
         return StepRecord("crashed", type(error).__name__, str(error))
     return StepRecord("noted" if note else "done", "", note or "")

@@ -1,4 +1,4 @@
-"""The record of one walk.
+"""The record of one path.
 
 It states how each step ended, truth beside estimate, and the true tip under each treatment.
 """
@@ -113,13 +113,13 @@ class ProbeRecord:
 
 @dataclass
 class PathRecord:
-    """One walk of the documented path.
+    """One run of the documented path.
 
     Attributes:
         name: Name of the robot.
         seed: Its seed.
         axis: The axis that was treated.
-        over_bus: True if the walk went over a bus.
+        over_bus: True if it went over a bus.
         facts: Facts of the robot, by `FACTS`.
         steps: End of each step, by `STEPS`.
         quantities: By `QUANTITIES`.

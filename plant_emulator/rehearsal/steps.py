@@ -71,7 +71,7 @@ class TrialRefusedError(HilError):
 
 @dataclass(frozen=True)
 class PathFiles:
-    """The files of a walk.
+    """The files of a path.
 
     Attributes:
         folder: Directory of all of them.
@@ -140,7 +140,7 @@ class StepsInProcess:
     Args:
         bench: The bench file.
         axis: Number of the axis.
-        files: The files of the walk.
+        files: The files of the path.
         channel: The robot.
         effort: Effort of the notch's search.
     """

@@ -117,7 +117,7 @@ class PathEnd:
     left_out: Collection[Part] = ()
 
 
-def tip_without(causes: Collection[str], end: PathEnd, anew: Callable[[Robot, Bench], float | None]) -> float | None:
+def tip_without(causes: Collection[str], end: PathEnd, rerun: Callable[[Robot, Bench], float | None]) -> float | None:
     """Return the largest true tip without some causes, mm.
 
     The result is None if it cannot be determined.
@@ -125,14 +125,14 @@ def tip_without(causes: Collection[str], end: PathEnd, anew: Callable[[Robot, Be
     Args:
         causes: Names of the causes, of `hil.results.runs.RemainderCause`.
         end: End of the path.
-        anew: Tip with which the path ends on another robot.
+        rerun: Tip with which the path ends on another robot.
     """
     robot, bench, axis, model, left_out = end.robot, end.bench, end.axis, end.model, end.left_out
     for cause in causes:
         if cause in REMOVED:
             robot, bench = REMOVED[cause](robot, bench, axis)
     if "sensor noise" in causes:
-        return anew(without_noise(robot), bench)
+        return rerun(without_noise(robot), bench)
     known = model.axis[axis].ate
     if KNOWN_BETTER & set(causes) and known is not None:
         true = known.model_copy(update={"values": robot.axis[axis].ate, "standard_error": {}})

@@ -145,7 +145,7 @@ class RobotAxis(PlantTable):
         for order in ORDERS:
             row[f"a{order}_rad"] = getattr(self.ate, amplitude_key(order)) * ARCSEC
             row[f"phi{order}_rad"] = math.radians(getattr(self.ate, phase_key(order)))
-        row["is_more"] = float(bool(self.ate.more))
+        row["has_more_orders"] = float(bool(self.ate.more))
         row["more_orders"], row["more_rad"], row["more_phi_rad"] = 0.0, 0.0, 0.0
         for column, line in enumerate(self.ate.more):
             row["more_orders"][column], row["more_rad"][column] = line.order, line.a_arcsec * ARCSEC
@@ -479,7 +479,7 @@ def with_drives(
         if number not in robot.axis:
             raise ValueError(f"the robot has no axis {number}; it has {', '.join(map(str, sorted(robot.axis)))}")
     if store_time_s is not None and not 0.0 <= store_time_s < math.inf:
-        raise ValueError(f"storing cannot take {store_time_s} s")
+        raise ValueError(f"store_time_s cannot be {store_time_s} s")
     axes = {}
     for number, axis in robot.axis.items():
         changes: dict[str, Any] = {} if store_time_s is None else {"store_time_s": store_time_s}

@@ -18,7 +18,7 @@ class PathTakenError(Exception):
     def __init__(self, path: str) -> None:
         """Keep the path."""
         self.path = path
-        super().__init__(f"{path} exists and is no link to a pseudo-terminal")
+        super().__init__(f"{path} exists and is not a link to a pseudo-terminal")
 
 
 class PseudoTerminal:

@@ -265,7 +265,7 @@ class Dictionary:
 
     Attributes:
         node_id: Node-ID of the node that has the dictionary.
-        stored: By address, the value that a reset puts back instead of the default; see `ParameterStore`.
+        stored: By address, the value that a reset restores instead of the default; see `ParameterStore`.
         on_change: Called with the entry that an SDO has given another value; PDOs pass it by.
 
     Raises:

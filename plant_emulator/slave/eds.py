@@ -142,7 +142,7 @@ def _dummy_usage(granularity: int) -> Iterator[str]:
 
 def _comments(dictionary: Dictionary) -> Iterator[str]:
     reals = [entry for entry in dictionary if entry.data_type.is_real]
-    lines = ["Defaults of real numbers, which tools spell differently, stand here only:"] if reals else []
+    lines = ["Defaults of real numbers are only here, because tools format them differently:"] if reals else []
     lines += [f"{_section_name(entry)} {entry.name}: {_in_words(entry)}" for entry in reals]
     return _section("Comments", {"Lines": len(lines), **{f"Line{number}": line for number, line in enumerate(lines, 1)}})
 

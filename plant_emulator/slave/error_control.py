@@ -54,9 +54,9 @@ class ErrorControl:
         self._rescheduled = rescheduled
         self._node_id = 0
         self._is_guarded = True
-        self._guarding = NodeGuarding(dictionary, partial(self._on_lost, MASTER), partial(self._find, MASTER))
+        self._guarding = NodeGuarding(dictionary, partial(self._on_lost, MASTER), partial(self._on_found, MASTER))
         self._producer = HeartbeatProducer(dictionary, clock, self._choose)
-        self._consumer = HeartbeatConsumer(dictionary, self._on_lost, self._find, rerouted)
+        self._consumer = HeartbeatConsumer(dictionary, self._on_lost, self._on_found, rerouted)
 
     def load(self, node_id: int) -> None:
         """Read the parameters from the dictionary after a reset."""
@@ -114,7 +114,7 @@ class ErrorControl:
         self._emergency.raise_cause(_cause(node_id), EmergencyCode.HEARTBEAT, ErrorRegister.COMMUNICATION)
         self._lost(node_id)
 
-    def _find(self, node_id: int) -> None:
+    def _on_found(self, node_id: int) -> None:
         self._emergency.clear_cause(_cause(node_id))
 
 

@@ -109,4 +109,4 @@ def _influences(panel: Axes, summary: Summary) -> None:
     panel.set_xlim(-1.0, 1.0)
     panel.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0])
     panel.set_xlabel("rank correlation, 95 % interval")
-    panel.set_title("what moves it (grey: may be chance)")
+    panel.set_title("influence (grey: may be chance)")

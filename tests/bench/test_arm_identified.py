@@ -66,7 +66,7 @@ def test_the_plant_of_an_arm_has_all_its_modes_and_the_motor_in_model_file_and_r
         bench, PlantRequest(5), tmp_path, model=tmp_path / "model.toml", channel=InProcessChannel(World(robot))
     )
     assert outcome.failure is None
-    assert any("several modes ring: 10.4, 14.7, 36.0 Hz" in remark for remark in outcome.result.remarks)
+    assert any("several modes are visible: 10.4, 14.7, 36.0 Hz" in remark for remark in outcome.result.remarks)
     plant = load_identified(tmp_path / "model.toml").axis[5].plant
     assert plant is not None
     assert [mode.antiresonance_hz for mode in plant.modes] == pytest.approx(TRUE_MODES_HZ, rel=5e-3)

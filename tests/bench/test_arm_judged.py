@@ -110,7 +110,7 @@ def test_a_ramp_of_an_arm_that_shows_no_single_resonance_is_judged_in_the_band_a
     [entry] = outcome.result.runs
     assert entry.invalid is None
     assert (entry.band_hz, entry.f_al_hz, entry.f_al_source) == ((6.0, 25.0), None, None)
-    assert (entry.f_al_words or "").startswith("band 6 to 25 Hz, from the bench file: no single resonance")
+    assert (entry.f_al_words or "").startswith("band 6 to 25 Hz, from the bench file: the ramp does not show a single")
     assert entry.directions is not None
     peaks = {name: each.tip_peak_mm or 0.0 for name, each in entry.directions.items()}
     assert 0.06 < peaks["z"] < 0.10  # what its transmission error makes of two modes; without any it is the sensor's noise

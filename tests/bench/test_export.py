@@ -190,7 +190,7 @@ def test_frames_of_another_mapping_are_not_decoded_by_this_one(folder, tmp_path)
     twice.write_text("".join([*lines[:row], *other, *lines[row:]]))
     what = mapping_of(twice, Known(bench(), {}))
     assert "axis2_tpdo1" not in {named.name for named in what.pdos}
-    assert any("TPDO 1 of node 2 was mapped in another way" in note for note in what.notes)
+    assert any("TPDO 1 of node 2 had another mapping" in note for note in what.notes)
 
 
 def test_numbers_that_were_not_there_are_null_and_no_numbers(tmp_path):

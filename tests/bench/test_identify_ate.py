@@ -230,5 +230,5 @@ def test_an_identified_plant_is_a_start_and_its_inertia_widens_what_is_sensorles
     sensing = sensing_of(reference_bench, 2, known, sensorless=True)
     assert sensing.gain == pytest.approx(8.0 / 120.0)
     assert sensing.motor_inertia_kg_m2 == 2.6e-4
-    with pytest.raises(NotPossibleError, match="the model file is of 'another'"):
+    with pytest.raises(NotPossibleError, match="the model file is of robot 'another'"):
         axis_knowledge(reference_bench, 2, file.model_copy(update={"robot": "another"}), sensorless=False)

@@ -92,7 +92,7 @@ def test_another_robots_headline_is_its_own(tmp_path: Path, hil_local_bus: Serve
     assert output.count("emulated robot") == 1
     assert "paper" not in output
     assert result["paper"] == []
-    assert "asked ≤ 0.05 mm" in page
+    assert "allowed ≤ 0.05 mm" in page
     assert "reproduces" not in page
     low, high = next(entry for entry in result["runs"] if entry["order"] == 2)["window_rps"]
     assert (low, high) == pytest.approx((0.76 * 5.92, 1.27 * 5.92), rel=1e-3)

@@ -149,7 +149,7 @@ def test_another_axis_in_fault_is_refused_with_where_it_stands(bench: Bench, cha
 def test_an_axis_that_was_turned_after_the_question_is_not_moved(bench: Bench, channel: InProcessChannel) -> None:
     planned = plan_move(bench, MoveRequest(2, to_rev=0.5), channel=channel)
     elsewhere = Move(planned.request, 0.3, planned.to_rev, planned.speed_rps, planned.fault, planned.bench)
-    with pytest.raises(NodeError, match=r"has turned from 0\.3 to 0 rev meanwhile"):
+    with pytest.raises(NodeError, match=r"has turned from 0\.3 to 0 rev in the meantime"):
         make_move(elsewhere, channel=channel)
 
 
@@ -198,7 +198,7 @@ def test_a_run_after_a_stop_names_where_the_axis_stands_and_the_move_that_lets_i
         with pytest.raises(UnsafeRequestError) as refused:
             session.run(motion, "none", "drive")
     assert longest < 2.5
-    assert "it is at 2 rev; hil move --axis 2 --to 0 brings it to where the motion fits" in str(refused.value)
+    assert "it is at 2 rev; hil move --axis 2 --to 0 moves it to where the motion fits" in str(refused.value)
     moved(narrow, channel, to_rev=0.0)
     with Session(narrow, channel, BusLog(None)) as session:
         session.bring_up()

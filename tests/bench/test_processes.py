@@ -28,7 +28,7 @@ from hil.bench.bench import load_bench
 from hil.can.frame import Frame
 from hil.can.local import LocalChannel
 from hil.cli.main import app
-from hil.errors import NOT_DISABLED, not_put_back
+from hil.errors import NOT_DISABLED, not_restored_words
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
 from hil.robot_tables import Control
@@ -412,8 +412,8 @@ def test_ctrl_c_without_an_answer_is_no_safe_stop_and_the_report_says_so(tmp_pat
     assert NOT_DISABLED in page
     assert result["not_restored"]
     for what in result["not_restored"]:
-        assert not_put_back(what) in errors
-        assert not_put_back(what) in html.unescape(page)
+        assert not_restored_words(what) in errors
+        assert not_restored_words(what) in html.unescape(page)
 
 
 @pytest.mark.ci

@@ -795,7 +795,7 @@ def test_two_nodes_with_one_id_are_found_before_anything_moves(short_bench: Benc
         return True
 
     channel.passes = double
-    with hil_session, pytest.raises(NodeError, match=r"node 3.*answers more often than it is asked.*two nodes"):
+    with hil_session, pytest.raises(NodeError, match=r"node 3.*answers more than once per request.*two nodes"):
         hil_session.bring_up()
     assert all_braked(channel.world)
 

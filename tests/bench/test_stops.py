@@ -49,7 +49,7 @@ def test_a_stop_of_the_reference_robot_rings_25_db_less(tmp_path: Path, axis: in
     assert all(runs[name].within_spec for name in SHAPERS)
     assert max(decibel(runs).values()) < -25.0, decibel(runs)
     page = write_report(tmp_path).read_text(encoding="utf-8")
-    assert "What the shapers leave and cost" in page
+    assert "Remaining vibration and cost of shapers" in page
     assert "two-hump EI shaper" in page
 
 

@@ -77,7 +77,7 @@ def test_a_drawn_robots_tour_begins_with_its_blank_bench_and_ends_with_its_truth
     assert facts["K_g"]["truth"] == pytest.approx(1e-3 * truth.gear_stiffness_nm_rad)
     assert "estimate" not in facts["K_g"]
     page = write_compare_report(tmp_path / "out").read_text()
-    assert "Truth beside estimate" in page
+    assert "Truth and estimate" in page
     assert "bench “fleet-real-3”" in page, "no robot was run, and its bench has a name all the same"
 
 
@@ -150,7 +150,7 @@ def test_what_is_uploaded_is_in_the_drives_and_found_there_again(
             entry = device.catalogue.find("notch_1.zeta_rn", whole=True)
             assert entry.decoded(device.read(entry.address), device.scaling([entry])) == pytest.approx(0.05)
     assert runner.upload()[0].count("nothing to write") == 2
-    assert "as uploaded" in runner.still_there()[0]
+    assert "as uploaded" in runner.read_back()[0]
     assert len(list((tmp_path / "drive-journals").iterdir())) == 2
 
 
@@ -192,7 +192,7 @@ def test_the_whole_demo_ends_with_the_tour_and_a_whole_arm(whole_demo_run: DemoR
     assert "tour/report.html" in page
     own = (out / "tour" / "report.html").read_text()
     assert own.index("Emulated robot") < own.index("<h1>")
-    assert "Truth beside estimate" in own
+    assert "Truth and estimate" in own
     assert "Paper</th>" not in (out / "tour" / "identify-ate-axis2" / "report.html").read_text()
     assert json.loads((out / "result.json").read_text())["paper"]
     arm = json.loads((out / "arm" / "result.json").read_text())
@@ -201,7 +201,7 @@ def test_the_whole_demo_ends_with_the_tour_and_a_whole_arm(whole_demo_run: DemoR
     assert [step["holds"] for step in arm["tour"]["steps"]] == [True, True]
     claims = {claim["claim"]: claim for claim in arm["tour"]["claims"]}
     assert all(claim["found"] is not None for claim in claims.values())
-    assert claims["nothing acting: the tip leaves ±0.05 mm"]["found"] > 0.07
+    assert claims["no treatment: the tip leaves ±0.05 mm"]["found"] > 0.07
     assert claims["learnt: within ±0.05 mm in the worst direction"]["found"] < 0.25 * 0.07
     assert claims["learnt: the goal along x, y and z"]["found"] <= 0.010
     assert 'id="whole-arm-table"' in page

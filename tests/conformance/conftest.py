@@ -79,7 +79,7 @@ def device_session(request):
     held = device.snapshot()
     yield device
     device.put_back(held)
-    config.stash[_NOT_PUT_BACK] = device.not_put_back
+    config.stash[_NOT_PUT_BACK] = device.not_restored_words
     port.close()
 
 
@@ -122,6 +122,6 @@ def needs(device):
 def pytest_terminal_summary(terminalreporter, config):
     left = config.stash.get(_NOT_PUT_BACK, None)
     if left:
-        terminalreporter.section("not put back on the device")
+        terminalreporter.section("not restored on the device")
         for line in left:
             terminalreporter.write_line(line)

@@ -44,7 +44,7 @@ class Device:
     eds_text: str = ""
     device_info: dict = field(default_factory=dict)
     is_touched: bool = False
-    not_put_back: list = field(default_factory=list)
+    not_restored_words: list = field(default_factory=list)
 
     def __post_init__(self):
         self.sdo = SdoClient(self.port, self.node_id, self.patience_s)
@@ -183,7 +183,7 @@ class Device:
                 continue
             answer = self.sdo.download(index, subindex, data)
             if answer is not None:
-                self.not_put_back.append(f"{index:04X}h:{subindex:02X}h = {data.hex(' ')}: {answer!r}")
+                self.not_restored_words.append(f"{index:04X}h:{subindex:02X}h = {data.hex(' ')}: {answer!r}")
 
     def put_back_pdo(self, record, held):
         """Bring one PDO back, in the standard's order (CiA 301, 7.5.2.36 and 7.5.2.38)."""
@@ -197,7 +197,7 @@ class Device:
         for index, subindex, data in steps:
             answer = self.sdo.download(index, subindex, data) if self.has(index, subindex) else None
             if answer is not None and answer != DEVICE_STATE:
-                self.not_put_back.append(f"{index:04X}h:{subindex:02X}h = {data.hex(' ')}: {answer!r}")
+                self.not_restored_words.append(f"{index:04X}h:{subindex:02X}h = {data.hex(' ')}: {answer!r}")
 
 
 def variables(dictionary):

@@ -129,7 +129,7 @@ class EmulatedPort(Port):
         frame = Frame(can_id | (CAN_RTR_FLAG if remote else 0), bytes(data))
         self._hear(self.node.receive(frame, self.world.now) if can_id == LSS_MASTER else self.world.receive(frame))
         if can_id == SYNC:
-            self._hear(self.world.settle())
+            self._hear(self.world.finish_period())
 
     def pump(self, seconds):
         world, count = self.world, len(self.seen)

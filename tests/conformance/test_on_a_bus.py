@@ -33,7 +33,7 @@ def test_the_whole_suite_passes_on_a_served_bus(hil_serve_local_bus, eds, option
     done = suite(hil_serve_local_bus("--wall").address, eds, "--answer-timeout", "6", *options)
     assert done.returncode == 0, done.stdout[-4000:]
     assert " passed" in done.stdout
-    assert "not put back" not in done.stdout
+    assert "not restored" not in done.stdout
 
 
 @pytest.mark.slow

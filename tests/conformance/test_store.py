@@ -29,7 +29,7 @@ def kept(device, permit, needs):
         command(device, STORE)
     device.reset()
     if device.read(PRODUCER) != before:
-        device.not_put_back.append(f"1017h: {before} before the tests of 1010h")
+        device.not_restored_words.append(f"1017h: {before} before the tests of 1010h")
 
 
 def command(device, index, sub=1, signature=None):

@@ -24,7 +24,7 @@ ADAPTER = "needs a CAN adapter or vcan, and root; tests/vcan does it on a kernel
 DASK = "tests/plant_emulator/rehearsal starts a scheduler and workers itself, on a free port"
 POSTURES = "takes nine identifications; tests/bench/test_arm_postures.py and tests/hil/experiments/test_arm_masses.py do parts"
 SUITE = "is this test run itself, or another that takes as long"
-ARMS = "walks arms, each for a minute: tests/plant_emulator/rehearsal walks one"
+ARMS = "runs arms, each for a minute: tests/plant_emulator/rehearsal runs one"
 
 NOT_RUN = {
     ("README.md", "make demo"): "installs first; tests/hil/cli runs the demo itself",

@@ -94,4 +94,4 @@ def test_a_page_says_how_products_are_told_apart_and_what_is_other_in_each(profi
 
 def test_a_family_of_one_product_has_no_such_section():
     assert "## Products" not in page(EMULATED)
-    assert "Further ones" not in index([EMULATED])
+    assert "Further products" not in index([EMULATED])

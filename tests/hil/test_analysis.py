@@ -211,7 +211,7 @@ def test_the_peak_of_the_whole_ramp_stands_beside_that_of_the_window():
 def test_a_ramp_that_ends_before_the_resonance_is_not_judged():
     speed = np.concatenate([np.arange(0.0, 8.9, 4.0 * T), np.arange(8.9, 0.0, -20.0 * T), np.zeros(300)])
     run = recording(np.zeros_like(speed), np.cumsum(speed) * T)
-    with pytest.raises(ValueError, match=r"order 2 meets f_al = 18\.00 Hz at 9\.00 rev/s: raise end_rps .* by 0\.\d rev/s"):
+    with pytest.raises(ValueError, match=r"order 2 meets f_al = 18\.00 Hz at 9\.00 rev/s; raise end_rps .* by 0\.\d rev/s"):
         constant_acceleration_metrics(run, 2, 2, tip_scale(18.0))
 
 

@@ -65,7 +65,7 @@ def test_an_order_that_a_table_cannot_hold_is_refused(more, said):
 
 
 def test_an_amplitude_without_a_phase_is_refused():
-    with pytest.raises(ValueError, match="order 3 has an amplitude and no phase"):
+    with pytest.raises(ValueError, match="order 3 has an amplitude but no phase"):
         TransmissionErrorTable.of({2: 1.0, 3: 1.0}, {2: 0.0})
 
 

@@ -49,7 +49,7 @@ class Constants(NamedTuple):
     a2_sin: float
     a4_cos: float
     a4_sin: float
-    is_more: float
+    has_more_orders: float
     more_orders: Lines
     more_rad: Lines
     more_phi: Lines
@@ -123,7 +123,7 @@ def synchronous_error(p: Any, motor_angle: float) -> tuple[float, float]:
     x1, x2, x4 = motor_angle + p.phi1_rad, 2.0 * motor_angle + p.phi2_rad, 4.0 * motor_angle + p.phi4_rad
     value = p.a1_rad * math.cos(x1) + p.a2_rad * math.cos(x2) + p.a4_rad * math.cos(x4)
     slope = -p.a1_rad * math.sin(x1) - 2.0 * p.a2_rad * math.sin(x2) - 4.0 * p.a4_rad * math.sin(x4)
-    if p.is_more > 0.0:
+    if p.has_more_orders > 0.0:
         for i in range(MORE_LINES):
             turned = p.more_orders[i] * motor_angle + p.more_phi_rad[i]
             value += p.more_rad[i] * math.cos(turned)
@@ -187,7 +187,7 @@ def derivatives(p: Any, s: Any, command: float, braked: bool) -> tuple[float, fl
     return (torque + cogging(p, s.motor_angle_rad) - lost - load) / p.motor_inertia_kg_m2, acceleration_l, z_rate, torque_rate
 
 
-def settle(p: Any, s: Any) -> None:
+def hang_at_rest(p: Any, s: Any) -> None:
     """Put a braked axis at rest under gravity: the gear carries the load, so θ_l hangs below θ_m/N + θ_sync."""
     rigid = s.motor_angle_rad / p.reduction_ratio + synchronous_error(p, s.motor_angle_rad)[0]
     arm = rigid
@@ -254,7 +254,7 @@ def constants(p: Any) -> "Constants":
         p.a2_rad * math.sin(p.phi2_rad),
         p.a4_rad * math.cos(p.phi4_rad),
         p.a4_rad * math.sin(p.phi4_rad),
-        p.is_more,
+        p.has_more_orders,
         (p.more_orders[0], p.more_orders[1], p.more_orders[2], p.more_orders[3]),
         (p.more_rad[0], p.more_rad[1], p.more_rad[2], p.more_rad[3]),
         (p.more_phi_rad[0], p.more_phi_rad[1], p.more_phi_rad[2], p.more_phi_rad[3]),
@@ -319,7 +319,7 @@ def rates(k: Any, near: Any, command: float, braked: bool, at: Any) -> tuple[flo
     slope1, slope2 = near.x1 * sine + near.y1 * cosine, near.x2 * sine2 + near.y2 * cosine2
     slope4 = near.x4 * sine4 + near.y4 * cosine4
     slope = -slope1 - 2.0 * slope2 - 4.0 * slope4
-    if k.is_more > 0.0:  # any order, a fraction too: no grid leads there
+    if k.has_more_orders > 0.0:  # any order, a fraction too: no grid leads there
         for i in range(MORE_LINES):
             turned = k.more_orders[i] * at.theta_m + k.more_phi[i]
             sync += k.more_rad[i] * math.cos(turned)
@@ -505,6 +505,6 @@ def put_error(c: Any, past: Any, p: Any) -> None:
     p.a1_rad, p.phi1_rad = _line(c, past, 0)
     p.a2_rad, p.phi2_rad = _line(c, past, 1)
     p.a4_rad, p.phi4_rad = _line(c, past, 2)
-    if p.is_more > 0.0:
+    if p.has_more_orders > 0.0:
         for i in range(MORE_LINES):
             p.more_rad[i], p.more_phi_rad[i] = _line(c, past, NAMED_LINES + i)

@@ -65,7 +65,7 @@ class Rig:
         return self.nmt(1)
 
     def wait(self, milliseconds):
-        frames = self.world.settle() + self.world.free_step(self.world.now + round(milliseconds * MS))
+        frames = self.world.finish_period() + self.world.free_step(self.world.now + round(milliseconds * MS))
         self.seen += frames
         return frames
 
@@ -74,7 +74,7 @@ class Rig:
         frames = []
         for _ in range(count):
             frames = self.send(0x080)
-            late = self.world.settle()
+            late = self.world.finish_period()
             self.seen += late
             frames = frames + late
         return frames

@@ -52,7 +52,7 @@ def test_each_sync_is_worth_the_robot_files_period():
     for i in range(1, 6):
         world.receive(SYNC)
         assert world.now == (i - 1) * 2 * MS  # the answers are those of this instant …
-        world.settle()
+        world.finish_period()
         assert world.now == i * 2 * MS  # … and then the period passes
 
 
@@ -61,7 +61,7 @@ def test_1006h_of_a_node_decides_what_a_sync_is_worth(period_us):
     world = started()
     write(world, 3, 0x1006, 0, struct.pack("<I", period_us))
     world.receive(SYNC)
-    world.settle()
+    world.finish_period()
     assert world.now == period_us * 1000
 
 
@@ -86,7 +86,7 @@ def test_of_several_periods_the_shortest_counts_and_0_does_not():
 def test_a_sync_with_a_counter_is_a_sync(data):
     world = started()
     world.receive(Frame(0x080, data))
-    world.settle()
+    world.finish_period()
     assert world.now == 2 * MS
 
 
@@ -94,7 +94,7 @@ def test_a_sync_with_a_counter_is_a_sync(data):
 def test_what_only_looks_like_a_sync_moves_no_time(flag):
     world = started()
     assert world.receive(Frame(0x080 | flag, b"")) == []
-    assert world.settle() == []
+    assert world.finish_period() == []
     assert world.now == 0
 
 
@@ -103,7 +103,7 @@ def test_a_frame_that_comes_before_the_period_has_passed_finds_it_passed():
     world.receive(SYNC)
     world.receive(Frame(0x123, b""))
     assert world.now == 2 * MS
-    world.settle()
+    world.finish_period()
     assert world.now == 2 * MS
 
 
@@ -146,7 +146,7 @@ def test_heartbeats_count_in_the_worlds_clock():
     beats = []
     for _ in range(50):
         world.receive(SYNC)
-        beats += [world.now for f in world.settle() if f.can_id == 0x703]
+        beats += [world.now for f in world.finish_period() if f.can_id == 0x703]
     assert beats == [10 * MS * i for i in range(1, 11)]
 
 
@@ -166,7 +166,7 @@ def test_frames_of_one_instant_come_lowest_identifier_first():
     for node in (5, 3, ACCELEROMETER, 2):
         write(world, node, 0x1017, 0, struct.pack("<H", 10))
     world.receive(Frame(0x000, b"\x01\x00"))
-    world.settle()
+    world.finish_period()
     frames = world.advance(10 * MS)
     assert [f.can_id for f in frames if f.can_id >= 0x700] == [0x702, 0x703, 0x705, 0x710]
 
@@ -265,7 +265,7 @@ def test_a_drive_that_ends_its_stop_during_a_free_run_says_so_then_and_not_at_it
 def test_no_frame_makes_the_world_raise(can_id, data):
     world = started()
     world.receive(Frame(can_id, data))
-    world.settle()
+    world.finish_period()
     world.free_step(world.now + 20 * MS)
 
 

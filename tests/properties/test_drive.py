@@ -92,7 +92,7 @@ class Watched:
         self.check()
 
     def wait(self, ticks):
-        self.world.settle()
+        self.world.finish_period()
         self.world.free_step(self.world.now + ticks * 250_000)
         self.check()
         quantum = self.drive.scaling.torque_quantum_nm
@@ -181,7 +181,7 @@ def test_no_sequence_of_frames_breaks_a_promise(sequence):
     for steps in sequence:
         play(watched, steps)
     event("was enabled" if watched.enabled else "was never enabled")
-    watched.world.settle()
+    watched.world.finish_period()
     before = watched.world.now
     watched.wait(8)
     assert watched.world.now == before + 2 * MS

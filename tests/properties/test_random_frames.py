@@ -81,15 +81,15 @@ class Bus:
             assert len(answers) <= LONGEST_ANSWER, frame
             draw = chance()
             if draw < 0.05:
-                world.settle()
+                world.finish_period()
                 time = self.chance.choice((1, 250_000, 1_000_000, 30_000_000))
                 assert len(world.advance(world.now + time)) <= 8 * LONGEST_ANSWER
                 self.look_at_the_torque()
             elif draw > 0.999:
-                world.settle()
+                world.finish_period()
                 self.interfere()
             self.look(frame)
-        world.settle()
+        world.finish_period()
 
     def interfere(self) -> None:
         chance = self.chance

@@ -55,7 +55,7 @@ def scope(
     ] = "",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port on loopback; 0 takes a free one.")] = DEFAULT_PORT,
     until_stdin_closes: Annotated[
-        bool, typer.Option("--until-stdin-closes", help="End when standard input closes: another program has started it.")
+        bool, typer.Option("--until-stdin-closes", help="End when standard input closes, for a program that starts it.")
     ] = False,
 ) -> None:
     """Show a bus, or a run's recordings, live in a browser.
@@ -150,7 +150,7 @@ def _show_bus(
     finally:
         listener.close()
     if source.lost:
-        say(f"{source.lost} messages of the bus came faster than they were taken, and are not shown")
+        say(f"{source.lost} messages of the bus came too fast, and are not shown")
 
 
 def _title(bench: "Bench | None", address: "Address") -> str:

@@ -36,7 +36,7 @@ def mount(app: typer.Typer) -> None:
 def check(
     bench_file: BenchOption,
     axis: Annotated[
-        list[int] | None, typer.Option("--axis", help="Axis to check; again for more, left out for all.", autocompletion=AXES.one)
+        list[int] | None, typer.Option("--axis", help="Axis to check; repeatable; default: all.", autocompletion=AXES.one)
     ] = None,
     bus: BusOption = None,
     out: NewOutOption = None,
@@ -82,7 +82,7 @@ def _lines(bench: "Bench", axes: tuple[int, ...]) -> Iterator[str]:
     from hil.commissioning.limits import ASKED_REV  # noqa: PLC0415
     from hil.experiments.plant.probe import PROBE_RPS  # noqa: PLC0415
 
-    yield f"This enables each axis on {bench.bus.address}, lets it stop by itself, and turns it:"
+    yield f"This enables each axis on {bench.bus.address}, waits for its automatic stop, and turns it:"
     for number in axes:
         limits, ratio = bench.axis[number].limits, bench.axis[number].reduction_ratio
         yield (

@@ -21,7 +21,7 @@ LARGEST_BEND = 0.17
 """A mounting that resonates at 2.4 times the arm's frequency."""
 ROUNDING_FELT, ROUNDING_STEPS = 0.02, 20
 """Fraction of the residual's power from which the encoder's rounding is taken out of the arm, and steps for that."""
-SETTLED = 1e-6
+CONVERGED = 1e-6
 """Step of each unknown, by its size, below which there are no more."""
 LEAST_ZETA = 0.003
 OWN_FROM_ORDER = 2
@@ -131,7 +131,7 @@ def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> t
         is_lost = abs(found.resonance_hz / arm.resonance_hz - 1.0) > 0.1 or abs(found.bend) > LARGEST_BEND
         if is_lost or min(each.damping for each in (found, *others.values())) < LEAST_ZETA:
             return arm, dict(own)
-        if np.all(np.abs(step) < SETTLED * np.array([found.resonance_hz, found.damping, step_s, 1.0, *_sizes(others)])):
+        if np.all(np.abs(step) < CONVERGED * np.array([found.resonance_hz, found.damping, step_s, 1.0, *_sizes(others)])):
             break
     return found, others
 

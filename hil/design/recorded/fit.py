@@ -2,8 +2,9 @@
 
 The fit is made in the motor's angle.
 
-Each stretch has a slow part of its own. Standard errors come from blocks of what the fit leaves, put together anew at random
-and fitted again, the slow part's degree chosen again each time: they hold under that choice, and where neighbours are alike.
+Each stretch has a slow part of its own. Standard errors come from a block bootstrap: blocks of the residual are drawn
+at random and fitted again, and the slow part's degree is chosen each time. So they include that choice and the correlation
+of neighbouring samples.
 """
 
 import math

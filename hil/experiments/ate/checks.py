@@ -188,7 +188,8 @@ def _check_factor(estimate: JointEstimate) -> None:
         remedy = "the tip moves against the motor: the encoder counts backwards (607Eh), or the accelerometer sits upside down"
     elif factor < FEELS_NOTHING:
         remedy = (
-            "the sensor does not feel this axis: check that it works and sits on this arm, and that the arm is coupled and free"
+            "the sensor does not respond to this axis: check that it works and sits on this arm, and that the arm is coupled "
+            "and free"
         )
     else:
         remedy = "check that this is the axis that moved, and check its reduction ratio and lever"
@@ -205,7 +206,7 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
     hope = GAIN_OF_PASSES if passes_left and not sensorless else 1.0
     if hope * ratios[order] >= LEAST_SIGMAS:
         return
-    remedy = f"no A_k is seen, and none is above {most:.2g}″; to see a smaller one, take a slower ramp or a better sensor"
+    remedy = f"no A_k is significant, and none is above {most:.2g}″; to see a smaller one, take a slower ramp or a better sensor"
     what = f"the largest amplitude over its standard error (A_{order:g})"
     is_of_orders = estimate.structured > VIBRATES
     raise AteNotIdentifiedError(what, ratios[order], LEAST_SIGMAS, "", remedy, is_of_orders=is_of_orders, causes=("noise",))
@@ -221,8 +222,8 @@ def factor_remark(estimate: JointEstimate) -> str | None:
         return None
     return (
         f"the tip follows the motor {estimate.motion_scale:.3f} ± {estimate.motion_scale_error:.3f} times as far "
-        "as tip_lever_m / reduction_ratio of the bench file says; A_k is wrong by as much, or the gear is no "
-        "spring; the trial of the cancellation shows which"
+        "as tip_lever_m / reduction_ratio of the bench file says; A_k is wrong by as much, or the gear is nonlinear; the trial "
+        "of the cancellation shows which"
     )
 
 
@@ -251,7 +252,7 @@ def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> 
     torque_nm = float(np.max(np.abs(recording.axis(axis, "torque_nm"))))
     pressed = torque_nm >= HELD_TORQUE_FRACTION * limits.torque_nm
     remedy = (
-        f"the motor pressed with {torque_nm:.3g} N·m of {limits.torque_nm:g}; check that the brake is open and the arm free"
+        f"the motor torque was {torque_nm:.3g} N·m of {limits.torque_nm:g}; check that the brake is open and the arm free"
         if pressed
         else (
             f"its torque was {torque_nm:.3g} N·m; check that the motor is coupled, its encoder counts, and the gains "

@@ -73,7 +73,7 @@ FURTHER = 1.02
 SKIP_TORQUE = 0.12
 """Fraction of a ramp, from its beginning, that does not count without an accelerometer: there the torque is friction's."""
 SENSORLESS_BIAS = (
-    "its bias on the reference robot with J_l right: A_k up to 1.2 %, φ_k up to 0.7°, and where the gear's torque reacts on the "
+    "its bias on the reference robot with J_l right: A_k up to 1.2 %, φ_k up to 0.7°, and if the gear's torque reacts on the "
     "motor (τ_g dθ_sync/dθ_m, which the model leaves out) another 1.5 % of A_2 and 4 % of A_4"
 )
 """Measured at SYNC 1 and 2 ms on axes 2 and 3; the reaction with the emulator's `gear_reaction`."""
@@ -367,11 +367,11 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
     for order, amplitude in estimate.error.amplitude_arcsec.items():
         if not is_seen(estimate, order):
             sigma = estimate.amplitude_error_arcsec[order]
-            identification.notes.append(f"A_{order:g} is not seen ({amplitude:.2g} ± {sigma:.2g}″): the model file has none")
+            identification.notes.append(f"A_{order:g} is not significant ({amplitude:.2g} ± {sigma:.2g}″): not in the model file")
     peak = max(float(np.max(np.abs(each.recording.axis(request.axis, "torque_nm")))) for each in identification.passes)
     if peak >= SATURATED_TORQUE_FRACTION * table.limits.torque_nm:
         identification.notes.append(
-            f"the motor torque reached {peak:.3g} N·m, its limit is {table.limits.torque_nm:g} N·m: a slower ramp is better"
+            f"the motor torque reached {peak:.3g} N·m of at most {table.limits.torque_nm:g} N·m: a slower ramp is better"
         )
     if request.sensorless:
         fraction = knowledge.arm_inertia_fraction

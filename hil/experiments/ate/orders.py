@@ -53,14 +53,14 @@ class OrderWatch:
                 continue
             needed_rps, most_rps = arm_hz / order, SPEED_FRACTION * limits.speed_rps
             way = travel_rev(max(self.acceleration_rps_s, 1e-9), deceleration(self.bench), needed_rps)
-            why = "no pass went so far"
+            why = "no pass reached that speed"
             if most_rps < needed_rps:
                 why = f"ramps end at {most_rps:.2f} rev/s, {100.0 * SPEED_FRACTION:.0f} % of the speed limit"
             elif way > room:
                 why = f"a ramp to there takes {way:.1f} rev of travel, {room_words(self.bench, self.axis)}"
             words.append(
-                f"order {order:g} meets the arm at {needed_rps:.2f} rev/s, which the ramps do not reach ({why}): A_{order:g} is "
-                "from the foot of its resonance"
+                f"order {order:g} meets the arm at {needed_rps:.2f} rev/s, which the ramps do not reach ({why}): A_{order:g} "
+                f"comes from the lower edge of its resonance"
             )
         return words
 
@@ -76,7 +76,7 @@ def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
         return []
     names = ",".join(f"{order:g}" for order in sorted({*orders, *(each.order for each in seen)}))
     return [
-        f"order {each.order:g} is seen but is not in the set: {each.amplitude_arcsec:.2g}″, "
+        f"order {each.order:g} is significant but not in the set: {each.amplitude_arcsec:.2g}″, "
         f"{100.0 * each.fraction:.0f} % of the vibration; add it with --orders {names}"
         for each in seen
     ]

@@ -73,7 +73,7 @@ class Goal:
             error, goal = estimate.amplitude_error_arcsec[order] / size, self.amplitude_fraction.get(order, AMPLITUDE_FRACTION)
             if error > goal:
                 name = f"A_{order:g}"
-                words = f"{name} has a standard error of {100.0 * error:.2g} %, {100.0 * goal:.2g} % is asked"
+                words = f"{name} has a standard error of {100.0 * error:.2g} %, {100.0 * goal:.2g} % is required"
                 words += f" of {size:.2g}″" if size > amplitude else ""
                 most = GEAR_FRACTION_AT_MOST if is_gears else NEARLY * goal
                 missed.append(Miss(name, order, words, error / goal, error <= most))
@@ -81,7 +81,7 @@ class Goal:
             if error_deg > goal_deg and is_seen(estimate, order):
                 asked_deg = goal_deg * size / max(amplitude, 1e-30)
                 name = f"φ_{order:g}"
-                words = f"{name} has a standard error of {estimate.phase_error_deg[order]:.2g}°, {asked_deg:.2g}° is asked"
+                words = f"{name} has a standard error of {estimate.phase_error_deg[order]:.2g}°, {asked_deg:.2g}° is required"
                 most = GEAR_PHASE_DEG_AT_MOST if is_gears else NEARLY * goal_deg
                 missed.append(Miss(name, order, words, error_deg / goal_deg, error_deg <= most))
         return missed
@@ -164,8 +164,8 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
     """
     if axis not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
-    if identified is not None and identified.robot != bench.name:
-        raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    if identified is not None:
+        identified.check_robot(bench.name)
     part_of = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
     if part_of is not None:
         values = part_of.values

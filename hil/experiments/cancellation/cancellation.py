@@ -142,7 +142,7 @@ class Cancellation:
             reach_rev = own.largest_reference_rad(peak_rps) / turn
             remedy, allowed_rev = "check the transmission error in the model file", allowed_reference_rev(limits)
             if reach_rev > allowed_rev:
-                where = f"limits.cancellation_rev of {name} in the bench file sets it, else it is {FOLLOWING_PART:g} of "
+                where = f"limits.cancellation_rev of {name} in the bench file sets it; the default is {FOLLOWING_PART:g} of "
                 where += f"following_error_rev; {remedy}"
                 raise UnsafeRequestError(f"the cancellation of {name}", reach_rev, allowed_rev, "rev", where)
             torque, allowed = own.largest_torque_nm(peak_rps), MAX_TORQUE_FRACTION * limits.torque_nm
@@ -408,8 +408,8 @@ def treated_model(bench: Bench, identified: Identified | None, number: int) -> M
     Raises:
         NotPossibleError: The model file is another robot's, or the bench has no such axis.
     """
-    if identified is not None and identified.robot != bench.name:
-        raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    if identified is not None:
+        identified.check_robot(bench.name)
     if number not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {number}")
     model = (bench if identified is None else with_identified(bench, identified)).axis[number].model

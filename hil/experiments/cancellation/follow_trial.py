@@ -112,7 +112,7 @@ def try_following(
         return _entry(changes, begins=begins), begins
     begins = _begin_parts(seen[False])
     worst = max(changes, key=lambda each: each.after_mm - each.before_mm)
-    why = worst.words if is_louder else "the tip's peak falls in no window"
+    why = worst.words if is_louder else "the tip's peak does not fall in any window"
     if min(begins.values()) > MOST_BEGIN:
         return _entry(changes, f"the cancellation does not follow, because with it {why}"), begins
     return _entry(changes, begins=begins), begins

@@ -81,14 +81,14 @@ class KnownOrders:
     Attributes:
         values: Significant orders of what was known.
         refused: Values that a pass has shown to be wrong.
-        settled: Sources that the last pass has decided on, and why.
+        decided: Sources that the last pass has decided on, and why.
         acted: Values that the last pass cancelled.
         shown: Values that passes have shown, by what their cancellation left.
     """
 
     values: Mapping[float, OrderValue] = field(default_factory=dict)
     refused: set[tuple[float, Source]] = field(default_factory=set)
-    settled: dict[float, tuple[Source, str]] = field(default_factory=dict)
+    decided: dict[float, tuple[Source, str]] = field(default_factory=dict)
     acted: dict[float, OrderValue] = field(default_factory=dict)
     shown: dict[float, OrderValue] = field(default_factory=dict)
 
@@ -135,7 +135,7 @@ class KnownOrders:
         known, learnt = (self._open(order, each) for each in (self.values.get(order), self._learnt(order, estimate)))
         if known is None or learnt is None:
             return known if learnt is None else learnt
-        source, why = self.settled.get(order) or _better(order, known, learnt, estimate, passed)
+        source, why = self.decided.get(order) or _better(order, known, learnt, estimate, passed)
         return learnt if source == "learnt" else replace(known, why=why)
 
     def _open(self, order: float, value: OrderValue | None) -> OrderValue | None:
@@ -204,15 +204,15 @@ class KnownOrders:
                     left_out[order] = verdict
             elif is_last and verdict.verdict != "accepted":
                 if order in passed and self._is_better_learnt(order, estimate):
-                    self.settled[order] = ("learnt", "")
+                    self.decided[order] = ("learnt", "")
                 elif order not in self.values or (order, "known") in self.refused:
                     left_out[order] = verdict
                 else:
-                    self.settled[order] = ("known", "the passes do not show what its cancellation does")
+                    self.decided[order] = ("known", "the passes do not show what its cancellation does")
             elif is_last and acted.source == "learnt" and other is not None and not acted.agrees(other):
                 left, of_other = (_left(each, acted, verdict) for each in (acted, other))
                 if left is None or of_other is None or of_other <= left:
-                    self.settled[order] = ("known", "what the passes learnt of it leaves no less of it")
+                    self.decided[order] = ("known", "the learnt values do not reduce it further")
         return left_out
 
 
@@ -246,7 +246,10 @@ def _better(
     if not is_significant(estimate, order):
         return "known", "the passes do not show it"
     if known.agrees(learnt) and known.sigma_arcsec <= learnt.sigma_arcsec:
-        return "known", f"the passes know it to {learnt.sigma_arcsec:.2f}″ only, it was known to {known.sigma_arcsec:.2f}″"
+        return (
+            "known",
+            f"the passes identify it to {learnt.sigma_arcsec:.2f}″ only; it was known to {known.sigma_arcsec:.2f}″",
+        )
     return "learnt", ""
 
 

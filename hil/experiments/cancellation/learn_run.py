@@ -11,7 +11,6 @@ from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedAxis, load_identified, update_file
 from hil.can.channel import Channel
 from hil.design.inverse import Actuation
-from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import ACCELERATION_RPS_S, Ramps, end_speed
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.cancellation.learning import PASSES, AxisLearning, learn
@@ -153,8 +152,8 @@ def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | N
     identified = load_identified(model) if model.exists() else None
     plants = None if plant is None else load_identified(plant)
     for path, file in ((model, identified), (plant, plants)):
-        if file is not None and file.robot != bench.name:
-            raise NotPossibleError(f"{path} is of {file.robot!r}, this is {bench.name!r}: choose another")
+        if file is not None:
+            file.check_robot(bench.name, str(path))
     if plants is None:
         return identified
     return _with_plants(identified or Identified(robot=bench.name), plants)
@@ -200,11 +199,11 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
     for axis, learnt in outcome.learnt.items():
         delay_ms = 1e3 * learnt.passes[-1].set_point_delay_s
         orders = ", ".join(value.words(k) for k, value in learnt.values().items() if value.source == "learnt")
-        late = f"; the motor follows {delay_ms:.2f} ms later than known" if delay_ms else ""
+        late = f"; the motor follows {delay_ms:.2f} ms later than expected" if delay_ms else ""
         lines += [f"left out: {verdict.words}" for verdict in learnt.left_out.values()]
         lines += [f"axis {axis}: {words}" for words in learnt.kept()]
         lines += [f"axis {axis}: note: {words}" for words in learnt.notes]
-        found = orders or "nothing is known better than before"
+        found = orders or "no value has improved"
         lines.append(
             f"axis {axis}: {found}; vibration −{100.0 * learnt.reduction_fraction:.0f} % after {len(learnt.passes)} passes{late}"
         )

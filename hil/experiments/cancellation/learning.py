@@ -272,7 +272,7 @@ def learn(
         learning.passed = frozenset(k for k in orders if is_passed(watch.sweeps, estimate.arm.resonance_hz, k))
         factor = delay.take(following, vibration, is_last=is_last)
         learning.passes.append(LearntPass(gain, vibration, estimate, delay.delay_s, factor, verdicts))
-        _settle(learning, number, recording, is_last=is_last)
+        _leave_out_wrong(learning, number, recording, is_last=is_last)
         ends = furthest_end(bench, axis, acceleration_rps_s, estimate.arm.resonance_hz), _low_end(end, estimate)
         end = max(*ends, _further_end(bench, learning) if number >= FURTHER_FROM else 0.0)
     return replace(learning, notes=watch.notes(estimate, watch.scan(estimate)))
@@ -365,7 +365,7 @@ def _following(
     return motor_following(recording, motion, learning.axis, table.reduction_ratio, error, scale.band_hz)
 
 
-def _settle(learning: AxisLearning, number: int, recording: Recording, *, is_last: bool) -> None:
+def _leave_out_wrong(learning: AxisLearning, number: int, recording: Recording, *, is_last: bool) -> None:
     """Leave out the orders whose cancellation is wrong.
 
     After the last pass, orders that could not be judged are left out too. The watch of the gear's reaction takes in the pass.

@@ -66,7 +66,7 @@ def verify_on_line(bench: Bench, parts: Sequence[Part], gain: float, run: LineRu
 
     without, part_of = [add("without", 0.0)], add(f"{100.0 * gain:g} % of it", gain)
     tried = _changes(bench, without, [part_of])
-    if any(each.stands(RISE_SIGMAS) for each in tried):
+    if any(each.exceeds(RISE_SIGMAS) for each in tried):
         return _judged(bench, gain, trials, parts, tried)
     whole = [add("the whole of it", 1.0)]
     while any(each.is_open for each in _changes(bench, without, whole)) and len(whole) < MOST_PAIRS:
@@ -134,7 +134,7 @@ def _rms(trials: Sequence[Trial]) -> float | None:
 def _worst(changes: Sequence[PeakChange]) -> str | None:
     """Rise that counts, in words; None if there is none."""
     risen = [
-        f"the tip's peak along {way} {each.change}" for way, each in zip(WAYS, changes, strict=True) if each.stands(LAST_SIGMAS)
+        f"the tip's peak along {way} {each.change}" for way, each in zip(WAYS, changes, strict=True) if each.exceeds(LAST_SIGMAS)
     ]
     return risen[0] if risen else None
 

@@ -53,8 +53,8 @@ UNKNOWN: frozenset[RemainderCause] = frozenset({"sensor noise", "not explained"}
 
 REMEDIES: Mapping[RemainderCause, str] = {
     "speed limit": "raise limits.speed_rps if the axis allows it, or move more slowly",
-    "frequency limit": "the cancellation ends at a highest frequency: move more slowly, or, where it is that of the bus, at a "
-    "shorter SYNC period",
+    "frequency limit": "the cancellation ends at a highest frequency: move more slowly, or shorten the SYNC period if that sets "
+    "the frequency",
     "order left out": "repeat the identification of that order: hil identify ate, hil learn",
     "gear reaction": "reduce the load or the acceleration, since it grows with the gear's torque",
     "estimate": "repeat hil identify ate or hil learn with --plant, with the robot warm and at its working load",

@@ -53,7 +53,7 @@ class PeakChange(NamedTuple):
         """Rise beyond the tolerance; negative if there is none."""
         return self.after_mm - self.before_mm - max(WORSE_MM, WORSE_FRACTION * self.before_mm)
 
-    def stands(self, sigmas: float) -> bool:
+    def exceeds(self, sigmas: float) -> bool:
         """True if the rise exceeds the noise by so many standard errors."""
         return self.beyond_mm > max(0.0, sigmas * self.error_mm)
 
@@ -65,7 +65,7 @@ class PeakChange(NamedTuple):
     @property
     def is_open(self) -> bool:
         """True if a rise is likely, and more runs could show it."""
-        return self.stands(LAST_SIGMAS) and not self.stands(RISE_SIGMAS)
+        return self.exceeds(LAST_SIGMAS) and not self.exceeds(RISE_SIGMAS)
 
     @property
     def is_excluded(self) -> bool:
@@ -173,7 +173,7 @@ class Windows:
         found = self.compared(_vibrations(alike(looks, used)), _vibrations(alike(looks, more)))
         best = found[-1]
         is_certain = best.before_mm - best.after_mm > RISE_SIGMAS * best.error_mm
-        return best if is_certain and best.is_fall and not found[0].stands(LAST_SIGMAS) else None
+        return best if is_certain and best.is_fall and not found[0].exceeds(LAST_SIGMAS) else None
 
     def riser(self, looks: Sequence[Look], used: Collection[Part], rise: PeakChange, slack: float = 0.0) -> Part | None:
         """Part whose removal lowers the rising window most, or None.

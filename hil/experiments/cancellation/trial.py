@@ -50,7 +50,7 @@ def averaged(recordings: Sequence[Recording]) -> Recording:
     """
     shapes = {(tuple(recording.columns), len(recording.time_s)) for recording in recordings}
     if len(shapes) != 1:
-        raise ValueError(f"{len(recordings)} recordings of {len(shapes)} kinds have no mean")
+        raise ValueError(f"{len(recordings)} recordings of {len(shapes)} shapes cannot be averaged")
     first = recordings[0].columns
     doubt = next((recording.doubt for recording in recordings if recording.doubt is not None), None)
     return Recording({name: np.mean([recording.columns[name] for recording in recordings], axis=0) for name in first}, doubt)
@@ -141,7 +141,7 @@ class _Protocol:
         if not passed or not unseen or not alike(self._looks, [*passed, *unseen]):
             return {}
         if not alike(self._looks, passed):
-            self._reporter.step("trial of the cancellation: what passes")
+            self._reporter.step("trial of the cancellation: the accepted orders")
             self._add("what passes", 1.0, None, frozenset(self._parts) - set(passed))
         fall = windows.gain(self._looks, passed, [*passed, *unseen])
         return {} if fall is None else {part: replace(verdicts[part], verdict="accepted", rise=fall.words) for part in unseen}
@@ -172,7 +172,7 @@ class _Protocol:
             if rise is not None:
                 is_over = not rise.is_open or runs >= MOST_WHOLE
                 part = (
-                    windows.riser(self._looks, used, rise, 0.0 if is_over else OPEN_SLACK) if rise.stands(LAST_SIGMAS) else None
+                    windows.riser(self._looks, used, rise, 0.0 if is_over else OPEN_SLACK) if rise.exceeds(LAST_SIGMAS) else None
                 )
                 if is_over or part is None:
                     return None if part is None else (part, rise)

@@ -173,7 +173,7 @@ def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndar
     """
     gains = {each.gain for each in seen}
     if len(gains) < 2:
-        raise ValueError(f"{part.words} was seen with {sorted(gains)} of its cancellation alone: nothing to compare")
+        raise ValueError(f"{part.words} was seen with {sorted(gains)} of its cancellation only: there is nothing to compare")
     rows = np.array([[1.0, -each.gain] for each in seen]) / np.sqrt([[each.variance] for each in seen])
     wanted = np.array([each.amplitude for each in seen]) / np.sqrt([each.variance for each in seen])
     covariance = np.linalg.inv(rows.T @ rows)

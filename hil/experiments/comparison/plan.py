@@ -142,8 +142,7 @@ def plan(
     """
     bench, identified = robot.bench, robot.knowledge.identified
     if identified is not None:
-        if identified.robot != bench.name:
-            raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+        identified.check_robot(bench.name)
         robot = replace(robot, bench=with_identified(bench, identified))
     bus = open_channel(parse_address(bench.bus.address)) if channel is None else channel
     setups: dict[Experiment, TreatmentSetup] = {}

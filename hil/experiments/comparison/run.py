@@ -36,7 +36,7 @@ class ComparisonOutcome:
 
     @property
     def not_restored(self) -> list[str]:
-        """Objects that could not be put back in the nodes."""
+        """Objects that could not be restored in the nodes."""
         return [what for robot in self.result.robots for what in robot.not_restored]
 
 
@@ -67,7 +67,7 @@ def compare(
     for plan, directory in zip(plans, _directories(plans), strict=True):
         result: ExperimentsResult | None = None
         if isinstance(failure, SafetyStopError):
-            ended = "not run: what came before was stopped"
+            ended = "not run: an earlier run was stopped"
         else:
             own: Exception | None
             try:

@@ -37,7 +37,7 @@ def loop_period_s(drive: DriveAxis) -> tuple[float, list[str]]:
     stated_s = drive.control_period_s()
     if stated_s > 0.0:
         return stated_s, []
-    words = f"profile {drive.profile.label} does not state the period of the drive's loop: {1e6 * CONTROL_PERIOD_S:g} µs is taken"
+    words = f"profile {drive.profile.label} does not state the period of the loop: {1e6 * CONTROL_PERIOD_S:g} µs is assumed"
     return CONTROL_PERIOD_S, [words]
 
 

@@ -134,7 +134,7 @@ def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accele
         return f"the {sensor} was missing in {missed} of {rows} cycles, allowed: {math.floor(SENSOR_MISSED_FRACTION * rows)}"
     largest = float(np.max(np.abs(tip_m_s2)))
     if largest == 0.0 or float(np.ptp(tip_m_s2)) == 0.0:
-        return f"the {sensor} shows {float(tip_m_s2[0]):.3g} m/s² and nothing else"
+        return f"the {sensor} shows {float(tip_m_s2[0]):.3g} m/s² only"
     often = int(np.count_nonzero(np.abs(tip_m_s2) >= largest * (1.0 - 1e-9)))
     if often > AT_RANGE_ROWS:
         return (
@@ -159,13 +159,13 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
     if coherence < TIP_COHERENCE:
         return (
             f"coherence of the tip with the motor: {coherence:.2g} (at least {TIP_COHERENCE:g}); check that this "
-            "axis moves the sensor, and that the sensor is mounted along its right axis"
+            "axis moves the sensor, and that the sensor has the right orientation"
         )
     ratio = estimate.parameters["lever_ratio"]
     far = max(ratio.value, 1.0 / max(ratio.value, 1e-9))
     if far > LEVER_RATIO and ratio.relative < 0.2:
         return (
-            f"the tip acts as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m; "
+            f"the tip responds as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m; "
             "check the sensor's axis, tip_lever_m, and sign and unit of the sensor's scale"
         )
     return None
@@ -177,7 +177,7 @@ def modes_words(estimate: PlantEstimate) -> str | None:
         return None
     rings = ", ".join(f"{mode.antiresonance_hz.value:.1f}" for mode in estimate.modes)
     whole = sum(mode.inertia_kg_m2.value for mode in estimate.modes)
-    return f"several modes ring: {rings} Hz; together they are an inertia of {whole:.3g} kg·m² about the joint"
+    return f"several modes are visible: {rings} Hz; together they are an inertia of {whole:.3g} kg·m² about the joint"
 
 
 def misfit_words(estimate: PlantEstimate) -> str | None:
@@ -187,8 +187,7 @@ def misfit_words(estimate: PlantEstimate) -> str | None:
     model = f"a model of {len(estimate.modes)} modes" if estimate.modes else "the two-inertia model"
     return (
         f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MISFIT:g} "
-        "is usual); the arm may have a third inertia, or a stiffness that depends on the load; the errors are "
-        "enlarged by it"
+        "is usual); the arm may have a third inertia, or a stiffness that depends on the load; the errors are multiplied by it"
     )
 
 

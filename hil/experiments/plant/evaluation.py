@@ -91,17 +91,17 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
     """Sentences on the limits of the data, with numbers."""
     parameters, plant = estimate.parameters, estimate.plant
     sentences = [
-        "all inertias, stiffnesses and dampings are in proportion to the torque that the drive reports: an error of its rated "
-        "torque (6076h) is an error of each of them; f_a, f_r and ζ are free of it",
-        f"D_m cannot be told from friction that grows with the speed: D_m + D_l/N² together are "
+        "all inertias, stiffnesses and dampings are proportional to the torque that the drive reports: an error of its rated "
+        "torque (6076h) is an error of each; f_a, f_r and ζ do not depend on it",
+        f"D_m cannot be separated from friction that grows with the speed: D_m + D_l/N² together are "
         f"{_shown(parameters['viscous_damping_nm_s_rad'])} N·m·s/rad in the frequency response, and the slow turns show "
         f"{_shown(friction.viscous_nm_s_rad)}; at standstill Coulomb friction hides them altogether",
         f"D_l is {_shown(parameters['arm_damping_nm_s_rad'])} N·m·s/rad, told only by how the damping differs between f_a "
-        f"and f_r; what is known well is D_g + D_l, by ζ",
+        f"and f_r; D_g + D_l is known well, from ζ",
         f"hysteresis of the gear looks like damping and stiffness: f_a, K_g and ζ hold for a torsion of "
         f"{estimate.torsion_rad / ARCSEC:.0f} arcsec, the amplitude of this run; take ζ for the notch from the transmission "
         "error's ramp where both are known",
-        "a stiffness that depends on the load is here one number, for the torque of this run",
+        "a stiffness that depends on the load appears as one number, for the torque of this run",
     ]
     if plant.arm_damping_nm_s_rad < 0.0 or plant.motor_damping_nm_s_rad < 0.0:
         sentences.append("D_m or D_l came out below 0 within its error; the model file has 0")
@@ -112,11 +112,11 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
         )
     if estimate.modes:
         sentences.append(
-            "J_l and K_g are those of the leading mode alone, as its f_a and the tip ask for them; whether modes depend on the "
+            "J_l and K_g are those of the leading mode alone, which fit its f_a and the tip; whether modes depend on the "
             "amplitude or the load, and how they move with the posture"
         )
     if estimate.tip is None:
-        sentences.append("the tip lever, and whether it was this axis that moved: what tells the tip is not in the fit")
+        sentences.append("the tip lever, and whether it was this axis that moved: the tip is not in the fit")
     return tuple(sentences)
 
 

@@ -123,9 +123,7 @@ class PlantIdentification:
             return self.request.excitation
         can = takes_torque_offset(self.drive.profile)
         if not can:
-            self.remarks.append(
-                f"drive family {self.drive.profile.label} takes no torque offset: the reference is excited instead"
-            )
+            self.remarks.append(f"drive family {self.drive.profile.label} has no torque offset: the reference is excited instead")
         return "torque" if can else "reference"
 
     def perform(self) -> PlantEvaluation:
@@ -256,8 +254,8 @@ class PlantIdentification:
         inertia = rigid_inertia(data, self._timing())
         if inertia is not None:
             return (
-                f"motor and arm turn as one inertia of {inertia:.2g} kg·m² from {band.low_hz:g} to {band.high_hz:.3g} Hz: no "
-                f"resonance of the arm is in reach; {self._reach_words(band)}"
+                f"motor and arm turn as one inertia of {inertia:.2g} kg·m² from {band.low_hz:g} to {band.high_hz:.3g} Hz: there "
+                f"is no resonance of the arm in this band; {self._reach_words(band)}"
             )
         reach = f"{band.low_hz:g} and {band.high_hz:.3g} Hz"
         why = f"at {amplitude:.3g} N·m the motor's motion does not show the resonances between {reach}"
@@ -276,7 +274,7 @@ class PlantIdentification:
         sync = self.bench.bus.sync_period_s
         if not self._is_cut_by_sync(band):
             return "a wider band (--low-hz, --high-hz), or the arm without a brace, may show it"
-        return f"a SYNC period of {1e3 * sync:g} ms carries no more than {highest_hz(sync):.3g} Hz, a shorter one carries more"
+        return f"a SYNC period of {1e3 * sync:g} ms carries no more than {highest_hz(sync):.3g} Hz; a shorter one carries more"
 
     def _with_right_tip(self, estimate: PlantEstimate, data: Spectra) -> PlantEstimate:
         """Fit again without the accelerometer if its signal is wrong.
@@ -325,7 +323,7 @@ class PlantIdentification:
         amplitude = min(largest, LARGEST_RISE * small)
         if amplitude <= 0.02 * small:
             raise self._refused(
-                f"no amplitude fits: without any excitation the {self._limited_by} already is at its limit (transmission "
+                f"no amplitude fits: without any excitation the {self._limited_by} is at its limit already (transmission "
                 f"error at {self.travel.bias_rps:.2g} rev/s: {rest.speed_rps:.2g} rev/s, {rest.tip_m_s2:.2g} m/s²); another "
                 "--bias-rps moves it away from the resonance",
                 causes=("limits",),

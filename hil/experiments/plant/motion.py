@@ -187,7 +187,7 @@ def plan_travel(
     if not low <= start_rev <= high:
         where = low if start_rev < low else high
         what = f"the present position of axis {request.axis}"
-        remedy = f"{move_command(request.axis, where)} brings it there"
+        remedy = f"{move_command(request.axis, where)} moves it there"
         raise UnsafeRequestError(what, start_rev, where, "rev", remedy)
     if is_held:
         low, high = max(low, start_rev - 0.5 * travel), min(high, start_rev + 0.5 * travel)

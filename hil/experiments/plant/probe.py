@@ -90,8 +90,8 @@ def probe_trouble(
     if friction[0] < -SEEN_SIGMAS * friction[1]:
         return ProbeTrouble(
             "torque",
-            f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m; friction makes it "
-            "positive; the encoder counts backwards, or the drive reports the torque with the wrong sign (607Eh, "
+            f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m, which friction makes positive; "
+            f"the encoder counts backwards, or the drive reports the torque with the wrong sign (607Eh, "
             "6077h, motor phases)",
         )
     free = WOUND_FRACTION * torque_limit_nm / reduction_ratio
@@ -99,7 +99,8 @@ def probe_trouble(
     if slope[0] - SEEN_SIGMAS * slope[1] > free and wound_nm > WOUND_OVER_FRICTION * abs(friction[0]):
         return ProbeTrouble(
             "arm",
-            f"the motor wound up a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, gravity is at most {free:.2g}: the arm is "
+            f"the motor acted against a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, gravity is at most {free:.2g}: the "
+            f"arm is "
             "held (a brace, a stop, a second brake)",
         )
     return None

@@ -114,9 +114,8 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
     if len(lost):
         yield Finding(
             "heartbeat-lost", Severity.FAULT,
-            f"node {node.number} was silent {len(lost)} times for {np.max(gaps) * 1e-6:.3g} ms at worst; its "
-            f"heartbeat comes every "
-            f"{usual * 1e-6:.3g} ms else",
+            f"node {node.number} was silent {len(lost)} times for {np.max(gaps) * 1e-6:.3g} ms at worst; "
+            f"otherwise its heartbeat comes every {usual * 1e-6:.3g} ms",
             "a node that hung, or a bus that was off; check the error frames, and the node's next frames",
             stamps_of(stream.stamp_ns, lost), len(lost), node.number,
         )  # fmt: skip
@@ -124,8 +123,8 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
     if len(double) > 0.3 * len(gaps):
         yield Finding(
             "two-nodes", Severity.FAULT,
-            f"heartbeats of node {node.number} come {len(double)} times less than {0.6 * usual * 1e-6:.3g} ms behind "
-            f"another: two nodes have "
+            f"heartbeats of node {node.number} come {len(double)} times less than {0.6 * usual * 1e-6:.3g} ms after another: "
+            f"two nodes have "
             f"the node-ID {node.number}",
             "give each node an ID of its own, and disconnect one of them to see which is which",
             stamps_of(stream.stamp_ns, double), len(double), node.number,
@@ -179,6 +178,6 @@ def _transfers(trace: Trace) -> Iterator[Said]:
         yield Finding(
             "two-masters", Severity.FAULT,
             f"{len(overlaps)} SDO requests begin while another of the same node is open: two clients use one channel",
-            "let one program alone access a node by SDO: close configuration tools while a controller runs",
+            "let only one program access a node by SDO: close configuration tools while a controller runs",
             tuple(event.stamp_ns * 1e-9 for event in overlaps[:MOST_STAMPS]), len(overlaps), overlaps[0].node,
         )  # fmt: skip

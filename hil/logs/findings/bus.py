@@ -47,27 +47,27 @@ def _damage(trace: Trace) -> Iterator[Said]:
     if damage.unreadable:
         yield Finding(
             "log-damaged", Severity.NOTE,
-            f"{damage.unreadable} lines are no frames, the first is line {damage.first_unreadable}; they are left out",
+            f"{damage.unreadable} lines are not frames, the first is line {damage.first_unreadable}; they are left out",
             "cut or mixed while it was written; missing lines may look like frames that were not sent", (), damage.unreadable,
         )  # fmt: skip
     if damage.ended:
-        yield Finding("log-damaged", Severity.NOTE, f"the log ends before its end: {damage.ended}", "the part before is judged")
+        yield Finding("log-damaged", Severity.NOTE, f"the log is cut off: {damage.ended}", "the part before is judged")
     if damage.backwards:
         row = damage.first_backwards
         yield Finding(
             "log-backwards", Severity.WARNING,
-            f"{damage.backwards} stamps run backwards, the first at frame {row + 1}: rhythms are uncertain around them",
+            f"{damage.backwards} stamps decrease, the first at frame {row + 1}: rhythms are uncertain around them",
             "two adapters in one log, or a clock that was set; log with the adapter's own stamps",
             (), damage.backwards,
         )  # fmt: skip
     if damage.elsewhere:
         yield Untold(
             "other-interfaces",
-            f"{damage.elsewhere} frames are of other interfaces than the first, and left out; --interface NAME reads them",
+            f"{damage.elsewhere} frames are from other interfaces than the first, and left out; --interface NAME reads them",
         )
     if damage.flexible:
         yield Finding(
-            "can-fd", Severity.NOTE, f"{damage.flexible} frames are of CAN FD, and left out", "classic CANopen has no such frames"
+            "can-fd", Severity.NOTE, f"{damage.flexible} frames are CAN FD, and left out", "classic CANopen has no such frames"
         )
 
 
@@ -87,7 +87,7 @@ def _bits(trace: Trace) -> NDArray[np.float64]:
 def _load(trace: Trace, bitrate: int | None) -> Iterator[Said]:
     log = trace.log
     if log.duration_s < 2e-9 * WINDOW_NS:
-        yield Untold("bus-load", f"the log lasts {1e3 * log.duration_s:.3g} ms: too short for a load of the bus")
+        yield Untold("bus-load", f"the log lasts {1e3 * log.duration_s:.3g} ms: too short to calculate the bus load")
         return
     bits = _bits(trace)
     commanded = [stream for base in RPDO_BASES for stream in log.near(base) if len(stream) >= LEAST_FRAMES]
@@ -106,7 +106,7 @@ def _load(trace: Trace, bitrate: int | None) -> Iterator[Said]:
         return
     if peak > IMPOSSIBLE * bitrate:
         yield Untold("bus-load", f"{peak / 1e3:.0f} kbit/s in a tenth of a second do not fit on a bus of "
-            f"{bitrate // 1000} kbit/s; the bit rate is another, or the stamps are not those of the frames' ends")  # fmt: skip
+            f"{bitrate // 1000} kbit/s; the bit rate is wrong, or the stamps are not those of the ends of frames")  # fmt: skip
         return
     counts = sorted(((can_id, len(stream)) for can_id, stream in log.streams.items()), key=lambda each: -each[1])[:MOST_SPEAKERS]
     names = ", ".join(f"{can_id & 0x1FFFFFFF:03X}h {100.0 * count / len(log):.0f} %" for can_id, count in counts)
@@ -171,7 +171,7 @@ def _set_point_senders(trace: Trace) -> Iterator[Said]:
     if len(masters) > 1:
         yield Finding(
             "two-masters", Severity.FAULT, f"nodes {', '.join(map(str, masters))} send heartbeats and nothing else: two masters",
-            "let one master alone command NMT", (), len(masters),
+            "let only one master command NMT", (), len(masters),
         )  # fmt: skip
 
 

@@ -111,9 +111,9 @@ def _coarse(stamp_ns: NDArray[np.int64], position: NDArray[np.int64], node: Node
     is_target = key == "0x607A"
     yield Finding(
         "coarse-set-points" if is_target else "coarse-encoder", Severity.WARNING,
-        f"every {name} of node {node.number} is a multiple of {grain} counts away from the first: steps of speed of {grain} "
-        "counts per cycle, which cause noise and excite resonances",
-        "let the planner calculate in numbers with more digits than the encoder has" if is_target
+        f"every {name} of node {node.number} is a multiple of {grain} counts away from the first: speed steps of {grain} counts "
+        f"per cycle, which cause noise and excite resonances",
+        "let the planner calculate with a finer resolution than the encoder's" if is_target
         else "the encoder has fewer steps than 608Fh; filter the measured speed, or lower the speed gain",
         stamps_of(stamp_ns, np.array([0])), 1, node.number,
         picture_of(stamp_ns[1:] * 1e-9, step.astype(float), ("time [s]", f"step of the {name} of node {node.number} [counts]")),
@@ -142,7 +142,7 @@ def _blows(stamp_ns: NDArray[np.int64], target: NDArray[np.int64], node: Node) -
         "acceleration-jump", Severity.WARNING,
         f"the acceleration of node {node.number}'s target position jumps {len(blow)} times within one cycle, by "
         f"{float(np.max(change[blow])):.0f} counts per cycle² at worst: each excites every resonance of the arm",
-        "a path whose acceleration takes a period of the lowest resonance to come and go (limited jerk)",
+        "a path whose acceleration changes over at least a period of the lowest resonance (limited jerk)",
         stamps_of(stamp_ns, blow + 4), len(blow), node.number,
         picture_of(stamp_ns[2:] * 1e-9, acceleration,
             ("time [s]", f"acceleration of node {node.number}'s target [counts/cycle²]"), is_line=True),

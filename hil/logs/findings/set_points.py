@@ -79,7 +79,7 @@ def _against_sync(stream: Stream, rhythm: Rhythm, period_ns: float, node: Node, 
         yield Finding(
             "set-points-doubled", Severity.FAULT,
             f"two or more {name}s for node {node.number} in {len(several)} of {len(cycles)} cycles: all but the last are lost",
-            "one set-point per SYNC: a sender with a clock of its own beats against SYNC, and two senders fight",
+            "one set-point per SYNC: a sender with its own clock drifts against SYNC, and two senders conflict",
             stamps_of(stream.stamp_ns, rows), len(several), node.number, place,
         )  # fmt: skip
     # the side of SYNC decides in which cycle a synchronous PDO acts
@@ -100,7 +100,7 @@ def _against_sync(stream: Stream, rhythm: Rhythm, period_ns: float, node: Node, 
         is_all = pdo.transmission_type in WITH_SYNC
         yield Finding(
             "set-points-late", Severity.NOTE if is_all else Severity.WARNING,
-            f"{len(late)} of {len(stream)} {name}s for node {node.number} are off their place in the cycle by more than "
+            f"{len(late)} of {len(stream)} {name}s for node {node.number} deviate from their place in the cycle by more than "
             f"{100 * LATE:.0f} % of it, by {np.max(np.abs(rhythm.late_ns)) * 1e-6:.3g} ms at worst"
             + ("" if is_all else "; they act on arrival, so the motion is equally late"),
             "real-time priority for the sender" + ("" if is_all else f", or a synchronous {pdo.name} (transmission type 1)"),
@@ -133,7 +133,7 @@ def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]
             f"a {name} for node {node.number} comes every {sent_s * 1e3:.4g} ms, and 60C2h is {held_s * 1e3:.4g} "
             f"ms: the motor {effect}, "
             f"which shakes at {1.0 / sent_s:.4g} Hz and at the beat of {difference_hz:.3g} Hz",
-            f"set 60C2h to {sent_s * 1e3:.4g} ms, or send at its pace",
+            f"set 60C2h to {sent_s * 1e3:.4g} ms, or send with its period",
             stamps_of(stream.stamp_ns, np.array([0])), 1, node.number, step,
         )  # fmt: skip
 
@@ -173,7 +173,7 @@ def _steps(stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> 
         worst = float(np.max(np.abs(change[pulse])))
         yield Finding(
             "set-point-jump", Severity.FAULT,
-            f"the {name} of node {node.number} jumps {len(pulse)} times, by {worst:.0f} counts at worst, where steps "
+            f"the {name} of node {node.number} jumps {len(pulse)} times, by {worst:.0f} counts at worst, where steps otherwise "
             f"change by {usual:.0f} "
             "at most else",
             "a jump of the position is a torque pulse; make the path continuous in position and speed, also where "

@@ -34,7 +34,7 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
         yield Finding(
             "sync-missing", Severity.FAULT,
             f"{lost} SYNCs are missing in {len(missing)} gaps, the longest {np.max(gaps) * period * 1e-6:.3g} ms; "
-            f"they come every {period * 1e-6:.4g} ms else",
+            f"they otherwise come every {period * 1e-6:.4g} ms",
             "the sender of SYNC paused; give it real-time priority, fewer other programs, or a longer period",
             stamps_of(cycles.stamp_ns, missing), len(missing), None, drawn,
         )  # fmt: skip
@@ -42,8 +42,8 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
     if len(close) > UNEVEN_FRACTION * len(gaps) and len(close) >= len(missing) + 2:
         yield Finding(
             "sync-doubled", Severity.FAULT,
-            f"{len(close)} SYNCs come less than {TOO_CLOSE * period * 1e-6:.3g} ms behind another: two nodes send them",
-            "let one node alone send SYNC: bit 30 of 1005h is 0 in all others",
+            f"{len(close)} SYNCs come less than {TOO_CLOSE * period * 1e-6:.3g} ms after another: two nodes send them",
+            "let only one node send SYNC: bit 30 of 1005h is 0 in all others",
             stamps_of(cycles.stamp_ns, close), len(close), None, drawn,
         )  # fmt: skip
     beats = (gaps > 1.0 + JITTER) & (gaps <= GAP) | (gaps >= TOO_CLOSE) & (gaps < 1.0 - JITTER)
@@ -53,7 +53,7 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
             "sync-jitter", Severity.WARNING,
             f"{len(uneven)} of {len(gaps)} SYNCs are off by more than {100 * JITTER:.0f} % of {period * 1e-6:.4g} ms; "
             f"99 of 100 lie within {np.percentile(np.abs(gaps - 1.0), 99) * period * 1e-6:.3g} ms",
-            "every set-point is reached as much too early or too late; give the sender real-time priority, or let a "
+            "set-points are reached too early or too late by the same time; give the sender real-time priority, or let a "
             "drive send SYNC",
             stamps_of(cycles.stamp_ns, uneven), len(uneven), None, drawn,
         )  # fmt: skip

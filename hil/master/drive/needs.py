@@ -46,7 +46,7 @@ ERROR_CODE = Need((Object.ERROR_CODE, 0), "error code", "it has the fault of the
 CYCLE_PERIOD = Need((0x1006, 0), "communication cycle period", "it sets the SYNC period, in drives that have it")
 
 _SUPERVISION = (
-    Need((Object.ABORT_CONNECTION_OPTION, 0), "abort connection option code", "the drive stops when the master falls silent"),
+    Need((Object.ABORT_CONNECTION_OPTION, 0), "abort connection option code", "the drive stops when the master stops sending"),
     Need((Object.QUICK_STOP_OPTION, 0), "quick stop option code", "a stop ends on its ramp, disabled"),
     Need((0x1016, 1), "consumer heartbeat time", "the drive watches the master"),
     Need((0x1017, 0), "producer heartbeat time", "the master watches the drive"),
@@ -234,12 +234,12 @@ def scale_gaps(number: int, table: AxisTable, profile: Profile) -> list[str]:
     gaps = []
     encoder, torque = profile.encoder, profile.torque
     if table.encoder_counts_per_rev is None and (encoder is None or (encoder.increments or encoder.counts_per_rev) is None):
-        gaps.append(f"no scale of positions: state axis.{number}.encoder_counts_per_rev in the bench file")
+        gaps.append(f"no scale of positions; state axis.{number}.encoder_counts_per_rev in the bench file")
     if tells_current(profile):
         if table.torque_constant_nm_a is None:
-            gaps.append(f"no torque, but a current: state axis.{number}.torque_constant_nm_a in the bench file")
+            gaps.append(f"a current instead of a torque; state axis.{number}.torque_constant_nm_a in the bench file")
     elif table.rated_torque_nm is None and (torque is None or torque.rated_torque is None):
-        gaps.append(f"no scale of torques: state axis.{number}.rated_torque_nm in the bench file")
+        gaps.append(f"no scale of torques; state axis.{number}.rated_torque_nm in the bench file")
     return gaps
 
 

@@ -102,7 +102,7 @@ def paired_runs(new: ExperimentsResult, old: ExperimentsResult) -> PairedRuns:
             only_new.remove(run)
             only_old.remove(others[0])
     if not pairs:
-        raise _unlike("no run of one has the motion, the window and the treatment of a run of the other")
+        raise _unlike("no run of one has the same motion, window and treatment as a run of the other")
     return PairedRuns(tuple(pairs), tuple(only_new), tuple(only_old))
 
 

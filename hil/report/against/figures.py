@@ -10,19 +10,19 @@ from hil.recording import Recording
 from hil.report import style
 from hil.report.against.alike import RunPair
 from hil.report.against.numbers import pair_name
-from hil.report.drawn_run import (
-    DrawnRun,
+from hil.report.figures.order_map import ramp_map
+from hil.report.material import CONSTANT_ACCELERATION, Material
+from hil.report.plotted_run import (
+    PlottedRun,
     draw_vibration,
-    drawn_run,
     finish_vibration,
     limit_words,
+    plotted_run,
     shade_line,
     shade_speeds,
     shown_acceleration,
     smooth_spectrum,
 )
-from hil.report.figures.order_map import ramp_map
-from hil.report.material import CONSTANT_ACCELERATION, Material
 from hil.report.style import Drawing, Real
 from hil.results.ate import AteResult
 from hil.results.plant import FrequencyResponseEntry, PlantResult
@@ -45,7 +45,7 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
         pair: The two runs.
         number: Number of the pair on the page.
     """
-    runs = [drawn_run(old, pair.old, "old", OLD), drawn_run(new, pair.new, "new", NEW)]
+    runs = [plotted_run(old, pair.old, "old", OLD), plotted_run(new, pair.new, "new", NEW)]
     drawn = [run for run in runs if run is not None]
     if len(drawn) < 2:
         return None
@@ -72,13 +72,13 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
         f"{name[0].upper()}{name[1:]}: the tip, old and new",
         "",
         "measured",
-        f"Above: tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase, each from the beginning of its "
-        f"recording.{limit} Below: {below_words}",
+        f"Above: tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase, each from the beginning of "
+        f"its recording.{limit} Below: {below_words}",
         style.to_svg(figure, key, is_zoomable=True),
     )
 
 
-def _draw_orders(panel: Axes, drawn: list[DrawnRun], axis: int) -> str:
+def _draw_orders(panel: Axes, drawn: list[PlottedRun], axis: int) -> str:
     for run in drawn:
         found = order_amplitudes(run.recording, axis)
         if found is not None:
@@ -100,7 +100,7 @@ def order_amplitudes(recording: Recording, axis: int) -> tuple[Real, Real] | Non
     return found.orders[seen], np.nanmax(found.amplitude[:, seen], axis=0)
 
 
-def _draw_spectra(panel: Axes, drawn: list[DrawnRun]) -> str:
+def _draw_spectra(panel: Axes, drawn: list[PlottedRun]) -> str:
     for run in drawn:
         panel.plot(*smooth_spectrum(shown_acceleration(run), run.recording.period_s, SPECTRUM_TO_HZ), **run.look)
     panel.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, SPECTRUM_TO_HZ))
@@ -126,7 +126,7 @@ def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
     panel.set(xlabel="Order k", ylabel="Amplitude A_k (arcsec)")
     panel.set_ylim(0.0, None)
     style.legend_above(figure, panel)
-    words = "Discs new, squares old, side by side at each order; bars: standard errors."
+    words = "Discs: new; squares: old; bars: standard errors."
     return Drawing(
         "errors-by-order", "Transmission error by order", "", "measured", words, style.to_svg(figure, "errors-by-order")
     )
@@ -148,7 +148,7 @@ def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:
     gain.set_ylabel(r"$|\theta_m/\tau|$ (dB re 1 rad/N·m)")
     phase.set(xlabel="Frequency (Hz)", ylabel="Phase (°)")
     style.legend_above(figure, gain)
-    words = "Frequency response on the excited lines of each."
+    words = "Frequency response of each result at its excited frequencies."
     svg = style.to_svg(figure, "responses", is_zoomable=True)
     return Drawing("responses", "Motor angle per torque", "", "measured", words, svg)
 

@@ -78,13 +78,13 @@ def run_numbers(pairs: tuple[RunPair, ...]) -> Iterator[NumberPair]:
     seen = set()
     for pair in pairs:
         new, old, group = pair.new, pair.old, pair_name(pair)
-        yield NumberPair(group, "Tip, peak", "mm", old.tip_peak_mm, new.tip_peak_mm)
-        yield NumberPair(group, "Tip, rms", "mm", old.tip_rms_mm, new.tip_rms_mm)
+        yield NumberPair(group, "Tip peak", "mm", old.tip_peak_mm, new.tip_peak_mm)
+        yield NumberPair(group, "Tip rms", "mm", old.tip_rms_mm, new.tip_rms_mm)
         errors = old.order_error_mm, new.order_error_mm
-        yield NumberPair(group, "The order itself", "mm", old.order_mm, new.order_mm, *errors)
-        yield NumberPair(group, "Largest line of the spectrum", "m/s²", old.spectrum_peak_m_s2, new.spectrum_peak_m_s2)
-        yield NumberPair(group, "Its frequency", "Hz", old.spectrum_peak_hz, new.spectrum_peak_hz)
-        yield NumberPair(group, "Area of the spectrum", "m/s²·Hz", old.spectrum_area, new.spectrum_area)
+        yield NumberPair(group, "Order amplitude", "mm", old.order_mm, new.order_mm, *errors)
+        yield NumberPair(group, "Spectrum peak", "m/s²", old.spectrum_peak_m_s2, new.spectrum_peak_m_s2)
+        yield NumberPair(group, "Frequency of the spectrum peak", "Hz", old.spectrum_peak_hz, new.spectrum_peak_hz)
+        yield NumberPair(group, "Spectrum area", "m/s²·Hz", old.spectrum_area, new.spectrum_area)
         if new.recording in seen:
             continue
         seen.add(new.recording)
@@ -96,7 +96,7 @@ def run_numbers(pairs: tuple[RunPair, ...]) -> Iterator[NumberPair]:
             yield NumberPair(group, name, "µs", other, own)
 
 
-LATENESS = ("SYNC after its deadline, p99", "SYNC after its deadline, largest")
+LATENESS = ("SYNC lateness, p99", "Largest SYNC lateness")
 
 
 def _lateness(run: RunEntry) -> tuple[float | None, float | None]:
@@ -112,14 +112,14 @@ def model_numbers(new: Material, old: Material) -> Iterator[NumberPair]:
     They come from the models; an axis without a loop in both results is left out.
     """
     for axis in sorted(set(new.model_axes) & set(old.model_axes)):
-        group = f"axis {axis}: its loop by the model, with the filters that acted"
+        group = f"axis {axis}: margins from the model, with the active filters"
         yield NumberPair(group, "f_al", "Hz", old.f_al_hz[axis], new.f_al_hz[axis])
         before, after = worst_margins(old, axis), worst_margins(new, axis)
         for name, unit, own, other in zip(MARGIN_NAMES, ("", "dB", "°"), after, before, strict=True):
             yield NumberPair(group, name, unit, other, own)
 
 
-MARGIN_NAMES = ("M_s, largest", "Gain margin, least", "Phase margin, least")
+MARGIN_NAMES = ("Largest M_s", "Smallest gain margin", "Smallest phase margin")
 
 
 def worst_margins(material: Material, axis: int) -> tuple[float, float, float]:
@@ -196,10 +196,10 @@ def numbers_table(pairs: list[NumberPair]) -> ReportTable:
             groups[len(rows)] = pair.group
         rows.append([pair.name, _value(pair.old, pair.old_error), _value(pair.new, pair.new_error), pair.unit, *_told(pair)])
     caption = (
-        f"A difference is told from chance where it exceeds {CERTAIN:g} of its standard errors; where a number has none, nothing "
-        "is said. Of one run in each there is no other measure of how much another run would differ."
+        f"A difference is beyond chance if it exceeds {CERTAIN:g} of its standard errors. A number without a standard error is "
+        "not judged: one run of each does not show how much runs differ."
     )
-    header = ("", "old", "new", "unit", "difference", "told from chance")
+    header = ("", "old", "new", "unit", "difference", "beyond chance")
     return ReportTable("numbers", "Old and new", "", header, rows, frozenset({0, 3, 5}), caption, groups=groups)
 
 

@@ -81,7 +81,7 @@ def write_against(directory: Path, old_directory: Path, *, is_interactive: bool 
         content.notes + _origin_notes(new, old),
         heading="Two results side by side",
         subtitle="New beside old",
-        aftermath=(*new.aftermath, *(f"Of the old result: {text}" for text in old.aftermath)),
+        aftermath=(*new.aftermath, *(f"Old result: {text}" for text in old.aftermath)),
         origin=origin_of(new),
     )
     return render(
@@ -169,7 +169,7 @@ def _early(pairs: Sequence[RunPair]) -> list[str]:
 
 
 def _not_identified(new: object, old: object) -> tuple[str, ...]:
-    return tuple(f"The {name} result has identified nothing." for name, part in (("new", new), ("old", old)) if part is None)
+    return tuple(f"The {name} result contains no identification." for name, part in (("new", new), ("old", old)) if part is None)
 
 
 def _origin_notes(new: MeasuredResult, old: MeasuredResult) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from hil.results.plant import PlantResult
 
 MOST_DIFFERING = 200
 """Most settings that are shown."""
-GROUPS = ("Control", "Model", "Bench file", "What was asked", "Bus and versions")
+GROUPS = ("Control", "Model", "Bench file", "Request", "Bus and versions")
 
 
 class Setting(NamedTuple):
@@ -50,7 +50,7 @@ def settings_table(found: list[Setting]) -> ReportTable:
     more = len(found) - MOST_DIFFERING
     caption = f"{more} more are not shown." if more > 0 else "" if found else "No setting differs."
     header = ("Setting", "old", "new")
-    return ReportTable("settings", "What differs in settings", "", header, rows, frozenset({0, 1, 2}), caption, True, groups)
+    return ReportTable("settings", "Settings that differ", "", header, rows, frozenset({0, 1, 2}), caption, True, groups)
 
 
 def _settings(result: MeasuredResult) -> Iterator[tuple[str, Any]]:
@@ -85,7 +85,7 @@ def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
 def _group(key: str) -> str:
     parts = key.split(".")
     if parts[0] in {"request", "run"}:
-        return "What was asked" if parts[0] == "request" else "Bus and versions"
+        return "Request" if parts[0] == "request" else "Bus and versions"
     if parts[0] == "axis" and len(parts) > 2:
         return {"control": "Control", "notch": "Control", "model": "Model"}.get(parts[2], "Bench file")
     return "Bench file"

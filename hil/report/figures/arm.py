@@ -15,7 +15,7 @@ BAND_SIGMAS = 2.0
 def line_dips(result: ArmResult) -> Drawing | None:
     """Draw the predicted dips along the line with their standard errors.
 
-    With the dips by the bench file's bodies, if it has any.
+    With the dips from the bench file's bodies, if it has any.
     """
     if not result.line:
         return None
@@ -28,7 +28,7 @@ def line_dips(result: ArmResult) -> Drawing | None:
         panel.plot(way, dips[:, column], label="predicted", **style.BROAD)
     if result.line[0].bodies_hz:
         for column in np.array([row.bodies_hz for row in result.line]).T:
-            panel.plot(way, column, label="by the bench file's bodies", **style.MODEL)
+            panel.plot(way, column, label="from the bench file's bodies", **style.MODEL)
     for axis, look in zip(result.arm.axes, itertools.cycle(style.AXIS_LINES)):
         near = [row for row in result.measured if row.axis == axis and row.way_fraction is not None]
         points = ([100.0 * (row.way_fraction or 0.0) for row in near], [row.measured_hz for row in near])
@@ -38,16 +38,16 @@ def line_dips(result: ArmResult) -> Drawing | None:
     ticks = [hz for hz in (2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100) if 0.7 * np.min(dips) < hz < 1.4 * np.max(dips)]
     panel.set_yticks(ticks, [str(hz) for hz in ticks])
     panel.minorticks_off()
-    panel.set_xlabel("Way along the line (%)")
+    panel.set_xlabel("Position along the line (%)")
     panel.set_ylabel("Frequency (Hz)")
     style.legend_above(figure, panel)
     return Drawing(
         "line-dips",
-        "Where the arm rings along its line",
+        "Resonances of the arm along its line",
         "",
         "computed",
-        "Frequencies at which the arm rings with all motors held: dips of every motor's response. Shaded: two standard errors. "
-        "Points: postures near the line in which they were measured.",
+        "Resonances of the arm with all motors held: dips in every motor's response. Shaded: two standard errors. Points: "
+        "measured in postures near the line.",
         style.to_svg(figure, "line-dips"),
     )
 
@@ -67,10 +67,10 @@ def fitted_dips(result: ArmResult) -> Drawing:
     style.legend_above(figure, panel)
     return Drawing(
         "fitted-dips",
-        "What the fit leaves of the dips",
+        "Residuals of the dips",
         "",
         "measured and computed",
-        "Every dip that an axis has felt in a posture, with the standard error of its own identification: the fit counts 0.3 % "
-        "at least, since an excited joint turns by degrees.",
+        "Every dip that an axis has measured in a posture, with its standard error. The fit takes at least 0.3 %, because an "
+        "excited joint turns by several degrees.",
         style.to_svg(figure, "fitted-dips"),
     )

@@ -14,11 +14,11 @@ from hil.report.arm_motion import (
     draw_skeleton,
     fit_limits,
     moved_arms,
+    recorded_line,
     round_down,
-    walked,
 )
-from hil.report.drawn_run import line_words
 from hil.report.material import Material
+from hil.report.plotted_run import line_words
 from hil.report.projection import ABOVE, ANGLE, SIDE
 from hil.report.style import Drawing, Line, Real
 
@@ -49,7 +49,7 @@ def arm_along_line(material: Material, key: str = "arm-line") -> Drawing | None:
         material: Result and recordings.
         key: Key of the figure.
     """
-    arms, way = moved_arms(material), walked(material)
+    arms, way = moved_arms(material), recorded_line(material)
     if way is None or material.bench.arm is None:
         return None
     has_loops = bool(arms) and _way_m(arms[0]) >= LEAST_WAY_M
@@ -158,8 +158,8 @@ class _Loops:
 
 def _caption(material: Material, loops: _Loops | None) -> str:
     text = (
-        "Above: base, joints (rings) and tip (disc) at the start (faint), in the middle and at the end of the motion, by the "
-        "recorded motor angles and the kinematics of the bench file; axes that do not move count as at home."
+        "Above: base, joints (rings) and tip (disc) at the start (faint), in the middle and at the end of the motion, from "
+        "the recorded motor angles and the bench file's kinematics. Axes that do not move are drawn at home."
     )
     if loops is None:
         return text
@@ -167,6 +167,6 @@ def _caption(material: Material, loops: _Loops | None) -> str:
     within = "" if band is None else f" from {band[0]:.3g} to {band[1]:.3g} Hz"
     return (
         f"{text} Below: the tip's vibration{within}, its acceleration integrated twice, {line_words(material)}, in "
-        f"{loops.count} stretches of time, each around its own point of the path and {loops.magnification:g} times as large as "
-        "the path's scale. What leaves the dotted circle is outside of the specification in the plane of the drawing."
+        f"{loops.count} stretches of time. Each is drawn around its own point of the path and {loops.magnification:g} times as "
+        "large as the path's scale. Outside the dotted circle the tip exceeds the specification in the plane of the drawing."
     )

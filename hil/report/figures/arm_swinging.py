@@ -16,8 +16,8 @@ from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import IdentifiedArm
 from hil.report import style
 from hil.report.arm_motion import MovedArm, draw_directions, draw_ground, draw_skeleton, fit_limits, moved_arms, round_down
-from hil.report.drawn_run import line_words
 from hil.report.material import Material
+from hil.report.plotted_run import line_words
 from hil.report.projection import ANGLE, View, fullest
 from hil.report.style import Drawing, Line, Real
 from hil.tip_swing import MOST_SWINGS, Swing, resonances_hz, spectrum_mm, swing
@@ -196,9 +196,9 @@ def _caption(material: Material, arms: list[MovedArm], swings: list[list[Swing]]
     words = "; ".join(_swing_words(each) for each in swings[0])
     return (
         f"Above: amplitude spectrum (Hann) of the tip's displacement, all directions together, {line_words(material)}. Below: "
-        "the arm where the tip swung most at each of its peaks, and the ellipse that the tip draws there in space, from its "
-        f"recorded amplitudes and phases along x, y and z, {magnification:g} times as large; it says how the tip swings, not how "
-        f"the arm bends. {arms[0].run.label.capitalize()}: {words}."
+        f"the arm where the tip swung most at each peak, and the ellipse of the tip there, {magnification:g} times as large. It "
+        f"follows from the recorded amplitudes and phases along x, y and z, and shows how the tip swings, not how the arm "
+        f"bends. {arms[0].run.label.capitalize()}: {words}."
     )
 
 
@@ -213,7 +213,7 @@ def _swing_words(each: Swing) -> str:
 
 def _mode_words(modes: KnownModes | None) -> str:
     if modes is None:
-        return " The arm's modes are not drawn: they take the masses of its links and the stiffness of its gears."
+        return " The arm's modes are not drawn: they need the masses of its links and the stiffness of its gears."
     axes = ", ".join(map(str, modes.rigid))
     held = f" Gears of axes {axes}, of which no stiffness is known, count as rigid." if modes.rigid else ""
     frequencies = ", ".join(f"{mode.frequency_hz:.1f}" for mode in modes.shapes)

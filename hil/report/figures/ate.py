@@ -18,10 +18,10 @@ from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style
-from hil.report.drawn_run import smooth_spectrum
 from hil.report.order_names import BY_ORDER, order_words, symbol, symbol_of
 from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
+from hil.report.plotted_run import smooth_spectrum
 from hil.report.style import Drawing, Real
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number, value_and_error
 from hil.results.ate import AteResult, AteRun
@@ -188,8 +188,8 @@ def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False)
         f"Synchronous transmission error of axis {axis}",
         "Fig. 5",
         "measured and computed",
-        f"θ_sync at the arm over two revolutions of the motor, of {order_words(error.amplitude_arcsec)} as identified, with its "
-        "confidence. Dotted lines: whole revolutions.",
+        f"θ_sync at the arm over two motor revolutions: {order_words(error.amplitude_arcsec)} as identified, with two standard "
+        "errors. Dotted lines: whole revolutions.",
         style.to_svg(figure, key),
     )
 
@@ -227,9 +227,9 @@ def against_speed(material: AteMaterial) -> Drawing | None:
         f"{material.signal_name} against motor speed",
         "Fig. 7" if material.axis == 2 else "Fig. 8",
         "measured and computed",
-        f"The {material.signal_name.lower()} of pass {material.furthest + 1} in the band of the fit, and what the identified "
-        "model makes of the measured motor angle, over the speed of the motor; below each what it leaves, enlarged. An order k "
-        "meets the arm's resonance at f_a/k.",
+        f"The {material.signal_name.lower()} of pass {material.furthest + 1} in the band of the fit, and the identified model's "
+        "response to the measured motor angle, over motor speed. Below each: the residual, enlarged. Order k excites the arm's "
+        "resonance at f_a/k.",
         style.to_svg(figure, "against-speed", is_zoomable=True),
     )
 
@@ -277,8 +277,8 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
         {2: "Fig. 7", 3: "Fig. 8"}.get(material.axis, "as Figs. 7 and 8"),
         "measured and computed",
         f"Constant acceleration of one motor in pass {material.furthest + 1}. Top: its speed. Middle: the signal in the band of "
-        "the fit. Broken: what the identified transmission error and arm make of the motor angle as it was measured; below it "
-        "what they leave, enlarged. Bottom: amplitude spectrum (Hann window, interpolated between its bins).",
+        "the fit. Dashed: response of the identified transmission error and arm to the measured motor angle; below it the "
+        "residual, enlarged. Bottom: amplitude spectrum (Hann window, interpolated between its bins).",
         style.to_svg(figure, key, is_zoomable=True),
     )
 
@@ -314,13 +314,13 @@ def errors(
         ("Parameter", "Unit", *([] if paper is None else ["Paper"]), "Identified", "Standard error"),
         rows,
         frozenset({0, 1}),
-        "The standard error is that of the noise. "
+        "The standard error covers noise only. "
         + (
-            "Without an accelerometer an error of J_l goes straight into the amplitudes, "
+            "Without an accelerometer a relative error of J_l appears unchanged in the amplitudes, "
             if is_sensorless
-            else "An error of the tip lever goes straight into the amplitudes, "
+            else "A relative error of the tip lever appears unchanged in the amplitudes, "
         )
-        + "one of the motor angle's zero into the phases.",
+        + "an error of the motor angle's zero in the phases.",
     )
 
 
@@ -341,13 +341,13 @@ def arm(material: AteMaterial) -> ReportTable | None:
             number(1e3 * fit.delay_error_s, "{:.3f}"),
         ],
         [
-            "factor of the motor's own motion (1: lever and ratio fit)",
+            "gain of the motor's own motion (1: lever and ratio are right)",
             "",
             number(fit.motion_scale, "{:.3f}"),
             number(fit.motion_scale_error, "{:.3f}"),
         ],
-        ["explained of the vibration by θ_sync", "%", number(100.0 * fit.explained_by_error, "{:.2f}"), ""],
-        ["left over in the band", material.unit, number(fit.residual, "{:.4f}"), ""],
+        ["share of the vibration that θ_sync explains", "%", number(100.0 * fit.explained_by_error, "{:.2f}"), ""],
+        ["residual in the band", material.unit, number(fit.residual, "{:.4f}"), ""],
     ]
     return ReportTable(
         "arm",
@@ -356,8 +356,8 @@ def arm(material: AteMaterial) -> ReportTable | None:
         ("", "Unit", "Found", "Standard error"),
         rows,
         frozenset({0, 1}),
-        f"Of the damping {100.0 * fit.gear_fraction:.0f} % are taken to be the gear's; ten percent more or less change the delay "
-        "by 0.2 ζ/ω, about 0.1 ms, and nothing else.",
+        f"The gear is assumed to cause {100.0 * fit.gear_fraction:.0f} % of the damping. Ten percent more or less change only "
+        "the delay, by 0.2 ζ/ω, about 0.1 ms.",
     )
 
 
@@ -381,22 +381,22 @@ def arm_twice(material: AteMaterial) -> ReportTable | None:
         rows.append([name, unit, *texts, number(100.0 * (now / before - 1.0), "{:+.2f}"), number(sigma, "{:.1f}"), _agree(sigma)])
     return ReportTable(
         "arm-twice",
-        "The arm by both identifications",
+        "The arm: both identifications compared",
         "",
         (
             "",
             "Unit",
-            f"Before, by {known.source}",
-            "Now, by the ramps",
-            "Apart by (%)",
-            "Apart by (standard errors of noise)",
+            f"Before ({known.source})",
+            "Now (ramps)",
+            "Difference (%)",
+            "Difference (standard errors of noise)",
             "Noise alone",
         ),
         rows,
         frozenset({0, 1, 6}),
-        "Both standard errors are those of noise alone. Where the two lie more than three of them apart, the difference is not "
-        "noise but what a model leaves out: the one run shakes the arm by a torque at the motor, the other by the transmission "
-        "error, at another amplitude. How far apart they are in percent is then the better measure of how well f_a is known.",
+        "Both standard errors cover noise only. A difference of more than three is not noise but an error of a model: one run "
+        "excites the arm by motor torque, the other by the transmission error, at another amplitude. The difference in percent "
+        "then shows better how well f_a is known.",
     )
 
 
@@ -421,14 +421,13 @@ def agreement(material: AteMaterial) -> ReportTable | None:
         rows.append([symbol_of(each.name), *numbers, Mark(each.sigma <= 4.0)])
     return ReportTable(
         "agreement",
-        "Both directions against each other",
+        "Both directions compared",
         "",
-        ("", "Forwards", "Backwards", "Apart by (standard errors of noise)", "Agree"),
+        ("", "Forwards", "Backwards", "Difference (standard errors of noise)", "Agree"),
         rows,
         frozenset({0, 4}),
-        "Amplitudes and phases from the ramps of either direction alone, at the arm and delay of both together. The standard "
-        f"errors of the result have been widened {fit.widened:.2f} times, 1 where noise explains all "
-        "differences.",
+        "Amplitudes and phases from the ramps of each direction alone, with the arm and delay of the joint fit. The standard "
+        f"errors of the result are multiplied by {fit.widened:.2f}; 1: noise explains all differences.",
     )
 
 
@@ -454,7 +453,7 @@ def passes(material: AteMaterial) -> ReportTable | None:
                 each.recording if each.stopped is None else "stopped",
             ]
         )
-    header = ("Pass", "Acceleration (rev/s²)", "To (rev/s)", "Between (rev)", "Missed")
+    header = ("Pass", "Acceleration (rev/s²)", "Top speed (rev/s)", "Travel (rev)", "Missed")
     return ReportTable(
         "passes",
         "Passes",
@@ -462,5 +461,5 @@ def passes(material: AteMaterial) -> ReportTable | None:
         (*header, *(Markup("{} ± ({})").format(sign, unit) for _, sign, unit in names), "Recording"),
         rows,
         frozenset({0, len(header) + len(names)}),
-        "Each pass goes forwards and back; the standard errors are those of all passes so far together.",
+        "Each pass goes forwards and back; the standard errors are those of all passes so far.",
     )

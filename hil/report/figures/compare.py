@@ -10,25 +10,25 @@ from matplotlib.axes import Axes
 from hil.analysis import band_passed, motor_speed_rps
 from hil.recording import Recording
 from hil.report import style
-from hil.report.drawn_run import (
-    DrawnRun,
-    direction_words,
-    draw_vibration,
-    drawn_run,
-    finish_vibration,
-    key_end,
-    limit_m_s2,
-    line_words,
-    shade_line,
-    shade_speeds,
-    shown_acceleration,
-    window_words,
-)
 from hil.report.figures.arm_along_line import arm_along_line
 from hil.report.figures.arm_swinging import arm_swinging
 from hil.report.figures.directions import directions_of
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.material import LINE_MOTION, Material
+from hil.report.plotted_run import (
+    PlottedRun,
+    direction_words,
+    draw_vibration,
+    finish_vibration,
+    key_end,
+    limit_m_s2,
+    line_words,
+    plotted_run,
+    shade_line,
+    shade_speeds,
+    shown_acceleration,
+    window_words,
+)
 from hil.report.style import Drawing, Real, SvgPicture
 from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TreatmentTable
@@ -66,14 +66,14 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
         if f_al is None
         else f"Dotted: the specification of ±{robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
     )
-    below = " Below: their envelopes, in which lines that cover each other above lie apart." if overlaid else ""
-    behind = below if overlaid else " Behind each in orange: nothing acting, closed in the same place."
+    below = " Below: their envelopes, which separate lines that overlap above." if overlaid else ""
+    behind = below if overlaid else " Orange, behind each: no treatment, with the loop closed in the same place."
     return Drawing(
         key,
         title,
         "",
         "measured",
-        f"{direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase. "
+        f"{direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase. "
         f"{window} {limit}{behind}",
         svg,
     )
@@ -81,8 +81,8 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
 
 def _without_f_al(material: Material) -> str:
     if material.bench.arm is not None:
-        return "An arm's displacement is the acceleration integrated twice: its peaks are in the table."
-    return "Without a model there is no frequency by which the specification becomes an acceleration."
+        return "The peaks of the displacement, which is the acceleration integrated twice, are in the table."
+    return "Without a model the specification cannot be converted to an acceleration."
 
 
 def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> list[Drawing]:
@@ -128,7 +128,7 @@ def directions(robot: ComparisonRobot, material: Material, experiment: str, axis
     rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
     drawn = [(treatment_words(row), run) for row in rows if (run := _drawn(material, row)) is not None]
     looked = [
-        DrawnRun(run.entry, run.recording, name, look) for (name, run), look in zip(drawn, style.OVERLAY_LINES, strict=False)
+        PlottedRun(run.entry, run.recording, name, look) for (name, run), look in zip(drawn, style.OVERLAY_LINES, strict=False)
     ]
     title = f"{f'{robot.name}, ' if several else ''}{case_name(experiment, axis)}: the tip along x, y and z"
     key = f"directions-{robot.directory}-{key_of(experiment, axis)}"
@@ -155,9 +155,9 @@ def arm(robot: ComparisonRobot, material: Material, experiment: str, *, several:
     return [replace(each, title=f"{robot.name}: {each.title[0].lower()}{each.title[1:]}") for each in drawn]
 
 
-def _drawn(material: Material, row: ComparisonRow) -> DrawnRun | None:
+def _drawn(material: Material, row: ComparisonRow) -> PlottedRun | None:
     run = material.find(row.experiment, row.axis, row.treatment, row.loop)
-    return drawn_run(material, run, treatment_words(row), style.WITH)
+    return plotted_run(material, run, treatment_words(row), style.WITH)
 
 
 def _label(row: ComparisonRow) -> str:
@@ -190,12 +190,12 @@ def _shade(material: Material, panel: Axes, axis: int | None, recording: Recordi
 
 
 def _overlay(
-    material: Material, runs: list[tuple[ComparisonRow, DrawnRun]], axis: int | None, f_al: float | None, key: str
+    material: Material, runs: list[tuple[ComparisonRow, PlottedRun]], axis: int | None, f_al: float | None, key: str
 ) -> SvgPicture:  # fmt: skip
     figure, panels = style.panels(2, 1, 5.6, sharex=True, height_ratios=(3, 2))
     panel, below = panels[:, 0]
     for (row, run), look in zip(runs, style.OVERLAY_LINES, strict=False):
-        draw_vibration(panel, DrawnRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False)
+        draw_vibration(panel, PlottedRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False)
         style.plot_thin(below, run.recording.time_s, _envelope(run, material.band_hz(axis)), **look)
     for each in (panel, below):
         _shade(material, each, axis, runs[0][1].recording)
@@ -210,7 +210,7 @@ def _overlay(
     return style.to_svg(figure, key, is_zoomable=True)
 
 
-def _envelope(run: DrawnRun, band_hz: tuple[float, float]) -> Real:
+def _envelope(run: PlottedRun, band_hz: tuple[float, float]) -> Real:
     """Return the amplitude of the band-passed vibration in m/s²; shape (n,).
 
     It is the magnitude of the analytic signal.
@@ -219,7 +219,7 @@ def _envelope(run: DrawnRun, band_hz: tuple[float, float]) -> Real:
 
 
 def _multiples(
-    material: Material, runs: list[tuple[ComparisonRow, DrawnRun]], axis: int | None, f_al: float | None, key: str
+    material: Material, runs: list[tuple[ComparisonRow, PlottedRun]], axis: int | None, f_al: float | None, key: str
 ) -> SvgPicture:  # fmt: skip
     plain, band = {row.loop: run for row, run in runs if row.treatment == "none"}, material.band_hz(axis)
     shown = [(row, run) for row, run in runs if row.treatment != "none" or len(runs) == 1]
@@ -230,8 +230,8 @@ def _multiples(
         panel = panels[number // 2, number % 2]
         behind = plain.get(row.loop)
         if behind is not None:
-            draw_vibration(panel, DrawnRun(behind.entry, behind.recording, "nothing", BEHIND), band, with_peak=False)
-        draw_vibration(panel, DrawnRun(run.entry, run.recording, "with the treatment", style.WITH), band, with_peak=False)
+            draw_vibration(panel, PlottedRun(behind.entry, behind.recording, "nothing", BEHIND), band, with_peak=False)
+        draw_vibration(panel, PlottedRun(run.entry, run.recording, "with the treatment", style.WITH), band, with_peak=False)
         _shade(material, panel, axis, run.recording)
         reach = max(reach, finish_vibration(material, panel, f_al, with_name=False, with_scale=False))
         if f_al is not None and (number % 2 == 1 or number == len(shown) - 1):
@@ -297,7 +297,7 @@ def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
         "",
         "measured",
         f"Dotted line and shade: the specification of ±{robot.tip_mm:g} mm. Blue discs are within it, red squares outside; "
-        "the thin line leads to the peak with nothing acting, closed in the same place.",
+        "the thin line leads to the peak with no treatment and the loop closed in the same place.",
         style.to_svg(figure, key),
     )
 

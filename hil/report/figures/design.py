@@ -87,9 +87,9 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         "Gain of the filter and of G_al",
         "Figs. 9 and 11",
         "computed",
-        f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong), for the believed plant. Middle: dots mark each "
-        "curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; broken: without a "
-        "filter. Bottom: these dots for all speeds as one curve.",
+        f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong), for the nominal plant. Middle: dots mark each "
+        "curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; dashed: without "
+        "a filter. Bottom: these dots for all speeds as one curve.",
         style.to_svg(figure, "families", is_zoomable=True),
     )
 
@@ -154,7 +154,7 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
         panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
         for radius, name, look in (
             (1.0 / allowed, f"$M_s$ = {allowed:g}, allowed", style.CONSTRAINT),
-            (1.0 / worst, f"$M_s$ = {worst:.2f}, believed plant", style.MODEL),
+            (1.0 / worst, f"$M_s$ = {worst:.2f}, nominal plant", style.MODEL),
         ):
             panel.plot(-1.0 + radius * np.cos(angle), radius * np.sin(angle), label=name, **look)
         panel.plot([-1.0], [0.0], "+", color=style.BLACK, markersize=8, markeredgewidth=1.4)
@@ -169,9 +169,9 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
         "Open loop with the filter",
         "Fig. 12",
         "computed",
-        f"Nyquist diagrams of L(jω) for the believed plant with the filters frozen at motor speeds from f_s (faint) to f_e "
+        "Nyquist diagrams of L(jω) for the nominal plant with the filters frozen at motor speeds from f_s (faint) to f_e "
         f"(strong), sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay; cross: −1. No curve "
-        "may enter the broken circle of the allowed M_s.",
+        "may enter the dashed circle of the allowed M_s.",
         style.to_svg(figure, "nyquist", is_zoomable=True),
     )
 
@@ -200,8 +200,8 @@ def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
         "Margins at every motor speed",
         "with Fig. 12",
         "computed",
-        "Believed plant, filters frozen at each speed from rest to the speed limit; a switched filter counts as in within its "
-        "hysteresis too. Dotted: what is asked. The table of requirements holds the worst of all plants.",
+        "Nominal plant, filters frozen at each speed from rest to the speed limit; a switched filter also counts as active "
+        "within its hysteresis. Dotted: the requirements. Their table lists the worst of all plants.",
         style.to_svg(figure, "margins", is_zoomable=True),
     )
 
@@ -241,10 +241,9 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
         "Tip on the ramp, predicted",
         "Figs. 13 and 14",
         "computed",
-        "The bench file's constant acceleration up, and the same down, in a simulation of the believed plant with "
-        f"the law at its sampling time: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: "
-        "the speeds in which it is judged; dotted: the specification. At constant speed the filter does better: on a ramp it has "
-        "no time to settle.",
+        "Simulated ramps up and down with the bench file's constant acceleration, the nominal plant and the law at its sampling "
+        f"time: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: the judged speeds; dotted: "
+        "the specification. The filter does better at constant speed: on a ramp it has no time to settle.",
         style.to_svg(figure, "ramps", is_zoomable=True),
     )
 

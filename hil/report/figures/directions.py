@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 
 from hil.analysis import Direction
 from hil.report import style
-from hil.report.drawn_run import DrawnRun, line_words, number_or_nothing, shade_line, shade_speeds, shown_runs, window_words
 from hil.report.material import Material
+from hil.report.plotted_run import PlottedRun, line_words, number_or_nothing, shade_line, shade_speeds, shown_runs, window_words
 from hil.report.style import Drawing
 from hil.tip_vector import displacement_mm, tip_acceleration
 
@@ -32,7 +32,7 @@ def directions(material: Material, experiment: str, axis: int | None) -> Drawing
     return directions_of(material, groups[0] if groups else [], axis, key, f"{what}: the tip along x, y and z")
 
 
-def directions_of(material: Material, drawn: list[DrawnRun], axis: int | None, key: str, title: str) -> Drawing | None:
+def directions_of(material: Material, drawn: list[PlottedRun], axis: int | None, key: str, title: str) -> Drawing | None:
     """Draw the tip along x, y and z in given runs.
 
     The runs are of one motion; None if none has a vector.
@@ -68,20 +68,20 @@ def directions_of(material: Material, drawn: list[DrawnRun], axis: int | None, k
         "",
         "measured",
         f"Displacement of the tip in the base frame: its acceleration from {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz, "
-        f"integrated twice. Dotted: the specification of ±{limit:g} mm, which every direction has to keep. "
+        f"integrated twice. Dotted: the specification of ±{limit:g} mm, which holds for every direction. "
         f"{shaded}{_worst(runs)}",
         style.to_svg(figure, key, is_zoomable=True),
     )
 
 
-def _draw(panel: Axes, run: DrawnRun, column: int, band_hz: tuple[float, float]) -> None:
+def _draw(panel: Axes, run: PlottedRun, column: int, band_hz: tuple[float, float]) -> None:
     recording, found = run.recording, run.entry.directions or {}
     moved = displacement_mm(tip_acceleration(recording)[:, [column]], recording.period_s, band_hz)[:, 0]
     label = run.label + number_or_nothing(found[SHOWN[column]].tip_peak_mm, ": peak {:.4f} mm")
     style.plot_thin(panel, recording.time_s, np.asarray(moved), label=label, **run.look)
 
 
-def _worst(runs: list[DrawnRun]) -> str:
+def _worst(runs: list[PlottedRun]) -> str:
     words = []
     for run in runs:
         worst = (run.entry.directions or {})["worst"]

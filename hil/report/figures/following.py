@@ -24,15 +24,15 @@ def following(material: Material) -> Drawing | None:
         top.plot(each.time_s, [size / each.amplitude_start_arcsec for size in each.amplitude_arcsec], label=name, **look)
         bottom.plot(each.time_s, [phase - each.phase_deg[0] for phase in each.phase_deg], label=name, **look)
     top.set_ylabel("Factor of A")
-    bottom.set(xlabel="Time (s)", ylabel="Turn of φ (°)")
+    bottom.set(xlabel="Time (s)", ylabel="Change of φ (°)")
     style.legend_above(figure, top)
     return Drawing(
         "following",
-        f"{run_name(run, with_window=False)}: what the cancellation has followed",
+        f"{run_name(run, with_window=False)}: amplitude and phase that the cancellation has followed",
         "",
         "measured",
-        "Amplitude and phase of each cancelled order, over what was identified. They stand still where an order cannot be told "
-        "from the sensor's noise, at rest, and where the motion's own jolts shake the tip. "
+        "Amplitude and phase of each cancelled order, relative to the identified ones. They are held at rest, while the "
+        "motion's own jerks shake the tip, and while an order does not exceed the sensor's noise. "
         + " ".join(f"{each.words}." for each in orders),
         style.to_svg(figure, "following"),
     )

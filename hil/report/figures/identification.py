@@ -6,8 +6,8 @@ from hil.analysis import motor_speed_rps
 from hil.design.transmission_error import arm_response
 from hil.recording import Recording
 from hil.report import style
-from hil.report.drawn_run import FEWEST, judged_samples, limit_m_s2, limit_words, smooth_spectrum
 from hil.report.material import CONSTANT_ACCELERATION, Material
+from hil.report.plotted_run import FEWEST, judged_samples, limit_m_s2, limit_words, smooth_spectrum
 from hil.report.style import Drawing, Real
 
 
@@ -35,9 +35,9 @@ def identification(material: Material, axis: int) -> Drawing | None:
     style.legend_above(figure, panels[1, 0])
     paper = {2: "Fig. 7", 3: "Fig. 8"}.get(axis, "as Figs. 7 and 8")
     computed = (
-        " Broken: what the arm on its gear does, computed from the motor angle as measured and the "
+        " Dashed: response of the arm on its gear, computed from the measured motor angle and the "
         f"{material.model_source}'s θ_sync. "
-        "Below it: what the model leaves of the measurement, enlarged; the sensor's noise is in it."
+        "Below it: the residual, enlarged; it includes the sensor's noise."
         if model is not None
         else " The axis has no model to compare with."
     )

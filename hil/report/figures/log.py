@@ -27,5 +27,5 @@ def finding_picture(finding: Finding, number: int) -> Drawing | None:
         panel.annotate(name, (1.0, value), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize="small")
     panel.set(xlabel=picture.x_label, ylabel=picture.y_label)
     said = f"{finding.words[:1].upper()}{finding.words[1:]}"
-    words = f"{said}. Upright lines: the first {len(finding.stamps_s)} of {finding.count} places."
+    words = f"{said}. Vertical lines: the first {len(finding.stamps_s)} of {finding.count} occurrences."
     return Drawing(key, f"{number}. {finding.kind}", "", "measured", words, style.to_svg(figure, key))

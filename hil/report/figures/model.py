@@ -86,16 +86,15 @@ def transmission_errors(material: Material) -> Drawing | None:
         "notch (joint least squares of all orders through the arm on its gear, driven by the measured motor "
         "angle); "
         if identified
-        else "No run without a notch is there from which it could be identified; "
+        else "There is no run without a notch to identify it from; "
     )
     return Drawing(
         "transmission-errors",
         "Synchronous transmission error",
         "Fig. 5",
         "measured and computed" if identified else "computed",
-        f"θ_sync over two revolutions of the motor, at the arm. {how}the broken line is what the "
-        f"{material.model_source} believes. Below each: the difference of the two, enlarged, and where noise alone would put "
-        "it. Dotted lines: whole revolutions.",
+        f"θ_sync over two revolutions of the motor, at the arm. {how}the dashed line is that of the {material.model_source}. "
+        "Below each: their difference, enlarged, and the range that noise alone explains. Dotted lines: whole revolutions.",
         style.to_svg(figure, "transmission-errors"),
     )
 

@@ -94,9 +94,8 @@ def schedules(material: Material, filters: FilterSet, nth: int = 0) -> Drawing |
         f"Variable parameters of the notch{_of(filters)}",
         "Fig. 10",
         "measured and computed" if reported else "computed",
-        "Above: the damping of the poles. The filter acts from f_s to f_e and, once in, stays in until the speed has "
-        "left that range by "
-        "the hysteresis (thin lines). Below: its zeros follow k f_m, its poles lie ω_d above." + dots,
+        "Above: the damping of the poles. The filter switches on between f_s and f_e, and off when the speed has left that "
+        "range by the hysteresis (thin lines). Below: its zeros follow k f_m, its poles lie ω_d above." + dots,
         style.to_svg(figure, key),
     )
 
@@ -322,8 +321,8 @@ def nyquist(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | N
         "Fig. 12",
         "computed",
         f"Nyquist diagrams of L(jω) with the filter frozen at motor speeds from f_s (faint) to f_e (strong), sampled at "
-        f"{1e6 * material.loop(axes[0], filters).period_s:.0f} µs; cross: −1. The broken circle around it has the radius 1/M_s, "
-        f"the closest approach of all speeds, which the thick curve makes at the dot: M_s = {', '.join(peaks)}.",
+        f"{1e6 * material.loop(axes[0], filters).period_s:.0f} µs; cross: −1. The dashed circle around it has the radius 1/M_s, "
+        f"the smallest distance at any speed, which the thick curve reaches at the dot: M_s = {', '.join(peaks)}.",
         style.to_svg(figure, key, is_zoomable=True),
     )
 
@@ -385,7 +384,7 @@ def margin_curves(material: Material, filters: FilterSet, nth: int = 0) -> Drawi
         panel.set_xlim(0.0, max(11.0, _speed_range(filters)[1]))
     asked = Requirements()
     for panel, limit in zip(panels[0], (asked.max_sensitivity, asked.gain_margin_db, asked.phase_margin_deg), strict=True):
-        panel.axhline(limit, label="asked of a design", **style.LIMIT)
+        panel.axhline(limit, label="required of a design", **style.LIMIT)
     low, high = panels[0, 0].get_ylim()
     panels[0, 0].set_ylim(min(1.0, low), max(2.0, high))
     for panel in panels[0, 1:]:
@@ -404,8 +403,8 @@ def margin_curves(material: Material, filters: FilterSet, nth: int = 0) -> Drawi
         "computed",
         f"Peak of the sensitivity |1/(1 + L)|, gain margin and phase margin with the filter frozen at "
         f"{counts[0]}. All closed-loop poles of the sampled loop lie "
-        f"{verdict}. Dotted: what `hil design notch` asks, M_s ≤ {asked.max_sensitivity:g}, {asked.gain_margin_db:g} dB and "
-        f"{asked.phase_margin_deg:g}°; the paper asks for stability alone.",
+        f"{verdict}. Dotted: what `hil design notch` requires, M_s ≤ {asked.max_sensitivity:g}, {asked.gain_margin_db:g} dB and "
+        f"{asked.phase_margin_deg:g}°; the paper requires only stability.",
         style.to_svg(figure, key, is_zoomable=True),
     )
 

@@ -87,22 +87,24 @@ def order_maps(
         panel.set_ylabel("Frequency (Hz)" if has_frequencies and row % 2 else "Order k (per turn)")
     _scale(figure, panels, levels)
     dashed = (
-        f"No {resonance.symbol} is known of this axis, so its resonance is not drawn."
+        f"{resonance.symbol} of this axis is not known: its resonance is not drawn."
         if resonance.hz is None
         else f"Dashed: k f_m = {resonance.symbol} = {resonance.hz:.2f} Hz, the resonance."
     )
     below = (
-        "Below the same over frequency: orders are rays, what does not turn with the motor is level. " if has_frequencies else ""
+        "Below: the same over frequency. Orders are rays; vibration of a fixed frequency is a horizontal line. "
+        if has_frequencies
+        else ""
     )
     return Drawing(
         key,
         title,
         "",
         "measured",
-        "Amplitude of the vertical tip acceleration at k times the motor's angle, in windows of two turns. An error of "
-        f"order k stands at that height and swells where it crosses the resonance. {dashed} Dotted: other frequencies. "
+        "Amplitude of the vertical tip acceleration at k times the motor's angle, in windows of two turns. An error of order k "
+        f"shows at that height and grows where it crosses the resonance. {dashed} Dotted: other frequencies. "
         f"{below}"
-        "An order is as wide as a window of two turns lets it be: about ±1.",
+        "The window of two turns widens an order to about ±1.",
         style.to_svg(figure, key, is_zoomable=True),
     )
 

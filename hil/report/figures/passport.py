@@ -35,8 +35,9 @@ def order_over_dates(amplitude: Trend, phase: Trend | None, key: str, title: str
         _draw(panel, trend)
     return Drawing(
         key, title, "", "measured",
-        "Discs: runs, with their own standard errors. Shaded: where each run was expected; beyond it, alone, it is an alarm. "
-        "Limits follow the conditions of each run, and are wide while the runs are few. Squares: runs from the first alarm on.",
+        "Discs: runs with their standard errors. Shaded: the range in which each run was expected; a run outside of it is an "
+        "alarm. The range depends on the conditions of the run, and is wide while there are few runs. Squares: runs from the "
+        "first alarm on.",
         style.to_svg(figure, key),
     )  # fmt: skip
 

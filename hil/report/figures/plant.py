@@ -32,7 +32,7 @@ PARAMETERS = (
     ("friction_viscous_nm_s_rad", "Slope of the friction, from slow turns", "mN·m·s/rad", 1e3),
     ("gravity_moment_nm", "m g l, gravity at the arm", "N·m", 1.0),
     ("gravity_phase_deg", "q_0 in m g l cos(θ_l + q_0)", "°", 1.0),
-    ("lever_ratio", "Tip lever seen, over the bench file's", "", 1.0),
+    ("lever_ratio", "Tip lever, measured over the bench file's", "", 1.0),
     ("torque_age_s", "Age of the reported torque", "µs", 1e6),
     ("torque_lag_s", "Lag of the current loop", "µs", 1e6),
     ("accelerometer_delay_s", "Delay of the tip's signal", "µs", 1e6),
@@ -69,9 +69,9 @@ def parameters(result: PlantResult) -> ReportTable | None:
     return ReportTable(
         "parameters", "Parameters", "", ("Parameter", "Value", "Standard error", "Unit", "Relative"), rows,
         frozenset({0, 3}),
-        "Gear and arm on the arm side, motor and friction on the motor side. Standard errors come from the scatter between "
-        "periods, enlarged by the misfit of the model where that is above 1; what they do not contain is said under “What these "
-        f"data cannot tell”. Misfit: {result.misfit:.2f} standard deviations; {plan.periods} periods.",
+        "Gear and arm refer to the arm side, motor and friction to the motor side. Standard errors come from the scatter "
+        "between periods, multiplied by the misfit of the model if that is above 1. “What these data cannot tell” lists what "
+        f"they do not include. Misfit: {result.misfit:.2f} standard deviations; {plan.periods} periods.",
     )  # fmt: skip
 
 
@@ -85,8 +85,8 @@ def modes(result: PlantResult) -> ReportTable | None:
         return None
     return ReportTable(
         "modes", "Modes", "", ("Dip, Hz", "Peak, Hz", "ζ", "Inertia, kg·m²", "Part of the tip's motion"), rows, frozenset(),
-        "The arm with this motor held, from the lowest mode. Their inertias add up to that about the joint, their parts of the "
-        "tip's motion to 1. J_l, K_g, D_g, f_a, f_r and ζ above are those of the leading mode.",
+        "Modes of the arm with this motor held, the lowest first. Their inertias add up to the inertia about the joint, their "
+        "parts of the tip's motion to 1. J_l, K_g, D_g, f_a, f_r and ζ above are those of the leading mode.",
     )  # fmt: skip
 
 
@@ -125,7 +125,7 @@ def frequency_response(result: PlantResult) -> Drawing | None:
     return Drawing(
         "frequency-response", "Motor angle per torque", "Fig. 4", "measured and computed",
         "Frequency response on the excited lines, with the excitation as instrument, averaged over the periods; bars and band: "
-        "where the true value lies with a probability of 95 %. Broken: the model that was fitted. Coherence: the "
+        "where the true value lies with a probability of 95 %. Dashed: the fitted model. Coherence: the "
         "fraction of the motor's motion in one period that follows the torque.",
         style.to_svg(figure, "frequency-response", is_zoomable=True),
     )  # fmt: skip
@@ -150,8 +150,8 @@ def tip(result: PlantResult) -> Drawing | None:
     seen = " ± ".join(value_and_error(ratio.value, ratio.standard_error))
     return Drawing(
         "tip-response", "Tip acceleration per motor angle", "", "measured and computed",
-        "The arm on its gear, driven by the motor's motion: it peaks at f_a, and needs neither the torque nor the lever to tell "
-        f"it. Its height is a check: the lever seen is {seen} times the bench file's.",
+        "Response of the arm on its gear to the motor's motion: it peaks at f_a, whatever the torque and the lever. Its height "
+        f"is a check: the lever that follows from it is {seen} times the bench file's.",
         style.to_svg(figure, "tip-response", is_zoomable=True),
     )  # fmt: skip
 
@@ -227,14 +227,14 @@ def friction(result: PlantResult) -> Drawing | None:
     style.legend_above(figure, over_angle, over_speed)
     paces = sorted({round(float(each), 2) for each in np.abs(speed)})
     slower = (
-        f" Open points are the slower turns ({', '.join(f'{pace:g}' for pace in paces[:-1])} rev/s against {paces[-1]:g} rev/s): "
-        "they cover less of the angle and need less torque, so that they stand beside the others there."
+        f" Open points are the slower turns ({', '.join(f'{pace:g}' for pace in paces[:-1])} rev/s against {paces[-1]:g} "
+        "rev/s): they cover less of the angle and need less torque, so they lie beside the others."
         if len(paces) > 1
         else ""
     )
     return Drawing(
         "friction", "Friction and gravity", "", "measured and computed",
-        "Left: motor torque of slow turns in both directions, a point for each whole motor turn; gravity is what both have in "
-        f"common.{slower} Right: what gravity leaves of it, over the speed.",
+        "Left: motor torque of slow turns in both directions, one point per motor turn; gravity is what both have in "
+        f"common.{slower} Right: the torque less gravity, over speed.",
         style.to_svg(figure, "friction"),
     )  # fmt: skip

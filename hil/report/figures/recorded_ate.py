@@ -110,10 +110,10 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
         f"Order spectrum of axis {material.result.axis}",
         "",
         "measured",
-        "Amplitude that each order alone has beside the slow part, orders looked through blindly"
+        "Amplitude of each order, fitted alone together with the slow part, in a scan of all orders"
         f"{_THROUGH[material.is_sensed]}. Dotted: the floor, which is the median of the neighbours, and the level that noise "
-        "alone reaches anywhere in the scan with the probability named. Beside an order stand the side lobes that so few "
-        "revolutions make.",
+        "alone reaches anywhere in the scan with the given probability. The side lobes of an order come from the small number "
+        "of revolutions.",
         style.to_svg(figure, key),
     )
 
@@ -161,8 +161,8 @@ def speed_map(material: RecordedMaterial) -> Drawing | None:
         f"Orders of axis {material.result.axis} over the speed",
         "",
         "measured",
-        "Amplitude over motor speed and order, in windows of 2.5 revolutions. Strokes at the bottom: speeds at which there were "
-        "any; between them the colours are drawn through. An order of the gear stays at its height at every speed"
+        "Amplitude over motor speed and order, in windows of 2.5 revolutions. Ticks at the bottom: speeds with data; between "
+        "them the colours are interpolated. An order of the gear stays at its height at every speed"
         f"{', strongest where it passes the resonance of the arm' if material.is_sensed else ''}; a line of a fixed frequency "
         "falls as the speed rises.",
         style.to_svg(figure, key),
@@ -237,11 +237,11 @@ def change(material: RecordedMaterial) -> Drawing | None:
     style.legend_above(figure, panels[0, 0])
     return Drawing(
         key,
-        f"Transmission error of axis {material.result.axis} from part to part",
+        f"Transmission error of axis {material.result.axis}, part by part",
         "",
         "measured",
-        "Amplitudes and phases of the orders that stand above their noise, in parts of the stretches, with two standard errors. "
-        "A feed-forward with one phase leaves 2 sin(Δ/2) of an order whose phase is Δ away: half of it at 30°.",
+        "Amplitudes and phases of the orders that exceed their noise, in parts of the stretches, with two standard errors. A "
+        "feed-forward with one phase leaves 2 sin(Δ/2) of an order whose phase differs by Δ: half of it at 30°.",
         style.to_svg(figure, key),
     )
 
@@ -268,8 +268,8 @@ def orders(material: RecordedMaterial) -> ReportTable | None:
         ("Parameter", "Unit", "Identified", "Standard error", "From part to part"),
         rows,
         frozenset({0, 1, 4}),
-        "The standard error is that of the mean of all stretches; it holds under the choice of the slow part, and where "
-        "neighbouring samples are alike. Phases count from the zero of the recorded motor encoder.",
+        "The standard error is that of the mean of all stretches; it includes the choice of the slow part and the "
+        "correlation of neighbouring samples. Phases count from the zero of the recorded motor encoder.",
     )
 
 

@@ -59,14 +59,14 @@ def after_stop(material: Material, axis: int, experiment: str, key: str, title: 
     for number in range(len(treated), 2 * count):
         panels[number // 2, number % 2].set_visible(False)
     for panel in panels[-1]:
-        panel.set_xlabel("Time from where the set-points stand still (s)")
+        panel.set_xlabel("Time after the set-points stop (s)")
     figure.supylabel("Tip acceleration (m/s²)", fontsize=8.5)
     style.legend_above(figure, panels[0, 0], columns=2)
     return Drawing(
         key, title, "", material.word,
-        "As recorded, its mean at rest taken off. The dotted line is where the set-points stand still. "
-        "What falls off smoothly behind it is the motor following; what swings is the arm. In millimetres: what swings at that "
-        "instant, as the closed loop's poles tell it from the rest.",
+        "As recorded, less its mean at rest. Dotted line: the set-points stop. The smooth decay after it is the motor that "
+        "follows; the oscillation is the arm. In millimetres: the oscillation at that instant, separated from the rest by the "
+        "closed loop's poles.",
         style.to_svg(figure, key),
     )  # fmt: skip
 
@@ -107,13 +107,14 @@ def residuals(runs: Sequence[RunEntry], key: str, title: str) -> Drawing | None:
         panel.plot(RATIOS, 100.0 * left, label=name, **look)
     panel.axhline(100.0 * EI_TOLERANCE, **style.LIMIT)
     panel.axvspan(0.9, 1.1, color=style.SHADE, zorder=0)
-    panel.set(xlabel="True frequency over the believed one", ylabel="Remaining vibration (%)", ylim=(0.0, 60.0))
+    panel.set(xlabel="True frequency over the assumed one", ylabel="Remaining vibration (%)", ylim=(0.0, 60.0))
     panel.set_xlim(float(RATIOS[0]), float(RATIOS[-1]))
     style.legend_above(figure, panel, columns=5)
     modes = {mode_words(made.modes[0]) for made in found.values()}
     return Drawing(
         key, title, "", "computed",
         f"V of the mode of {'; '.join(sorted(modes))}, in % of what the motion would leave without a shaper. Shaded: ±10 %. "
-        f"Dotted: {100.0 * EI_TOLERANCE:g} %. A shaper for two modes has the impulses of both, and is lower still between them.",
+        f"Dotted: {100.0 * EI_TOLERANCE:g} %. A shaper for two modes has the impulses of both, and leaves even less between "
+        "them.",
         style.to_svg(figure, key),
     )  # fmt: skip

@@ -9,18 +9,19 @@ from matplotlib.axes import Axes
 from hil.analysis import BRAKING_S, amplitude_spectrum, motor_speed_rps
 from hil.recording import Recording
 from hil.report import style
-from hil.report.drawn_run import (
+from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite, treatment_name
+from hil.report.plotted_run import (
     FEWEST,
-    DrawnRun,
+    PlottedRun,
     direction_words,
     draw_vibration,
-    drawn_run,
     finish_vibration,
     judged_samples,
     key_end,
     limit_words,
     line_words,
     number_or_nothing,
+    plotted_run,
     shade_line,
     shade_speeds,
     shown_acceleration,
@@ -29,7 +30,6 @@ from hil.report.drawn_run import (
     what_acted,
     window_words,
 )
-from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite, treatment_name
 from hil.report.style import Drawing
 from hil.results.runs import RunEntry
 
@@ -43,7 +43,7 @@ def suppression(material: Material, axis: int) -> list[Drawing]:
     return [_ramp(material, axis, runs, f"suppression-{axis}{key_end(number)}") for number, runs in enumerate(groups)]
 
 
-def _ramp(material: Material, axis: int, runs: list[DrawnRun], key: str) -> Drawing:
+def _ramp(material: Material, axis: int, runs: list[PlottedRun], key: str) -> Drawing:
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
     top, bottom = panels[:, 0]
     f_al = material.f_al(axis)
@@ -71,8 +71,8 @@ def _ramp(material: Material, axis: int, runs: list[DrawnRun], key: str) -> Draw
         f"{direction_words(material, axis).capitalize()} of the constant-acceleration runs, band-passed {band[0]:.3g} to "
         f"{band[1]:.3g} Hz without phase, "
         f"which is what the run is judged by{_scale_words(f_al)}. {window_words(material, axis)} {limit_words(material, axis)} "
-        f"Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are the "
-        f"bins').{_changes(material, runs)}",
+        "Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are those of the "
+        f"bins).{_changes(material, runs)}",
         style.to_svg(figure, key, is_zoomable=True),
     )
 
@@ -86,7 +86,7 @@ def line_motion(material: Material) -> list[Drawing]:
     return [_line(material, runs, f"line-motion{key_end(number)}") for number, runs in enumerate(groups)]
 
 
-def _line(material: Material, runs: list[DrawnRun], key: str) -> Drawing:
+def _line(material: Material, runs: list[PlottedRun], key: str) -> Drawing:
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
     top, bottom = panels[:, 0]
     motion, band = material.bench.line_motion, material.band_hz(None)
@@ -130,10 +130,10 @@ def loop_sides(material: Material, axis: int) -> Drawing | None:
     Without and with the notch.
     """
     looks = (("drive", "closed in the drive", style.BROAD), ("host", "closed on the host, over the bus", style.OTHER_LOOP))
-    pairs: dict[str, list[DrawnRun]] = {}
+    pairs: dict[str, list[PlottedRun]] = {}
     for treatment in ("none", "notch"):
         drawn = [
-            drawn_run(material, material.find(CONSTANT_ACCELERATION, axis, treatment, loop), label, look)
+            plotted_run(material, material.find(CONSTANT_ACCELERATION, axis, treatment, loop), label, look)
             for loop, label, look in looks
         ]
         runs = [run for run in drawn if run is not None]
@@ -178,12 +178,12 @@ def loop_sides(material: Material, axis: int) -> Drawing | None:
     )
 
 
-def _peaks(runs: list[DrawnRun]) -> str:
+def _peaks(runs: list[PlottedRun]) -> str:
     parts = [number_or_nothing(run.entry.tip_peak_mm, run.entry.loop + " {:.3f} mm") for run in runs]
     return ": " + ", ".join(filter(None, parts)) if any(parts) else ""
 
 
-def _periods(pairs: dict[str, list[DrawnRun]]) -> str:
+def _periods(pairs: dict[str, list[PlottedRun]]) -> str:
     runs = {run.entry.loop: run.entry for runs in pairs.values() for run in runs}
     parts = [f"{loop}-closed: {1e3 * run.sync_period_s:g} ms" for loop, run in runs.items() if run.sync_period_s]
     return f"SYNC period {', '.join(parts)}." if parts else ""
@@ -210,7 +210,7 @@ def _scale_words(f_al: float | None) -> str:
     return "" if f_al is None else "; the scale on the right is the same as a displacement, divided by (2π f_al)²"
 
 
-def _changes(material: Material, runs: list[DrawnRun]) -> str:
+def _changes(material: Material, runs: list[PlottedRun]) -> str:
     """Return a sentence on each comparison of the drawn runs."""
     return "".join(_change(material, run.entry) for run in runs if run.entry.treatment != "none")
 

@@ -58,8 +58,8 @@ def dips(result: ArmResult) -> ReportTable:
         by_bodies = None if row.bodies_hz is None else 100.0 * (row.measured_hz / row.bodies_hz - 1.0)
         numbers = (number(row.fitted_hz, "{:.2f}"), number(off, "{:+.2f}"), number(by_bodies, "{:+.2f}"))
         rows.append([f"axis {row.axis}", posture, measured, *numbers])
-    header = ("axis", "joints (°)", "measured (Hz)", "fitted (Hz)", "off the fit (%)", "off the bench file's bodies (%)")
-    caption = "The last column is empty where the bench file's links have no bodies; those swing on the gears that were fitted."
+    header = ("axis", "joints (°)", "measured (Hz)", "fitted (Hz)", "measured − fitted (%)", "measured − bodies (%)")
+    caption = "Last column: against the bench file's bodies on the fitted gears; empty if its links have no bodies."
     return ReportTable("dips", "Measured and fitted dips", "", header, rows, frozenset({0, 1}), caption)
 
 

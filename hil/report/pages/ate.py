@@ -112,7 +112,7 @@ def verdict(material: AteMaterial) -> PageVerdict:
     if part is None:
         return PageVerdict("bad", "✘", "The transmission error was not identified", (result.not_identified or "",))
     details = (
-        f"By {'motor torque and encoder alone' if material.is_sensorless else 'tip acceleration and motor angle'}.",
+        f"From {'motor torque and encoder alone' if material.is_sensorless else 'tip acceleration and motor angle'}.",
         *(result.notes or ()),
     )
     numbers = ", ".join(values_in_words(part))

@@ -107,7 +107,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
     vectors = [direction_table(each, f"directions-{name}") for name, each in materials.items() if each is not None]
     chapters.append(("directions", "The tip as a vector", [*vectors]))
     chapters.append(("way", "Steps of the tour", [tables_compare.tour(result)]))
-    chapters.append(("robot", "True numbers of the robot", [tables_compare.revealed(result)]))
+    chapters.append(("robot", "True values of the robot", [tables_compare.revealed(result)]))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
@@ -125,10 +125,12 @@ def _shaped(
     runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
     case = f"{name}{case_name(experiment, axis)}"
     case = case[0].upper() + case[1:]
-    made: list[Drawing | ReportTable | None] = [shaper_table(runs, f"shapers-{key}", f"{case}: what the shapers leave and cost")]
+    made: list[Drawing | ReportTable | None] = [
+        shaper_table(runs, f"shapers-{key}", f"{case}: remaining vibration and cost of the shapers")
+    ]
     if axis is not None and experiment == POINT_TO_POINT:
         made.append(figures_shapers.after_stop(material, axis, experiment, f"stop-{key}", f"{case}: the tip after the stop"))
-    made.append(figures_shapers.residuals(runs, f"residual-{key}", f"{case}: what is left of another frequency"))
+    made.append(figures_shapers.residuals(runs, f"residual-{key}", f"{case}: remaining vibration at other frequencies"))
     return made
 
 
@@ -190,7 +192,7 @@ def _sentence(name: str, rows: list[tuple[str, ComparisonRow]], count: int) -> s
         text += f", tip peak {low:+.0f} %" if round(low) == round(high) else f", tip peak {low:+.0f} … {high:+.0f} %"
     factors = [row.compliance.slow for _, row in rows if row.compliance is not None]
     if factors and max(factors) > 1.05:
-        text += f"; the motor gives way {max(factors):.1f} times as far at 1 Hz"
+        text += f"; the motor yields {max(factors):.1f} times as far at 1 Hz"
     return text.replace("-", "−") + "."
 
 

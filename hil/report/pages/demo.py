@@ -12,7 +12,6 @@ from hil.control.treatments import treatment
 from hil.experiments.plan import outside
 from hil.experiments.treatment import TITLES
 from hil.report import style
-from hil.report.drawn_run import key_end, shown_runs
 from hil.report.figures import (
     arm_along_line,
     arm_swinging,
@@ -28,6 +27,7 @@ from hil.report.figures import (
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.plotted_run import key_end, shown_runs
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables import paper_runs as tables
@@ -181,7 +181,7 @@ def _stops(material: Material) -> list[Drawing | ReportTable | None]:
     return [
         shaper_table(runs),
         *(shapers.after_stop(material, axis, POINT_TO_POINT, f"stop-{axis}", f"Axis {axis}: after the stop") for axis in stopped),
-        shapers.residuals(runs, "residual", "What is left of another frequency"),
+        shapers.residuals(runs, "residual", "Remaining vibration at other frequencies"),
     ]
 
 
@@ -220,8 +220,8 @@ def _whole_arm(material: Material) -> list[Drawing | ReportTable | None]:
     if result is None:
         return []
     caption = Markup(
-        "Six axes whose links pull at each other; of the arm nothing is known but where its joints are and its motors' "
-        "inertias. What shakes it was learnt on the line itself. <a href='{}/report.html'>The whole tour</a>."
+        "Six axes with coupled links. Of the arm only the positions of its joints and the inertias of its motors are known. The "
+        "transmission errors were learnt on the line itself. <a href='{}/report.html'>The whole tour</a>."
     ).format(ARM_FOLDER)
     if not result.robots or result.tour.failure is not None:
         return [_ended_early(result, "whole-arm-table", caption)]
@@ -248,8 +248,8 @@ def _own_robot(material: Material) -> ReportTable | None:
         return None
     which = "The same robot" if result.tour.seed is None else f"A robot drawn by seed {result.tour.seed}, not the paper's,"
     link = Markup(
-        "{} as somebody meets it who knows nothing of it: identified, a notch designed and uploaded, and run side by "
-        "side. <a href='tour/report.html'>The whole tour</a>."
+        "{} with unknown parameters: it was identified, a notch was designed and uploaded, and all treatments were run. <a "
+        "href='tour/report.html'>The whole tour</a>."
     ).format(which)
     table = tables_compare.overview(result, "own-robot-table", link)
     return table if result.tour.failure is None and table is not None else _ended_early(result, "own-robot-table", link)
@@ -375,7 +375,7 @@ def _by_specification(material: Material, details: list[str]) -> PageVerdict:
     acted = [run for run in judged if run.treatment != "none"] or judged
     worst = max(acted, key=lambda run: run.tip_peak_mm or 0.0)
     which = "" if len(acted) == 1 else f" at most ({run_name(worst, with_window=False)})"
-    headline = f"Tip {millimetres(worst.tip_peak_mm, limit_mm)}{which}, asked ≤ {limit_mm:g} mm"
+    headline = f"Tip {millimetres(worst.tip_peak_mm, limit_mm)}{which}, allowed ≤ {limit_mm:g} mm"
     left = [run for run in acted if not run.within_spec]
     if len(judged) < len(runs):
         return PageVerdict("open", "▲", f"{headline}; {len(runs) - len(judged)} of {len(runs)} not judged", tuple(details))
@@ -384,7 +384,7 @@ def _by_specification(material: Material, details: list[str]) -> PageVerdict:
     if not left:
         return PageVerdict("good", "✔", headline, tuple(details))
     if all(run.treatment == "none" for run in left):
-        return PageVerdict("open", "▲", f"{headline}, with nothing acting", tuple(details))
+        return PageVerdict("open", "▲", f"{headline}, with no treatment", tuple(details))
     return PageVerdict("bad", "✘", headline, tuple(details))
 
 
@@ -394,7 +394,7 @@ def _ramp_words(run: RunEntry) -> str:
     With the source of f_al.
     """
     order = "" if run.order_mm is None else f", order {run.order} {run.order_mm:.4f} ± {run.order_error_mm or 0.0:.4f} mm"
-    noise = ", not told apart from the sensor's noise" if is_noise(run.tip_peak_mm, run.noise_mm) else ""
+    noise = ", not above the sensor's noise" if is_noise(run.tip_peak_mm, run.noise_mm) else ""
     whole = "" if run.ramp_peak_mm is None else f", {run.ramp_peak_mm:.3f} mm on the whole ramp"
     f_al = "" if run.f_al_hz is None else f"; f_al = {run.f_al_hz:.2f} Hz"
     return order + noise + whole + (f_al if run.f_al_words is None else f"; {run.f_al_words}")

@@ -53,7 +53,7 @@ def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
     if failure is not None:
         headline = "The given filters miss a requirement" if outcome.request.is_given else "No filter meets all requirements"
         if outcome.is_usable and not outcome.request.is_given:
-            headline = "The best filters within all margins still miss the limits of the tip"
+            headline = "The best filters within all margins do not meet the limits of the tip"
         return PageVerdict("bad", "✘", headline, (failure.what, *(str(check) for check in failure.missed)))
     best = outcome.best
     which = "The given filters meet" if outcome.request.is_given else "The designed filters meet"
@@ -119,9 +119,9 @@ def peaks(outcome: NotchDesignOutcome) -> ReportTable:
         f"≤ {limit:g} mm",
     )  # fmt: skip
     caption = (
-        "Largest equivalent displacement of the tip in the speeds in which it is judged, predicted for the bench file's constant "
-        "acceleration up and the same down; rising is what `hil run constant-acceleration` measures. Other ramps: the believed "
-        "plant, the larger of up and down."
+        "Predicted largest equivalent displacement of the tip at the judged speeds, on ramps up (rising) and down (falling) "
+        "with the bench file's constant acceleration. `hil run constant-acceleration` measures the rising one. Other ramps: the "
+        "nominal plant, the larger of up and down."
     )
     return ReportTable("peaks", "Predicted tip peak on the ramp", "Figs. 13 and 14", header, rows, frozenset({0, 5}), caption)
 
@@ -141,8 +141,8 @@ def requirements(outcome: NotchDesignOutcome) -> ReportTable:
     header = ("what", "worst", "asked", "unit", "at (rev/s)", "plant", "holds")
     step = f"every {outcome.f_al_hz / VERDICT_STEPS:.2g} rev/s"
     caption = (
-        f"The worst of all plants and of all motor speeds from rest to the speed limit, {step}. Peaks over those without a "
-        "filter: on the bench file's ramp, and an order's largest of all ramps."
+        f"The worst of all plants and of all motor speeds from rest to the speed limit, {step}. Peaks relative to those without "
+        "a filter: on the bench file's ramp, and the largest of an order on any ramp."
     )
     return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 3, 5, 6}), caption, groups=groups)
 
@@ -161,8 +161,8 @@ def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable | None:
     if not rows:
         return None
     caption = (
-        "The arm frozen in each posture, this axis' filters at every motor speed; M_s of this axis' loop, motors of the others "
-        "held by their brakes or under their own loops; the last row is the worst while a filter of another axis acts. "
+        "The arm is frozen in each posture, with this axis' filters at every motor speed. M_s is that of this axis' loop; "
+        "brakes or their own loops hold the other motors. Last row: the worst while a filter of another axis acts. "
         + " ".join(f"{note[0].upper()}{note[1:]}." for note in outcome.notes)
     )
     header = ("posture", "M_s", "at (rev/s)", "phase margin (°)", "gain margin (dB)", "holds")
@@ -194,7 +194,7 @@ def plants(outcome: NotchDesignOutcome) -> ReportTable:
         "f_al (Hz)",
         *(f"A_{order:g} (arcsec)" for order in orders),
     )
-    caption = f"Plant from {outcome.source}. Every requirement holds for each of them, or is said not to."
+    caption = f"Plant from {outcome.source}. Every requirement is checked for each of them."
     return ReportTable("plant-set", "Plants for which the filter is designed", "", header, rows, caption=caption)
 
 

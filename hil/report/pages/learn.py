@@ -110,9 +110,8 @@ def estimates(result: LearningResult) -> ReportTable | None:
     ]
     header = ("", "After pass", *symbols, "Set-point delay (ms)")
     caption = (
-        "Each estimate is from all passes so far, from the motor angle as it was measured: it finds the transmission error "
-        "itself and not what the cancellation has left of it. Set-point delay: by how much later the motor follows than its "
-        "SYNC period and its interpolation explain."
+        "Each estimate uses all passes so far and the measured motor angle: it finds the whole transmission error, not what the "
+        "cancellation leaves of it. Set-point delay: lag of the motor beyond its SYNC period and its interpolation."
     )
     return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)
 
@@ -141,15 +140,15 @@ def passes(result: LearningResult) -> ReportTable | None:
         "Vibration (m/s²)",
         "Followed (%)",
         "Acceleration (rev/s²)",
-        "To (rev/s)",
+        "Top speed (rev/s)",
         "Cycles",
         "Missed",
         "Recording",
     )
     caption = (
-        "The first pass is without cancellation, the second with half of it, every later one with all. Vibration: root mean "
-        "square of the tip's vertical acceleration, around f_al, at the speeds that excite the arm. Followed: how much of the "
-        "motion that the cancellation asks for the motor has made."
+        "The first pass has no cancellation, the second half of it, every later one all of it. Vibration: root mean "
+        "square of the tip's vertical acceleration, around f_al, at the speeds that excite the arm. Followed: share of the "
+        "cancellation's motion that the motor has made."
     )
     return ReportTable("passes", "Passes", "", header, rows, frozenset({0, 9}), caption)
 

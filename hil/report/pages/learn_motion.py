@@ -62,8 +62,9 @@ def parts(result: MotionLearningResult) -> ReportTable | None:
         return None
     header = ("", "Order", "A (arcsec)", "±", "φ (°)", "±", "Seen (%)", "")
     caption = (
-        "Standard errors count the noise by which equal runs differ, and the motion's own content, which is the same in every "
-        "run. Seen: how much of the order these runs show. What is not reached, not seen or not told from nothing is left at 0."
+        "Standard errors include the noise by which equal runs differ, and the motion's own vibration, which is the same in "
+        "every run. Seen: how much of the order these runs show. An order that is not reached, not seen or not significant "
+        "stays at 0."
     )
     return ReportTable(
         "parts", "Each order of each axis", "", header, [_part(each) for each in result.parts], frozenset({0, 7}), caption
@@ -90,8 +91,8 @@ def runs(result: MotionLearningResult) -> ReportTable | None:
     header = ("Run", "", "Tip's peak (mm)", "Root mean square (mm)", "Cycles", "Missed", "Recording")
     probe = "some arcsec" if result.probe_arcsec is None else f"{result.probe_arcsec:.1f} arcsec"
     caption = (
-        f"In a probing run every order of every axis is cancelled by {probe} at one of four phases, which the design changes "
-        "from run to run. The tip is that of its vector, in the band, while the motion is judged."
+        f"A probing run cancels {probe} of every order of every axis at one of four phases, which change from run to run. Tip: "
+        "length of its vector in the band, while the motion is judged."
     )
     rows = [_run(each) for each in result.runs]
     return ReportTable("probing", "Runs of the motion", "", header, rows, frozenset({1, 6}), caption)

@@ -95,9 +95,10 @@ def table(trends: Sequence[Trend]) -> ReportTable:
         ])  # fmt: skip
     header = ("gear", "", "unit", "runs", "last", "expected", "scatter", "last run", "change", "explained by")
     caption = (
-        f"An alarm is wrong in less than one of {1.0 / FALSE_ALARMS:.0f} runs of a gear, all its orders together: by a jump "
-        "beyond what the runs before let one expect under its conditions, or by a creep in their cumulative sums. It stands from "
-        "its first run on; --since begins anew. Scatter is that of the runs before, without what their conditions explain."
+        f"Fewer than one in {1.0 / FALSE_ALARMS:.0f} runs of a gear give a false alarm, counting all its orders. An alarm is a "
+        "jump out of the range that the earlier runs predict under the run's conditions, or a drift of their cumulative sums. "
+        "It stays from its first run on; --since starts again. Scatter: that of the earlier runs, without what their "
+        "conditions explain."
     )
     return ReportTable("orders", "Orders", "", header, rows, frozenset({0, 1, 2, 4, 8, 9}), caption)
 
@@ -105,7 +106,7 @@ def table(trends: Sequence[Trend]) -> ReportTable:
 def origin_table(origins: Sequence[OrderOrigin]) -> ReportTable:
     """Every order with its origin, and the reason."""
     rows: list[list[Cell]] = [[f"{each.robot}, axis {each.axis}", f"{each.order:g}", each.name, each.why] for each in origins]
-    caption = "Motor or gear: the runs do not show it."
+    caption = "The runs do not show whether motor or gear is the cause."
     return ReportTable(
         "origins", "Origins of the orders", "", ("gear", "order", "from", "why"), rows, frozenset({0, 2, 3}), caption
     )

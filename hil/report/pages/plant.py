@@ -95,6 +95,6 @@ def provenance(result: PlantResult) -> list[tuple[str, str]]:
                 "Excitation",
                 f"{shape} on the {plan.excitation}, peak {plan.amplitude_nm:.3g} N·m, crest {plan.crest_factor:.2f}",
             ),
-            ("Motion", f"{plan.bias_rps:.3g} rev/s to and fro, {low:.1f} … {high:.1f} motor revolutions".replace("-", "−")),
+            ("Motion", f"{plan.bias_rps:.3g} rev/s back and forth, {low:.1f} … {high:.1f} motor revolutions".replace("-", "−")),
         ]
     return lines

@@ -48,7 +48,7 @@ def overview(result: TreatmentTable, key: str = "overview", caption: str | Marku
     head = ("robot", "treatment") if several else ("what acts",)
     header = (*head, *(f"{case_name(*case)} (mm)" for case in columns))
     limits = {robot.tip_mm for robot in result.robots}
-    limit_text = f" Asked: ±{limits.pop():g} mm." if len(limits) == 1 else ""
+    limit_text = f" Allowed: ±{limits.pop():g} mm." if len(limits) == 1 else ""
     text = caption or "Largest equivalent displacement of the tip in the window in which each run is judged."
     return ReportTable(key, "Tip peaks side by side", "", header, rows, frozenset(range(len(head))), text + limit_text)
 
@@ -71,7 +71,7 @@ def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | No
         for claim in result.tour.claims
     ]
     header = ("Claim", "Asked", "Found", "Unit", "Holds")
-    return ReportTable(key, "What is claimed", "", header, rows, frozenset({0, 1, 3, 4}), is_prose=True)
+    return ReportTable(key, "Claim", "", header, rows, frozenset({0, 1, 3, 4}), is_prose=True)
 
 
 def _peak(row: ComparisonRow | None) -> Cell:
@@ -113,12 +113,11 @@ def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTab
         header,
         rows,
         frozenset({*range(left + 2), left + 7, left + 8}),
-        "The tip's peak is that of the judged window; the whole ramp is without the jerks at its ends. "
-        "The area is that of the window in which the untreated run is judged. "
-        "Changes are against nothing, closed in the same place. The trial is a cancellation's own check at the tip "
-        "before it is used. Compliance: how many times further the motor gives way to a disturbing torque than without the "
-        "treatment, at 1 Hz and at the frequency from 0.1 to 30 Hz where it gives way most, for the worst of the moved axes at "
-        "the worst speed; from the model, so without one there is none." + _host_words(rows, left),
+        "Tip peak: in the judged window. Whole ramp: except the jerks at its ends. Area: in the judged window of the untreated "
+        "run. Changes are relative to no treatment, with the loop closed in the same place. Trial: a cancellation's own "
+        "check at the tip before it is used. Compliance: how many times further the motor yields to a disturbing torque than "
+        "without the treatment, at 1 Hz and where it yields most between 0.1 and 30 Hz. It is that of the worst moved axis at "
+        "the worst speed, and comes from the model." + _host_words(rows, left),
     )
 
 
@@ -126,8 +125,8 @@ def _host_words(rows: list[list[Cell]], left: int) -> str:
     if not any(row[left + 1] == "host" for row in rows):
         return ""
     return (
-        " The fixed notch runs on the host alone, which closes the loop over the bus with a sample of delay, and is compared "
-        "with nothing acting there."
+        " The fixed notch runs only on the host, which closes the loop over the bus with a sample of delay. It is compared with "
+        "no treatment there."
     )
 
 
@@ -206,8 +205,8 @@ def compliances(result: TreatmentTable) -> ReportTable | None:
         header,
         rows,
         frozenset(range(len(head) + 2)),
-        "|θ_m/τ_d| = |P/(1 + P C)|: how far the motor turns under a disturbing torque beside its own, the loop closed, from the "
-        "model. Filters that follow the speed: the worst speed, where they act. Cancellation leaves the loop as it is.",
+        "|θ_m/τ_d| = |P/(1 + P C)|: how far a disturbing torque turns the motor with the loop closed, from the model. Filters "
+        "that follow the speed: at the worst speed at which they act. Cancellation does not change the loop.",
     )
 
 
@@ -223,7 +222,7 @@ def tour(result: TreatmentTable) -> ReportTable | None:
             linked = Markup('<a href="{}">{}</a>').format(step.link, "report" if step.link.endswith(".html") else "file")
         rows.append([step.name, step.what, Mark(step.holds, ""), number(step.seconds, "{:.1f}"), linked])
     caption = Markup(
-        "The bench file knew nothing of plant and transmission error: <a href='{}'>{}</a>. Each step is a command of its own "
+        "The bench file contained neither plant nor transmission error: <a href='{}'>{}</a>. Each step is a command of its own "
         "that can be repeated on a real robot."
     ).format(part.bench_file, part.bench_file)
     header = ("step", "result", "done", "time (s)", "")
@@ -249,13 +248,13 @@ def revealed(result: TreatmentTable) -> ReportTable | None:
             f"axis {fact.axis}", fact.name, fact.symbol or NONE, fact.unit, number(fact.truth, "{:.4g}"), shown, error,
         ])  # fmt: skip
     caption = Markup(
-        "The robot of seed {seed}, looked into only when all was over: <a href='{file}'>{file}</a>. Off: by how many standard "
-        "errors the estimate is beside the truth. A gear with hysteresis or a soft wind-up has no single stiffness: "
-        "f<sub>a</sub> and K<sub>g</sub> are then those of the motion in which they were found, the truth that of a large "
-        "torsion. Nothing looks for what has no estimate."
+        "The robot of seed {seed}, read only after the last step: <a href='{file}'>{file}</a>. Off: difference between estimate "
+        "and truth, in standard errors. A gear with hysteresis or a soft wind-up has no single stiffness: "
+        "f<sub>a</sub> and K<sub>g</sub> are then those of the motion that identified them, the truth that of a large torsion. "
+        "No command identifies a number that has no estimate."
     ).format(seed=part.seed, file=part.robot_file)
     header = ("", "quantity", "", "unit", "truth", "found", "off")
-    return ReportTable("revealed", "Truth beside estimate", "", header, rows, frozenset({0, 1, 2, 3}), caption)
+    return ReportTable("revealed", "Truth and estimate", "", header, rows, frozenset({0, 1, 2, 3}), caption)
 
 
 def key_of(experiment: str, axis: int | None) -> str:

@@ -71,8 +71,8 @@ def directions(material: Material, key: str = "directions") -> ReportTable | Non
         rows,
         frozenset({0, 1}),
         "Displacement of the tip in the base frame, its acceleration in the band of the vibration integrated twice. The worst "
-        "direction is that of the largest displacement, and its area and root mean square are those of all directions together; "
-        "by it a run is judged. Areas: from 0.2 f_al to 50 Hz.",
+        "direction is that of the largest displacement; it decides on the run. Its area and root mean square are those of all "
+        "directions together. Areas: from 0.2 f_al to 50 Hz.",
     )
 
 

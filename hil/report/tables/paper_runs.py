@@ -185,9 +185,8 @@ def transmission_errors(material: Material) -> ReportTable | None:
         header,
         rows,
         frozenset({0, 1, 2}),
-        "Identified from the tip acceleration of the ramp without a notch. The standard error is that of the noise; "
-        "an error of the tip "
-        "lever goes straight into the amplitudes, one of the motor angle's zero into the phases.",
+        "Identified from the tip acceleration of the ramp without a notch. The standard error covers noise only. A relative "
+        "error of the tip lever appears unchanged in the amplitudes, an error of the motor angle's zero in the phases.",
     )
 
 
@@ -236,8 +235,7 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
         "Table 3" if is_paper else "",
         header,
         rows,
-        caption=f"{_held(material, filters)}{' Where the paper has another value, it stands in brackets.' if is_paper else ''}"
-        + margins,
+        caption=f"{_held(material, filters)}{' Brackets: the value of the paper, if it differs.' if is_paper else ''}" + margins,
     )
 
 
@@ -263,7 +261,7 @@ def _held(material: Material, filters: FilterSet) -> str:
         return "The parameters of the loop that the host closed."
     if is_kept:
         return "The parameters that the drive held, as it was read back."
-    return "The parameters of the bench file: this result is from before those of the drive were kept."
+    return "The parameters of the bench file: this result does not contain those of the drive."
 
 
 def _worst(material: Material, axis: int, filters: FilterSet) -> Margins:
@@ -305,7 +303,7 @@ def runs(material: Material) -> ReportTable | None:
         "Window",
         "Specification",
         "Tip peak (mm)",
-        "of it noise (mm)",
+        "noise (mm)",
         "order alone (mm)",
         "on the whole ramp (mm)",
         "Tip rms (mm)",
@@ -320,10 +318,10 @@ def runs(material: Material) -> ReportTable | None:
         header,
         rows,
         frozenset({0, 1, 2}),
-        "Tip: equivalent displacement in the window in which the run is judged. A ramp is judged in a window for each order k "
-        "whose line crosses the resonance on it: around f_al/k. Beside it: the peak that noise alone would show; the "
-        "largest amplitude of the order itself, tracked along the motor's angle, with its standard error; and the peak on the "
-        "whole ramp without the jerks at its ends. Without an f_al nothing is judged, and there are no millimetres.",
+        "Tip: equivalent displacement in the judged window. A ramp has one window for each order k that crosses the resonance, "
+        "around f_al/k. Noise: the peak that noise alone would show. Order alone: its largest amplitude, tracked along the "
+        "motor angle, with its standard error. Whole ramp: the peak except the jerks at its ends. Without f_al nothing is "
+        "judged, and there are no millimetres.",
     )
 
 
@@ -397,9 +395,8 @@ def motions(material: Material) -> ReportTable | None:
         header,
         rows,
         frozenset({0, 8}),
-        "A cycle is a SYNC period; missed are those in which an answer was late or lost. Motion: what passed for the "
-        "robot; wall: what the "
-        "clock on the wall showed meanwhile, less than the motion where an emulated robot runs faster than time.",
+        "A cycle is a SYNC period; it is missed if an answer was late or lost. Motion: time of the robot. Wall: time of the "
+        "wall clock, which is less if an emulated robot runs faster than real time.",
     )
 
 

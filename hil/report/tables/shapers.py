@@ -11,7 +11,9 @@ from hil.report.tables.paper_runs import NONE, Cell, ReportTable, number
 from hil.results.runs import RunEntry, ShapedMode
 
 
-def shapers(runs: Sequence[RunEntry], key: str = "shapers", title: str = "What the shapers leave and cost") -> ReportTable | None:
+def shapers(
+    runs: Sequence[RunEntry], key: str = "shapers", title: str = "Remaining vibration and cost of shapers"
+) -> ReportTable | None:
     """Tabulate runs with a shaper beside runs without.
 
     Of the same motion; None without shapers.
@@ -43,12 +45,12 @@ def shapers(runs: Sequence[RunEntry], key: str = "shapers", title: str = "What t
     )  # fmt: skip
     caption = (
         "Fitted to the modes that ring while the loop holds the motor: frequency and damping ratio of the closed loop's poles. "
-        "Left: remaining vibration by the formula, at frequencies 10 % lower and higher than believed too. A shaped motion of "
-        "one axis keeps its path and is late; a line's tip leaves its straight line by the path error."
+        "Left: remaining vibration by the formula, also at frequencies 10 % lower and higher than assumed. A shaped motion of "
+        "one axis keeps its path but is late; the tip of a shaped line leaves the straight line by the path error."
     )
     left = [mode_words(mode) for run in runs if run.shaper is not None for mode in run.shaper.left]
     if left:
-        caption += f" Left alone, since two modes are shaped for at most: {'; '.join(dict.fromkeys(left))}."
+        caption += f" Not shaped, because a shaper takes at most two modes: {'; '.join(dict.fromkeys(left))}."
     return ReportTable(key, title, "", header, rows, frozenset({0, 1, 2}), caption)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number, value_and_error
 from hil.results.runs import TrialPart
 
-HEADER = ("", "Order", "Fall expected (%)", "Fall (%)", "± (%)", "Whole leaves (%)", "± (%)", "Factor", "Turn φ (°)", "Verdict")
+HEADER = ("", "Order", "Expected fall (%)", "Fall (%)", "± (%)", "Remaining (%)", "± (%)", "Factor", "Change of φ (°)", "Verdict")
 
 
 def trial_table(key: str, title: str, parts: Iterable[tuple[str, TrialPart]]) -> ReportTable | None:
@@ -20,10 +20,10 @@ def trial_table(key: str, title: str, parts: Iterable[tuple[str, TrialPart]]) ->
     if not rows:
         return None
     caption = (
-        "A cancellation is tried with a part of it, on all axes and on each alone, then with the whole; and each order of each "
-        "axis is judged for itself, by its own amplitude at the tip. Only what is accepted is used: what is refused is wrong, "
-        "what is not judged does too little to be seen above the sensor's noise. Factor and turn: what amplitude and phase of "
-        "the cancellation should be multiplied by, and turned by."
+        "A cancellation is tried in part, on all axes and on each alone, then in full. Each order of each axis is judged by its "
+        "own amplitude at the tip. Only accepted orders are used: a refused one is wrong, and one that is not judged has too "
+        "little effect to be seen above the sensor's noise. Factor and change of φ: the corrections that amplitude and phase of "
+        "the cancellation need."
     )
     return ReportTable(key, title, "", HEADER, rows, frozenset({0, 1, 9}), caption)
 

@@ -54,9 +54,8 @@ def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
         title,
         "",
         "measured and computed",
-        f"A point for each run; runs that were stopped or not judged have none.{left} Margins: by the model, "
-        "with the filters that acted, "
-        "the worst over all speeds.",
+        f"A point for each run; runs that were stopped or not judged have none.{left} Margins: from the model with the active "
+        "filters, the worst over all speeds.",
         style.to_svg(figure, key),
     )
 
@@ -107,12 +106,12 @@ def lateness_us(run: TrendRun) -> float | None:
 
 
 PANELS: tuple[tuple[str, Callable[[TrendRun], float | None]], ...] = (
-    ("Tip, peak (mm)", lambda run: run.entry.tip_peak_mm),
-    ("Tip, rms (mm)", lambda run: run.entry.tip_rms_mm),
+    ("Tip peak (mm)", lambda run: run.entry.tip_peak_mm),
+    ("Tip rms (mm)", lambda run: run.entry.tip_rms_mm),
     ("$f_{al}$ (Hz)", lambda run: run.entry.f_al_hz),
-    ("$M_s$, largest (–)", lambda run: None if run.margins is None else run.margins.sensitivity_peak),
-    ("Missed (of a million cycles)", _misses),
-    ("SYNC late, largest (µs)", lateness_us),
+    ("Largest $M_s$ (–)", lambda run: None if run.margins is None else run.margins.sensitivity_peak),
+    ("Missed (per million cycles)", _misses),
+    ("Largest SYNC lateness (µs)", lateness_us),
 )
 """Panels of the figure: name, and the number of a run."""
 AROUND = (PANELS[2][0], PANELS[3][0])

@@ -49,7 +49,7 @@ def write_trend(folder: Path, gathered: GatheredRuns) -> Path:
         str(folder),
         None,
         tuple(_notes(gathered, len(gathered.runs) - len(shown), len(drawings))),
-        heading="Runs over their dates",
+        heading="Runs by date",
         subtitle="All runs below a folder",
         origin=Origin("emulated", band, is_emulated=True) if emulated else MEASURED,
         is_bench=False,
@@ -93,9 +93,9 @@ def _table(runs: Sequence[TrendRun], key: str) -> ReportTable:
         ])  # fmt: skip
     header = (
         "date (UTC)", "folder", "run", "tip peak (mm)", "rms (mm)", "the order (mm)", "f_al (Hz)", "M_s", "gain margin (dB)",
-        "phase margin (°)", "missed", "SYNC late, largest (µs)", "within",
+        "phase margin (°)", "missed", "largest SYNC lateness (µs)", "within",
     )  # fmt: skip
-    caption = "The newest first. Margins are those by the model, with the filters that acted, the worst over all speeds."
+    caption = "The newest first. Margins: from the model with the active filters, the worst over all speeds."
     return ReportTable(key, "Runs", "", header, rows, frozenset({0, 1, 2, 12}), caption)
 
 

@@ -71,7 +71,7 @@ class Figures {
   }
 
   order(quantities) {
-    const wanted = ["position", "speed", "following error", "torque", "tip acceleration", "notch frequency", "bus load", "misses", "SYNC distance", "status word"];
+    const wanted = ["position", "speed", "following error", "torque", "tip acceleration", "notch frequency", "bus load", "misses", "SYNC interval", "status word"];
     return wanted.filter(each => quantities.includes(each));
   }
 

@@ -18,11 +18,11 @@ The owner holds the motor and the switches::
     demand = homing.start(counts, inputs)
     while isinstance(demand, Move | GoTo):
         ...                     # let the motor turn at the demanded speed, or go to the demanded position
-        demand = homing.step(inputs, edges, latches, counts, stands)
+        demand = homing.step(inputs, edges, latches, counts, is_at_rest)
 
 `inputs`, `edges` and `latches` are `inputs`, `edges` and `latch_counts` of the axis' row of `MOTION`; the owner clears `edges`
-after each step and at the start, and calls `step` at least once per SYNC period. `stands` is whether the motor is at rest where
-the last demand sends it: at speed 0 after a `Move` of direction 0, at its position after a `GoTo`. At the end comes
+after each step and at the start, and calls `step` at least once per SYNC period. `is_at_rest` is whether the motor is at rest
+where the last demand sends it: at speed 0 after a `Move` of direction 0, at its position after a `GoTo`. At the end comes
 `HomingAttained` with the `counts` of the encoder that are 607Ch in the user's count (`offset_counts` = 607Ch - counts), or
 `HomingFailed`: then the owner stops the motor.
 
@@ -219,7 +219,7 @@ class Homing:
             return self._to_index(counts, counts)
         return self._move(_Phase.SEARCH, method.search, counts, is_fast=True)
 
-    def step(self, inputs: int, edges: int, latches: Sequence[float], counts: float, stands: bool) -> HomingStep:
+    def step(self, inputs: int, edges: int, latches: Sequence[float], counts: float, is_at_rest: bool) -> HomingStep:
         """Go on to the next demand.
 
         Args:
@@ -227,14 +227,14 @@ class Homing:
             edges: Bits of the edges seen since the last step.
             latches: Counts at the last of each edge.
             counts: Position of the encoder now.
-            stands: True if the motor is at rest where the last demand sends it.
+            is_at_rest: True if the motor is at rest where the last demand sends it.
         """
         method = self._method
         is_active = bool(inputs & method.switch)
         self._inside &= inputs
         if self._phase not in _TO_REST:
             return self._moving(inputs, edges, latches, counts, is_active)
-        if not stands:
+        if not is_at_rest:
             return self._coming_to_rest(inputs, edges)
         match self._phase:
             case _Phase.AT_SWITCH:

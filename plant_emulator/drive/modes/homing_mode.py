@@ -111,7 +111,7 @@ class HomingMode(ModeOfOperation):
         self.watches = True
 
     def _restore_limits(self) -> None:
-        if self._stands() and self.data.limits.is_within_position_limits:
+        if self._is_at_rest() and self.data.limits.is_within_position_limits:
             self.data.limits.switch_position_limits(on=True)
             self.watches = False
 
@@ -124,17 +124,19 @@ class HomingMode(ModeOfOperation):
             return
         self._inputs.dispatch()
         edges, self._edges = self._edges, 0
-        self._do(self._homing.step(self._inputs.levels, edges, self._latches, self.stage.axes.counts(self.row), self._stands()))
+        self._do(
+            self._homing.step(self._inputs.levels, edges, self._latches, self.stage.axes.counts(self.row), self._is_at_rest())
+        )
 
     def _hear(self, edges: int, latches: Sequence[float]) -> None:
         self._edges |= edges
         self._latches = latches
 
-    def _stands(self) -> bool:
+    def _is_at_rest(self) -> bool:
         """Return True if the motor rests where the demand sends it."""
         if isinstance(self._demand, GoTo):
             return bool(self.data.is_target_reached)
-        return self.stage.motion["reference_speed_rad_s"] == 0.0 and self.stage.stands
+        return self.stage.motion["reference_speed_rad_s"] == 0.0 and self.stage.is_at_rest
 
     def _do(self, step: HomingStep) -> None:
         match step:
@@ -193,5 +195,5 @@ class HomingMode(ModeOfOperation):
             word |= HOMING_ERROR
         elif self._is_attained:
             word |= HOMING_ATTAINED
-        is_at_rest = self.stage.motion["demand_speed_rad_s"] == 0.0 and self.stage.stands
+        is_at_rest = self.stage.motion["demand_speed_rad_s"] == 0.0 and self.stage.is_at_rest
         return word | TARGET_REACHED if is_at_rest and (self.is_halted or not self.is_running) else word

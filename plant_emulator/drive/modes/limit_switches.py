@@ -81,7 +81,7 @@ class LimitSwitches:
         """Return the direction in which the motor is being moved."""
         motion = self._stage.motion
         if self._stage.law_mode in _TORQUE_LAWS:
-            return _sign(self._stage.data.speed_rad_s) if not self._stage.stands else self._asked(mode)
+            return _sign(self._stage.data.speed_rad_s) if not self._stage.is_at_rest else self._asked(mode)
         return _sign(float(motion["demand_speed_rad_s"]))
 
     def _asked(self, mode: ModeOfOperation) -> int:

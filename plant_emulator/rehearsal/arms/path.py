@@ -52,12 +52,12 @@ def arm_of(seed: int) -> tuple[ArmRobot, Bench]:
     return robot, loads(blank_bench(robot), Bench, "blank bench")
 
 
-def walk_arm_seed(seed: int, keep: str | None = None) -> Row:
-    """Walk the documented path on a seed's arm.
+def run_arm_seed(seed: int, keep: str | None = None) -> Row:
+    """Run the documented path on a seed's arm.
 
     Args:
         seed: Seed of the arm; 0 is the reference arm.
-        keep: Folder in which a folder named by the seed keeps all files of the walk; None: they go when it is over.
+        keep: Folder in which a folder named by the seed keeps all files of the path; None: they are deleted at its end.
 
     Returns:
         The arm's row; internal error is in it, and ends nothing else.
@@ -67,7 +67,7 @@ def walk_arm_seed(seed: int, keep: str | None = None) -> Row:
     try:
         robot, bench = arm_of(seed)
         with tempfile.TemporaryDirectory(prefix="rehearsal") if keep is None else nullcontext(f"{keep}/{seed}") as folder:
-            cells = {"walk": WALKED, "walk_words": "", **walk_arm(robot, bench, Path(folder))}
+            cells = {"walk": WALKED, "walk_words": "", **run_arm(robot, bench, Path(folder))}
     except Exception as error:  # noqa: BLE001 - of a hundred arms one that breaks is a row, and no end
         cells = {"walk": BROKEN, "walk_words": f"{type(error).__name__}: {error}"[:MAX_WORDS]}
     cells |= {"cpu_s": time.process_time() - begin, "version": version_text()}
@@ -75,8 +75,8 @@ def walk_arm_seed(seed: int, keep: str | None = None) -> Row:
     return row | {name: plain(value) for name, value in cells.items()}
 
 
-def walk_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
-    """Walk the documented path on one arm.
+def run_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
+    """Run the documented path on one arm.
 
     Learn on its line, run with the result, and measure the true tip in all conditions.
 
@@ -87,7 +87,12 @@ def walk_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
     """
     row: dict[str, Value] = dict(arm_facts(robot))
     if bench.line_motion is None:
-        return row | {"learn_ended": "refused", "learn_words": "the arm can follow no line", "is_quiet": False, "is_worse": False}
+        return row | {
+            "learn_ended": "refused",
+            "learn_words": "the arm cannot follow a line",
+            "is_quiet": False,
+            "is_worse": False,
+        }
     channel, model = DirectChannel(World(robot), robot.bus.bitrate), folder / "learnt.toml"
     row |= _learnt(bench, folder, model, channel)
     learnt = load_identified(model) if model.exists() else None

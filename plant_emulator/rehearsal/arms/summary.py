@@ -51,7 +51,7 @@ def arm_claims(rows: Sequence[Row]) -> list[RehearsalClaim]:
             f"{100.0 * QUIET_FRACTION:g} %", fraction_text(quiet, len(rows)), quiet >= QUIET_FRACTION * len(rows),
         ),
         RehearsalClaim(
-            "whole", "walks that break", "Every walk comes to its end", "0", f"{len(broken)} of {len(rows)}", not broken,
+            "whole", "internal errors", "Every path runs to its end", "0", f"{len(broken)} of {len(rows)}", not broken,
         ),
     ]  # fmt: skip
 

@@ -63,7 +63,7 @@ def _is_loaded(row: Row) -> bool:
 
 NOT_EXPLAINED = "not explained"
 """A run's text about the remaining tip if it knows no cause."""
-NOBODY = "no robot of the fleet"
+NOT_IN_FLEET = "the robot is not one of the fleet"
 
 CAUSES: tuple[Cause, ...] = (
     Cause("nothing to cancel", "tip within the goal without a treatment", _is_quiet_already),
@@ -73,9 +73,9 @@ CAUSES: tuple[Cause, ...] = (
     Cause("encoder", f"encoder of {COARSE_BITS:g} bits or fewer", _is_coarse),
     Cause("bus load", f"SYNC period of {1e3 * SHORT_SYNC_S:g} ms at {SLOW_BIT_S // 1000} kbit/s", _is_loaded),
     Cause("cycle", f"SYNC period of {1e3 * LONG_SYNC_S:g} ms or more, or late answers", _is_slow),
-    Cause("limits", NOBODY, lambda row: False),
-    Cause("another source of vibration", NOBODY, lambda row: False),
-    Cause("wrong axis or wiring", NOBODY, lambda row: False),
+    Cause("limits", NOT_IN_FLEET, lambda row: False),
+    Cause("another source of vibration", NOT_IN_FLEET, lambda row: False),
+    Cause("wrong axis or wiring", NOT_IN_FLEET, lambda row: False),
 )  # fmt: skip
 
 

@@ -77,8 +77,8 @@ def _never_worse(rows: Sequence[Row]) -> RehearsalClaim:
     count = sum(len(accepted(row)) for row in treated)
     floor = sum(bool(row.get("raised_to_floor")) for row in treated)
     words = (
-        "Never worse: no accepted treatment raises the true tip of any order by more than 5 % or 0.002 mm, whichever is more, "
-        "above that without it, and above the floor"
+        "Never worse: no accepted treatment raises the true tip of any order by more than 5 % or 0.002 mm (whichever is more) "
+        "over that without it and over the floor"
     )
     measured = f"{len(worse)} of {len(treated)} robots, with {count} accepted treatments"
     measured += f"; of {floor} more the tip rises to the floor" if floor else ""
@@ -108,11 +108,11 @@ def _quiet(rows: Sequence[Row], kind: str) -> RehearsalClaim:
 def _true_causes(rows: Sequence[Row]) -> RehearsalClaim:
     others = [row for row in rows if not is_quiet(row)]
     count = sum((refusal := main_refusal(row)) is not None and refusal.is_true for row in others)
-    words = "The other robots are refused, with the cause that is the true one"
+    words = "The other robots are refused, with the true cause"
     holds = count >= TRUE_CAUSE_FRACTION * len(others) if others else None
     return RehearsalClaim(
         "true_cause",
-        "the others refused, rightly",
+        "others refused correctly",
         words,
         f"{100.0 * TRUE_CAUSE_FRACTION:g} %",
         fraction_text(count, len(others)),
@@ -123,7 +123,7 @@ def _true_causes(rows: Sequence[Row]) -> RehearsalClaim:
 def _rms_z(rows: Sequence[Row]) -> RehearsalClaim:
     judged = [each for each in quantities(rows) if each.count >= FEWEST_Z]
     outside = [each for each in judged if not RMS_Z[0] <= each.rms_z <= RMS_Z[1]]
-    words = f"Standard errors: rms of z of every stated quantity ({FEWEST_Z} values or more)"
+    words = f"Standard errors: rms of z of each quantity ({FEWEST_Z} values or more)"
     worst = max(judged, key=lambda each: abs(math.log(max(each.rms_z, 1e-9))), default=None)
     measured = (
         "no quantity"
@@ -136,7 +136,7 @@ def _rms_z(rows: Sequence[Row]) -> RehearsalClaim:
 def _far_together(rows: Sequence[Row]) -> RehearsalClaim:
     found = quantities(rows)
     count, far = sum(each.count for each in found), sum(each.far for each in found)
-    words = f"Standard errors: |z| > {FAR_Z:g}, all stated quantities together"
+    words = f"Standard errors: |z| > {FAR_Z:g}, all quantities together"
     holds = far < FAR_FRACTION * count if count else None
     return RehearsalClaim(
         "far_together", "|z| > 4, together", words, f"below {100.0 * FAR_FRACTION:g} %", fraction_text(far, count), holds
@@ -146,7 +146,7 @@ def _far_together(rows: Sequence[Row]) -> RehearsalClaim:
 def _far_each(rows: Sequence[Row]) -> RehearsalClaim:
     judged = [each for each in quantities(rows) if each.count >= FEWEST_FAR]
     outside = [each for each in judged if each.far >= FAR_FRACTION * each.count]
-    words = f"Standard errors: |z| > {FAR_Z:g}, every stated quantity ({FEWEST_FAR} values or more)"
+    words = f"Standard errors: |z| > {FAR_Z:g}, each quantity ({FEWEST_FAR} values or more)"
     worst = max(judged, key=lambda each: each.far / each.count, default=None)
     named = "" if worst is None else f"; worst {QUANTITY_NAMES[worst.name]} {fraction_text(worst.far, worst.count)}"
     measured = f"{len(outside)} of {len(judged)} outside{named}"
@@ -168,5 +168,5 @@ def _cpu(rows: Sequence[Row]) -> RehearsalClaim:
 
 def _whole(rows: Sequence[Row]) -> RehearsalClaim:
     broken = [row for row in rows if row.get("walk") != WALKED or any(text(row, f"{step}_ended") == "crashed" for step in STEPS)]
-    words = "Every walk comes to its end, and no step breaks with internal error"
-    return RehearsalClaim("whole", "walks that break", words, "0", f"{len(broken)} of {len(rows)}", not broken if rows else None)
+    words = "Every robot's path runs to its end, without an internal error"
+    return RehearsalClaim("whole", "internal errors", words, "0", f"{len(broken)} of {len(rows)}", not broken if rows else None)

@@ -89,7 +89,7 @@ class DaskWorkers:
     def _look(self) -> None:
         """Refuse workers with several threads, or another version.
 
-        They would walk two robots in one process, or give other results.
+        They would run two robots in one process, or give other results.
         """
         client = self._connected()
         how = f"dask worker {self._address} --nworkers 4 --nthreads 1"
@@ -111,7 +111,7 @@ class DaskWorkers:
                 )
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Cancel the remaining walks, and disconnect."""
+        """Cancel the remaining tasks, and disconnect."""
         if self._executor is not None:
             self._executor.shutdown(wait=False)  # cancels
         if self._client is not None:
@@ -132,12 +132,12 @@ class DaskWorkers:
         except OSError:
             return 1
 
-    def submit(self, walk: Callable[..., Row], *values: object) -> "Future[Row]":
-        """Submit a walk to the scheduler.
+    def submit(self, task: Callable[..., Row], *values: object) -> "Future[Row]":
+        """Submit a task to the scheduler.
 
         Raises:
             RuntimeError: Not connected.
         """
         if self._executor is None:
             raise RuntimeError("not connected: enter the context first")
-        return self._executor.submit(walk, *values)
+        return self._executor.submit(task, *values)

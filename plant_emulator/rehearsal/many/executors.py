@@ -1,4 +1,4 @@
-"""Executors of walks.
+"""Executors of tasks.
 
 They are processes of this machine, or the workers of a Dask scheduler.
 
@@ -42,7 +42,7 @@ class ExecutorsRefusedError(Exception):
 
 
 class Executors(Protocol):
-    """Executors of walks; a context that ends them."""
+    """Executors of tasks; a context that ends them."""
 
     @property
     def name(self) -> str:
@@ -56,13 +56,13 @@ class Executors(Protocol):
         """Start the executors."""
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Cancel the waiting walks, and end."""
+        """Cancel the waiting tasks, and end."""
 
     def capacity(self) -> int:
-        """Return the number of walks that may be submitted at once."""
+        """Return the number of tasks that may be submitted at once."""
 
-    def submit(self, walk: Callable[..., Row], *values: object) -> "Future[Row]":
-        """Submit a walk: a function of a module, and plain values."""
+    def submit(self, task: Callable[..., Row], *values: object) -> "Future[Row]":
+        """Submit a task: a function of a module, and plain values."""
 
 
 class LocalProcesses:
@@ -97,7 +97,7 @@ class LocalProcesses:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """End all processes.
 
-        After an error, running walks are killed.
+        After an error, running tasks are killed.
         """
         everyone = [*self._free, *self._busy.values()]
         if kind is not None:
@@ -111,12 +111,12 @@ class LocalProcesses:
     def capacity(self) -> int:
         """Return the number of processes.
 
-        A robot is walked by a free process.
+        A free process runs a robot.
         """
         return self._jobs
 
-    def submit(self, walk: Callable[..., Row], *values: object) -> "Future[Row]":
-        """Submit a walk to a free process.
+    def submit(self, task: Callable[..., Row], *values: object) -> "Future[Row]":
+        """Submit a task to a free process.
 
         Raises:
             RuntimeError: None is free.
@@ -131,7 +131,7 @@ class LocalProcesses:
             if not self._free:
                 raise RuntimeError(f"all {self._jobs} processes are busy")
             pool = self._free.pop()
-            future = pool.submit(walk, *values)
+            future = pool.submit(task, *values)
             self._busy[future] = pool
         return future
 

@@ -86,8 +86,8 @@ def tips(rows: Sequence[Row]) -> Drawing | None:
     panels[0, 0].set_ylabel("Robots below (of all)")
     style.legend_above(figure, *panels[0], columns=6)
     caption = (
-        "True tip displacement of the worst order, on a quiet sensor, over the goal: 0.010 mm or 1.3 times the floor, whichever "
-        "is more. A curve ends at the fraction of the robots on which the treatment was accepted. Floor: the same robots "
+        "True tip displacement of the worst order, on a quiet sensor, relative to the goal: 0.010 mm or 1.3 times the floor, "
+        "whichever is more. A curve ends at the fraction of robots whose treatment was accepted. Floor: the same robots "
         "without a transmission error."
     )
     return Drawing("tips", "True tip under each treatment", "", COMPUTED, caption, style.to_svg(figure, "tips"))
@@ -134,8 +134,8 @@ def before_and_after(rows: Sequence[Row]) -> Drawing | None:
     panel.set(xlabel="True tip without a treatment (mm)", ylabel="At the path's end (mm)", xlim=(low, high), ylim=(low, high))
     style.legend_above(figure, panel, columns=3)
     caption = (
-        "Each point is a robot, the worst of its orders. Dotted across: 0.010 mm; a goal that the floor raises lies higher. "
-        "Dotted upwards: nothing gained; above it a robot is worse than before."
+        "Each point is the worst order of a robot. Horizontal dotted line: 0.010 mm; the floor can raise the goal of a robot. "
+        "Diagonal dotted line: no change; robots above it are worse than before."
     )
     return Drawing("before-after", "Before and after", "", COMPUTED, caption, style.to_svg(figure, "before-after"))
 
@@ -166,7 +166,7 @@ def steps(rows: Sequence[Row]) -> Drawing | None:
         panel.grid(visible=False, axis="y")
     panels[0, 0].invert_yaxis()
     style.legend_above(figure, *panels[0], columns=6)
-    caption = "In the path's order. Noted: done with less than was asked. Skipped: an earlier step had to be done for it."
+    caption = "In the order of the path. Noted: done, but less than requested. Skipped: a step that it needs failed."
     return Drawing("steps-figure", "How the steps end", "", COMPUTED, caption, style.to_svg(figure, "steps-figure"))
 
 
@@ -200,10 +200,10 @@ def facts(rows: Sequence[Row]) -> Drawing | None:
     for panel in panels[:, 0]:
         panel.set(ylabel="Within the goal", ylim=(0.0, 1.05))
     caption = (
-        "Fraction of the robots whose path ends within the goal, in up to five groups of equal size, drawn at their median, with "
-        "the 95 % interval of the fraction. A curve that falls says what is still hard."
+        "Fraction of the robots whose path ends within the goal, in up to five groups of equal size, drawn at their median, "
+        "with the 95 % interval of the fraction. A falling curve shows what is still difficult."
     )
-    return Drawing("facts", "Which robots are cured", "", COMPUTED, caption, style.to_svg(figure, "facts"))
+    return Drawing("facts", "Robots within the goal by property", "", COMPUTED, caption, style.to_svg(figure, "facts"))
 
 
 def _fractions(panel: Axes, pairs: Any) -> None:
@@ -274,10 +274,10 @@ def errors(rows: Sequence[Row]) -> Drawing | None:
     rms.set_xticks([0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0], ["0.2", "0.5", "1", "2", "5", "10", "20"])
     rms.xaxis.set_minor_formatter(NullFormatter())
     caption = (
-        f"Left: 5 to 95 % of the robots (thin), the middle half (thick), the median; cut off at ±{edge:g}. Right: asked for are "
-        f"{RMS_Z[0]:g} to {RMS_Z[1]:g}, between the dotted lines; squares lie outside, and those at 20 may lie further out."
+        f"Left: 5 to 95 % of the robots (thin), the middle half (thick), the median; cut off at ±{edge:g}. Right: required are "
+        f"{RMS_Z[0]:g} to {RMS_Z[1]:g}, between the dotted lines. Squares lie outside; those at 20 may be larger."
     )
-    return Drawing("errors", "Honesty of the standard errors", "", COMPUTED, caption, style.to_svg(figure, "errors"))
+    return Drawing("errors", "Calibration of the standard errors", "", COMPUTED, caption, style.to_svg(figure, "errors"))
 
 
 def cost(rows: Sequence[Row]) -> Drawing | None:
@@ -303,5 +303,5 @@ def cost(rows: Sequence[Row]) -> Drawing | None:
     panel.set(xlabel="Processor time of one robot's path (s)", ylabel="Robots")
     panel.yaxis.set_major_locator(MaxNLocator(integer=True))
     style.legend_above(figure, panel)
-    caption = "From the drawn robot to the end of its path; measuring the truth and trying wrong corrections is not in it."
+    caption = "From the drawn robot to the end of its path, without measuring the truth and trying wrong corrections."
     return Drawing("cost-figure", "Processor time", "", COMPUTED, caption, style.to_svg(figure, "cost-figure"))

@@ -1,6 +1,6 @@
-"""One robot of a rehearsal: drawn, walked, and made a row.
+"""One robot of a rehearsal: drawn, run, and made a row.
 
-A process or a cluster's worker executes `walk_seed`.
+A process or a cluster's worker executes `run_seed`.
 """
 
 import tempfile
@@ -15,7 +15,7 @@ from drive_profiles.version import version_text
 from hil.bench.bench import Bench
 from plant_emulator.rehearsal.estimates import facts_of
 from plant_emulator.rehearsal.many.rows import BROKEN, WALKED, Row, plain
-from plant_emulator.rehearsal.path import PathOptions, walk
+from plant_emulator.rehearsal.path import PathOptions, run_path
 from plant_emulator.rehearsal.record import MAX_WORDS
 from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.fleet import Kind, draw
@@ -27,7 +27,7 @@ KINDS = (*get_args(Kind), BOTH)
 
 
 _ALONE = threading.Lock()
-"""One walk at a time in a process."""
+"""One path at a time in a process."""
 
 
 def kind_of(seed: int, kind: str) -> Kind:
@@ -59,14 +59,14 @@ def facts(seed: int, kind: str) -> Row:
     return {name: plain(value) for name, value in ({"seed": seed, "kind": kind_of(seed, kind)} | found).items()}
 
 
-def walk_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None, probed_every: int = 1) -> Row:
-    """Walk the documented path on a seed's robot.
+def run_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None, probed_every: int = 1) -> Row:
+    """Run the documented path on a seed's robot.
 
     Args:
         seed: Seed of the robot.
         kind: One of `KINDS`.
-        over_bus: Walk over a bus, not in this process.
-        keep: Folder in which a folder named by the seed keeps all files of the walk; None: they go when it is over.
+        over_bus: Run over a bus, not in this process.
+        keep: Folder in which a folder named by the seed keeps all files of the path; None: they are deleted at its end.
         probed_every: Wrong corrections are tried on robots whose seed is a multiple of this; they cost as much as the path.
 
     Returns:
@@ -80,7 +80,7 @@ def walk_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None, pro
             with _folder(None if keep is None else f"{keep}/{seed}") as folder:
                 is_probed = seed % probed_every == 0
                 options = PathOptions(over_bus=over_bus, keeps_files=keep is not None, with_probes=is_probed)
-                record = walk(robot, loads(text, Bench, "blank bench"), Path(folder), options)
+                record = run_path(robot, loads(text, Bench, "blank bench"), Path(folder), options)
             cells = {"walk": WALKED, "walk_words": ""} | record.row()
         except Exception as error:  # noqa: BLE001 - of a thousand robots one that breaks is a row, and no end
             words = f"{type(error).__name__}: {error}"[:MAX_WORDS]

@@ -32,7 +32,7 @@ def write_page(path: Path, rows: Sequence[Row]) -> Path:
         ValueError: There are no rows.
     """
     if not rows:
-        raise ValueError("no robot has been walked: there is nothing to show")
+        raise ValueError("no robot has a result: there is nothing to show; run the rehearsal first")
     found = claims_of(rows)
     with style.styled():
         chapters = sections(rows, found)
@@ -40,7 +40,7 @@ def write_page(path: Path, rows: Sequence[Row]) -> Path:
     head = PageHead(
         f"{robots} drawn by seed",
         heading="The documented path, rehearsed",
-        subtitle="Each robot walked the documented path alone, without an edit, from a bench file that knows nothing of it",
+        subtitle="Each robot went through the documented path without manual edits, from a bench file without its parameters",
         origin=EMULATED,
         is_bench=False,
     )
@@ -73,9 +73,9 @@ def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict
         for kind in kinds_of(rows)
         if (own := of_kind(rows, kind))
     )
-    details = [quiet, *(f"{each.name}: {each.measured}; asked: {each.asked}" for each in failed)]
+    details = [quiet, *(f"{each.name}: {each.measured}; required: {each.asked}" for each in failed)]
     if open_:
-        details.append(f"Not judged, for want of robots: {'; '.join(each.name for each in open_)}")
+        details.append(f"Not judged, with too few robots: {'; '.join(each.name for each in open_)}")
     judged = len(found) - len(open_)
     if failed:
         headline = f"{len(failed)} of {judged} claims {'do' if len(failed) > 1 else 'does'} not hold"

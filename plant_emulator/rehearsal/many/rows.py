@@ -16,7 +16,7 @@ Value = str | int | float | bool | None
 Row = Mapping[str, Value]
 
 WALKED, BROKEN, CRASHED = "walked", "error", "crashed"
-"""Ends of a robot's walk: to its end, by internal error, with its process."""
+"""Ends of a robot's path: at its end, by an internal error, with its process."""
 
 
 MAX_ROW_BYTES = 1_000_000
@@ -29,7 +29,7 @@ class RehearsalSettings:
 
     Attributes:
         kind: `linear`, `real` or `any`: the robots that are drawn.
-        over_bus: True if the path is walked over a bus, False if in one process without frames.
+        over_bus: True if the path runs over a bus, False if in one process without frames.
     """
 
     kind: str

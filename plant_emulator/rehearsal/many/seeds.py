@@ -30,7 +30,7 @@ def seeds_of(text: str) -> tuple[int, ...]:
         if last > LARGEST_SEED:
             raise ValueError(f"{text}: the largest seed is {LARGEST_SEED}")
         if len(found) + last - first + 1 > MOST_SEEDS:
-            raise ValueError(f"{text}: more than {MOST_SEEDS} robots")
+            raise ValueError(f"{text}: expected at most {MOST_SEEDS} robots")
         named = range(first, last + 1)
         if twice := found.intersection(named):
             raise ValueError(f"{text}: seed {min(twice)} is named twice")

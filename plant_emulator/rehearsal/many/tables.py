@@ -37,7 +37,7 @@ def claims(found: Sequence[RehearsalClaim]) -> ReportTable:
     """Return the goals beside the reached numbers."""
     rows: list[list[Cell]] = [[each.words, each.asked, each.measured, Mark(each.holds)] for each in found]
     header = ("Claim", "Asked", "Measured", "Holds")
-    return ReportTable("claims", "Numbers that must be reached", "", header, rows, frozenset({0, 1, 2, 3}), is_prose=True)
+    return ReportTable("claims", "Requirements", "", header, rows, frozenset({0, 1, 2, 3}), is_prose=True)
 
 
 def tips(rows: Sequence[Row]) -> ReportTable | None:
@@ -63,7 +63,7 @@ def tips(rows: Sequence[Row]) -> ReportTable | None:
     if not cells:
         return None
     header = ("", "Robots", "5 %", "50 %", "95 %", "Worst")
-    caption = "Peak of the tip's displacement in the worst order's window, in mm, on a quiet sensor; only where it was accepted."
+    caption = "Peak of the tip's displacement in the worst order's window, in mm, on a quiet sensor; accepted treatments only."
     return ReportTable("tip-table", "True tip (mm)", "", header, cells, frozenset({0}), caption, groups=groups)
 
 
@@ -95,9 +95,9 @@ def causes(rows: Sequence[Row]) -> ReportTable | None:
         cells.append([cause, str(count), str(true), by_step, f"seed {example.seed}: {_short(example.words)}"])
     if unrefused:
         cells.append(["not refused, and not within the goal", str(unrefused), "0", NONE, NONE])
-    header = ("Cause", "Robots", "True", "Where", "For instance")
+    header = ("Cause", "Robots", "True", "Where", "Example")
     conditions = "; ".join(f"{cause.name}: {cause.condition}" for cause in CAUSES)
-    caption = f"The refusal that ended the path, of robots not within the goal. True is a cause of robots with: {conditions}."
+    caption = f"The refusal that ended the path of robots outside the goal. A cause is true for robots with: {conditions}."
     return ReportTable("causes", "Refusals by cause", "", header, cells, frozenset({0, 3, 4}), caption, is_prose=True)
 
 
@@ -117,8 +117,8 @@ def estimates(rows: Sequence[Row]) -> ReportTable | None:
     if not cells:
         return None
     header = ("Quantity", "Robots", "Median deviation", "rms of z", f"|z| > {FAR_Z:g}", "Largest z")
-    caption = "z: estimate less truth, in standard errors as the tools state them."
-    return ReportTable("estimates", "Truth beside estimate", "", header, cells, frozenset({0}), caption)
+    caption = "z: estimate minus truth, in the tools' standard errors."
+    return ReportTable("estimates", "Truth and estimate", "", header, cells, frozenset({0}), caption)
 
 
 def worse(rows: Sequence[Row]) -> ReportTable | None:
@@ -157,7 +157,7 @@ def probes(rows: Sequence[Row]) -> ReportTable | None:
     if not cells:
         return None
     header = ("Correction", "Tried", "Accepted", "Tip, at worst", "Seeds")
-    caption = "Each was offered to the trial in place of the right one. Tip: of the worst order with it, over that with nothing."
+    caption = "Each was given to the trial in place of the right one. Tip: of the worst order, relative to no treatment."
     return ReportTable("probes", "Wrong corrections", "", header, cells, frozenset({0, 4}), caption)
 
 
@@ -170,14 +170,14 @@ def cost(rows: Sequence[Row]) -> ReportTable | None:
         if values:
             cells.append([name, str(len(values)), *(number_text(value, "{:.1f}") for value in percentiles(values).values())])
     header = ("", "Robots", "5 %", "50 %", "95 %", "Worst")
-    caption = "In seconds. The truth: measuring the true tip, and trying wrong corrections; it is no part of the path."
+    caption = "In seconds. The truth: measuring the true tip and trying wrong corrections, which the path does not include."
     return ReportTable("cost", "Processor time (s)", "", header, cells, frozenset({0}), caption) if cells else None
 
 
 def robots(rows: Sequence[Row]) -> ReportTable | None:
     """Return the robots that miss the goal, one by one.
 
-    Those whose walk broke come first.
+    Those with an internal error come first.
     """
     found = sorted((row for row in rows if not is_quiet(row)), key=lambda row: (row.get("walk") == WALKED, row["seed"]))
     if not found:
@@ -188,10 +188,8 @@ def robots(rows: Sequence[Row]) -> ReportTable | None:
         words = text(row, "walk_words") or ("not refused" if refusal is None else f"{STEP_NAMES[refusal.step]}: {refusal.words}")
         tip = f"{number_text(number(row, 'end_tip_mm'), '{:.2g}')} / {number_text(number(row, 'goal_mm'), '{:.2g}')}"
         cells.append([_seed(row), KIND_NAMES.get(text(row, "kind"), NONE), tip, _short(words)])
-    header = ("Seed", "Robot", "Tip / goal (mm)", "Last words")
-    caption = (
-        f"{len(found)} robots; robots.csv has all. `plant-emulator rehearse --seeds SEED --keep --out FOLDER` walks one again."
-    )
+    header = ("Seed", "Robot", "Tip / goal (mm)", "Last message")
+    caption = f"{len(found)} robots; robots.csv has all. `plant-emulator rehearse --seeds SEED --keep --out FOLDER` repeats one."
     return ReportTable("robots", "Robots not within the goal", "", header, cells, frozenset({0, 1, 2, 3}), caption, is_prose=True)
 
 

@@ -39,12 +39,12 @@ class Deadline:
     def restart(self) -> None:
         """Wait for a first frame; clear the time-out error."""
         self.due = None
-        self._find()
+        self._clear()
 
-    def hear(self, now: int, period_ns: int) -> None:
+    def take(self, now: int, period_ns: int) -> None:
         """Note a frame, and the time within which the next is due."""
         self._heard_at, self._period_ns = now, period_ns
-        self._find()
+        self._clear()
         if self.due is None:
             self.due = now + period_ns
             self._on_started()
@@ -64,7 +64,7 @@ class Deadline:
         self._emergency.raise_cause(self._cause, EmergencyCode.RPDO_TIME_OUT, ErrorRegister.COMMUNICATION)
         return True
 
-    def _find(self) -> None:
+    def _clear(self) -> None:
         if self._is_missing:
             self._is_missing = False
             self._emergency.clear_cause(self._cause)
@@ -147,7 +147,7 @@ class Rpdo(PdoSetup):
         if self.is_synchronous and now > self._sync.closes_at:
             return
         if self.event_timer_ns and len(data) >= self.packer.size:
-            self.deadline.hear(now, self.event_timer_ns)
+            self.deadline.take(now, self.event_timer_ns)
         self.receive(data, now)
 
     def synchronise(self) -> None:

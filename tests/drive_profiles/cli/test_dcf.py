@@ -143,5 +143,5 @@ def test_a_vendor_s_eds_becomes_the_dcf_of_one_drive_with_its_commissioning_valu
     text = (folder / "e.dcf").read_text().replace("LSS_SerialNumber=0x", "LSS_SerialNumber=0x7")
     (folder / "other.dcf").write_text(text)
     refused = run("upload", "other.dcf", "--node", "5", "--yes", "--allow-unverified", code=3).stderr
-    assert "the set is of another device" in refused
+    assert "the set is for another device" in refused
     assert "commissioning values of another device" in refused

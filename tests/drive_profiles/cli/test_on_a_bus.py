@@ -361,9 +361,9 @@ def test_a_set_of_another_device_is_refused_whatever_is_answered(folder):
     chosen = ("--node", "2", "--classes", "tuning,limits")
     for answer in ("--dry-run", "--yes"):
         refused = run("upload", "other.toml", *chosen, answer, code=3).stderr
-        assert "the set is of another device (serial number 99992, node 2 has 2)" in refused
+        assert "the set is for another device (serial number 99992, node 2 has 2)" in refused
         assert "limits are among its values: 6065:0" in refused
-        assert "give --other-device to write it all the same" in refused
+        assert "give --other-device to write it nevertheless" in refused
     assert "9999" in run("upload", "other.toml", *chosen, "--dry-run", "--other-device").stderr
     assert "--yes, or answer" in run("upload", "other.toml", *chosen, "--other-device", "--store", code=2).stderr
     (folder / "moved.toml").write_text(other.replace("[limits]", "[commissioning]"))

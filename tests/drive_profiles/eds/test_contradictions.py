@@ -119,7 +119,7 @@ def test_utf_16_is_read_with_and_without_its_mark_and_that_is_said(codec):
     text = file().decode()
     bare = text.encode(codec)
     marked = (codecs.BOM_UTF16_LE if codec == "utf-16-le" else codecs.BOM_UTF16_BE) + bare
-    for data, words in ((bare, "is UTF-16, though without its mark"), (marked, "read as UTF-16")):
+    for data, words in ((bare, "is UTF-16 without a byte order mark"), (marked, "read as UTF-16")):
         description = eds.loads(data, "a.eds")
         assert 0x1018 in description.dictionary.indices
         assert words in description.warnings[0].message

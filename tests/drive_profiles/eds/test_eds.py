@@ -89,7 +89,7 @@ def test_identity_and_an_empty_one(numbers, structure):
     assert (structure.vendor_id, structure.product_code, structure.revision, structure.vendor_name) == (None, None, None, "")
     assert structure.dictionary.device_information.allowed_baudrates == {1_000_000}
     assert structure.dictionary.device_information.nr_of_RXPDO == 2
-    assert said(structure)[6, "[DeviceInfo] VendorNumber"] == "empty; taken as unknown"
+    assert said(structure)[6, "[DeviceInfo] VendorNumber"] == "empty; read as unknown"
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_identity_and_an_empty_one(numbers, structure):
         ((30, "[OptionalObjects] 3"), "'0x1018' listed already, line 29"),
         ((31, "[OptionalObjects] 4"), "'zero' is not an index; ignored"),
         ((45, "[ManufacturerObjects] 10"), "'0x200A' differs from '0x2009', which is taken, in line 44"),
-        ((54, "[1008]"), "'# the name' after the head of a section; ignored"),
+        ((54, "[1008]"), "'# the name' after a section header; ignored"),
         ((64, "[1018] DataType"), "'0x0023' ignored: it belongs to the sub-objects"),
         ((65, "[1018] SubNumber"), "'9' wrong: there are 2 sub-objects"),
         ((76, "[2000] ParameterName"), "missing; named '2000'"),
@@ -116,8 +116,8 @@ def test_identity_and_an_empty_one(numbers, structure):
         ((131, "[2008] DefaultValue"), "'2' differs from '1', which is taken, in line 130"),
         ((137, "[2009sub0]"), 'section header lacks "]"; assumed'),
         ((142, "[200a] ObjectType"), "0 is not an object that holds a value; left out"),
-        ((148, "[200b]"), "in no list of objects; taken all the same"),
-        ((153, "[200Csub1]"), "no section [200C] above it; a record is made up"),
+        ((148, "[200b]"), "in no list of objects; read nevertheless"),
+        ((153, "[200Csub1]"), "no section [200C] above it; a record is assumed"),
         ((158, "[200Dsub100]"), "sub-index above FFh; left out"),
         ((165, "[2008] LowLimit"), "taken from a second [2008], line 163; the first is in line 125"),
         ((167, "[0012]"), "below 1000h there are only data types; left out"),
@@ -218,7 +218,7 @@ def test_a_missing_section_and_missing_lists_are_said():
     listed = eds.loads(MINIMAL.replace("=1\n1=", "=2\n2=0x1001\n1=").encode(), "x.eds")
     assert said(listed) == {(3, "[MandatoryObjects] 2"): "'0x1001' has no section; there is no such object"}
     unlisted = eds.loads(MINIMAL.partition("[1000]")[2].join(("[1000]", "")).encode(), "x.eds")
-    assert said(unlisted) == {(0, ""): "has none of the lists of objects; all sections of objects are taken"}
+    assert said(unlisted) == {(0, ""): "has none of the lists of objects; all sections of objects are read"}
 
 
 def test_kind_is_of_the_name_or_else_of_the_content():

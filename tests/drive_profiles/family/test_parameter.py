@@ -209,7 +209,7 @@ def test_a_scale_of_the_drive_needs_the_drive():
         ({"data_type": "UNSIGNED8", "default": 256}, "default 256"),
         ({"data_type": "UNSIGNED8", "default": "one"}, "default 'one'"),
         ({"data_type": "OCTET_STRING", "default": "0g"}, "default '0g'"),
-        ({"data_type": "OCTET_STRING", "default": 1}, "bytes are written as hexadecimal text"),
+        ({"data_type": "OCTET_STRING", "default": 1}, "expected bytes as hexadecimal text"),
         ({"data_type": "UNSIGNED8", "index": 0x0FFF}, "greater than or equal to 4096"),
         ({"data_type": "UNSIGNED8", "subindex": 0xFF}, "less than or equal to 254"),
         ({"data_type": "UNSIGNED8", "scale": 0.0}, "greater than 0"),

@@ -221,18 +221,18 @@ def test_an_answer_replaces_that_answer_alone():
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ('absent = ["levle"]\n', "product large: absent names no parameter of the family: levle"),
-        ('absent = ["level"]\n' + parameter("level", maximum=1.0), "absent, and yet described: level"),
+        ('absent = ["levle"]\n', "product large: absent names parameters that the family does not have: levle"),
+        ('absent = ["level"]\n' + parameter("level", maximum=1.0), "listed as absent, but described: level"),
         (parameter("extra", index=0x2002, subindex=0), "product large: extra: data_type: Field required; class: Field required"),
         (parameter("guess", index=0x2000), "product large: parameters: level and guess are both in object"),
         (parameter("level", default=70000), "product large: level: default 70000"),
         (parameter("level", maximun=1.0), "unknown key 'maximun', did you mean maximum"),
         ("min_revision = 5\nmax_revision = 4\n", "min_revision 0x5 is above max_revision 0x4"),
-        ('[[product]]\nname = "large"\ntitle = "t"\nsource = "s"\nevidence = "eds"\n', "product large is there twice"),
-        ('[[product]]\nname = "small"\ntitle = "t"\nsource = "s"\nevidence = "eds"\n', "product small is there twice"),
+        ('[[product]]\nname = "large"\ntitle = "t"\nsource = "s"\nevidence = "eds"\n', "product large is given twice"),
+        ('[[product]]\nname = "small"\ntitle = "t"\nsource = "s"\nevidence = "eds"\n', "product small is given twice"),
         (
             '[[product]]\nname = "huge"\ntitle = "t"\nproduct_code = 2\nsource = "s"\nevidence = "eds"\n',
-            "large and huge have one product code and firmware in common",
+            "large and huge have the same product code and firmware",
         ),
     ],
 )

@@ -177,7 +177,7 @@ def good():
         ('structure = "P-PI"', 'structure = "PPI"', "loop.structure: found 'PPI'; expected one of 'P-PI'"),
         ('parameter = "lowpass_hz"', 'parameter = "low_pass_hz"', "name parameters that are not there: low_pass_hz"),
         ('mode = "notch_1.mode"', 'mode = "notch_3.mode"', r"loop or notch name parameters that are not there: notch_3\.mode"),
-        ('object = "1010:1"\nwait_s = 2.0', "", "a drive without a store command needs a note that says what to do instead"),
+        ('object = "1010:1"\nwait_s = 2.0', "", "a drive without a store command needs a note with what to do instead"),
         ('object = "1010:1"', 'object = "0x1010"', r"store\.object: found '0x1010'"),
         ("max_period_s = 20e-3", "max_period_s = 20e-6", r"sync: min_period_s 0\.00025 is above max_period_s 2e-05"),
         ("min_period_s = 250e-6", "min_period_ms = 0.5", r"wrong unit: 'min_period_ms'; expected min_period_s \(s\)"),

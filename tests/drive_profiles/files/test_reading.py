@@ -34,7 +34,7 @@ def test_what_is_no_file_is_refused_unopened(name, kind, tmp_path, monkeypatch):
         for path in (name, "link"):
             if path == "link":
                 os.symlink(name, path)
-            with pytest.raises(FileError, match=f"{path}: cannot be read: it is {kind}, and no file; expected a key"):
+            with pytest.raises(FileError, match=f"{path}: cannot be read: it is {kind}, not a file; expected a key"):
                 read_file(tmp_path / path, "a key", max_bytes=BOUND)
 
 
@@ -73,7 +73,7 @@ def test_a_fifo_that_takes_the_place_of_a_file_meanwhile_is_refused_as_well(tmp_
 @pytest.mark.parametrize("load", [eds.load, ParameterSet.load, journal.read])
 def test_every_reader_of_a_user_s_file_takes_this_door(load, tmp_path):
     os.mkfifo(tmp_path / "f")
-    with pytest.raises(FileError, match="it is a FIFO, and no file"):
+    with pytest.raises(FileError, match="it is a FIFO, not a file"):
         load(tmp_path / "f")
 
 
@@ -94,7 +94,7 @@ def test_no_command_hangs_at_a_fifo(arguments, tmp_path):
     command = [sys.executable, "-m", "drive_profiles", *arguments]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False)
     assert ended.returncode == 3, ended.stderr
-    assert "it is a FIFO, and no file" in ended.stdout + ended.stderr
+    assert "it is a FIFO, not a file" in ended.stdout + ended.stderr
 
 
 def test_a_fifo_is_not_written_over_by_eds_convert(tmp_path):

@@ -322,7 +322,7 @@ WRONG = [
     ("tuning", "held", (1, ""), "2003:0 (held) is read only"),
     ("tuning", "key", (1, ""), "2004:0 (key) is write only and cannot be checked"),
     ("communication", "vendor_id", (1, ""), "1018:1 (vendor_id) is read only"),
-    ("tuning", "0x6040:0", (15, "", "UNSIGNED16"), "6040:0 (control_word) is a command; a file does not give commands"),
+    ("tuning", "0x6040:0", (15, "", "UNSIGNED16"), "6040:0 (control_word) is a command; a parameter set cannot contain commands"),
     ("tuning", "target_position", (0, ""), "607A:0 (target_position) is a command"),
     ("communication", "0x1010:1", (0x65766173, "", "UNSIGNED32"), "1010:1 is a command"),
 ]  # fmt: skip

@@ -27,7 +27,7 @@ def test_the_maker_s_words_come_before_the_standard_s():
 
 
 def test_a_code_is_stated_once():
-    with pytest.raises(FileError, match="8A82h is there twice"):
+    with pytest.raises(FileError, match="8A82h is given twice"):
         with_codes("one", "another")
 
 

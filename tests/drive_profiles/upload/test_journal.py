@@ -227,7 +227,7 @@ def test_a_store_command_that_is_refused_takes_nothing_back_that_was_stored_befo
 def test_a_statement_is_said_in_words(path):
     with Journal(path, SNAPSHOT) as journal:
         assert str(read(path)) == (
-            "upload to node 2 was not ended; 0 of 3 objects hold what was wanted, uncertain: none; not stored"
+            "upload to node 2 was not ended; 0 of 3 objects hold the requested values, uncertain: none; not stored"
         )
         journal.note("write", A, data="11")
         journal.note("written", A, data="11")
@@ -235,7 +235,7 @@ def test_a_statement_is_said_in_words(path):
         journal.note("lost", C)
         journal.note("storing")
         assert str(read(path)) == (
-            "upload to node 2 was not ended; 1 of 3 objects hold what was wanted, uncertain: 2101:1, 6072:0; perhaps stored"
+            "upload to node 2 was not ended; 1 of 3 objects hold the requested values, uncertain: 2101:1, 6072:0; perhaps stored"
         )
         journal.note("outcome", outcome="unknown", unknown=["2101:1"], reason="no answer")
         assert "ended: unknown" in str(read(path))

@@ -69,7 +69,7 @@ def test_commands_and_what_is_read_only_were_never_written_and_do_not_go_back():
 
 @pytest.mark.parametrize("old", [{}, {(0x6040, 0): b"\x0f\0"}, {(0x6041, 0): b"\0\0"}])
 def test_a_snapshot_without_anything_to_write_back_is_refused(old):
-    with pytest.raises(RefusedError, match="holds nothing that could be written back"):
+    with pytest.raises(RefusedError, match="holds nothing that can be restored"):
         as_set(snapshot(old), DRIVE)
 
 
@@ -77,8 +77,8 @@ def test_bytes_that_are_no_value_are_refused_each_with_its_object():
     with pytest.raises(RefusedError) as caught:
         as_set(snapshot({**OLD, GAIN: struct.pack("<f", math.nan), LIMIT: b"\1\2\3\4"}), DRIVE)
     assert caught.value.reasons == (
-        "2100:1: what the drive held cannot be written back: nan is no finite number",
-        "6072:0: what the drive held cannot be written back: UNSIGNED16 takes 2 bytes, not 4",
+        "2100:1: the drive's previous value cannot be restored: nan is no finite number",
+        "6072:0: the drive's previous value cannot be restored: UNSIGNED16 takes 2 bytes, not 4",
     )
 
 

@@ -326,7 +326,7 @@ def test_a_snapshot_goes_back_by_the_same_transaction(bus, tmp_path):
     before = device.pull()
     done = upload(device, changed(before, **NOTCH), tmp_path)
     statement = journal.read(done.journal)
-    assert "hold what was wanted" in str(statement)
+    assert "hold the requested values" in str(statement)
     kept = as_set(statement.snapshot, device.catalogue)
     assert upload(device, kept, tmp_path).kind == "done"
     assert device.pull().differences(before) == []

@@ -31,7 +31,7 @@ def test_axes_that_a_line_does_not_turn_are_no_part_of_it():
 
 
 def test_a_line_that_turns_the_base_cannot_keep_the_tools_direction_with_four_axes():
-    with pytest.raises(LineError, match="in the wanted direction"):
+    with pytest.raises(LineError, match="in the required direction"):
         arm_line(FOUR, motion("end_m = { x = 0.5, y = 0.2, z = 0.45 }")).turned(np.zeros(1))
 
 
@@ -46,5 +46,5 @@ def test_the_tools_direction_is_given_by_roll_pitch_and_yaw():
 
 
 def test_a_line_without_length_is_refused():
-    with pytest.raises(LineError, match="start_m and end_m are one place"):
+    with pytest.raises(LineError, match="start_m and end_m are equal"):
         arm_line(FOUR, motion("end_m = { x = 0.5, z = 0.45 }"))

@@ -102,7 +102,7 @@ def test_an_arm_with_too_few_joints_cannot_hold_its_tool():
     def to(end: np.ndarray, frame: np.ndarray | None) -> StraightLine:
         return StraightLine(arm, angles, Pose(position, frame), Pose(end, frame), Smooth(1.0, 0.2), 0.0, 0.0, NAMES)
 
-    with pytest.raises(LineError, match="in the wanted direction"):
+    with pytest.raises(LineError, match="in the required direction"):
         to(position + np.array([-0.1, 0.1, 0.0]), frame).joints(np.zeros(1))
     end = to(position + np.array([-0.1, 0.1, 0.0]), None).angles(np.ones(1))
     assert np.allclose(arm.pose(end[0])[0], position + np.array([-0.1, 0.1, 0.0]), rtol=0.0, atol=1e-9)

@@ -89,7 +89,7 @@ B = joint_xml("b", "continuous", "one", "two")
         (robot(BASE, '<link name="one"/>', A), "link 'base': has no <inertial>, nor has any other link"),
         (
             robot(BASE, ONE, TWO, A, B, joint_xml("c", "fixed", "base", "two")),
-            "joint 'c': closes a loop: link 'two' hangs on 'b' too",
+            "joint 'c': closes a loop: joint 'b' carries link 'two' too",
         ),
         (robot(ONE, TWO, B, joint_xml("c", "fixed", "two", "one")), "joint 'b': is part of a loop: no link is the base"),
         (
@@ -104,11 +104,11 @@ B = joint_xml("b", "continuous", "one", "two")
             ),
             "joint 'c': is part of a loop, away from the base",
         ),
-        (robot(BASE, ONE, TWO, A), "link 'two': hangs on no joint, like 'base'"),
+        (robot(BASE, ONE, TWO, A), "link 'two': has no parent joint, and neither has 'base'"),
         (robot(BASE, ONE, joint_xml("a", "prismatic", "base", "one", inside=LIMIT)), "joint 'a': has the type 'prismatic'"),
         (robot(BASE, ONE, joint_xml("a", "floating", "base", "one")), "joint 'a': has the type 'floating'"),
         (robot(BASE, ONE, A.replace("</joint>", '<mimic joint="b"/></joint>')), "joint 'a': moves with another joint"),
-        (robot(BASE, ONE, joint_xml("a", "revolute", "base", "one")), "joint 'a': is revolute and has no <limit>"),
+        (robot(BASE, ONE, joint_xml("a", "revolute", "base", "one")), "joint 'a': is revolute but has no <limit>"),
         (robot(BASE, ONE, joint_xml("a", "revolute", "base", "elsewhere")), "joint 'a': has the child 'elsewhere'"),
         (robot(BASE, ONE, A.replace('lower="-3.0"', 'lower="4.0"')), "joint 'a': goes from 4 to 3 rad"),
         (robot(BASE, ONE, A.replace('xyz="0 0 1"', 'xyz="0 0 0"')), "joint 'a': has an axis of length 0"),

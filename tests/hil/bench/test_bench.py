@@ -77,7 +77,7 @@ def test_a_mistake_in_the_gains_is_told_once(tmp_path, control, words):
 
 def test_a_lever_in_mm_is_refused_with_its_unit(tmp_path):
     lever = next(line for line in TEXT.splitlines() if line.startswith("tip_lever_m"))
-    with pytest.raises(FileError, match=r"780 m is no robot's lever, the longest is 20 m: state it in m, not in mm"):
+    with pytest.raises(FileError, match=r"780 m is too long for a lever; expected at most 20 m: state it in m, not in mm"):
         load_bench(written(tmp_path, (lever, "tip_lever_m = 780.0")))
 
 

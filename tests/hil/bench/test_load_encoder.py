@@ -126,7 +126,7 @@ def test_an_encoder_may_stand_in_for_a_sensor_that_is_there():
     arm = arm.model_copy(update={"axis": axes})
     assert by_load_encoders(arm, [2]).accelerometer.from_load_encoders
     axes[5] = axes[5].model_copy(update={"load_encoder": None})
-    with pytest.raises(NotPossibleError, match="axis 5 has no second encoder, and on an arm every joint swings"):
+    with pytest.raises(NotPossibleError, match="axis 5 has no second encoder, and on an arm every joint vibrates"):
         by_load_encoders(arm.model_copy(update={"axis": axes}), [2])
 
 

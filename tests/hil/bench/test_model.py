@@ -89,7 +89,7 @@ def test_another_robots_file_is_not_written_to(tmp_path: Path) -> None:
     path = tmp_path / "model.toml"
     update_file(path, "reference", 2, PLANT)
     before = path.read_bytes()
-    with pytest.raises(NotPossibleError, match="'reference', this is 'other'"):
+    with pytest.raises(NotPossibleError, match="of robot 'reference'; expected 'other'"):
         update_file(path, "other", 2, ERROR)
     assert path.read_bytes() == before
 

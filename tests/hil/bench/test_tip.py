@@ -158,7 +158,7 @@ def test_a_sensor_whose_weight_is_not_where_its_mounting_has_it_is_not_believed(
     assert at_rest(bench).doubt is None
     assert at_rest(bench, rpy_deg=(0.0, 95.0, 0.0)).doubt is None  # a drawing may be 5 degrees off
     wrong = at_rest(bench, rpy_deg=(0.0, 0.0, 0.0))
-    assert "shows gravity 90° off its mounting, 10° at most" in (wrong.doubt or "")
+    assert "shows gravity 90° off its mounting; at most 10° is allowed" in (wrong.doubt or "")
     with pytest.raises(ValueError, match="90° off its mounting"):
         check_range(bench, wrong)
     assert "which is gravity; state gravity = true" in (at_rest(bench, gravity=False).doubt or "")

@@ -123,7 +123,7 @@ def test_a_warning_is_counted_told_and_handed_on(wire, state):
     assert wire.channel.receive(1.0) == Frame(0x123, b"")
     assert wire.channel.error_warnings == 1
     assert wire.channel.overflows == 0
-    assert "error counters: sent 97" in wire.channel.reports[0]
+    assert "error counters: transmit 97" in wire.channel.reports[0]
 
 
 def test_a_controller_that_recovers_gives_no_warning_but_a_word(wire):
@@ -147,7 +147,7 @@ def test_what_is_told_is_bounded(wire):
     assert wire.channel.error_warnings == MAX_REPORTS + 10
 
 
-@pytest.mark.parametrize(("error_class", "words"), [(0x40, "bus-off"), (0x100, "restarted by itself"), (0x44, "bus-off")])
+@pytest.mark.parametrize(("error_class", "words"), [(0x40, "bus-off"), (0x100, "restarted automatically"), (0x44, "bus-off")])
 def test_bus_off_is_a_lost_bus_and_so_is_one_that_has_restarted(wire, error_class, words):
     wire.send(Frame(0x123, b""), Frame(CAN_ERR_FLAG | error_class, bytes(8)), Frame(0x124, b""))
     assert wire.channel.receive(1.0) == Frame(0x123, b"")

@@ -29,7 +29,7 @@ def short(tmp_path):
         (("--experiment", "waltz"), 2, "expected constant-acceleration or line-motion"),
         (("--experiment", "line-motion", "--axis", 2), 2, "--axis is for constant-acceleration"),
         (("--treatment", "notch,magic"), 2, "--treatment magic"),
-        (("--treatment", "none"), 2, "give a second --treatment"),
+        (("--treatment", "none"), 2, "expected a second --treatment"),
         (("--bench", "reference", "--bus", "local:/nowhere"), 2, "--bus is for one robot"),
         (("--emulate", "reference", "--bus", "local:/nowhere"), 2, "leave --bus out"),
         (("--emulate", "reference", "--emulate", "reference"), 2, "2 times --emulate for 1 bench files"),

@@ -42,7 +42,7 @@ def test_an_axis_that_is_not_there_is_a_bad_request() -> None:
 def test_a_real_robot_does_not_move_unasked(tmp_path: Path) -> None:
     code, text = run("--bench", "reference", "--axis", "2", "--bus", "virtual:robot", "--out", str(tmp_path / "out"))
     assert code == 2
-    assert "shaken at 1.5 … 90 Hz" in text
+    assert "excited at 1.5 … 90 Hz" in text
     assert "--yes" in text
     assert not (tmp_path / "out").exists()
 

@@ -41,7 +41,7 @@ def test_it_writes_model_file_curves_and_report(tmp_path: Path) -> None:
     assert identified.axis[1].ate is not None
     assert identified.axis[1].ate.values.a2_arcsec == pytest.approx(7.2, abs=0.6)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    for title in ("Order spectrum of axis 1", "The longest stretch of axis 1", "from part to part", "Stretches"):
+    for title in ("Order spectrum of axis 1", "The longest stretch of axis 1", "part by part", "Stretches"):
         assert title in page
     assert json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))["kind"] == "identify-ate-recording"
 
@@ -55,7 +55,7 @@ def test_a_second_axis_joins_the_model_file_of_the_same_robot_and_no_other(tmp_p
     assert set(load_identified(Path(model)).axis) == {1, 6}
     other = invoke("--recording", JOINT_1, "--axis", "1", "--model", model, "--out", str(tmp_path / "b"), "--robot", "another")
     assert other.exit_code == 3
-    assert "is the model file of 'LARA 8'" in other.stderr
+    assert "is of robot 'LARA 8'" in other.stderr
 
 
 @pytest.mark.ci
@@ -77,9 +77,9 @@ def test_a_layout_file_says_columns_units_and_ratio(tmp_path: Path) -> None:
     ("words", "status", "said"),
     [
         (("--recording", JOINT_1, "--axis", "1", "--ratio", "120"), 3, "the encoders show 120.91; check whether it is 121"),
-        (("--recording", JOINT_1, "--axis", "4"), 3, "no column is known as motor"),
+        (("--recording", JOINT_1, "--axis", "4"), 3, "no column is recognised as motor"),
         (("--recording", "nothing.csv", "--axis", "1"), 3, "there is no such file"),
-        (("--recording", JOINT_1, "--axis", "1", "--column", "speed=x"), 2, "is no column"),
+        (("--recording", JOINT_1, "--axis", "1", "--column", "speed=x"), 2, "is not a column"),
         (("--recording", JOINT_1, "--axis", "1", "--column", "motor=encoder_motorinc_1,furlong"), 3, "is not a unit of motor"),
         (("--recording", JOINT_1, "--axis", "6", "--orders", "0.2,1,2"), 9, "need 10"),
         (("--recording", JOINT_1, "--axis", "1", "--encoder"), 2, "the columns name the encoders"),

@@ -20,7 +20,7 @@ COMMANDS = (
     ("content", "said"),
     [
         ("precious", "model.toml:1"),
-        ('robot = "another"\n', "is the model file of 'another'"),
+        ('robot = "another"\n', "is of robot 'another'"),
         (None, "there is no folder"),
     ],
     ids=["no model file", "another robot's", "no folder"],

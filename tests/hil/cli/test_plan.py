@@ -61,7 +61,7 @@ def test_exit_status(options, status):
 def test_a_plan_that_cannot_run_says_what_would_do():
     last = plan("--loop", "host", "--bitrate", "1M").stdout.splitlines()[-1]
     assert last.startswith("Does not fit: 0.25 ms at 1 Mbit/s")
-    assert "close the loop in the drive (--loop drive)" in last.split("What would do: ")[1]
+    assert "close the loop in the drive (--loop drive)" in last.split("Remedies: ")[1]
 
 
 def bench_with_profile(folder: Path, control: str) -> Path:

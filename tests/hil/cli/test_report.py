@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hil.cli.main import app
-from hil.errors import NOT_DISABLED, not_put_back
+from hil.errors import NOT_DISABLED, not_restored_words
 from hil.results.ate import AteResult, KnownArm, Sensing
 from hil.results.learning import LearningResult
 from hil.results.plant import PlantRequestEntry, PlantResult
@@ -65,7 +65,7 @@ def test_every_page_says_of_the_drives_what_standard_error_said(tmp_path, result
     assert code == 0, output
     page = html.unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert NOT_DISABLED in page
-    assert not_put_back("node 2: object 6072h:00h") in page
+    assert not_restored_words("node 2: object 6072h:00h") in page
     assert page.index(NOT_DISABLED) < page.index('role="status"'), "it comes before the verdict"
 
 
@@ -82,7 +82,7 @@ def test_a_result_of_the_schema_before_is_told_with_what_to_do(tmp_path):
     (tmp_path / "result.json").write_text(json.dumps(old), encoding="utf-8")
     code, output = report(tmp_path)
     assert code == 3
-    assert f"{tmp_path / 'result.json'}: schema 1 is not 2, the one known here; run the command again" in output
+    assert f"{tmp_path / 'result.json'}: schema 1; expected 2; run the command again" in output
     assert not (tmp_path / "report.html").exists()
 
 

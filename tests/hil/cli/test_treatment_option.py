@@ -66,4 +66,4 @@ def test_plan_understands_the_former_option():
 def test_robustness_understands_the_former_option():
     found = CliRunner().invoke(plant_emulator, ["robustness", "--compensation", "none", "--notch", "x.toml"])
     assert found.exit_code == 2
-    assert "--treatment none runs no filter" in found.stderr
+    assert "--treatment none has no filter" in found.stderr

@@ -165,7 +165,7 @@ def sagging() -> Callable[[TamperedChannel], None]:
 
 DEFECTS = {
     "the encoder counts backwards": (feedback(lambda s, p, t: (s, -p, t)), "encoder sign", r"stopped|along"),
-    "the motor's phases are swapped": (at_each_sync(swapped_phases), "stands enabled", r"stopped while it had to stand"),
+    "the motor's phases are swapped": (at_each_sync(swapped_phases), "stands enabled", r"stopped while it had to be at rest"),
     "the torque is told with the wrong sign": (feedback(lambda s, p, t: (s, p, -t)), "torque sign", r"pushed against the motion"),
     "the drive says twice the counts": (twice_the_counts, "accelerometer", r"\+2\.\d\d ± .* scale of the encoder"),
     "the sensor is turned": (sensor(lambda x, y, z: (z, y, x)), "accelerometer", r"along x: the sensor is turned"),
@@ -239,7 +239,7 @@ def test_a_drive_of_each_family_passes_all_that_can_be_told_of_it_up_to_the_sens
     held = family_runs()[family].held_by_drive
     untold = [] if "position_min_rev" in held else ["upper limit", "lower limit"]
     assert {name: each.seen for name, each in found.items() if each.verdict != "PASS" and name not in untold} == {}
-    assert all("the master alone does: set the drive's own" in found[name].seen for name in untold)
+    assert all("only the master does; set the drive's own" in found[name].seen for name in untold)
 
 
 @pytest.mark.slow

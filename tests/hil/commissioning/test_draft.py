@@ -47,7 +47,7 @@ def test_the_period_is_the_shortest_that_the_bus_carries_and_none_where_its_rate
 
     assert period("socketcan:can0@1M", 2) == 0.001
     assert period("socketcan:can0@125k", 6) > period("socketcan:can0@500k", 6) >= 0.002  # type: ignore[operator]
-    assert str(period("socketcan:can0", 2)).startswith("TYPE: it is not known at which bit rate")
+    assert str(period("socketcan:can0", 2)).startswith("TYPE: the bit rate is not known")
 
 
 def test_each_line_that_is_not_typed_is_refused_by_its_key(tmp_path):
@@ -70,7 +70,7 @@ def test_a_device_that_may_be_several_is_not_taken_for_one(tmp_path):
     assert document["axis"]["2"]["limits"]["torque_nm"].startswith("TYPE:")
     path = tmp_path / "bench.toml"
     path.write_text(text)
-    with pytest.raises(DriveProfileError, match=r"axis\.2\.profile.*is still to be typed"):
+    with pytest.raises(DriveProfileError, match=r"axis\.2\.profile.*is not filled in yet"):
         load_bench(path)
 
 

@@ -68,5 +68,5 @@ def test_the_former_option_means_the_present_one():
 
 def test_a_name_that_is_none_is_refused_with_those_that_are():
     assert treatment("notch").title == "notch"
-    with pytest.raises(ValueError, match=r"no treatment 'ate'; there are none, low-gains, .*cancellation-learnt"):
+    with pytest.raises(ValueError, match=r"no treatment 'ate'; expected one of none, low-gains, .*cancellation-learnt"):
         treatment("ate")

@@ -78,13 +78,13 @@ SAY = "from hil.core.library import CORE; print(round(CORE.call.lowpass_blend(20
 def test_a_core_that_is_missing_or_stale_is_built_on_import_and_one_that_cannot_be_is_refused(tmp_path):
     folder = copied(tmp_path)
     nothing = run(folder, SAY, CC="/no/cc")
-    assert "law.native does not belong to its sources, and cannot be built: /no/cc cannot be started" in nothing.stderr
+    assert "law.native was built from other sources, and cannot be rebuilt: /no/cc cannot be started" in nothing.stderr
     assert run(folder, SAY).stdout == "0.03093\n"
     assert run(folder, SAY, CC="/no/cc").stdout == "0.03093\n", "what is built is kept"
     source = folder / "hil" / "control" / "notch.c"
     changed = source.read_text().replace("2.0 * w / (1.0 + w)", "2.5 * w / (1.0 + w)")
     source.write_text(changed)
-    assert "cannot be built" in run(folder, SAY, CC="/no/cc").stderr, "a stale core computes nothing"
+    assert "cannot be rebuilt" in run(folder, SAY, CC="/no/cc").stderr, "a stale core computes nothing"
     assert run(folder, SAY).stdout == "0.038663\n"
 
 

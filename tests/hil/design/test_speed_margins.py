@@ -82,5 +82,5 @@ def test_a_switched_filter_counts_as_in_within_its_hysteresis_and_a_trapezoid_en
 def test_loops_of_different_periods_are_refused():
     base = loops()[0]
     for wrong in ([], [base, Loop(base.plant, base.cascade, period_s=1e-3)]):
-        with pytest.raises(ValueError, match="one period for all"):
+        with pytest.raises(ValueError, match="one common sampling period"):
             LoopFamily(wrong)

@@ -45,7 +45,7 @@ def test_the_spread_in_words_is_that_of_the_corners():
     assert spread_words(around(PLANT, ERROR, standard_error=known)) == "f_a ±3 %, K_g ±8 %"
     assert spread_words(around(PLANT, ERROR, percent=0.0)) == ""
     assert plants_words(around(PLANT, ERROR)) == "5 plants: K_g ±5 %, J_l ±5 %"
-    assert plants_words(around(PLANT, ERROR, percent=0.0)) == "the believed plant alone"
+    assert plants_words(around(PLANT, ERROR, percent=0.0)) == "the nominal plant only"
 
 
 def test_a_percentage_wins_and_none_at_all_leaves_the_believed_plant():

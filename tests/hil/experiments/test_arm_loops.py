@@ -95,7 +95,7 @@ def sensitivity_of_the_emulated_arm(notch, speed_rps, lines_hz, others):
     robot = changed(quiet, **{name: 0.0 for name in FREE if "friction" in name}, ate=TransmissionErrorTable.of({}, {}))
     closed = (2,) if others == "held" else (2, 3, 5)
     elastic = FlexibleArm(robot, braked=[number for number in robot.axis if number not in closed])
-    turned = arm_line(arm, BENCH.line_motion).line.walked[1][-1] - arm.home_rad()
+    turned = arm_line(arm, BENCH.line_motion).line.joints_along[1][-1] - arm.home_rad()
     state = elastic.state
     state[:, 0] = turned * [robot.axis[number].reduction_ratio for number in arm.axes]
     state[:, 2] = turned
@@ -158,7 +158,7 @@ def test_a_given_filter_that_breaks_a_margin_on_the_line_is_refused_with_the_pla
     written = result_of(outcome)
     assert max(row.sensitivity_peak for row in written.given.postures) == pytest.approx(missed.value)
     assert written.given.postures[0].label == "at the start of the line, other motors held"
-    assert "for lack of a model axes 1, 4 and 6 are taken as rigid" in " ".join(written.notes)
+    assert "axes 1, 4 and 6 are taken as rigid" in " ".join(written.notes)
     page = write_design_report(outcome, tmp_path / "design.html").read_text()
     assert "Margins on the arm" in page
     assert "at the end of the line, other motors held" in page
@@ -199,7 +199,7 @@ def test_identified_modes_stand_for_the_posture_in_which_they_were_found_and_for
     found = loops_of(believed(arm=BENCH.arm), 2, identified=identified)
     speeds = np.arange(3.85, 9.16, 0.05)
     assert [case.label for case in found.loops.cases] == ["where its plant was identified, other motors held"]
-    assert "elsewhere on the line they are not known" in found.notes[0]
+    assert "elsewhere on the line they are unknown" in found.notes[0]
     by_masses = worst(loops_of(believed(), 2).loops, (TABLE_3[2],), ("at the start", "motors held"), speeds)
     assert worst(found.loops, (TABLE_3[2],), (), speeds) == pytest.approx(by_masses, rel=0.04)  # damping is a mode's own there
 
@@ -216,7 +216,7 @@ def test_masses_identified_from_three_postures_do_instead_of_bodies():
     known = model_file()
     identified = known.with_arm(identify_arm(BENCH, known).arm)
     found = loops_of(believed(arm=BENCH.arm), 2, identified=identified)
-    assert "masses were identified from 3 postures, dips to 0." in " ".join(found.notes)
+    assert "the masses come from 3 postures, dips to 0." in " ".join(found.notes)
     notch, speeds = replace(TABLE_3[2], hysteresis_rps=0.0), np.arange(4.0, 9.01, 0.05)
     nominal = [case for case in found.loops.cases if "frequencies" not in case.label]
     held = worst(replace(found.loops, cases=tuple(nominal)), (notch,), ("at the end of the line", "motors held"), speeds)

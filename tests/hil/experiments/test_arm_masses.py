@@ -53,9 +53,9 @@ def model_file(postures=OTHERS, seed=1, axes=AXES, beside_deg=2.0):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_three_postures_predict_the_dips_along_the_line_within_two_per_cent_and_within_their_errors(seed):
     result = identify_arm(BENCH, model_file(seed=seed))
-    fractions, walked = arm_line(BENCH.arm, BENCH.line_motion).line.walked
+    fractions, line_rad = arm_line(BENCH.arm, BENCH.line_motion).line.joints_along
     for row in result.line:
-        true = true_modes(walked[int(np.argmin(np.abs(fractions - row.way_fraction)))])[0]
+        true = true_modes(line_rad[int(np.argmin(np.abs(fractions - row.way_fraction)))])[0]
         off = np.array(row.dips_hz) - true
         assert np.all(np.abs(off) < 0.02 * true)
         assert np.all(np.abs(off) < 4.0 * np.array(row.standard_error_hz))
@@ -94,10 +94,10 @@ def test_too_few_postures_are_refused_and_those_that_do_not_do_name_one_more():
 def test_postures_that_lie_close_end_in_the_right_masses_all_the_same(alike, seed):
     """From a linear fit of the joints' inertias they ended beside them, 5 to 15 % off, with errors of 0.5 to 4 %."""
     result = identify_arm(BENCH, model_file(alike, seed=seed))
-    fractions, walked = arm_line(BENCH.arm, BENCH.line_motion).line.walked
+    fractions, line_rad = arm_line(BENCH.arm, BENCH.line_motion).line.joints_along
     assert result.arm.misfit < 1.0
     for row in result.line:
-        true = true_modes(walked[int(np.argmin(np.abs(fractions - row.way_fraction)))])[0]
+        true = true_modes(line_rad[int(np.argmin(np.abs(fractions - row.way_fraction)))])[0]
         off = np.abs(np.array(row.dips_hz) - true)
         assert np.all(off < 4.0 * np.array(row.standard_error_hz) + 1e-3 * true)
 
@@ -110,7 +110,7 @@ def test_postures_that_contradict_each_other_are_said_to_and_refused_where_no_ma
     modes = (wrong.model_copy(update={"antiresonance_hz": factor * wrong.antiresonance_hz}), *known.axis[2].posture[0].mode[1:])
     posture = known.axis[2].posture[0].model_copy(update={"mode": modes})
     axis = known.axis[2].model_copy(update={"posture": (posture, *known.axis[2].posture[1:])})
-    said = "no masses explain the measured modes: the misfit is .* axes 1, 4, 6, which were not identified"
+    said = "no masses explain the measured modes: misfit of .* axes 1, 4, 6, which were not identified"
     if is_refused:
         with pytest.raises(ArmNotIdentifiedError, match=said):
             identify_arm(BENCH, known.model_copy(update={"axis": {**known.axis, 2: axis}}))
@@ -177,6 +177,6 @@ def test_the_command_writes_the_masses_into_the_model_file_and_a_page(tmp_path):
     assert load_identified(model).arm == result.arm
     assert result.arm.axes == AXES
     page = (tmp_path / "arm" / "report.html").read_text()
-    assert "Where the arm rings along its line" in page
+    assert "Resonances of the arm along its line" in page
     assert "emulated" in page
     assert any(row.way_fraction is not None for row in result.measured if abs(row.joints_deg[1] - math.degrees(HOME[1])) < 2.1)

@@ -115,7 +115,7 @@ def test_where_no_filter_keeps_all_the_reason_is_said_with_how_close_the_best_ca
     outcome = design(BENCH, request)
     assert outcome.failure.exit_code == 9
     said = str(outcome.failure)
-    assert said.startswith("axis 2: no switched filter of order 2 meets every requirement; the best one misses: ")
+    assert said.startswith("axis 2: no switched filter of order 2 meets every requirement; the best one violates: ")
     assert "at least 20.1 dB asked" in said
     assert not outcome.is_usable
     bare = design(BENCH, dataclasses.replace(request, requirements=Requirements(max_sensitivity=1.2)))
@@ -274,7 +274,7 @@ def test_where_no_filter_is_better_than_none_none_is_given(monkeypatch):
     assert not outcome.is_usable
     assert outcome.best.notches == ()
     assert outcome.failure.exit_code == 9
-    assert "no filter of order 2 is better than none here" in str(outcome.failure)
+    assert "no filter of order 2 is an improvement" in str(outcome.failure)
     assert result_of(outcome).usable is False
 
 
@@ -285,7 +285,7 @@ def test_the_best_filter_is_given_where_it_still_misses_the_limit_of_the_tip():
     )
     outcome = design(BENCH, request)
     assert outcome.is_usable
-    assert "still miss the limits of the tip" in str(outcome.failure)
+    assert "do not meet the limits of the tip" in str(outcome.failure)
     assert designed_axis(outcome).notch
 
 

@@ -253,7 +253,7 @@ def test_in_lock_step_there_is_no_timing() -> None:
     assert entry.timing is None
 
 
-@pytest.mark.parametrize(("wanted", "words"), [("wall", "counted in SYNCs"), ("lock-step", "does not wait for SYNC")])
+@pytest.mark.parametrize(("wanted", "words"), [("wall", "counted in SYNCs"), ("lock-step", "do not wait for SYNC")])
 def test_another_clock_than_the_bus_has_is_refused(
     wanted: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

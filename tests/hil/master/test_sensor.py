@@ -72,7 +72,7 @@ def test_a_frame_of_a_node_counts_where_it_is_whole(on_bus: TipAccelerometer) ->
 
 
 @pytest.mark.parametrize(
-    ("index", "value", "words"), [(UNIT_OBJECT, 0x00010000, "unit 0x00010000"), (DIGITS_OBJECT, 1, "count differently")]
+    ("index", "value", "words"), [(UNIT_OBJECT, 0x00010000, "unit 0x00010000"), (DIGITS_OBJECT, 1, "have different scales")]
 )
 def test_a_node_that_measures_something_else_is_refused(
     network: Network, on_bus: TipAccelerometer, monkeypatch: pytest.MonkeyPatch, index: int, value: int, words: str

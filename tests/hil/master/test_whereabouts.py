@@ -22,13 +22,13 @@ def test_a_refused_motion_names_the_nearest_start_to_zero_from_which_it_fits(
     stands: float, low: float, high: float, to: str
 ) -> None:
     said = way_out(2, stands, LIMITS, low, high)
-    assert said == f"it is at {stands:g} rev; hil move --axis 2 --to {to} brings it to where the motion fits"
+    assert said == f"it is at {stands:g} rev; hil move --axis 2 --to {to} moves it to where the motion fits"
     assert float(to) + low >= -22.0
     assert float(to) + high <= 22.0
 
 
 def test_a_motion_longer_than_the_limits_names_no_move() -> None:
-    assert way_out(2, 1.0, LIMITS, -30.0, 30.0) == "it is at 1 rev, and the motion is longer than the limits of -22 … 22 rev"
+    assert way_out(2, 1.0, LIMITS, -30.0, 30.0) == "it is at 1 rev, and the motion is longer than the range of -22 … 22 rev"
 
 
 def test_a_stop_says_where_each_axis_stands_and_brings_back_only_what_is_away() -> None:

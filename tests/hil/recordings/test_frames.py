@@ -66,7 +66,7 @@ def test_another_node_is_named_with_its_identifier(tmp_path, description):
 def test_what_is_no_log_is_refused(tmp_path, description):
     path = tmp_path / "bus.blf"
     path.write_bytes(b"no log at all" * 40)
-    with pytest.raises(RecordingFileError, match="no log of frames"):
+    with pytest.raises(RecordingFileError, match="not a log of frames"):
         read_recording(path, said(description), 2)
 
 
@@ -95,7 +95,7 @@ def test_a_blf_file_with_wrong_bytes_is_refused(tmp_path, description):
     data = bytearray(path.read_bytes())
     data[400:440] = bytes(range(40))
     path.write_bytes(data)
-    with pytest.raises(RecordingFileError, match="no log of frames"):
+    with pytest.raises(RecordingFileError, match="not a log of frames"):
         read_recording(path, said(description), 2)
 
 

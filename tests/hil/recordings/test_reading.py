@@ -81,7 +81,7 @@ def test_a_format_without_its_package_says_how_to_install_it(tmp_path, monkeypat
         (text_of(names="time_s,motor_rad,motor_rad"), "'motor_rad' names two columns"),
         (text_of(names="1.0,2.0,3.0"), "its first line has numbers"),
         (with_cell(7, "seven"), "line 8: 'seven' in the column 'motor_rad' is not a number"),
-        ("\n".join([*text_of().splitlines()[:51], "0.2"]), "line 52 has 1 cells, 3 are named"),
+        ("\n".join([*text_of().splitlines()[:51], "0.2"]), "line 52 has 1 cells; expected 3"),
         ("time_s,motor_rad,load_rad\n" + "0.0,,0.0\n" * 100, "a number is missing in 100 of 100 rows"),
         ("time_s,motor_rad,load_rad\n" + "0.0,1.0,0.0\n" * 100, "does not increase"),
         ("time_s,motor_rad,load_rad\n0.0,1.0,0.0\n", "1 rows are too few"),
@@ -155,7 +155,7 @@ def test_an_angle_that_begins_anew_goes_on(tmp_path):
     ("angles", "said"),
     [
         (np.mod(np.arange(ROWS) * 160.0, 360.0), "the direction is not known"),
-        (np.where(np.arange(ROWS) < 100, 0.0, 1300.0) + np.arange(ROWS), "does not begin anew after one revolution"),
+        (np.where(np.arange(ROWS) < 100, 0.0, 1300.0) + np.arange(ROWS), "does not wrap after one revolution"),
     ],
 )
 def test_an_angle_that_cannot_be_followed_is_refused(tmp_path, angles, said):
@@ -168,7 +168,7 @@ def test_an_angle_that_cannot_be_followed_is_refused(tmp_path, angles, said):
 
 
 def test_of_two_columns_that_could_be_meant_none_is_guessed():
-    with pytest.raises(RecordingFileError, match="no column is known as motor"):
+    with pytest.raises(RecordingFileError, match="no column is recognised as motor"):
         choose_columns(Path("a.csv"), ("time_s", "motor_rad", "motor_angle_rad"), Said(), 1)
 
 

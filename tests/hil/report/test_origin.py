@@ -53,7 +53,7 @@ def test_what_nobody_answered_is_not_known(answers: dict[str, bool | None]) -> N
 def test_an_older_result_without_the_key_is_read_and_called_not_recorded() -> None:
     old = ExperimentsResult.model_validate_json(result_of(AXES).dumps().replace('"emulated": true, ', ""))
     assert old.emulated is None
-    assert origin_of(old).band.startswith("Not recorded whether the robot was emulated")
+    assert origin_of(old).band.startswith("This result does not record whether the robot was emulated")
 
 
 def robot(name: str, emulated: bool | None, parts: tuple[str, ...] | None = None) -> ComparisonRobot:

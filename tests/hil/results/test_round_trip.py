@@ -168,7 +168,7 @@ def test_a_number_that_json_does_not_have_is_refused_where_it_arises():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('{"schema": 1, "runs": []}', f"schema 1 is not {SCHEMA}, the one known here; run the command again"),
+        ('{"schema": 1, "runs": []}', f"schema 1; expected {SCHEMA}; run the command again"),
         ('{"runs": []}', "it has no `schema`"),
         ("[]", "it has no `schema`"),
         ("{", "no JSON"),

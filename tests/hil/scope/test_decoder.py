@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.bench.bench import load_bench
-from hil.can.listening import HEARD
+from hil.can.listening import FRAME_RECORD
 from hil.scope.decoder import SignalDecoder
 from hil.scope.past import Past
 from tests.hil.scope.traffic import COUNTS_PER_REV, FAULT, Traffic
@@ -92,7 +92,7 @@ def test_the_bench_file_tells_the_mapping_to_one_who_comes_late():
 
 def test_a_mapping_that_is_not_known_gives_the_bus_signals_alone():
     _, found, _, _ = decoded(Traffic((2,)).run(50).heard())
-    assert set(found) == {"bus load", "misses", "SYNC distance"}
+    assert set(found) == {"bus load", "misses", "SYNC interval"}
 
 
 @pytest.mark.parametrize("pieces", [1, 30])
@@ -144,7 +144,7 @@ def test_a_bus_without_sync_is_shown_by_what_comes_most_often():
 def test_no_bytes_make_it_fail():
     generator = np.random.default_rng(4)
     traffic = Traffic((2, 3)).set_up().run(50)
-    noise = np.empty(3000, HEARD)
+    noise = np.empty(3000, FRAME_RECORD)
     noise["stamp_ns"] = np.sort(generator.integers(0, 10**9, 3000)) + traffic.now_ns
     noise["can_id"] = generator.choice(
         [0, 0x80, 0x82, 0x182, 0x202, 0x582, 0x602, 0x702, 0x7E4, 0x20000004, 0x80012345, 0x40000182], 3000

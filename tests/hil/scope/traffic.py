@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 from hil.can.frame import Frame
-from hil.can.listening import HEARD
+from hil.can.listening import FRAME_RECORD
 
 COUNTS_PER_REV = 1000
 RATED_TORQUE_MNM = 2000
@@ -82,7 +82,7 @@ class Traffic:
 
     def heard(self):
         """The frames since, as a listener gives them."""
-        found = np.array(self.frames, HEARD)
+        found = np.array(self.frames, FRAME_RECORD)
         self.frames = []
         return found
 

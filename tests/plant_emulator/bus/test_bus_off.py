@@ -64,7 +64,7 @@ def test_a_node_is_silent_and_deaf_from_bus_off_until_its_controller_is_back_and
     recovery_ns = 0 if bitrate is None else RECOVERY_BITS * 1_000_000_000 // bitrate
     assert after[0][1] >= BACK_NS + recovery_ns
     made.offer(CLIENT, READ_TYPE)
-    assert [f.can_id for f, _ in of_the_drive(made.settle())] == [0x583]
+    assert [f.can_id for f, _ in of_the_drive(made.drain())] == [0x583]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_the_supply_taken_away_and_given_back_ends_bus_off_without_a_word_about_
     assert made.world.power_cycle(NODE) == [Frame(0x703, b"\0")]
     assert of_the_drive(made.run(OFF_NS + 50 * MS)) == []
     made.offer(CLIENT, READ_TYPE)
-    assert [f.can_id for f, _ in of_the_drive(made.settle())] == [0x583]
+    assert [f.can_id for f, _ in of_the_drive(made.drain())] == [0x583]
 
 
 def test_a_client_that_is_bus_off_is_no_nodes_concern():

@@ -3,7 +3,7 @@
 import pytest
 
 from hil.can.frame import CAN_ERR_FLAG, Frame
-from plant_emulator.bus.attempt import Attempt, Port, QueuedFrame, settle
+from plant_emulator.bus.attempt import Attempt, Port, QueuedFrame, resolve
 from plant_emulator.bus.confinement import RECOVERY_BITS, SUSPEND_BITS, Confinement
 from plant_emulator.bus.controller import ErrorState
 from plant_emulator.bus.faults import Passage
@@ -36,7 +36,7 @@ class Bus:
         """The attempt of port 1's frame, destroyed on its way."""
         attempt = self.queues.planned(0)
         attempt.senders[0].destroyed = 1
-        settle(attempt, self.ports.values(), RATES)
+        resolve(attempt, self.ports.values(), RATES)
         self.queues.take(attempt)
         self.confinement.judge(attempt)
 

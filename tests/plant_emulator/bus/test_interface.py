@@ -127,7 +127,7 @@ def test_a_message_waits_for_room_as_long_as_its_time_out_says(tmp_path):
         listener.bind(path)
         listener.listen()
         with can.Bus(interface="hil_local", channel=path) as bus, listener.accept()[0] as server:
-            with pytest.raises(can.CanOperationError, match="takes no more frames"):
+            with pytest.raises(can.CanOperationError, match="accepts no more frames"):
                 fill(bus)
             late = threading.Timer(0.05, lambda: [server.recv(16) for _ in range(250)])
             late.start()

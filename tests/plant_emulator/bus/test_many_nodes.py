@@ -54,7 +54,7 @@ def test_on_a_bus_with_bit_times_127_boot_ups_arbitrate_and_none_is_lost(world):
     made = TimedBus(world, EmulatedWire(1_000_000, now_ns=world.now))
     made.wire.attach(CLIENT)
     made.offer(CLIENT, RESET)
-    reset, *boots = made.settle()
+    reset, *boots = made.drain()
     assert [h.frame for h in boots] == BOOT_UPS
     gaps = [after.end_ns - before.end_ns for before, after in itertools.pairwise(boots)]
     assert min(gaps) >= 55_000
@@ -98,7 +98,7 @@ def test_a_lost_node_is_the_one_of_127_that_went_bus_off(world):
     made.wire.attach(CLIENT)
     made.run(world.now + 2_000)
     made.offer(CLIENT, RESET)
-    assert [h.frame.can_id for h in made.settle()[1:]] == [0x700 + node for node in NODES if node != 77]
+    assert [h.frame.can_id for h in made.drain()[1:]] == [0x700 + node for node in NODES if node != 77]
     world.power_cycle(77)
 
 

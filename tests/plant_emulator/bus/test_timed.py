@@ -31,7 +31,7 @@ def bus(bitrate=1_000_000, *, latency_ns=0, faults=None, cyclic=(2, 3, 5)):
         dictionary.write(0x1800, 2, b"\1")
         dictionary.write(0x1800, 1, (0x180 + node).to_bytes(4, "little"))
         made.offer(CLIENT, Frame(0, bytes((NmtCommand.START, node))))
-    made.settle()
+    made.drain()
     made.run(made.world.now + 1_000_000)  # the intermission, too, is over
     return made
 
@@ -40,7 +40,7 @@ def test_a_request_and_its_answer_take_their_bits_and_the_answer_begins_when_the
     made = bus()
     began = made.world.now
     made.offer(CLIENT, SDO_READ_TYPE)
-    request, answer = made.settle()
+    request, answer = made.drain()
     assert (request.port, answer.port) == (CLIENT, 2)
     # the end of a frame is heard before its intermission of 3 bits is over
     assert request.end_ns - began == (frame_bits(SDO_READ_TYPE) - 3) * 1000
@@ -53,7 +53,7 @@ def test_host_latency_comes_before_the_first_bit():
     begins = late.world.now, prompt.world.now
     late.offer(CLIENT, SDO_READ_TYPE)
     prompt.offer(CLIENT, SDO_READ_TYPE)
-    assert late.settle()[0].end_ns - begins[0] == prompt.settle()[0].end_ns - begins[1] + 70_000
+    assert late.drain()[0].end_ns - begins[0] == prompt.drain()[0].end_ns - begins[1] + 70_000
 
 
 def test_after_a_sync_the_answers_come_by_identifier_one_after_the_other_and_time_stops_at_the_next_beat():
@@ -129,7 +129,7 @@ def test_a_frame_that_is_destroyed_is_sent_again_and_arrives_later():
     for made in (clean, disturbed):
         began = made.world.now
         made.offer(CLIENT, SDO_READ_TYPE)
-        ends.append(made.settle()[-1].end_ns - began)
+        ends.append(made.drain()[-1].end_ns - began)
     assert ends[1] > ends[0] + 1000 * frame_bits(SDO_READ_TYPE) // 2
 
 
@@ -137,7 +137,7 @@ def test_what_can_be_on_no_bus_is_not_sent_and_harms_nobody():
     made = bus()
     for frame in (Frame(0x2000_0004, bytes(8)), Frame(0x800, b"")):
         made.offer(CLIENT, frame)
-    assert made.settle() == []
+    assert made.drain() == []
 
 
 def test_the_simplest_medium_that_does_what_is_asked_for():
@@ -178,7 +178,7 @@ def test_a_fault_that_is_to_come_keeps_nobody_waiting():
     for faults in (None, BusFaults([Fault("mute", port=5, from_s=5.0)])):
         made = bus(faults=faults)
         made.offer(CLIENT, SDO_READ_TYPE)
-        made.settle()
+        made.drain()
         ends.append(made.world.now)
     assert ends[0] == ends[1]
 

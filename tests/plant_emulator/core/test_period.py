@@ -39,7 +39,7 @@ def random_plant(source):
         p[name] = source.uniform(0.0, 3e-4, p[name].shape)
     p["more_orders"], p["cogging_nm"] = source.uniform(0.2, 9.0, 4), source.uniform(0.0, 1e-3, 4)
     p["joint_orders"], p["cogging_orders"] = source.uniform(0.01, 0.1, 4), source.integers(4, 40, 4)
-    for name in ("is_more", "is_eccentric", "is_cogging", "gear_reaction"):
+    for name in ("has_more_orders", "is_eccentric", "is_cogging", "gear_reaction"):
         p[name] = float(source.integers(0, 2))
     p["wind_up_softness"], p["wind_up_torsion_rad"] = source.choice([0.0, 0.3]), 2e-4
     p["hysteresis_torque_nm"], p["hysteresis_torsion_rad"] = source.choice([0.0, 3.0]), 1e-4
@@ -72,7 +72,7 @@ def test_a_step_of_the_plant_is_that_of_the_specification(seed):
     assert synchronous_error(plants[0], 0.7) == plant.synchronous_error(p, 0.7)
     assert CORE.call.cogging(CORE.pointer(plants, "plant"), 0.7) == plant.cogging(p, 0.7)
     hang_at_rest(plants[0], states[0])
-    plant.settle(p, s)
+    plant.hang_at_rest(p, s)
     assert numbers(states[0]) == numbers(s)
 
 

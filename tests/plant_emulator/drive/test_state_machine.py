@@ -86,7 +86,7 @@ def test_every_quick_stop_option_decides_over_transition_16(option):
         assert after == reference(QUICK, previous, option)[:0x100].tolist()
 
 
-def settle(power, word, options=Options()):  # noqa: B008 - a tuple of numbers
+def held_word(power, word, options=Options()):  # noqa: B008 - a tuple of numbers
     """As a drive does it: the same word until it moves nothing more."""
     actions = []
     while True:
@@ -98,7 +98,7 @@ def settle(power, word, options=Options()):  # noqa: B008 - a tuple of numbers
 
 
 def test_switch_on_and_enable_in_one_word_passes_switched_on():
-    power, actions = settle(Power(READY, 0x06), 0x0F)
+    power, actions = held_word(Power(READY, 0x06), 0x0F)
     assert power.state is ENABLED
     assert actions == [Action.RELEASE, Action.ENERGISE, Action.NONE]
 
@@ -108,10 +108,10 @@ def test_a_word_that_is_held_over_a_fault_and_its_reset_enables_nothing():
     power = stopped(failed(power).power).power
     assert power.state is FAULT
     for word in (0x0F, 0x8F, 0x8F, 0x0F, 0x0F):
-        power, actions = settle(power, word)
+        power, actions = held_word(power, word)
         assert Action.ENERGISE not in actions
     assert power.state is DISABLED
-    assert [settle(power, word)[0].state for word in (0x07, 0x0F, 0x06)] == [DISABLED, DISABLED, READY]
+    assert [held_word(power, word)[0].state for word in (0x07, 0x0F, 0x06)] == [DISABLED, DISABLED, READY]
 
 
 def test_fault_reset_is_the_rising_edge_and_clears_the_faults():

@@ -57,22 +57,22 @@ states = st.tuples(st.floats(-1e3, 1e3), speeds, st.floats(-3.0, 3.0), speeds, t
     st.booleans(),
 )
 def test_rates_around_any_grid_point_are_those_of_the_plain_equations(
-    number, values, command, braked, softness, hysteresis, lag, away, is_more
+    number, values, command, braked, softness, hysteresis, lag, away, has_more_orders
 ):
     """Within the polynomials' bounds, and beyond them, where the library's sine takes over."""
     changes = {
         "a1_rad": 20.0 * ARCSEC,
         "phi1_rad": 0.3,
         "a4_rad": 10.0 * ARCSEC,
-        "is_more": float(is_more),
+        "has_more_orders": float(has_more_orders),
         "more_orders": (0.5, 3.0, 5.75, 8.0),
         "more_rad": (30.0 * ARCSEC, 20.0 * ARCSEC, 5.0 * ARCSEC, 2.0 * ARCSEC),
         "more_phi_rad": (1.0, -0.7, 2.0, 0.1),
-        "is_eccentric": float(is_more),
+        "is_eccentric": float(has_more_orders),
         "joint_orders": (1.0 / 120.0, 2.0 / 120.0, 0.0, 0.0),
         "joint_rad": (40.0 * ARCSEC, 10.0 * ARCSEC, 0.0, 0.0),
         "joint_phi_rad": (0.2, 1.2, 0.0, 0.0),
-        "is_cogging": float(is_more),
+        "is_cogging": float(has_more_orders),
         "cogging_orders": (8.0, 36.0, 72.0, 0.0),
         "cogging_nm": (0.05, 0.02, 0.01, 0.0),
         "cogging_phi_rad": (0.1, 0.7, -1.0, 0.0),

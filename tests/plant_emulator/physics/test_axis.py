@@ -20,7 +20,7 @@ LINEAR = {"coulomb_friction_nm": 0.0, "static_friction_nm": 0.0, "gravity_moment
 NO_ATE = {"a1_rad": 0.0, "a2_rad": 0.0, "a4_rad": 0.0}
 UNDAMPED = {"motor_damping_nm_s_rad": 0.0, "arm_damping_nm_s_rad": 0.0, "gear_damping_nm_s_rad": 0.0}
 MORE = {
-    "is_more": 1.0,
+    "has_more_orders": 1.0,
     "more_orders": (3.0, 0.5, 6.25, 0.0),
     "more_rad": (80 * ARCSEC, 150 * ARCSEC, 40 * ARCSEC, 0.0),
     "more_phi_rad": (0.4, 2.0, -1.0, 0.0),

@@ -13,7 +13,7 @@ from hil.errors import InterruptedRunError
 from hil.experiments.motions import line_motion
 from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.arms.conditions import NAMES, conditions_of, with_payload
-from plant_emulator.rehearsal.arms.path import REFERENCE_SEED, arm_of, walk_arm_seed
+from plant_emulator.rehearsal.arms.path import REFERENCE_SEED, arm_of, run_arm_seed
 from plant_emulator.rehearsal.arms.summary import arm_claims, arm_tips
 from plant_emulator.rehearsal.arms.survey import LineTip, TrueLine, true_line
 from plant_emulator.rehearsal.direct import DirectSession
@@ -94,7 +94,7 @@ def test_a_signal_ends_the_walk_of_an_arm(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(DirectSession, "run", stopped)
     with pytest.raises(KeyboardInterrupt):
-        walk_arm_seed(REFERENCE_SEED)
+        run_arm_seed(REFERENCE_SEED)
 
 
 @pytest.mark.slow  # three runs of an arm, and what they need

@@ -10,8 +10,8 @@ from hil.errors import RefusalCause
 from plant_emulator.rehearsal.many.causes import CAUSES, main_refusal, refusals
 from plant_emulator.rehearsal.many.claims import FEWEST_FAR, claims_of
 from plant_emulator.rehearsal.many.rows import CRASHED, WALKED
+from plant_emulator.rehearsal.many.running import crashed
 from plant_emulator.rehearsal.many.summary import fraction_text, percentiles, quantities
-from plant_emulator.rehearsal.many.walking import crashed
 from tests.plant_emulator.rehearsal.made import CURED, refused, row
 
 NOISE = "not identified: the largest amplitude over its standard error: 3.8 (at least 5)"

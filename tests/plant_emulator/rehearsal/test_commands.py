@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from hil.bench.bench import load_bench
 from plant_emulator.cli.main import app
-from plant_emulator.rehearsal.many.one import drawn, kind_of, walk_seed
+from plant_emulator.rehearsal.many.one import drawn, kind_of, run_seed
 from plant_emulator.rehearsal.many.rows import BROKEN, WALKED, Kept, RehearsalSettings, steady
 from plant_emulator.robots.robot import load_robot
 from tests.plant_emulator.rehearsal.made import refused, row
@@ -137,7 +137,7 @@ def test_a_rehearsal_leaves_row_table_claims_and_page(rehearsed):
 @pytest.mark.slow
 def test_a_robot_walked_again_in_another_process_gives_the_same_row(rehearsed):
     folder, _ = rehearsed
-    assert steady(walk_seed(CHEAP, "linear", False)) == steady(Kept(folder).rows()[0])
+    assert steady(run_seed(CHEAP, "linear", False)) == steady(Kept(folder).rows()[0])
 
 
 @pytest.mark.slow
@@ -222,7 +222,7 @@ def test_a_number_that_is_not_reached_is_said_and_with_check_is_a_status(kept):
     plain, checked = invoke("rehearse", "--summary", kept.folder), invoke("rehearse", "--summary", kept.folder, "--check")
     assert (plain.exit_code, checked.exit_code) == (0, 9)
     for each in (plain, checked):
-        assert "not reached: The other robots are refused, with the cause that is the true one; goal 90 %" in each.output
+        assert "not reached: The other robots are refused, with the true cause; goal 90 %" in each.output
 
 
 @pytest.mark.slow
@@ -279,6 +279,6 @@ def test_what_cannot_be_walked_is_refused_before_anything_is_written(tmp_path, m
 def test_an_error_that_nobody_expected_is_a_row_and_no_end(tmp_path, monkeypatch):
     """Where nothing can be written no robot can be walked; the others still can."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "gone"))
-    found = walk_seed(CHEAP, "linear", False)
+    found = run_seed(CHEAP, "linear", False)
     assert (found["seed"], found["kind"], found["walk"]) == (CHEAP, "linear", BROKEN)
     assert found["walk_words"].startswith("FileNotFoundError: ")

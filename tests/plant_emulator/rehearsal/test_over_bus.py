@@ -96,7 +96,7 @@ class Missing(StepsOverBus):
     def _hil(self, *arguments, out, may_miss=False):
         if self.writes:
             self._files.designs.write_text(self.writes, encoding="utf-8")
-        raise CommandError(arguments, 9, "axis 2: the best filters still miss the limits of the tip")
+        raise CommandError(arguments, 9, "axis 2: the best filters do not meet the limits of the tip")
 
 
 def test_a_design_that_was_written_all_the_same_is_noted_as_in_one_process(tmp_path, bench):
@@ -104,4 +104,4 @@ def test_a_design_that_was_written_all_the_same_is_noted_as_in_one_process(tmp_p
     with pytest.raises(CommandError, match="best filters"):
         steps.design()
     steps.writes = "robot = 'r'"
-    assert steps.design() == "axis 2: the best filters still miss the limits of the tip"
+    assert steps.design() == "axis 2: the best filters do not meet the limits of the tip"

@@ -8,7 +8,7 @@ from hil.errors import HilError, InterruptedRunError
 from hil.reporter import SilentReporter
 from plant_emulator.rehearsal import path
 from plant_emulator.rehearsal.estimates import facts_of, sensor_delay_s
-from plant_emulator.rehearsal.path import PathOptions, walk
+from plant_emulator.rehearsal.path import PathOptions, run_path
 from plant_emulator.rehearsal.probes import wrong_corrections, wrong_orders
 from plant_emulator.rehearsal.record import COLUMNS, FACTS, PROBES, QUANTITIES, STEPS
 from plant_emulator.rehearsal.survey import Survey
@@ -104,7 +104,7 @@ def test_wrong_corrections_are_wrong_in_the_order_that_they_name():
 def test_a_walk_in_which_everything_is_refused_is_told_step_by_step_and_raises_nothing(tmp_path, monkeypatch):
     robot, heard = draw(3, kind="linear"), Heard()
     monkeypatch.setattr(path, "StepsInProcess", lambda *_: Refusing(HilError("not today")))
-    record = walk(robot, bench_of(robot), tmp_path, PathOptions(with_probes=False), heard)
+    record = run_path(robot, bench_of(robot), tmp_path, PathOptions(with_probes=False), heard)
     assert tuple(record.steps) == STEPS
     assert {name: step.ended for name, step in record.steps.items()} == {
         "plant": "refused", "ate": "refused", "design": "skipped", "none": "refused", "notch": "refused",
@@ -122,7 +122,7 @@ def test_a_walk_in_which_everything_is_refused_is_told_step_by_step_and_raises_n
 def test_an_error_that_nobody_expected_is_a_crash_in_the_record(tmp_path, monkeypatch):
     robot = draw(3, kind="linear")
     monkeypatch.setattr(path, "StepsInProcess", lambda *_: Refusing(ZeroDivisionError("by zero")))
-    record = walk(robot, bench_of(robot), tmp_path, PathOptions(with_probes=False, with_design=False))
+    record = run_path(robot, bench_of(robot), tmp_path, PathOptions(with_probes=False, with_design=False))
     assert (record.steps["plant"].ended, record.steps["plant"].error) == ("crashed", "ZeroDivisionError")
     assert (record.steps["design"].ended, record.steps["design"].words) == ("skipped", "not asked for")
 
@@ -132,14 +132,14 @@ def test_a_signal_ends_the_walk_and_is_no_fact_of_the_robot(tmp_path, monkeypatc
     error = InterruptedRunError("interrupted by SIGTERM", all_disabled=True)
     monkeypatch.setattr(path, "StepsInProcess", lambda *_: Refusing(error))
     with pytest.raises(KeyboardInterrupt):
-        walk(robot, bench_of(robot), tmp_path)
+        run_path(robot, bench_of(robot), tmp_path)
 
 
 @pytest.mark.slow
 def test_the_whole_path_on_a_drawn_robot_finds_its_plant_and_says_how_every_step_ended(tmp_path):
     robot = draw(4, kind="linear")
     # searches and wrong corrections cost most, and have tests of their own
-    record = walk(robot, bench_of(robot), tmp_path / "walk", PathOptions(with_design=False, with_probes=False))
+    record = run_path(robot, bench_of(robot), tmp_path / "walk", PathOptions(with_design=False, with_probes=False))
     assert tuple(record.steps) == STEPS
     assert not [name for name, step in record.steps.items() if step.ended == "crashed"]
     assert record.steps["plant"].is_done

@@ -4,11 +4,11 @@ import pytest
 
 from plant_emulator.rehearsal.many.claims import claims_of
 from plant_emulator.rehearsal.many.executors import LocalProcesses
-from plant_emulator.rehearsal.many.one import BOTH, walk_seed
+from plant_emulator.rehearsal.many.one import BOTH, run_seed
 from plant_emulator.rehearsal.many.page import write_page
 from plant_emulator.rehearsal.many.reading import accepted, is_quiet, of_kind
+from plant_emulator.rehearsal.many.running import run_all
 from plant_emulator.rehearsal.many.table import csv_text
-from plant_emulator.rehearsal.many.walking import walk_all
 
 FIRST, ROBOTS = 10_041, 40
 """Seeds from here on are not used for anything else: a robot that was looked at is no test any more."""
@@ -40,7 +40,7 @@ def test_robots_that_nobody_has_seen_reach_the_numbers(tmp_path, seeds):
     """One test, since the robots are walked once; table and page of them lie in its folder."""
     rows = []
     with LocalProcesses(1) as executors:  # beside a worker that waits for it: two would be one too many for its processor
-        walk_all(seeds, walk_seed, (BOTH, False, None, PROBED_EVERY), executors, rows.append)
+        run_all(seeds, run_seed, (BOTH, False, None, PROBED_EVERY), executors, rows.append)
     rows.sort(key=lambda row: row["seed"])
     (tmp_path / "robots.csv").write_text(csv_text(rows), encoding="utf-8")
     write_page(tmp_path / "report.html", rows)

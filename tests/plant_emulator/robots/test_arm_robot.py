@@ -209,7 +209,7 @@ def test_a_sensor_on_a_link_that_is_not_there_is_refused():
 
 
 def test_the_first_table_of_the_page_makes_an_arm():
-    page = (Path(__file__).parents[3] / "docs" / "arm.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "arm-table.md").read_text(encoding="utf-8")
     table = re.findall(r"```toml\n(\[arm\]\n.*?)```", page, re.DOTALL)[0]
     axes = TEXT[TEXT.index("[axis.1]") : TEXT.index("[axis.3]")]
     robot = loads(axes + table, ArmRobot)

@@ -46,7 +46,7 @@ def test_other_orders_of_a_gear_are_written_too_and_a_table_s_room_is_the_plant_
     table = TransmissionErrorTable.of({2: 5.0, 3: 4.0, 0.5: 6.0}, {2: 0.0, 3: 90.0, 0.5: 180.0})
     row = np.full(1, np.nan, PLANT)[0]
     ROBOT.axis[2].model_copy(update={"ate": table}).write(row, 0.0)
-    assert (row["is_more"], row["more_orders"].tolist()) == (1.0, [0.5, 3.0, 0.0, 0.0])
+    assert (row["has_more_orders"], row["more_orders"].tolist()) == (1.0, [0.5, 3.0, 0.0, 0.0])
     np.testing.assert_allclose(row["more_rad"] / ARCSEC, [6.0, 4.0, 0.0, 0.0])
     np.testing.assert_allclose(np.degrees(row["more_phi_rad"]), [180.0, 90.0, 0.0, 0.0])
     assert len(row["more_orders"]) == MOST_MORE_ORDERS

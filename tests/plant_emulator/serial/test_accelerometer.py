@@ -107,7 +107,7 @@ def test_the_bus_does_not_notice_it():
         sent = world.power_on()
         sent += world.receive(Frame(FunctionCode.NMT, b"\1\0"))
         for _ in range(50):
-            sent += world.receive(Frame(FunctionCode.SYNC, b"")) + world.settle()
+            sent += world.receive(Frame(FunctionCode.SYNC, b"")) + world.finish_period()
         return sent
 
     measured_world = MeasuredWorld(ONE_AXIS, EmulatedSerialAccelerometer(ONE_AXIS, 777.0, "binary"))

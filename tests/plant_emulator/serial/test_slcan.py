@@ -361,5 +361,5 @@ def test_a_path_that_is_taken_is_refused(serve, tmp_path):
     process, _ = serve("--slcan", str(tmp_path / "taken"), wait=False)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 4
-    assert "taken exists and is no link to a pseudo-terminal" in errors
+    assert "taken exists and is not a link to a pseudo-terminal" in errors
     assert (tmp_path / "taken").read_text() == "mine"

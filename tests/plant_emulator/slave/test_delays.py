@@ -29,7 +29,7 @@ def tpdo_times(rig, count=20):
     for _ in range(count):
         now = rig.world.now
         assert not [f for f in rig.send(0x080) if f.can_id == TPDO]
-        rig.world._owed_ns = 0
+        rig.world._pending_ns = 0
         while not late or late[-1][0] != now:
             due = rig.world.due
             assert due is not None
@@ -153,7 +153,7 @@ def test_a_run_in_lock_step_gets_every_tpdo_though_late():
     rig = mapped(rig_with(tpdo_delay_us=500.0))
     frames = []
     for _ in range(10):
-        frames += rig.send(0x080) + rig.world.settle()
+        frames += rig.send(0x080) + rig.world.finish_period()
     assert len([f for f in frames if f.can_id == TPDO]) == 10
 
 

@@ -36,7 +36,7 @@ def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float
         load, motor, weight = load + float(x @ y), motor + float(x @ x), weight + float(y @ y)
     if motor <= 0.0 or abs(load) < 1e-9 * motor or weight == 0.0:
         raise ContradictedError(
-            f"{recorded.path}: {recorded.column['load'].name!r} stands still while the motor turns; check that it "
+            f"{recorded.path}: {recorded.column['load'].name!r} does not move while the motor turns; check that it "
             "belongs to this axis"
         )
     return motor / load
@@ -58,7 +58,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
         unit = load.unit.text.removeprefix("-")
         turn = f"reverse it with --column load={load.name},-{unit}" if "/rev" in unit else "change the sign of one of them"
         raise ContradictedError(
-            f"{recorded.path}: the encoders count against each other: a revolution of the motor turns {load.name!r} by "
+            f"{recorded.path}: the encoders count in opposite directions: a revolution of the motor turns {load.name!r} by "
             f"{1.0 / found:.5f}; {turn}"
         )
     whole = round(found)
@@ -68,7 +68,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
                 f"{recorded.path}: the encoders show a reduction ratio of {found:.3f}, which is not a whole "
                 "number above 10; give the ratio with --ratio, and the increments of each encoder with --column"
             )
-        return float(whole), f"the reduction ratio is taken to be {whole}: the encoders show {found:.2f}"
+        return float(whole), f"the reduction ratio is assumed to be {whole}: the encoders show {found:.2f}"
     if abs(found - given) > max(RATIO_OFF, RATIO_OFF_FRACTION * given):
         raise ContradictedError(
             f"{recorded.path}: a reduction ratio of {given:g} was given, the encoders show {found:.2f}"

@@ -190,8 +190,8 @@ def _robot(request: RecordedRequest, bench: Bench | None) -> str:
 
 def _arm_words(arm: Arm, source: str) -> str:
     return (
-        f"arm on its gear at {arm.resonance_hz:.2f} Hz, ζ = {arm.damping:.3f}, sensor {1e3 * arm.delay_s:.2f} ms late; "
-        f"starting from {source}, refined by the recordings"
+        f"arm on its gear at {arm.resonance_hz:.2f} Hz, ζ = {arm.damping:.3f}, sensor {1e3 * arm.delay_s:.2f} ms late; started "
+        f"from {source}, refined by the recordings"
     )
 
 
@@ -236,7 +236,7 @@ def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joi
     if "torque" in roles:
         return "motor torque"
     raise ContradictedError(
-        f"{files[0].path}: no signal beside the motor angle is in every file; one of joint angle, tip "
+        f"{files[0].path}: no signal except the motor angle is in every file; one of joint angle, tip "
         "acceleration or motor torque is needed; name it, for example with --column load=NAME,UNIT"
     )
 
@@ -390,8 +390,8 @@ def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
         swing, at_most = ready.swing, ready.swing.highest_hz**2
         return [
             f"the joint swings {measured(100 * swing.per_hz2 * at_most, 100 * swing.error_per_hz2 * at_most)} % "
-            f"wider at {swing.highest_hz:.1f} Hz than its gear drives it, as the different speeds show; the "
-            "values are corrected for it"
+            f"wider at {swing.highest_hz:.1f} Hz than its gear moves it, as the different speeds show; the values are corrected "
+            f"for that"
         ]
     seen = {order: value for order, value in fitted.joint.values.items() if _is_significant(value)}
     if not seen:
@@ -401,7 +401,7 @@ def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
     below = max(order * speed * math.sqrt(value.a_arcsec / value.a_error_arcsec) for order, value in seen.items())
     return [
         f"the amplitudes are those of the joint; if its arm rings below {below:.0f} Hz, those of the gear are "
-        "smaller by more than a standard error; record more slowly or at changing speeds to see the gear's"
+        "smaller by more than a standard error; record more slowly or at varying speeds to identify the gear's"
     ]
 
 
@@ -411,7 +411,7 @@ def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], re
     for order, change in fitted.changes.items():
         values = [values_of(fit)[order] for _, fit in fitted.parts]
         if change.is_seen and _is_significant(fitted.joint.values[order]):
-            half = "; a feed-forward with one phase for all leaves much of it" if change.phi_span_deg > TURNED_DEG else ""
+            half = "; a feed-forward with one fixed phase leaves much of it" if change.phi_span_deg > TURNED_DEG else ""
             sizes = [value.a_arcsec for value in values]
             notes.append(
                 f"order {order:g} changes: φ_{order:g} differs by up to {change.phi_span_deg:.0f}° and A_{order:g} from "
@@ -423,8 +423,8 @@ def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], re
         if near > max(NOT_ASKED, 1.0 / scan.turns) and peak.amplitude > WORTH_ASKING * peak.level:
             notes.append(f"order {peak.order:.2f} exceeds the noise but was not asked for; add it with --orders")
     notes += [
-        f"a line at {line.hz:.1f} Hz, order {line.order:.2f} at most of the speeds, keeps its frequency, so it "
-        "does not come from the gear"
+        f"a line at {line.hz:.1f} Hz, order {line.order:.2f} at most of the speeds, has a fixed frequency, so it does not come "
+        f"from the gear"
         for line in lines
     ]
     weak = [f"{order:g}" for order, value in fitted.joint.values.items() if not _is_significant(value)]

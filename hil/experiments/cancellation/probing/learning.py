@@ -31,7 +31,7 @@ from hil.experiments.cancellation.probing.motion import (
     seen_fraction,
     sigmas,
 )
-from hil.experiments.cancellation.probing.pace import Settled, at_pace, learn_at_pace
+from hil.experiments.cancellation.probing.pace import KnownSettings, at_pace, learn_at_pace
 from hil.experiments.cancellation.probing.reaction import shown_reactions
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper, keep_no_run
 from hil.experiments.cancellation.probing.runs import Runs
@@ -58,7 +58,7 @@ LEAST_PART_SEEN = 0.9
 """Fraction of an order that is seen from which it is said to be."""
 FIRST_RUNS = 2
 """Most runs with what follows from the first round."""
-APPLIED_RUNS, SETTLED_FRACTION = 4, 0.9
+APPLIED_RUNS, CONVERGED_FRACTION = 4, 0.9
 """Most runs with what follows, each leading on from the last; fraction of the last one's vibration above which none follows."""
 PROBED_SIGMAS = 2.0
 """Standard errors from which an order is told from nothing by itself."""
@@ -198,7 +198,7 @@ def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[floa
         )
         learning.outcomes[part] = PartOutcome(part, "not reached", words=words)
     if not parts:
-        raise NotPossibleError(f"no order comes into the band, {low:g} to {high:g} Hz; the motion is too slow to learn on it")
+        raise NotPossibleError(f"no order reaches the band, {low:g} to {high:g} Hz; the motion is too slow to learn on it")
     return parts
 
 
@@ -245,7 +245,7 @@ def _lead(runs: Runs, led: _Led, most: int) -> _Led:
         run = runs.applied(led.parts, vector)
         onward = _step(led.effects, run)
         tried.append((replace(led, vector=vector, run=run), onward))
-        if number > 1 and run.rms_mm > SETTLED_FRACTION * _run_of(tried[-2][0]).rms_mm:
+        if number > 1 and run.rms_mm > CONVERGED_FRACTION * _run_of(tried[-2][0]).rms_mm:
             break
         vector = vector + onward.settings
     best, onward = min(tried, key=lambda each: _run_of(each[0]).rms_mm)
@@ -259,7 +259,7 @@ def _at_another_pace(runs: Runs, others: Runs, led: _Led, orders: Sequence[float
 
     The new settings count if the tip stays as quiet at the line's own pace.
     """
-    known = Settled(led.parts, led.vector, led.step.covariance, led.step.seen)
+    known = KnownSettings(led.parts, led.vector, led.step.covariance, led.step.seen)
     found = learn_at_pace(others, known, orders, SPREAD_ARCSEC)
     if found is known:
         return led

@@ -352,7 +352,7 @@ def left_out_part(part: Part, step: ProbedStep, index: int, *, is_seen: bool) ->
     seen = seen_fraction(step, index)
     if not is_seen:
         words = (
-            f"{part.words}: left at 0: it hardly moves the tip, or moves it like another order; {100.0 * seen:.0f} % "
+            f"{part.words}: left at 0: it hardly moves the tip, or cannot be separated from another order; {100.0 * seen:.0f} % "
             "of it is seen"
         )
         return PartOutcome(part, "not seen", seen=seen, words=words)

@@ -253,7 +253,7 @@ def motion_summary(outcome: MotionLearningOutcome) -> Sequence[str]:
     result = outcome.result
     lines = [part.words for part in result.parts]
     lines += [
-        f"axis {each.axis}: its gear reacts on its motor, with {each.ate.motor_friction_nm:.3f} N·m of friction beside"
+        f"axis {each.axis}: its gear reacts on its motor, with {each.ate.motor_friction_nm:.3f} N·m of friction in addition"
         for each in result.learnt
         if each.ate.gear_reaction > 0.0
     ]

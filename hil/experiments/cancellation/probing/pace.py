@@ -31,7 +31,7 @@ SPEED_ROOM = 0.9
 
 
 @dataclass(frozen=True)
-class Settled:
+class KnownSettings:
     """Settings of orders of axes, and how well they are known.
 
     Attributes:
@@ -46,21 +46,21 @@ class Settled:
     covariance: Real
     seen: Real
 
-    def with_others(self, parts: Sequence[Part], spread_arcsec: float) -> "Settled":
+    def with_others(self, parts: Sequence[Part], spread_arcsec: float) -> "KnownSettings":
         """Add parts of which only the spread is known."""
         more = tuple(part for part in parts if part not in self.parts)
         count, known = 2 * len(self.parts), 2 * len(self.parts) + 2 * len(more)
         covariance = spread_arcsec**2 * np.eye(known)
         covariance[:count, :count] = self.covariance
         pad = np.zeros(known - count)
-        return Settled(self.parts + more, np.concatenate([self.vector, pad]), covariance, np.concatenate([self.seen, pad]))
+        return KnownSettings(self.parts + more, np.concatenate([self.vector, pad]), covariance, np.concatenate([self.seen, pad]))
 
     def columns(self, parts: Sequence[Part]) -> NDArray[np.intp]:
         """Positions of the settings of some parts."""
         at = [self.parts.index(part) for part in parts]
         return np.array([each for index in at for each in (2 * index, 2 * index + 1)], dtype=np.intp)
 
-    def changed(self, parts: Sequence[Part], step: ProbedStep, covariance: Real) -> "Settled":
+    def changed(self, parts: Sequence[Part], step: ProbedStep, covariance: Real) -> "KnownSettings":
         """Apply a step of some parts to the settings."""
         own = self.columns(parts)
         vector, whole, seen = self.vector.copy(), self.covariance.copy(), self.seen.copy()
@@ -68,7 +68,7 @@ class Settled:
         whole[own], whole[:, own] = 0.0, 0.0
         whole[np.ix_(own, own)] = covariance
         seen[own] = np.maximum(seen[own], step.seen)
-        return Settled(self.parts, vector, whole, seen)
+        return KnownSettings(self.parts, vector, whole, seen)
 
 
 def paced_line(bench: Bench, pace: float) -> Motion:
@@ -114,7 +114,7 @@ def at_pace(bench: Bench, learning: MotionLearning, pace: float) -> MotionLearni
     return replace(learning, motion=paced_line(bench, pace), probed=None, runs=[], outcomes={}, applied=None, pace=pace)
 
 
-def learn_at_pace(runs: Runs, known: Settled, orders: Sequence[float], spread_arcsec: float) -> Settled:
+def learn_at_pace(runs: Runs, known: KnownSettings, orders: Sequence[float], spread_arcsec: float) -> KnownSettings:
     """Learn at another pace, starting from known settings.
 
     If the tip does not become quieter, the known settings are returned.

@@ -97,7 +97,7 @@ def test_vibration_that_is_noise_is_not_asked_of_the_error() -> None:
             r"tip_lever_m / reduction_ratio: 0\.38 \(at most 0\.25\); check that this is the axis that moved",
         ),
         ({"motion_scale": -1.01}, r"the tip moves against the motor: the encoder counts backwards"),
-        ({"motion_scale": 0.02}, r"the sensor does not feel this axis"),
+        ({"motion_scale": 0.02}, r"the sensor does not respond to this axis"),
         ({"arm": Arm(12.4, 0.04, 0.0298)}, r"delay between motor angle and sensor: 29\.8 ms \(at most 29 ms\)"),
     ],
 )

@@ -26,7 +26,7 @@ def with_order_3(amplitude_arcsec: float) -> Robot:
 def test_an_order_that_is_seen_and_not_in_the_set_is_named_with_what_to_do() -> None:
     request = AteRequest(AXIS, passes=1)
     found = identify_on(RigSession(with_order_3(3.0)), request, AxisKnowledge())  # type: ignore[arg-type]
-    assert any("order 3 is seen but is not in the set: 3″" in note and "--orders 1,2,3,4" in note for note in found.notes)
+    assert any("order 3 is significant but not in the set: 3″" in note and "--orders 1,2,3,4" in note for note in found.notes)
     assert found.scan is not None
     assert found.scan.fractions[2] > 0.5
 
@@ -46,7 +46,7 @@ def test_an_order_that_is_asked_for_is_identified_with_the_others() -> None:
 def test_what_leads_the_fit_astray_is_named_where_it_is_refused() -> None:
     request = AteRequest(AXIS, passes=1, orders=(2, 4))
     with pytest.raises(
-        HilError, match=r"order 1 is seen but is not in the set: 60″, 9\d % of the vibration; add it with --orders 1,2,4"
+        HilError, match=r"order 1 is significant but not in the set: 60″, 9\d % of the vibration; add it with --orders 1,2,4"
     ):
         identify_on(RigSession(built(**ORDER_1)), request, AxisKnowledge())  # type: ignore[arg-type]
 

@@ -117,7 +117,7 @@ def test_angles_that_begin_anew_are_the_same_as_those_that_do_not(tmp_path, resu
     said = Said({"motor": "enc", "time": "t_s"}, {"motor": "2^24/rev"})
     wrapped = identify_recorded(request(path, said=said), tmp_path / "out")
     assert wrapped.ate.values.amplitudes_arcsec() == pytest.approx(result.ate.values.amplitudes_arcsec(), abs=0.02)
-    assert any("begins anew" in note for note in wrapped.notes)
+    assert any("wraps" in note for note in wrapped.notes)
 
 
 def test_a_ratio_that_the_data_contradict_is_refused_with_both(tmp_path):
@@ -130,7 +130,7 @@ def test_a_ratio_that_the_data_contradict_is_refused_with_both(tmp_path):
 def test_encoders_that_count_against_each_other_are_refused(tmp_path):
     time, angle = motion()
     path = written(tmp_path / "joint.csv", time, angle, -joint(angle))
-    with pytest.raises(ContradictedError, match="count against each other"):
+    with pytest.raises(ContradictedError, match="count in opposite directions"):
         identify_recorded(request(path), tmp_path / "out")
 
 

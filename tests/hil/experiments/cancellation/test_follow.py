@@ -51,7 +51,7 @@ def test_a_run_follows_an_error_that_has_turned_and_says_so(tmp_path):
     window = {each.order: each for each in entry.peaks}
     assert window[2].following_mm < window[2].alone_mm
     page = write_report(tmp_path).read_text(encoding="utf-8")
-    assert "what the cancellation has followed" in page
+    assert "amplitude and phase that the cancellation has followed" in page
 
 
 def tip(amplitude: float) -> Recording:
@@ -87,7 +87,7 @@ def test_what_moves_and_does_not_help_keeps_still_unless_the_gear_changes(follow
     assert "axis 2, order 2 is followed if more than 15 % of it remains" in entry.begins[0].words
 
 
-@pytest.mark.parametrize(("following", "words"), [(0.4, "falls in no window"), (0.7, "rises from")])
+@pytest.mark.parametrize(("following", "words"), [(0.4, "does not fall in any window"), (0.7, "rises from")])
 def test_what_could_only_follow_the_motion_s_own_is_refused(following, words):
     entry, _ = tried(following, 0.5)
     assert not entry.is_used

@@ -99,7 +99,7 @@ def test_what_is_learnt_and_leaves_no_less_than_what_was_known_is_not_kept() -> 
     assert keeper.acted[2].source == "learnt", "they do not agree, so a pass compares them"
     keeper.judged([verdict(2, keeper.acted[2], TRUE[2])], estimate, ALL, is_last=True)
     found = keeper.choices(estimate, ALL)[2]
-    assert (found.source, found.phase_deg, found.why) == ("known", 247.0, "what the passes learnt of it leaves no less of it")
+    assert (found.source, found.phase_deg, found.why) == ("known", 247.0, "the learnt values do not reduce it further")
 
 
 def test_a_refused_value_gives_way_to_the_other_one_or_the_order_is_left_out() -> None:

@@ -4,13 +4,13 @@ import numpy as np
 
 from hil.design.probing import ProbedStep
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.pace import Settled
+from hil.experiments.cancellation.probing.pace import KnownSettings
 
 FIRST, SECOND, THIRD = Part(2, 2), Part(2, 4), Part(3, 2)
 
 
-def known() -> Settled:
-    return Settled((FIRST, SECOND), np.array([1.0, 2.0, 3.0, 4.0]), np.diag([1.0, 2.0, 3.0, 4.0]), np.full(4, 0.9))
+def known() -> KnownSettings:
+    return KnownSettings((FIRST, SECOND), np.array([1.0, 2.0, 3.0, 4.0]), np.diag([1.0, 2.0, 3.0, 4.0]), np.full(4, 0.9))
 
 
 def test_an_order_that_only_another_pace_shows_is_spread_as_any() -> None:

@@ -43,7 +43,7 @@ def test_the_order_without_which_the_peak_would_be_lower_is_taken_out() -> None:
     rise = WINDOWS.rise([without, with_both], (TWO, FOUR))
     assert rise is not None
     assert rise.order == 4
-    assert rise.stands(3.0)
+    assert rise.exceeds(3.0)
     assert WINDOWS.riser([without, with_both], (TWO, FOUR), rise) == FOUR
 
 
@@ -52,13 +52,13 @@ def test_an_order_that_does_more_good_elsewhere_stays() -> None:
     with_it = look({TWO: 1.0}, {TWO: 0.01, FOUR: 0.0}, jolt=0.1)
     rise = WINDOWS.rise([without, with_it], (TWO,))
     assert rise is not None
-    assert rise.stands(3.0)
+    assert rise.exceeds(3.0)
     assert WINDOWS.riser([without, with_it], (TWO,), rise) is None
 
 
-@pytest.mark.parametrize(("after", "stands"), [(0.104, False), (0.107, True), (0.05, False)])
-def test_a_rise_counts_beyond_a_twentieth(after: float, *, stands: bool) -> None:
-    assert PeakChange(4, 0.1, after, 0.0001).stands(3.0) is stands
+@pytest.mark.parametrize(("after", "exceeds"), [(0.104, False), (0.107, True), (0.05, False)])
+def test_a_rise_counts_beyond_a_twentieth(after: float, *, exceeds: bool) -> None:
+    assert PeakChange(4, 0.1, after, 0.0001).exceeds(3.0) is exceeds
 
 
 def test_a_rise_that_the_noise_may_hide_is_looked_at_again() -> None:

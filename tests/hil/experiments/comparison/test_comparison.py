@@ -124,7 +124,7 @@ def test_files_are_sorted_by_their_robot():
         knowledge_by_robot([other], [], [], ["reference"])
     with pytest.raises(NotPossibleError, match="two files"):
         knowledge_by_robot([mine, mine], [], [], ["reference"])
-    with pytest.raises(NotPossibleError, match="the model file is of 'other'"):
+    with pytest.raises(NotPossibleError, match="the model file is of robot 'other'"):
         plan(KnownRobot(BENCH, Knowledge(identified=other)), ComparisonRequest(), channel=IDEAL)
 
 

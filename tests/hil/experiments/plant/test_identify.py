@@ -53,7 +53,7 @@ def test_from_nothing_to_a_plant(found: PlantEvaluation) -> None:
 def test_the_entry_of_the_model_file_has_its_errors_and_what_it_cannot_tell(found: PlantEvaluation) -> None:
     entry = found.identified("a note")
     assert set(entry.standard_error) >= {"gear_stiffness_nm_rad", "antiresonance_hz", "damping", "coulomb_friction_nm"}
-    assert any("D_m cannot be told" in line for line in entry.cannot_tell)
+    assert any("D_m cannot be separated" in line for line in entry.cannot_tell)
     assert entry.torsion_arcsec == pytest.approx(found.estimate.torsion_rad / ARCSEC)
     assert any("extrapolated" in line for line in entry.cannot_tell)  # the arm turned through a few degrees only
     assert entry.accelerometer_delay_s == found.estimate.parameters["accelerometer_delay_s"].value
@@ -88,7 +88,7 @@ def test_a_chirp_on_the_reference_does_as_well() -> None:
 @pytest.mark.parametrize(
     ("gain", "words"),
     [
-        (0.0, r"coherence of the tip with the motor: .*at least 0.5.*right axis"),
+        (0.0, r"coherence of the tip with the motor: .*at least 0.5.*right orientation"),
         (3.0, r"lever of 1\.\d+ m, the bench file says 0.36 m"),
     ],
 )

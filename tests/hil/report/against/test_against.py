@@ -64,7 +64,7 @@ RATIO = {"axis__2__reduction_ratio": 80.0}
             result(), result(constant_acceleration__end_rps=8.0),
             "the motion differs: in constant_acceleration end_rps = 8.0 became",
         ),
-        (result(), result(run_entry(order=4)), "no run of one has the motion, the window and the treatment"),
+        (result(), result(run_entry(order=4)), "no run of one has the same motion, window and treatment"),
     ],
 )  # fmt: skip
 def test_unlike_things_are_refused_in_words(tmp_path, new, old, why):
@@ -136,10 +136,16 @@ def test_the_table_has_the_difference_with_its_error_and_numbers_that_neither_ha
     order = {"order_mm": 0.040, "order_error_mm": 0.001}
     paired = paired_runs(result(run_entry(**order)), result(run_entry(tip_peak_mm=0.1, order_mm=0.050, order_error_mm=0.001)))
     rows = {row[0]: row[1:] for row in numbers_table(list(run_numbers(paired.pairs))).rows}
-    assert rows["Tip, peak"] == ["0.1", "0.075", "mm", "−0.025 (−25.0 %)", "–"]
-    assert rows["The order itself"] == ["0.050 ± 0.001", "0.040 ± 0.001", "mm", "−0.010 ± 0.001", "yes: 7.1 standard errors"]
+    assert rows["Tip peak"] == ["0.1", "0.075", "mm", "−0.025 (−25.0 %)", "–"]
+    assert rows["Order amplitude"] == [
+        "0.050 ± 0.001",
+        "0.040 ± 0.001",
+        "mm",
+        "−0.010 ± 0.001",
+        "yes: 7.1 standard errors",
+    ]
     assert rows["Missed cycles"][:2] == ["0", "0"]
-    assert "SYNC after its deadline, p99" not in rows
+    assert "SYNC lateness, p99" not in rows
 
 
 def test_settings_that_differ_are_named_by_group_and_key():

@@ -139,14 +139,14 @@ def test_the_error_is_as_many_times_as_large_as_the_title_says_and_around_its_po
     assert f"{magnification:g} times as large" in drawing.caption
     first = moved_arms(known)[0]
     upwards, sideways = panel(figure, "Upwards (mm)"), panel(figure, "Sideways (mm)")
-    shown = np.concatenate([np.column_stack(line.get_data()) for line in lines(upwards, "nothing acting")])
+    shown = np.concatenate([np.column_stack(line.get_data()) for line in lines(upwards, "no treatment")])
     inside = first.moved_mm[first.judged]  # the line goes along x
     np.testing.assert_allclose(shown[:, 1], inside[:, 2], atol=1e-9)
-    count = len(lines(upwards, "nothing acting"))
+    count = len(lines(upwards, "no treatment"))
     way = 1e3 * (first.tip_m[first.judged][:, 0] - first.tip_m[0, 0])
     middles = np.concatenate([np.full(len(each), np.mean(each)) for each in np.array_split(way, count)])
     np.testing.assert_allclose((shown[:, 0] - middles) / magnification, inside[:, 0], atol=1e-6)
-    across = np.concatenate([line.get_ydata() for line in lines(sideways, "nothing acting")])
+    across = np.concatenate([line.get_ydata() for line in lines(sideways, "no treatment")])
     np.testing.assert_allclose(np.abs(across), np.abs(inside[:, 1]), atol=1e-9)
     assert np.max(np.abs(shown[:, 1])) == pytest.approx(0.8 * SHAKING_MM, rel=0.05)
     for axes in (upwards, sideways):
@@ -156,7 +156,7 @@ def test_the_error_is_as_many_times_as_large_as_the_title_says_and_around_its_po
         for ring in rings:
             x, y = ring.get_data()
             np.testing.assert_allclose(np.hypot((x - np.mean(x[:-1])) / magnification, y), 0.05, rtol=1e-6)
-        widest = [line.get_xdata() for line in lines(axes, "nothing acting")]
+        widest = [line.get_xdata() for line in lines(axes, "no treatment")]
         assert all(np.max(one) < np.min(other) for one, other in itertools.pairwise(widest))
 
 
@@ -242,7 +242,7 @@ def test_of_a_line_upwards_both_directions_across_it_are_shown_and_named(tmp_pat
     first = moved_arms(made)[0]
     inside = first.moved_mm[first.judged]
     for name, column in (("Forwards (mm)", 0), ("Sideways (mm)", 1)):
-        shown = np.concatenate([line.get_ydata() for line in lines(panel(figure, name), "nothing acting")])
+        shown = np.concatenate([line.get_ydata() for line in lines(panel(figure, name), "no treatment")])
         np.testing.assert_allclose(np.abs(shown), np.abs(inside[:, column]), atol=1e-6)
 
 

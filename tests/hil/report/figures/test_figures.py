@@ -141,7 +141,7 @@ def test_the_speed_that_comes_closest_to_minus_one_is_marked(figures):
 def test_the_margins_show_what_is_asked(figures):
     figure, _ = figures["margins"]
     drawn = [
-        [float(line.get_ydata()[0]) for line in axes.get_lines() if line.get_label() == "asked of a design"]
+        [float(line.get_ydata()[0]) for line in axes.get_lines() if line.get_label() == "required of a design"]
         for axes in figure.axes
     ]
     assert drawn == [[1.7], [6.0], [35.0]]

@@ -83,7 +83,7 @@ def test_every_page_begins_with_the_tip_and_its_order_map(full_directory: Path, 
 def test_an_older_result_says_that_it_does_not_hold_designed_filters(full_directory: Path, tmp_path: Path) -> None:
     material = acted(full_directory, tmp_path, "notch-designed", filters=None)
     assert material.filter_sets == ()
-    assert any("wrote this result without its filters" in note for note in material.notes)
+    assert any("this result does not contain its filters" in note for note in material.notes)
 
 
 def test_an_older_result_of_the_bench_files_notch_is_read_as_before(full_directory: Path) -> None:

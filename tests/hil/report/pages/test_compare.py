@@ -73,7 +73,7 @@ def test_the_verdict_names_the_treatment_that_keeps_the_specification_everywhere
     )
     assert (found.kind, found.headline) == ("good", "Cancellation keeps the tip within ±0.05 mm in all 2 experiments")
     assert (
-        "Gains halved: within the specification in 1 of 2, tip peak −44 … −1 %; the motor gives way 3.7 times as far at 1 Hz."
+        "Gains halved: within the specification in 1 of 2, tip peak −44 … −1 %; the motor yields 3.7 times as far at 1 Hz."
         in (found.details)
     )
 
@@ -111,7 +111,7 @@ def test_many_treatments_have_a_diagram_each(directory, tmp_path):
     rows = [row("line-motion", None, way, 0.06) for way in ("none", "notch", *ways)]
     assert len(rows) > OVERLAID
     text = write_compare_report(written(tmp_path, comparison(robot(rows)))).read_text()
-    assert "Behind each in orange" in text
+    assert "Orange, behind each" in text
 
 
 def demo_with(told, full_directory, tmp_path):

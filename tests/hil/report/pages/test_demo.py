@@ -243,7 +243,7 @@ def test_no_models_no_notches_no_line(full_directory, tmp_path):
         "suppression-2", "suppression-3", "orders-2", "orders-3", "line-motion",
         "loop-places-2",
     }  # fmt: skip
-    assert "Without an f al there is no frequency" in page.text
+    assert "Without f al the specification cannot be converted" in page.text
     assert "the scale on the right" not in page.text, "there is none"
 
 

@@ -52,7 +52,7 @@ def test_an_emulated_robots_page_says_so_first_and_calls_nothing_measured(full_d
 
 @pytest.mark.ci
 @pytest.mark.usefixtures("without_pictures")
-@pytest.mark.parametrize(("emulated", "band"), [(False, None), (None, "Not recorded whether the robot was emulated")])
+@pytest.mark.parametrize(("emulated", "band"), [(False, None), (None, "This result does not record whether the robot was")])
 def test_a_real_robot_has_no_band_and_an_older_result_says_not_recorded(
     full_directory: Path, tmp_path: Path, emulated: bool | None, band: str | None
 ) -> None:
@@ -138,11 +138,11 @@ def test_without_a_wish_for_the_area_the_line_has_the_card_of_its_peak_alone(ful
 
 def test_a_single_run_leads_with_the_tips_number(full_directory: Path, tmp_path: Path) -> None:
     good = verdict(one(full_directory, tmp_path, tip_peak_mm=0.0474, within_spec=True))
-    assert (good.kind, good.headline) == ("good", "Tip 0.047 mm, asked ≤ 0.05 mm")
+    assert (good.kind, good.headline) == ("good", "Tip 0.047 mm, allowed ≤ 0.05 mm")
     bad = verdict(one(full_directory, tmp_path, tip_peak_mm=0.0612, within_spec=False))
-    assert (bad.kind, bad.headline) == ("bad", "Tip 0.061 mm, asked ≤ 0.05 mm")
+    assert (bad.kind, bad.headline) == ("bad", "Tip 0.061 mm, allowed ≤ 0.05 mm")
     bare = verdict(one(full_directory, tmp_path, "none", tip_peak_mm=0.0748, within_spec=False))
-    assert (bare.kind, bare.headline) == ("open", "Tip 0.075 mm, asked ≤ 0.05 mm, with nothing acting")
+    assert (bare.kind, bare.headline) == ("open", "Tip 0.075 mm, allowed ≤ 0.05 mm, with no treatment")
 
 
 @pytest.mark.parametrize(

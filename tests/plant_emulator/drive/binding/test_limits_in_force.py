@@ -23,7 +23,7 @@ def watch(rig, milliseconds, *fields):
     """Columns of the process data, or of the plant, after each control period."""
     shown = []
     for _ in range(4 * milliseconds):
-        rig.world.settle()
+        rig.world.finish_period()
         rig.world.free_step(rig.world.now + 250_000)
         shown.append([float(rig.plant[f] if f in rig.plant.dtype.names else rig.motion[f]) for f in fields])
     return np.array(shown).T

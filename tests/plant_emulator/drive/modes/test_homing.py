@@ -79,7 +79,7 @@ class Bare:
         else:
             self.motion["target_speed_rad_s"] = demand.direction * (fast_rps if demand.is_fast else slow_rps) * TURN
 
-    def stands(self, demand):
+    def is_at_rest(self, demand):
         if abs(self.axes.cascade_state[0]["speed_rad_s"]) > 0.5 or self.motion["demand_speed_rad_s"] != 0.0:
             return False
         return not isinstance(demand, GoTo) or abs(self.axes.counts(0) - demand.counts) < COUNTS_PER_REV / 1000
@@ -95,7 +95,7 @@ class Bare:
             self.axes.advance(WAKE_TICKS)
             self.inputs.dispatch()
             self.worst_rev = [min(self.worst_rev[0], self.rev), max(self.worst_rev[1], self.rev)]
-            demand = homing.step(self.inputs.levels, self.edges, self.latches, self.axes.counts(0), self.stands(demand))
+            demand = homing.step(self.inputs.levels, self.edges, self.latches, self.axes.counts(0), self.is_at_rest(demand))
             self.edges = 0
             if demand != self.demands[-1]:
                 self.demands.append(demand)

@@ -285,7 +285,7 @@ def test_a_stop_takes_60b2_over_without_a_jump_and_once(ideal):
     ideal.command(0x0F, revolutions(50.0))
     ideal.world.receive(_sync())
     torques = [ideal.read(0x2130)]
-    ideal.world.settle()
+    ideal.world.finish_period()
     torques.append(ideal.read(0x2130))
     assert ideal.state is State.FAULT_REACTION_ACTIVE
     ideal.world.axes.advance(1)

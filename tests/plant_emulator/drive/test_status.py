@@ -7,8 +7,8 @@ import pytest
 
 from drive_profiles.standard.cia402 import REMOTE, VOLTAGE_ENABLED, WARNING, State, state_of
 from plant_emulator.drive.faults import LACKS
-from plant_emulator.drive.standing import Standing
 from plant_emulator.drive.state_machine import Power
+from plant_emulator.drive.status import DriveStatus
 from tests.plant_emulator.rig import Rig
 
 UNDER_TORQUE = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
@@ -17,7 +17,7 @@ UNDER_TORQUE = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_RE
 @pytest.mark.parametrize("state", State)
 def test_the_plain_word_shows_the_state_and_that_the_drive_is_remote(state):
     for torque_off, lack in itertools.product((False, True), repeat=2):
-        word = Standing.of(Power(state), torque_off=torque_off, lack=lack).plain_word
+        word = DriveStatus.of(Power(state), torque_off=torque_off, lack=lack).plain_word
         assert state_of(word) is state
         assert word & REMOTE
         assert bool(word & VOLTAGE_ENABLED) is not torque_off
@@ -26,23 +26,23 @@ def test_the_plain_word_shows_the_state_and_that_the_drive_is_remote(state):
 
 @pytest.mark.parametrize("state", State)
 def test_the_motor_is_under_torque_in_three_states_and_follows_in_one(state):
-    standing = Standing.of(Power(state))
-    assert standing.is_powered is (state in UNDER_TORQUE)
-    assert standing.is_enabled is standing.is_following is (state is State.OPERATION_ENABLED)
-    assert standing.is_stopping is (state in UNDER_TORQUE - {State.OPERATION_ENABLED})
+    status = DriveStatus.of(Power(state))
+    assert status.is_powered is (state in UNDER_TORQUE)
+    assert status.is_enabled is status.is_following is (state is State.OPERATION_ENABLED)
+    assert status.is_stopping is (state in UNDER_TORQUE - {State.OPERATION_ENABLED})
 
 
 def test_a_drive_that_leaves_operation_enabled_is_stopping_and_follows_no_more():
-    standing = Standing.of(Power(State.OPERATION_ENABLED, 0x07, State.SWITCHED_ON))
-    assert standing.is_powered
-    assert standing.is_enabled
-    assert standing.is_stopping
-    assert not standing.is_following
+    status = DriveStatus.of(Power(State.OPERATION_ENABLED, 0x07, State.SWITCHED_ON))
+    assert status.is_powered
+    assert status.is_enabled
+    assert status.is_stopping
+    assert not status.is_following
 
 
 def test_it_is_replaced_never_patched():
     with pytest.raises(FrozenInstanceError):
-        Standing.of(Power()).is_powered = True
+        DriveStatus.of(Power()).is_powered = True
 
 
 def test_a_drive_stands_after_everything_as_its_state_and_inputs_say():
@@ -51,7 +51,7 @@ def test_a_drive_stands_after_everything_as_its_state_and_inputs_say():
 
     def derived():
         lacks = bool(set(LACKS) & set(drive.slave.emergency_causes))
-        return Standing.of(drive._standing.power, torque_off=drive.inputs.is_sto_active, lack=lacks)
+        return DriveStatus.of(drive._status.power, torque_off=drive.inputs.is_sto_active, lack=lacks)
 
     for act in (
         lambda: rig.word(0x06, 0x07, 0x0F),  # the node is not started: it lacks that
@@ -67,4 +67,4 @@ def test_a_drive_stands_after_everything_as_its_state_and_inputs_say():
         rig.power_cycle,
     ):
         act()
-        assert drive._standing == derived()
+        assert drive._status == derived()

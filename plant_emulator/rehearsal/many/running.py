@@ -1,4 +1,4 @@
-"""Walk of many robots by any executors.
+"""Runs of many robots by any executors.
 
 Each row is saved at once; a robot whose process died is tried once more.
 """
@@ -14,33 +14,33 @@ ATTEMPTS = 2
 """Processes that a robot may cost before it is recorded as crashed."""
 
 
-def walk_all(
+def run_all(
     seeds: Iterable[int],
-    walk: Callable[..., Row],
+    task: Callable[..., Row],
     values: tuple[object, ...],
     executors: Executors,
     on_row: Callable[[Row], None],
 ) -> None:
-    """Walk each seed's robot.
+    """Run each seed's robot.
 
     Each row is handed over as soon as it exists, in any order.
 
     Args:
         seeds: Seeds of the robots.
-        walk: Function of a module: a seed and the values to a row.
-        values: Plain values that all walks share.
-        executors: Those who walk.
+        task: Function of a module: a seed and the values to a row.
+        values: Plain values that all tasks share.
+        executors: Executors of the tasks.
         on_row: Takes each row, and keeps it.
 
     Raises:
-        ExecutorsLostError: All who walk are gone; what they had in hand is not walked.
+        ExecutorsLostError: All executors are lost; the robots that they had begun have no row.
     """
     waiting, deaths = deque(seeds), Counter[int]()
     running: dict[Future[Row], int] = {}
     while waiting or running:
         for _ in range(min(len(waiting), executors.capacity() - len(running))):
             seed = waiting.popleft()
-            running[executors.submit(walk, seed, *values)] = seed
+            running[executors.submit(task, seed, *values)] = seed
         done, _ = wait(running, return_when=FIRST_COMPLETED)
         for future in done:
             seed = running.pop(future)

@@ -16,9 +16,9 @@ from plant_emulator.rehearsal.many.cluster import DaskWorkers, scheduler_address
 from plant_emulator.rehearsal.many.executors import ExecutorsLostError, ExecutorsRefusedError, LocalProcesses
 from plant_emulator.rehearsal.many.rows import CRASHED
 from plant_emulator.rehearsal.many.rows import steady as steady_row
+from plant_emulator.rehearsal.many.running import ATTEMPTS, run_all
 from plant_emulator.rehearsal.many.table import csv_text
-from plant_emulator.rehearsal.many.walking import ATTEMPTS, walk_all
-from tests.plant_emulator.rehearsal import walks
+from tests.plant_emulator.rehearsal import tasks
 
 PROJECT = Path(__file__).parents[3]
 PATIENCE_S = 60.0
@@ -46,11 +46,11 @@ def steady(rows):
 def rows_of(walk, values, executors, seeds=range(1, 7)):
     found = []
     with executors:
-        walk_all(seeds, walk, values, executors, found.append)
+        run_all(seeds, walk, values, executors, found.append)
     return steady(found)
 
 
-HERE = steady(map(walks.squared, range(1, 7)))
+HERE = steady(map(tasks.squared, range(1, 7)))
 
 
 # -- processes of this machine -----------------------------------------------------------------------------------------
@@ -58,16 +58,16 @@ HERE = steady(map(walks.squared, range(1, 7)))
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_any_number_of_processes_gives_the_same_rows(jobs):
-    assert rows_of(walks.squared, (), LocalProcesses(jobs)) == HERE
+    assert rows_of(tasks.squared, (), LocalProcesses(jobs)) == HERE
 
 
 def test_a_robot_whose_process_is_killed_is_walked_again(tmp_path):
-    assert rows_of(walks.dies_once, (str(tmp_path), 2), LocalProcesses(2)) == HERE
+    assert rows_of(tasks.dies_once, (str(tmp_path), 2), LocalProcesses(2)) == HERE
     assert (tmp_path / "died-2").exists()
 
 
 def test_a_robot_whose_process_dies_again_is_recorded_as_crashed_and_the_others_are_walked(tmp_path):
-    rows = rows_of(walks.dies_always, (str(tmp_path), 3), LocalProcesses(2))
+    rows = rows_of(tasks.dies_always, (str(tmp_path), 3), LocalProcesses(2))
     assert [row["seed"] for row in rows if row["walk"] == CRASHED] == [3]
     assert [row for row in rows if row["seed"] != 3] == [row for row in HERE if row["seed"] != 3]
     assert len((tmp_path / "deaths").read_text()) == ATTEMPTS
@@ -79,9 +79,9 @@ def test_no_process_is_left_when_one_that_walks_is_not_wanted_any_more(tmp_path)
 
     def walked():
         with LocalProcesses(2) as executors:
-            executors.submit(walks.sleeps, 1, str(tmp_path))
+            executors.submit(tasks.sleeps, 1, str(tmp_path))
             wait_until(lambda: (tmp_path / "at-1").exists() and (tmp_path / "at-1").read_text())
-            walk_all([2], walks.squared, (), executors, interrupted)
+            run_all([2], tasks.squared, (), executors, interrupted)
 
     with pytest.raises(KeyboardInterrupt):
         walked()
@@ -103,7 +103,7 @@ def test_a_ctrl_c_while_a_robot_is_given_out_leaves_no_process(tmp_path):
                 return future
 
             pool.submit = interrupted
-            executors.submit(walks.sleeps, 1, str(tmp_path))
+            executors.submit(tasks.sleeps, 1, str(tmp_path))
 
     with pytest.raises(KeyboardInterrupt):
         given_out()
@@ -115,11 +115,11 @@ def test_the_processes_of_a_main_that_is_killed_end_with_it(tmp_path):
     code = (
         "import sys\n"
         "from plant_emulator.rehearsal.many.executors import LocalProcesses\n"
-        "from plant_emulator.rehearsal.many.walking import walk_all\n"
-        "from tests.plant_emulator.rehearsal.walks import sleeps\n"
+        "from plant_emulator.rehearsal.many.running import run_all\n"
+        "from tests.plant_emulator.rehearsal.tasks import sleeps\n"
         "if __name__ == '__main__':\n"
         "    with LocalProcesses(2) as executors:\n"
-        f"        walk_all([1, 2], sleeps, ({str(tmp_path)!r},), executors, print)\n"
+        f"        run_all([1, 2], sleeps, ({str(tmp_path)!r},), executors, print)\n"
     )
     (tmp_path / "main.py").write_text(code)
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
@@ -194,11 +194,11 @@ def test_a_dask_scheduler_with_a_worker_that_is_killed_on_the_way_gives_the_tabl
             killed.append(doomed[0].pid)
 
     with DaskWorkers(cluster.address) as executors:
-        walk_all(seeds, walks.tells_and_waits, (str(tmp_path),), executors, kept)
+        run_all(seeds, tasks.tells_and_waits, (str(tmp_path),), executors, kept)
     assert killed
     local = []
     with LocalProcesses(1) as executors:
-        walk_all(seeds, walks.squared, (), executors, local.append)
+        run_all(seeds, tasks.squared, (), executors, local.append)
     assert csv_text(steady(found)) == csv_text(steady(local))
 
 
@@ -212,7 +212,7 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_words_and_what_was_walked_is_k
         cluster.scheduler.kill()
 
     with pytest.raises(ExecutorsLostError, match=cluster.address), DaskWorkers(cluster.address) as executors:
-        walk_all(range(1, 9), walks.tells_and_waits, (str(tmp_path),), executors, kept)
+        run_all(range(1, 9), tasks.tells_and_waits, (str(tmp_path),), executors, kept)
     assert [row["seed"] for row in found] == [1]
 
 

@@ -10,7 +10,7 @@ from plant_emulator.drive.state_machine import POWERED, Power
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class DriveStatus:
     """A state of the power drive system with its consequences.
 
     They are precomputed, since an enum lookup costs more than the rest of the status word.
@@ -32,7 +32,7 @@ class Standing:
     plain_word: int
 
     @classmethod
-    def of(cls, power: Power, *, torque_off: bool = False, lack: bool = False) -> "Standing":
+    def of(cls, power: Power, *, torque_off: bool = False, lack: bool = False) -> "DriveStatus":
         """Derive everything from the state machine.
 
         Args:

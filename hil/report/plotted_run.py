@@ -25,7 +25,7 @@ FEWEST = 16
 
 
 @dataclass(frozen=True)
-class DrawnRun:
+class PlottedRun:
     """A run in a figure: entry, recording, label and line style."""
 
     entry: RunEntry
@@ -34,7 +34,7 @@ class DrawnRun:
     look: style.Line
 
 
-def drawn_run(material: Material, run: RunEntry | None, label: str, look: style.Line) -> DrawnRun | None:
+def plotted_run(material: Material, run: RunEntry | None, label: str, look: style.Line) -> PlottedRun | None:
     """Return a run with label and line style, None without recording.
 
     The label of a run that ended early is marked.
@@ -48,10 +48,10 @@ def drawn_run(material: Material, run: RunEntry | None, label: str, look: style.
     recording = material.recording(run)
     if run is None or recording is None:
         return None
-    return DrawnRun(run, recording, label + (" (stopped early)" if run.stopped else ""), look)
+    return PlottedRun(run, recording, label + (" (stopped early)" if run.stopped else ""), look)
 
 
-def shown_runs(material: Material, experiment: str, axis: int | None) -> list[list[DrawnRun]]:
+def shown_runs(material: Material, experiment: str, axis: int | None) -> list[list[PlottedRun]]:
     """Return the runs of an experiment in groups of one diagram each.
 
     The untreated run comes first in a group, then as many treated runs as there are line styles. Host-closed runs have groups of
@@ -62,7 +62,7 @@ def shown_runs(material: Material, experiment: str, axis: int | None) -> list[li
         experiment: Name of the experiment.
         axis: Axis of a constant-acceleration run, else None.
     """
-    groups: list[list[DrawnRun]] = []
+    groups: list[list[PlottedRun]] = []
     seen: set[str] = set()
     for loop in ("drive", "host"):
         entries = [run for run in material.result.runs if (run.experiment, run.axis, run.loop) == (experiment, axis, loop)]
@@ -70,7 +70,7 @@ def shown_runs(material: Material, experiment: str, axis: int | None) -> list[li
         for run in entries:
             if run.treatment not in shown or run.order == SHADED_ORDER:
                 shown[run.treatment] = run
-        plain = drawn_run(material, shown.pop("none", None), _label("none", shown), style.WITHOUT)
+        plain = plotted_run(material, shown.pop("none", None), _label("none", shown), style.WITHOUT)
         treated = [run for run in shown.values() if material.recording(run) is not None]
         if seen >= {run.treatment for run in treated} and groups:
             continue
@@ -78,7 +78,7 @@ def shown_runs(material: Material, experiment: str, axis: int | None) -> list[li
         size, behind = len(style.OVERLAY_LINES) - 1, [] if plain is None else [plain]
         for start in range(0, max(1, len(treated)), size):
             looks = zip(treated[start : start + size], style.OVERLAY_LINES[1:], strict=False)
-            drawn = [drawn_run(material, run, _label(run.treatment, shown), look) for run, look in looks]
+            drawn = [plotted_run(material, run, _label(run.treatment, shown), look) for run, look in looks]
             group = [*behind, *(run for run in drawn if run is not None)]
             groups += [group] if group else []
     return groups
@@ -99,7 +99,7 @@ def key_end(number: int) -> str:
     return f"-part{number + 1}" if number else ""
 
 
-def what_acted(runs: list[DrawnRun]) -> str:
+def what_acted(runs: list[PlottedRun]) -> str:
     """Return the treatments of runs for a title.
 
     For example `with and without the notch`.
@@ -112,7 +112,7 @@ def what_acted(runs: list[DrawnRun]) -> str:
     return f" with {'and without ' if len(names) < len(runs) else ''}{words}"
 
 
-def draw_vibration(panel: Axes, run: DrawnRun, band_hz: tuple[float, float], *, with_peak: bool = True) -> None:
+def draw_vibration(panel: Axes, run: PlottedRun, band_hz: tuple[float, float], *, with_peak: bool = True) -> None:
     """Draw the band-passed vertical acceleration over time.
 
     Args:
@@ -126,7 +126,7 @@ def draw_vibration(panel: Axes, run: DrawnRun, band_hz: tuple[float, float], *, 
     style.plot_thin(panel, run.recording.time_s, vibration, label=label, **run.look)
 
 
-def shown_acceleration(run: DrawnRun) -> Real:
+def shown_acceleration(run: PlottedRun) -> Real:
     """Return the tip's acceleration by which a run is judged; shape (n,).
 
     For an arm's line it is the component along the worst direction.
@@ -231,7 +231,7 @@ def window_words(material: Material, axis: int, order: int = SHADED_ORDER) -> st
     """Sentence on the shaded speeds."""
     window = material.window_rps(axis, order)
     if window is None:
-        return "Nothing is shaded, since the run is not judged."
+        return "Nothing is shaded: the run is not judged."
     words = {1: "first", 2: "second", 4: "fourth"}.get(order, f"{order}th")
     return f"Shaded: {window[0]:.3g} to {window[1]:.3g} rev/s, where the {words} harmonic crosses the resonance."
 
@@ -274,7 +274,7 @@ def limit_words(material: Material, axis: int, where: str = "") -> str:
     """
     f_al = material.f_al(axis)
     if f_al is None:
-        return "Without an f_al there is no frequency by which the specification becomes an acceleration."
+        return "Without f_al the specification cannot be converted to an acceleration."
     limit = limit_m_s2(material, f_al)
     return (
         f"Dotted: the specification of ±{material.bench.specification.tip_mm:g} mm as an acceleration, ±{limit:.3f} m/s²{where}."

@@ -1,4 +1,4 @@
-"""Walks that cost nothing, for the tests of those who give them out: functions of a module, as processes import them."""
+"""Tasks that cost nothing, for the tests of those who give them out: functions of a module, as processes import them."""
 
 import os
 import signal
