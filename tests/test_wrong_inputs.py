@@ -28,7 +28,7 @@ BENCHES = {
     "infinite": ("reduction_ratio = 120.0", "reduction_ratio = inf", "reduction_ratio: found inf; expected a finite number"),
     "a unit in a text": ("speed_rps = 12.0", 'speed_rps = "12 rev/s"', "found '12 rev/s'; expected a number in rev/s"),
     "a unit in a key": ("torque_nm = 7.1", "torque_mnm = 7100.0", "wrong unit: 'torque_mnm'; expected torque_nm (N·m)"),
-    "mm as m": ("tip_lever_m = 0.70", "tip_lever_m = 700.0", "700 m is no robot's lever, the longest is 20 m"),
+    "mm as m": ("tip_lever_m = 0.70", "tip_lever_m = 700.0", "700 m is too long for a lever; expected at most 20 m"),
     "ms as s": ("sync_period_s = 0.002", "sync_period_s = 2", "bus.sync_period_s: found 2; expected at most 0.1 s"),
     "a key twice": ("approach_rps = 10.0", "approach_rps = 1.0\napproach_rps = 2.0", "bench.toml:7: Cannot overwrite a value"),
     "an unknown key": ("[constant_acceleration]", "[constant_acceleration]\njerk = 3", "unknown key 'jerk'; expected one of"),
@@ -71,12 +71,12 @@ COMMANDS = {
     ),
     "a recording without the motor": (
         hil, ("identify", "ate", "--axis", "2", "--recording", "columns.csv", "--bench", "reference", "--model", "m.toml"), 3,
-        "columns.csv: no column is known as motor; give --column motor=NAME,UNIT; there are a, b",
+        "columns.csv: no column is recognised as motor; give --column motor=NAME,UNIT; there are a, b",
     ),
     "an unknown treatment": (
         hil, ("compare", "--bench", "reference", *NOWHERE, "--treatment", "none,cake"), 2, "--treatment cake: expected one of",
     ),
-    "an old result": (hil, ("report", "old"), 3, "old/result.json: schema 1 is not 2, the one known here; run the command again"),
+    "an old result": (hil, ("report", "old"), 3, "old/result.json: schema 1; expected 2; run the command again"),
     "a result of no kind": (hil, ("report", "other"), 3, "its kind is 'cake'; expected one of run, compare"),
     "a result that is no JSON": (hil, ("report", "broken"), 3, "broken/result.json: no JSON"),
     "a result without a schema": (hil, ("report", "list"), 3, "list/result.json: no result: it has no `schema`"),

@@ -52,7 +52,7 @@ def test_another_robots_file_is_left_as_it_is(tmp_path):
     path = tmp_path / "design.toml"
     update_designs(path, "another", 2, designed(*TWO))
     before = path.read_bytes()
-    with pytest.raises(NotPossibleError, match="holds filters of 'another'"):
+    with pytest.raises(NotPossibleError, match="holds filters of robot 'another'"):
         update_designs(path, "reference", 2, designed(*TWO))
     assert path.read_bytes() == before
     with pytest.raises(NotPossibleError, match="is of 'another'"):
