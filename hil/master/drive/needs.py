@@ -237,7 +237,7 @@ def scale_gaps(number: int, table: AxisTable, profile: Profile) -> list[str]:
         gaps.append(f"no scale of positions; state axis.{number}.encoder_counts_per_rev in the bench file")
     if tells_current(profile):
         if table.torque_constant_nm_a is None:
-            gaps.append(f"a current instead of a torque; state axis.{number}.torque_constant_nm_a in the bench file")
+            gaps.append(f"no torque, only a current; state axis.{number}.torque_constant_nm_a in the bench file")
     elif table.rated_torque_nm is None and (torque is None or torque.rated_torque is None):
         gaps.append(f"no scale of torques; state axis.{number}.rated_torque_nm in the bench file")
     return gaps

@@ -160,7 +160,7 @@ def test_a_slow_store_within_the_profiles_time_is_waited_for(bus, tmp_path):
 def test_an_enabled_drive_is_not_written_to(bus, tmp_path):
     device = bus.device(2, "emulated_drive")
     wanted = changed(device.pull(), **NOTCH)
-    bus.world.drives[2]._stand(Power(State.OPERATION_ENABLED))
+    bus.world.drives[2]._set_power(Power(State.OPERATION_ENABLED))
     with pytest.raises(NodeError, match=r"operation enabled.*disable it first"):
         upload(device, wanted, tmp_path)
     assert not (tmp_path / "journals").exists()
@@ -175,7 +175,7 @@ def test_a_drive_that_is_enabled_meanwhile_does_not_store(bus, tmp_path):
 
     def verify_then_enable(*arguments):
         before(*arguments)
-        drive._stand(Power(State.OPERATION_ENABLED))
+        drive._set_power(Power(State.OPERATION_ENABLED))
 
     made.verify = verify_then_enable
     [outcome] = fleet.run([made])

@@ -87,7 +87,7 @@ def test_a_given_filter_that_misses_a_limit_is_said_to_and_the_report_is_there(a
     )
     assert found.exit_code == 9
     assert "the given filters do not meet every requirement: M_s 1.6" in found.stderr
-    assert "at most 1.5 asked" in found.stderr
+    assert "at most 1.5 required" in found.stderr
     assert "The given filters miss a requirement" in (tmp_path / "design.html").read_text()
     assert not (tmp_path / "notch-axis2.toml").exists()
 

@@ -116,7 +116,7 @@ def test_the_verdict_agrees_with_the_score_and_names_what_binds(axis_2):
     strict = dataclasses.replace(problem, requirements=Requirements(max_sensitivity=1.45, tip_mm=0.04))
     missed = verdict(strict, (table_3(2),), (2,)).missed
     assert {check.name for check in missed} == {"M_s", "tip peak on the ramp, k = 2,"}
-    assert str(missed[0]) == "tip peak on the ramp, k = 2, 0.04605 mm (nominal), at most 0.04 mm asked"
+    assert str(missed[0]) == "tip peak on the ramp, k = 2, 0.04605 mm (nominal), at most 0.04 mm required"
     assert verdict(dataclasses.replace(strict, requirements=Requirements(tip_mm=0.04)), (table_3(2),), (2,)).is_harmless
 
 
@@ -164,6 +164,6 @@ def test_limits_that_make_no_sense_are_refused(changes, said):
 def test_a_check_knows_by_how_much_it_is_missed():
     ceiling = RequirementCheck("M_s", 1.87, 1.7, "", True, 5.25, "nominal")
     assert ceiling.violation == pytest.approx(0.1)
-    assert str(ceiling) == "M_s 1.87 at 5.25 rev/s (nominal), at most 1.7 asked"
+    assert str(ceiling) == "M_s 1.87 at 5.25 rev/s (nominal), at most 1.7 required"
     assert RequirementCheck("phase margin", 35.0, 35.0, "°", False, 5.0, "x").holds
     assert not RequirementCheck("phase margin", float("nan"), 35.0, "°", False, 5.0, "x").holds

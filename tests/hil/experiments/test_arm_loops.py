@@ -168,7 +168,7 @@ def test_with_an_arm_of_no_masses_it_is_said_that_margins_on_it_are_not_known():
     found = loops_of(believed(arm=BENCH.arm), 2)
     assert found.loops is None
     assert "the links of the bench's arm have no bodies" in found.notes[0]
-    assert "not known" in found.notes[0]
+    assert "on the arm they are unknown" in found.notes[0]
 
 
 def identified_modes(number, joints_rad):

@@ -116,7 +116,7 @@ def test_where_no_filter_keeps_all_the_reason_is_said_with_how_close_the_best_ca
     assert outcome.failure.exit_code == 9
     said = str(outcome.failure)
     assert said.startswith("axis 2: no switched filter of order 2 meets every requirement; the best one violates: ")
-    assert "at least 20.1 dB asked" in said
+    assert "at least 20.1 dB required" in said
     assert not outcome.is_usable
     bare = design(BENCH, dataclasses.replace(request, requirements=Requirements(max_sensitivity=1.2)))
     assert str(bare.failure).startswith("axis 2: the gains violate the requirements even without a filter: M_s 1.3")

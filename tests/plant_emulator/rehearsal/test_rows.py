@@ -154,8 +154,8 @@ def test_both_tables_are_written_anew_each_time(tmp_path):
         ("5-3", "ends before it begins"),
         ("1-5,3", "seed 3 is named twice"),
         (f"{LARGEST_SEED + 1}", "the largest seed"),
-        (f"1-{MOST_SEEDS + 1}", f"more than {MOST_SEEDS}"),
-        ("1-2147483647", f"more than {MOST_SEEDS}"),
+        (f"1-{MOST_SEEDS + 1}", f"expected at most {MOST_SEEDS} robots"),
+        ("1-2147483647", f"expected at most {MOST_SEEDS} robots"),
     ],
 )
 def test_seeds_that_are_none_are_refused(text, words):

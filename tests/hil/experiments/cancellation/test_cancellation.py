@@ -112,7 +112,7 @@ def test_nothing_known_is_refused(bench: Bench) -> None:
         cancellation_for(bench, None, (5,), 0.001)
     with pytest.raises(NotPossibleError, match="has no axis 4"):
         cancellation_for(bench, None, (4,), 0.001)
-    with pytest.raises(NotPossibleError, match="is of 'other'"):
+    with pytest.raises(NotPossibleError, match="the model file is of robot 'other'; expected"):
         cancellation_for(bench, Identified(robot="other"), (2,), 0.001)
 
 

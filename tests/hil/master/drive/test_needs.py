@@ -61,7 +61,7 @@ def test_a_scale_that_the_profile_does_not_know_the_bench_file_may_state():
     encoder = OWN.encoder.model_copy(update={"increments": None, "revolutions": None})
     profile = OWN.model_copy(update={"torque": torque, "encoder": encoder})
     gaps = profile_gaps(2, TABLE, profile, "drive")
-    assert [gap.rpartition(": ")[2] for gap in gaps] == [
+    assert [gap.rpartition("; ")[2] for gap in gaps] == [
         "state axis.2.encoder_counts_per_rev in the bench file",
         "state axis.2.rated_torque_nm in the bench file",
     ]
