@@ -147,12 +147,13 @@ class SdoPort:
             return self._read(address, name)
         try:
             content = self._read(address, name, transfer.block_upload)
-        except (SdoAbortedError, NoAnswerError) as error:
-            if self._has_blocks or (isinstance(error, SdoAbortedError) and error.code != SdoAbortCode.UNKNOWN_COMMAND):
+        except (SdoAbortedError, NoAnswerError):
+            if self._has_blocks:
                 raise
-            self._has_blocks = False
             self._catch_up()
-            return self._read(address, name)
+            content = self._read(address, name)  # a node without blocks may refuse one by any code, or be silent
+            self._has_blocks = False
+            return content
         self._has_blocks = True
         return content
 

@@ -218,13 +218,13 @@ def test_a_server_without_blocks_answers_in_segments_and_is_written_in_segments(
     assert port.read(BLOB, in_blocks=True) == b"a new content of some length"
 
 
-@pytest.mark.parametrize("is_silent", [False, True])
-def test_a_node_that_does_not_know_blocks_is_asked_for_one_once(is_silent):
+@pytest.mark.parametrize("code", [None, SdoAbortCode.UNKNOWN_COMMAND, SdoAbortCode.UNSUPPORTED_ACCESS, SdoAbortCode.GENERAL])
+def test_a_node_that_does_not_know_blocks_is_asked_for_one_once(code):
     server, _ = make_server()
 
     def answer(data):
         if data[0] >> 5 == 5:
-            return [] if is_silent else [struct.pack("<B3sI", 0x80, data[1:4], SdoAbortCode.UNKNOWN_COMMAND)]
+            return [] if code is None else [struct.pack("<B3sI", 0x80, data[1:4], code)]
         return [frame.data for frame in server.receive(data, 0)]
 
     line = Line(answer)
@@ -233,6 +233,18 @@ def test_a_node_that_does_not_know_blocks_is_asked_for_one_once(is_silent):
     assert port.read((0x2001, 0), in_blocks=True) == b"a label of 21 letters"
     port.write((0x2001, 0), b"another", in_blocks=True)
     assert len([frame for frame in line.sent if frame[0] >> 5 in (5, 6)]) == 1
+
+
+def test_an_object_that_is_refused_tells_nothing_of_blocks():
+    server, _ = make_server()
+    line = Line(lambda data: [frame.data for frame in server.receive(data, 0)])
+    port = SdoPort(NODE, line, 0.1)
+    with pytest.raises(SdoAbortedError) as caught:
+        port.read(NOTHING, in_blocks=True)
+    assert caught.value.code == SdoAbortCode.NO_OBJECT
+    line.sent.clear()
+    port.read((0x2001, 0), in_blocks=True)
+    assert line.sent[0][0] >> 5 == 5
 
 
 def test_a_long_object_crosses_in_blocks_both_ways():
