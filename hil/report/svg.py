@@ -5,7 +5,7 @@ Colours become variables and text remains text; ids are unique, coordinates shor
 
 import io
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from markupsafe import escape
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -39,8 +39,12 @@ def inline(figure: Figure, key: str) -> str:
         ValueError: The figure has a colour that is not in the palette.
     """
     buffer = io.StringIO()
-    _lay_out(figure)
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    canvas: Any = FigureCanvasSVG(figure)  # whose methods have no types
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+    canvas.print_svg(buffer, metadata={"Date": None})  # `savefig` would draw the whole figure twice
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
@@ -55,19 +59,6 @@ def inline(figure: Figure, key: str) -> str:
     text = _FORMULA.sub(_words, _own_ids(text, key))
     text = _COLOUR.sub(lambda match: _variable(match[0], key), text)
     return re.sub(r"\n\s*", "\n", _COORDINATES.sub(_shorter, text.replace('transform="rotate(-0 ', 'transform="rotate(0 ')))
-
-
-def _lay_out(figure: Figure) -> None:
-    """Lay the figure out once.
-
-    With its layout engine, saving would draw the whole figure twice.
-    """
-    engine = figure.get_layout_engine()
-    if engine is None:
-        return
-    FigureCanvasSVG(figure)
-    engine.execute(figure)
-    figure.set_layout_engine("none")
 
 
 def standalone(svg: str, title: str) -> str:

@@ -11,7 +11,7 @@ from hil.bench.bench import load_bench
 from hil.experiments.judge import axis_scale
 from hil.experiments.plan import comparisons
 from hil.recording import Recording
-from hil.report import style
+from hil.report import later_text, style
 from hil.report.pages.demo import write_report
 from hil.results.base import MeasuredBench
 from hil.results.runs import ExperimentsResult, PaperClaim, RunEntry
@@ -137,10 +137,8 @@ def full_report(full_directory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "to_svg", spy)
+        patch.setattr(later_text, "_processors", lambda: 1)  # drawn here, not in a copy: the figures know their places
         page = write_report(full_directory).read_text(encoding="utf-8")
-    with style.styled():
-        for figure, _ in drawn.values():
-            figure.draw_without_rendering()
     return page, drawn
 
 
