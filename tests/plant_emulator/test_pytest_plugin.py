@@ -113,7 +113,7 @@ def test_by_the_wall_clock_the_drive_is_held_while_the_test_thinks(
         "    assert hil_drive.is_enabled\n"
     )
     bench = REFERENCE.replace("local:/tmp/robot.sock", hil_serve_local_bus("--wall").address)
-    bench = bench.replace("sync_period_s = 0.002 ", "sync_period_s = 0.01 ").replace("missing_limit = 3 ", "missing_limit = 50 ")
+    bench = bench.replace("sync_period_s = 0.002 ", "sync_period_s = 0.01 ").replace("missing_limit = 3 ", "missing_limit = 90 ")
     pytester.path.joinpath("wall.toml").write_text(bench.replace("heartbeat_s = 0.1 ", "heartbeat_s = 0.2 "))
     run(source, "--hil-bench=wall.toml").assert_outcomes(passed=1)
 
