@@ -5,9 +5,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drive_profiles.files.safefile import check_writable, write_atomically
 from drive_profiles.files.toml import Table, load, toml_value
 from hil.bench.bench import Bench
+from hil.bench.robot_file import RobotFile
 from hil.control.notch import NOTCH_TRAPEZOID, NOTCHES, Notch
 from hil.errors import NotPossibleError
 from hil.robot_tables import AxisNumber, NotchTable, NotNegative, Positive
@@ -39,7 +39,7 @@ class DesignedAxis(Table):
     note: str = ""
 
 
-class Designs(Table):
+class Designs(RobotFile):
     """A design file.
 
     Attributes:
@@ -47,7 +47,8 @@ class Designs(Table):
         axis: Filters of each axis, by its number.
     """
 
-    robot: str
+    kind = "the design file"
+
     axis: dict[AxisNumber, DesignedAxis] = Field(default_factory=dict)
 
     def dumps(self) -> str:
@@ -63,14 +64,6 @@ class Designs(Table):
             lines += ["", *snippet(number, axis.notch)]
         return "\n".join(lines) + "\n"
 
-    def save(self, path: Path) -> None:
-        """Write the file atomically; replace an existing one.
-
-        Raises:
-            FileError: The file cannot be written.
-        """
-        write_atomically(path, self.dumps().encode(), force=True)
-
 
 def load_designs(path: Path) -> Designs:
     """Read a design file.
@@ -79,24 +72,6 @@ def load_designs(path: Path) -> Designs:
         FileError: The file is not valid; every problem is listed by line.
     """
     return load(path, Designs)
-
-
-def check_file(path: Path, robot: str) -> None:
-    """Check that a design file can take a filter, before the search for one.
-
-    Raises:
-        FileError: The file is not a design file, or cannot be written.
-        NotPossibleError: The file belongs to another robot.
-    """
-    check_writable(path)
-    _known_in(path, robot)
-
-
-def _known_in(path: Path, robot: str) -> Designs:
-    known = load_designs(path) if path.exists() else Designs(robot=robot)
-    if known.robot != robot:
-        raise NotPossibleError(f"{path} holds filters of robot {known.robot!r}; expected {robot!r}; choose another file")
-    return known
 
 
 def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> Designs:
@@ -112,7 +87,7 @@ def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> D
         FileError: The file is not a design file, or cannot be written.
         NotPossibleError: The file belongs to another robot.
     """
-    known = _known_in(path, robot)
+    known = Designs.known(path, robot)
     updated = known.model_copy(update={"axis": {**known.axis, number: axis}})
     updated.save(path)
     return updated
@@ -124,8 +99,7 @@ def with_designs(bench: Bench, designs: Designs) -> Bench:
     Raises:
         NotPossibleError: The file belongs to another robot, or names an axis that the bench does not have.
     """
-    if designs.robot != bench.name:
-        raise NotPossibleError(f"the design file is of {designs.robot!r}, this bench is {bench.name!r}")
+    designs.check_robot(bench.name)
     if foreign := sorted(set(designs.axis) - set(bench.axis)):
         raise NotPossibleError(f"the design file has filters of axis {foreign[0]}, which bench {bench.name!r} does not have")
     changed = {

@@ -11,10 +11,9 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from drive_profiles.files.safefile import check_writable, write_atomically
 from drive_profiles.files.toml import Table, load, toml_value
 from hil.bench.bench import Bench, Model
-from hil.errors import NotPossibleError
+from hil.bench.robot_file import RobotFile
 from hil.robot_tables import AxisNumber, NotNegative, PlantTable, Positive, TransmissionErrorTable, amplitude_key, phase_key
 
 Errors = dict[str, NotNegative]
@@ -162,11 +161,6 @@ class IdentifiedPosture(Table):
         joints_deg: The posture: joint angles from the base on.
         mode: The modes, from the lowest.
         emulated: True if it was identified on an emulated robot; None if that was not recorded.
-
-    Attributes:
-        joints_deg: The posture: joint angles from the base on.
-        mode: The modes, from the lowest.
-        emulated: True if it was identified on an emulated robot; None if that was not recorded.
     """
 
     joints_deg: tuple[float, ...]
@@ -222,7 +216,7 @@ class IdentifiedArm(Table):
     emulated: bool | None = None
 
 
-class Identified(Table):
+class Identified(RobotFile):
     """A model file.
 
     Attributes:
@@ -231,18 +225,10 @@ class Identified(Table):
         arm: Masses of the arm, from several postures of its axes.
     """
 
-    robot: str
+    kind = "the model file"
+
     axis: dict[AxisNumber, IdentifiedAxis] = Field(default_factory=dict)
     arm: IdentifiedArm | None = None
-
-    def check_robot(self, name: str, what: str = "the model file") -> None:
-        """Refuse the file of another robot than the bench of this name.
-
-        Raises:
-            NotPossibleError: The file belongs to another robot.
-        """
-        if self.robot != name:
-            raise NotPossibleError(f"{what} is of robot {self.robot!r}; expected {name!r}; choose another file")
 
     def with_part(self, number: int, part: IdentifiedPlant | IdentifiedError) -> "Identified":
         """The file with one part of one axis added or replaced."""
@@ -279,14 +265,6 @@ class Identified(Table):
             lines += ["", *_table("arm", self.arm.model_dump(exclude_none=True))]
         return "\n".join(lines) + "\n"
 
-    def save(self, path: Path) -> None:
-        """Write the file atomically; replace an existing one.
-
-        Raises:
-            FileError: The file cannot be written.
-        """
-        write_atomically(path, self.dumps().encode(), force=True)
-
 
 def load_identified(path: Path) -> Identified:
     """Read a model file.
@@ -295,37 +273,6 @@ def load_identified(path: Path) -> Identified:
         FileError: The file is not valid; every problem is listed by line.
     """
     return load(path, Identified)
-
-
-def check_file(path: Path, robot: str) -> None:
-    """Check that a model file can take an identification.
-
-    Before anything moves for it.
-
-    Args:
-        path: The file; it may be missing, its folder may not.
-        robot: Name of the bench.
-
-    Raises:
-        FileError: The file is not a model file, or cannot be written.
-        NotPossibleError: The file belongs to another robot.
-    """
-    check_writable(path)
-    _known_in(path, robot)
-
-
-def _known_in(path: Path, robot: str) -> Identified:
-    """Return a model file's contents for a robot.
-
-    Empty if the file is missing.
-
-    Raises:
-        FileError: The file is not a model file.
-        NotPossibleError: The file belongs to another robot.
-    """
-    known = load_identified(path) if path.exists() else Identified(robot=robot)
-    known.check_robot(robot, str(path))
-    return known
 
 
 def update_file(
@@ -351,7 +298,7 @@ def update_file(
         FileError: The file is not a model file, or cannot be written.
         NotPossibleError: The file belongs to another robot.
     """
-    known = _known_in(path, robot)
+    known = Identified.known(path, robot)
     name = "plant" if isinstance(part, IdentifiedPlant) else "ate"
     stays = keeps_known and getattr(known.axis.get(number, IdentifiedAxis()), name) is not None
     updated = known if stays else known.with_part(number, part)

@@ -110,13 +110,13 @@ def notch(
         bench = load_bench(bench_file)
         where = result_directory(out, f"design-axis{axis}", force=force)
 
-        from hil.bench.design import check_file
+        from hil.bench.design import Designs
         from hil.design.notch_search import Effort
         from hil.experiments.notch_problem import NotchDesignRequest
 
         _check_set_file(bench, axis, set_file)
         if design_file is not None:
-            check_file(design_file, bench.name)
+            Designs.check_file(design_file, bench.name)
         try:
             request = NotchDesignRequest(
                 axis=axis,

@@ -126,12 +126,12 @@ def ate(
         bench = bench_on(bench_file, bus)
 
         from hil.bench.load_encoder import by_load_encoders  # noqa: PLC0415
-        from hil.bench.model import check_file, load_identified, update_file  # noqa: PLC0415
+        from hil.bench.model import Identified, load_identified, update_file  # noqa: PLC0415
         from hil.experiments.ate.on_bus import identify_ate  # noqa: PLC0415
         from hil.experiments.ate.request import AteRequest, axis_knowledge, first_acceleration, first_end_speed  # noqa: PLC0415
 
         if model is not None:
-            check_file(model, bench.name)
+            Identified.check_file(model, bench.name)
         bench = by_load_encoders(bench, [axis]) if encoder else bench
         identified = load_identified(model) if model is not None and model.exists() else None
         request = AteRequest(axis, acceleration_rps_s, passes, sensorless, orders=orders_from(orders))

@@ -136,7 +136,7 @@ def plant(
     with exit_on_error():
         bench = bench_on(bench_file, bus)
 
-        from hil.bench.model import check_file  # noqa: PLC0415
+        from hil.bench.model import Identified  # noqa: PLC0415
         from hil.experiments.plant.motion import PlantRequest, axis_table  # noqa: PLC0415
 
         request = PlantRequest(
@@ -145,7 +145,7 @@ def plant(
         )  # fmt: skip
         axis_table(bench, axis)
         if model is not None:
-            check_file(model, bench.name)
+            Identified.check_file(model, bench.name)
         where = result_directory(out, f"identify-plant-axis{axis}", force=force)
         confirm_motion(bench, _motion_lines(bench, request), yes=yes)
         with shown_live(live, bench.bus.address, bench_file):

@@ -126,9 +126,9 @@ def learn(
         _check_pace(pace, motion)
         bench = bench_on(bench_file, bus)
 
-        from hil.bench.model import check_file  # noqa: PLC0415
+        from hil.bench.model import Identified  # noqa: PLC0415
 
-        check_file(model, bench.name)
+        Identified.check_file(model, bench.name)
         name = f"axis{'-'.join(map(str, axes))}" if motion is None else motion.value
         where = result_directory(out, f"learn-{name}", force=force)
         inertias, ks = inertias_from(motor_inertia_kg_m2 or [], axes), orders_from(orders)

@@ -209,7 +209,9 @@ class _Series:
         axis = self.request.axis
         fixed = tuple(notch for notch in given if notch.order not in self.orders and notch.mode != NOTCH_OFF)
         if len(fixed) + len(self.orders) > NOTCHES:
-            raise NotPossibleError(f"axis {axis}: {len(fixed)} filters of other orders leave no room for more than {NOTCHES}")
+            raise NotPossibleError(
+                f"axis {axis}: {len(fixed)} filters of other orders are given; an axis holds {NOTCHES} at most"
+            )
         found = False
         for number, order in enumerate(self.orders):
             result = self._search(number, order, fixed, [notch for notch in given if notch.order == order])

@@ -52,10 +52,10 @@ def test_another_robots_file_is_left_as_it_is(tmp_path):
     path = tmp_path / "design.toml"
     update_designs(path, "another", 2, designed(*TWO))
     before = path.read_bytes()
-    with pytest.raises(NotPossibleError, match="holds filters of robot 'another'"):
+    with pytest.raises(NotPossibleError, match="is of robot 'another'; expected 'reference'"):
         update_designs(path, "reference", 2, designed(*TWO))
     assert path.read_bytes() == before
-    with pytest.raises(NotPossibleError, match="is of 'another'"):
+    with pytest.raises(NotPossibleError, match="the design file is of robot 'another'"):
         with_designs(BENCH, load_designs(path))
     with pytest.raises(NotPossibleError, match="axis 6"):
         with_designs(BENCH, Designs(robot="reference", axis={6: designed(*TWO)}))
