@@ -198,9 +198,9 @@ class SdoPort:
             try:
                 self._transfer(out, transfer.block_download(out, address, data), address, name, action, wait_s, writes=True)
             except SdoAbortedError as error:
-                if error.code != SdoAbortCode.UNKNOWN_COMMAND:
+                if error.code != SdoAbortCode.UNKNOWN_COMMAND or self.is_shared:
                     raise
-                out.clear()  # it takes no blocks, and nothing has been written: that is what an abort means
+                out.clear()  # the node takes no blocks; after an abort it has written nothing
             else:
                 return
         self._transfer(out, transfer.download(out, address, data), address, name, action, wait_s, writes=True)
@@ -227,16 +227,16 @@ class SdoPort:
         try:
             is_segment = next(running)
             while True:
-                if out:  # of answers that have come before, none is that to a request that is sent now
-                    for answer in line.clear():
-                        self._look_at(answer)
+                if out:  # what came before this request does not answer it
+                    for late in line.clear():
+                        self._look_at(late)
                     for frame in out:
                         line.send(request_id, frame)
                     out.clear()
-                answer_ = self._answer(own, wait_s, writes=writes, is_segment=is_segment)
-                if answer_ is None:
+                answer = self._answer(own, wait_s, writes=writes, is_segment=is_segment)
+                if answer is None:
                     break
-                is_segment = running.send(answer_)
+                is_segment = running.send(answer)
         except StopIteration as end:
             for frame in out:  # the last, which is not answered
                 line.send(request_id, frame)

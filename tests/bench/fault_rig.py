@@ -1,6 +1,5 @@
 """A line motion in one process in which something goes wrong at a known cycle, and what the drives and the master did then."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -14,7 +13,6 @@ from hil.can.frame import Frame
 from hil.errors import SafetyStopError
 from hil.experiments.motions import line_motion
 from hil.master.motion import RunResult
-from hil.master.realtime import MonotonicClock
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.faults import BusEvent, BusFaults, Fault
@@ -25,6 +23,7 @@ from plant_emulator.motion.record import BRAKED
 from plant_emulator.rehearsal.families.rig import bench_of, robot_of
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
+from tests.hil.master.virtual_time import VirtualClock
 
 T_S = 0.002
 RATE = 1_000_000
@@ -61,20 +60,6 @@ def bench(family: str | None = None) -> Bench:
     bus = whole.bus.model_copy(update={"sync_period_s": T_S, "answer_timeout_s": 0.25})
     made = whole.model_copy(update={"line_motion": line, "settle_s": 0.1, "bus": bus})
     return made if family is None else bench_of(reference_robot(family), made, dict.fromkeys(NODES, family))
-
-
-class WaitingClock(MonotonicClock):
-    """A monotonic clock that goes on at once where a wait would be in vain."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._waited_s = 0.0
-
-    def now(self) -> float:
-        return time.monotonic() + self._waited_s
-
-    def wait(self, duration_s: float) -> None:
-        self._waited_s += duration_s
 
 
 @dataclass
@@ -166,8 +151,8 @@ class Rig:
         self.channel = InProcessChannel(self.world, medium_for(self.world, bitrate, faults=faults))
         self.tape, self.at, self._act = Tape(), at, act
         self.bench = bench(family)
-        waiting = WaitingClock()
-        self.session = Session(self.bench, self.channel, BusLog(None), self._progress, clock or waiting)
+        virtual = VirtualClock()
+        self.session = Session(self.bench, self.channel, BusLog(None), self._progress, clock or virtual)
         self.channel.on_sync = self._on_sync
         self.channel.heard = self._heard
         for node in NODES:
@@ -177,7 +162,7 @@ class Rig:
         def received(timeout_s: float) -> Frame | None:
             frame = receive(timeout_s)
             if frame is None:  # nothing more arrives before the master sends again
-                waiting.wait(timeout_s)
+                virtual.sleep_until(virtual.now() + timeout_s)
             return frame
 
         def watched(frame: Frame) -> None:

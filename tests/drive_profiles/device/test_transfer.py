@@ -13,22 +13,18 @@ from drive_profiles.device.sdo import SdoPort
 from drive_profiles.device.transfer import MAX_UPLOAD_BYTES, TransferAbortedError, TransferBrokenError
 from drive_profiles.errors import NoAnswerError, SdoAbortedError
 from drive_profiles.standard.cia301 import SdoAbortCode
-from tests.plant_emulator.slave.sdo.sdo_rig import NODE, crc16, make_server
+from tests.plant_emulator.slave.sdo.sdo_rig import NODE, Wire, crc16, make_server
 
 BLOB, STATUS, NOTHING = (0x2004, 0), (0x2002, 0), (0x5555, 0)
 WAYS = [(transfer.upload, transfer.download), (transfer.block_upload, transfer.block_download)]
 contents = st.binary(max_size=2000)
 
 
-class Wire:
-    """A server's answers, of which the segments of a block whose numbers are in a set are lost."""
+class Client:
+    """A client's end of a wire to a server, which loses segments of blocks."""
 
-    def __init__(self, server, lost=()):
-        self.server, self.lost, self.now, self.segments = server, lost, 0, 0
-
-    def passes(self):
-        self.segments += 1
-        return self.segments - 1 not in self.lost
+    def __init__(self, server, wire):
+        self.server, self.passes = server, wire.passes
 
     def run(self, make, *arguments):
         out, answers = [], []
@@ -39,7 +35,7 @@ class Wire:
                 is_block = make is transfer.block_download and len(out) > 1
                 for number, frame in enumerate(out, 1):
                     if not is_block or number == len(out) or self.passes():  # the last brings the acknowledgement
-                        answers += [each.data for each in self.server.receive(frame, self.now)]
+                        answers += [each.data for each in self.server.receive(frame, 0)]
                 out.clear()
                 answer = answers.pop(0)
                 while is_segment and answers and not self.passes():  # likewise
@@ -47,13 +43,13 @@ class Wire:
                 is_segment = running.send(answer)
         except StopIteration as end:
             for frame in out:
-                assert self.server.receive(frame, self.now) == []
+                assert self.server.receive(frame, 0) == []
             assert not answers
             return end.value
 
 
 def run(make, *arguments, server=None, lost=()):
-    return Wire(make_server(max_bytes=4000)[0] if server is None else server, lost).run(make, *arguments)
+    return Client(make_server(max_bytes=4000)[0] if server is None else server, Wire(lost)).run(make, *arguments)
 
 
 @pytest.mark.parametrize(("read", "write"), WAYS, ids=["segments", "blocks"])
