@@ -208,10 +208,8 @@ class _Series:
         """Search the filters of all orders."""
         axis = self.request.axis
         fixed = tuple(notch for notch in given if notch.order not in self.orders and notch.mode != NOTCH_OFF)
-        if len(fixed) + len(self.orders) > NOTCHES:
-            raise NotPossibleError(
-                f"axis {axis}: {len(fixed)} filters of other orders are given; an axis holds {NOTCHES} at most"
-            )
+        if (count := len(fixed) + len(self.orders)) > NOTCHES:
+            raise NotPossibleError(f"axis {axis}: {count} filters, with those of other orders; an axis holds at most {NOTCHES}")
         found = False
         for number, order in enumerate(self.orders):
             result = self._search(number, order, fixed, [notch for notch in given if notch.order == order])
