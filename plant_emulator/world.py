@@ -12,6 +12,7 @@ import numpy as np
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.frame import Frame
 from plant_emulator.drive.drive import Drive
+from plant_emulator.image.image import Node, ProcessImage
 from plant_emulator.motion.axes import Axes, live
 from plant_emulator.physics.tip import TipSensor
 from plant_emulator.robots.robot import Robot
@@ -22,8 +23,6 @@ from plant_emulator.slave.node import Slave
 SECOND = 1_000_000_000
 FREE_STEP_NS = 1_000_000
 """Time between two looks at the drives in a world that runs by itself, in ns."""
-
-Node = Drive | AccelerometerNode
 
 _SYNC = int(FunctionCode.SYNC)
 _IDENTIFIER = itemgetter(0)
@@ -94,15 +93,28 @@ class World:
         self._nodes_on: list[tuple[int, Slave]] = [(port, node.slave) for port, node in self._ports.items()]
         self._listeners: dict[int, list[tuple[int, Slave]]] = {}
         self._watches = False
+        self._image = ProcessImage(self.axes, self.accelerometer, self._sensor)
+        self._is_laid_out = self._is_looked_at = self._can_be_plain = self._is_plain = False
+        self._plain_period_ns = 0
         for slave in self._slaves:
             slave.on_routes, slave.on_due = self._forget_listeners, self._forget_due
+            slave.dictionary.on_hook = self._forget_layout
+        for drive in self.drives.values():
+            drive.on_change = self._forget_states
 
     def _forget_due(self) -> None:
         self._wakes_at = _UNKNOWN
 
     def _forget_listeners(self) -> None:
         self._listeners.clear()
+        self._is_laid_out = False
         self._watches = any(slave.waits_for_changes for slave in self._slaves)
+
+    def _forget_layout(self) -> None:
+        self._is_laid_out = False
+
+    def _forget_states(self) -> None:
+        self._is_looked_at = False
 
     def power_on(self) -> list[Frame]:
         """Start all nodes; return their boot-up frames."""
@@ -231,6 +243,7 @@ class World:
 
         They are those that listen to its identifier. After a deadline all nodes get it, since the deadline is served first.
         """
+        self._is_looked_at = False
         due = self.due
         if due is not None and due <= self.now:
             self._wakes_at = _UNKNOWN
@@ -249,17 +262,44 @@ class World:
         """
         if self._pending_ns:
             return self.finish_period() + self.receive(frame)
-        # what `hear` does, without the ports: through it six RPDOs and a SYNC would cost 6 % more, 39.6 µs instead of 37.4 µs
         can_id, now = frame.can_id, self.now
         if can_id == _SYNC:
             self.accelerometer.sample()
-        hearers = self._listeners.get(can_id) if now < self._wakes_at else None
         answers: list[Frame] = []
-        for _, slave in self._hearers(can_id) if hearers is None else hearers:
+        for _, slave in self._hearers(can_id):
             answers += slave.receive(frame, now)
         if can_id == _SYNC:
             self._pending_ns = self.period_ns
         return _by_priority(answers) if len(answers) > 1 else answers
+
+    def exchange(self, message: bytes) -> bytes | None:
+        """Process RPDOs and a SYNC at once, if that is all they mean.
+
+        After it one period is pending, as after `receive` of the SYNC, and the answers are the same.
+
+        Args:
+            message: Records of frames.
+
+        Returns:
+            Records of the answers. None if the slaves must hear the frames one by one, since a drive does more than follow its
+            set-points, a node has a deadline, or a frame is another one; then nothing has changed.
+        """
+        if self._pending_ns or self._watches or ((due := self.due) is not None and due <= self.now):
+            return None
+        if not (self._is_laid_out and self._is_looked_at):
+            self._look()
+        answers = self._image.synchronise(message, self.now) if self._is_plain else None
+        if answers is not None:
+            self._pending_ns = self._plain_period_ns
+        return answers
+
+    def _look(self) -> None:
+        """Decide whether the process image or the slaves act at SYNC."""
+        if not self._is_laid_out:
+            nodes = [node for port, node in self._ports.items() if port not in self._off and node.slave.listens(_SYNC)]
+            self._is_laid_out, self._can_be_plain = True, self._image.lay_out(nodes)
+        self._is_looked_at, self._is_plain = True, self._can_be_plain and self._image.look()
+        self._plain_period_ns = self.period_ns
 
     def measure(self) -> tuple[float, float, float]:
         """Draw a sample of the accelerometer, in m/s².
@@ -303,11 +343,17 @@ class World:
             ValueError: `until` lies before now.
         """
         if until < self.now:
-            raise ValueError(f"the world's time is {self.now} ns and does not go back to {until} ns")
-        periods = (until - self._mechanics_ns) // self._control_period_ns
+            raise self._backwards(until)
         due = self.due
+        return self._move(until, is_due=due is not None and due <= until)
+
+    def _backwards(self, until: int) -> ValueError:
+        return ValueError(f"the world's time is {self.now} ns and does not go back to {until} ns")
+
+    def _move(self, until: int, *, is_due: bool) -> list[tuple[int, Frame]]:
+        """Do as `move` does, given whether a node is due then."""
+        periods = (until - self._mechanics_ns) // self._control_period_ns
         self.now = until
-        is_due = due is not None and due <= until
         if periods <= 0 and not is_due:
             return []  # nothing has moved, and no drive has anything new to look at
         frames: list[tuple[int, Frame]] = []
@@ -318,6 +364,7 @@ class World:
         if is_due or self._watches or self._wakes_at == _UNKNOWN:
             late = [(port, node) for port, node in self._ports.items() if _is_due(node.slave, until)]
             if late:
+                self._is_looked_at = False
                 # lowest identifier first, as a bus would let them pass
                 frames += sorted(
                     ((port, frame) for port, node in late for frame in node.advance(until)), key=lambda sent: sent[1].can_id
@@ -333,7 +380,11 @@ class World:
         They watch for an exceeded limit, an event or a finished ramp.
         """
         wakes = self._wakes.tolist()
+        if self._is_plain and self._is_looked_at and 1 not in wakes:
+            return []  # drives that only follow observe nothing else
         waiting = [(port, drive) for port, drive in self._drives if wakes[drive.row] or drive.needs_update]
+        if waiting:
+            self._is_looked_at = False
         return [(port, frame) for port, drive in waiting for frame in drive.update(self.now)]
 
     def advance(self, until: int) -> list[Frame]:
@@ -342,11 +393,13 @@ class World:
         Raises:
             ValueError: `until` lies before now.
         """
+        if until < self.now:
+            raise self._backwards(until)
         frames: list[Frame] = []
         while True:
             due = self.due
             stop = until if due is None or due > until else due
-            frames += [frame for _, frame in self.move(stop)]
+            frames += [frame for _, frame in self._move(stop, is_due=due is not None and due <= until)]
             if stop >= until:
                 return frames
 

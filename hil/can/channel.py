@@ -1,7 +1,7 @@
 """The master's interface of a bus: send and receive frames."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from drive_profiles.address import Address
 from hil.can.frame import Frame
@@ -66,4 +66,34 @@ class Channel(Protocol):
 
     def close(self) -> None:
         """Leave the bus; a second call does nothing."""
+        ...
+
+
+@runtime_checkable
+class MessageChannel(Protocol):
+    """A bus in lock-step that takes a cycle in one message each way, as records."""
+
+    @property
+    def takes_messages(self) -> bool:
+        """True if it does so now: no frame of an earlier message may still be unread."""
+        ...
+
+    def send_message(self, records: bytes) -> None:
+        """Send the records of a cycle in one message; the last is SYNC.
+
+        Raises:
+            BusLostError: The bus is gone.
+        """
+        ...
+
+    def receive_message(self, timeout_s: float) -> bytes:
+        """Receive the records of the next message; empty if none comes.
+
+        Raises:
+            BusLostError: The bus is gone.
+        """
+        ...
+
+    def put_back(self, message: bytes) -> None:
+        """Let a message that `receive_message` has given be read frame by frame."""
         ...

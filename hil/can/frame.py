@@ -62,6 +62,11 @@ def unpack(record: bytes) -> Frame | None:
     return Frame(can_id, data[:length])
 
 
+def frames_of(records: bytes) -> list[Frame]:
+    """Return the frames of whole records; other bytes are skipped."""
+    return [Frame(can_id, data[:length]) for can_id, length, data in RECORD.iter_unpack(records) if length <= MAX_DATA_LENGTH]
+
+
 def _check_flagged(can_id: int) -> None:
     if not 0 <= can_id <= 0xFFFF_FFFF:
         raise ValueError(f"{can_id:#x} is no CAN identifier")

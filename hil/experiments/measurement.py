@@ -19,7 +19,7 @@ from hil.can.opening import open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.bus_demand import BusDemand, check_load
 from hil.master.drive.needs import ProfileGapsError, run_gaps, run_remarks
-from hil.master.session import AT_REST, Session, SessionSource
+from hil.master.session import AT_REST, Session
 from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.base import LOG_FILE, RESULT_FILE, MeasuredBench, MeasuredResult
@@ -179,9 +179,8 @@ class Measurement(Generic[R]):
 
     def _new_session(self) -> Session:
         channel, progress = self._channel, self._reporter.progress
-        if isinstance(channel, SessionSource):
-            return channel.session(self._bench, progress)
-        return Session(self._bench, channel, BusLog(self._out / LOG_FILE, log_label(channel.address)), progress)
+        path = self._out / LOG_FILE if getattr(channel, "is_logged", True) else None
+        return Session(self._bench, channel, BusLog(path, log_label(channel.address)), progress)
 
     def keep(self, recording: Recording, name: str) -> str:
         """Save a recording as `runs/name.csv`.

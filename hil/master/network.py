@@ -12,10 +12,9 @@ from typing import Any
 from drive_profiles.device.sdo import ForeignRequests, SdoPort
 from drive_profiles.standard.cia301 import DataType, FunctionCode, NmtCommand, decode, encode
 from drive_profiles.standard.error_codes import emergency_text
-from hil.can.channel import Channel
+from hil.can.channel import Channel, MessageChannel
 from hil.can.errors_frame import decode as decode_error
 from hil.can.frame import CAN_ERR_FLAG, Frame
-from hil.can.local import LocalChannel
 from hil.errors import NoAnswerError, ReadBackError, SdoAbortedError, SharedNodeError
 from hil.master.realtime import Clock, MonotonicClock
 from hil.recording import BusLog, LoggedFrame, LoggedMessage
@@ -98,7 +97,7 @@ class Network:
     def __init__(self, channel: Channel, log: BusLog, timeout_s: float, period_s: float, clock: Clock | None = None) -> None:
         """Join the bus; nothing is sent."""
         self.channel = channel
-        self._local = channel if isinstance(channel, LocalChannel) else None
+        self._messages = channel if isinstance(channel, MessageChannel) else None
         self.log = log
         self.timeout_s = timeout_s
         self.period_s = period_s
@@ -142,7 +141,7 @@ class Network:
     @property
     def takes_messages(self) -> bool:
         """True if a cycle crosses in one message each way: see `cycle_in_messages`."""
-        return self._local is not None and self._local.takes_messages
+        return self._messages is not None and self._messages.takes_messages
 
     def cycle_in_messages(self, command: bytes) -> bytes:
         """Send the records of a cycle; return the next message.
@@ -150,13 +149,13 @@ class Network:
         The last record is SYNC. The message is empty if none came in time. It is not logged yet: call either
         `log_message` or `frames_of` next.
         """
-        if self._local is None:
+        if self._messages is None:
             raise TypeError(f"{type(self.channel).__name__} takes no messages")
-        self._local.send_message(command)
+        self._messages.send_message(command)
         if self.log.is_on:
             self.log.add_message(LoggedMessage(self._lock_step_s, command, is_received=False))
         self._lock_step_s += self.period_s
-        return self._local.receive_message(self.timeout_s)
+        return self._messages.receive_message(self.timeout_s)
 
     def log_message(self, message: bytes) -> None:
         """Log a message of `cycle_in_messages` that was taken as it is."""
@@ -165,14 +164,10 @@ class Network:
 
     def frames_of(self, message: bytes) -> list[Frame]:
         """Log a message of `cycle_in_messages`, and return its frames."""
-        if self._local is None or not message:
+        if self._messages is None or not message:
             return []
-        self._local.put_back(message)
+        self._messages.put_back(message)
         return self.receive_all(self.timeout_s)
-
-    def pass_cycle(self) -> None:
-        """Count a cycle of a lock-step bus that needed no frames."""
-        self._lock_step_s += self.period_s
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
         """Receive the next frame and those in one message with it.

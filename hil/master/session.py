@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from types import FrameType
-from typing import Protocol, Self, runtime_checkable
+from typing import Self
 
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import Object, State, state_of
@@ -35,16 +35,6 @@ from hil.master.sensor import sensor_of
 from hil.master.set_point_adder import SetPointAdder
 from hil.master.supervision import Supervisor
 from hil.recording import BusLog
-
-
-@runtime_checkable
-class SessionSource(Protocol):
-    """A channel with its own kind of session, without frames."""
-
-    def session(self, bench: Bench, progress: Callable[[float], None]) -> "Session":
-        """A session on this channel, without a log of frames."""
-        ...
-
 
 AT_REST = "the axes are at rest, and their drives are disabled"
 """Note of an error that came after a motion had ended well."""

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Iterator
 
 from hil.can import clock
-from hil.can.frame import MAX_DATA_LENGTH, RECORD, Frame, unpack
+from hil.can.frame import RECORD, Frame, frames_of
 from hil.can.local import wait_at_most
 
 CLOCK_WAIT_S = 0.001
@@ -93,31 +93,33 @@ class Client:
             while self._backlog:
                 del self._backlog[: self.socket.send(self._backlog[:65536], socket.MSG_DONTWAIT)]
 
-    def receive(self, *, wait: bool = False) -> list[Frame] | None:
-        """Return the received frames; None if the client is gone.
+    def receive(self) -> list[Frame] | None:
+        """Return the received frames; None if the client is gone."""
+        records = self.receive_records()
+        return None if records is None else frames_of(records)
 
-        Bytes that are not a frame are dropped.
+    def receive_records(self, *, wait: bool = False) -> bytes | None:
+        """Return the records of the next message; None if the client is gone.
+
+        They are empty if none has come. A message that is not made of whole records is dropped.
 
         Args:
-            wait: Wait for the first one, up to `CLOCK_WAIT_S`.
+            wait: Wait for it, up to `CLOCK_WAIT_S`.
         """
         try:
             data = self.socket.recv(65536 if self._is_stream else _MESSAGE_BYTES, 0 if wait else socket.MSG_DONTWAIT)
         except BlockingIOError:
-            return []
+            return b""
         except OSError:
             return None
         if not data:
             return None
         if not self._is_stream:
-            if len(data) != RECORD.size:
-                return _frames(data) if len(data) % RECORD.size == 0 else []
-            frame = unpack(data)
-            return [] if frame is None else [frame]
+            return data if len(data) % RECORD.size == 0 else b""
         self._received += data
         whole = len(self._received) - len(self._received) % RECORD.size
         records, self._received = self._received[:whole], self._received[whole:]
-        return _frames(records)
+        return records
 
     def stamp_arrivals(self) -> None:
         """Let the kernel stamp the arrival of each message.
@@ -163,7 +165,7 @@ class Client:
                 return None, None
             if not data:
                 return None, None
-            frames = _frames(data) if len(data) % RECORD.size == 0 else []
+            frames = frames_of(data) if len(data) % RECORD.size == 0 else []
             if frames:
                 return frames, _stamp(ancillary)
 
@@ -195,8 +197,3 @@ def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int | None:
             seconds, nanoseconds = _TIMESPEC.unpack(data)
             return int(seconds) * 1_000_000_000 + int(nanoseconds)
     return None
-
-
-def _frames(records: bytes) -> list[Frame]:
-    """Return the frames of whole records; other bytes are skipped."""
-    return [Frame(can_id, data[:length]) for can_id, length, data in RECORD.iter_unpack(records) if length <= MAX_DATA_LENGTH]

@@ -9,10 +9,24 @@ from collections.abc import Callable, Sequence
 from drive_profiles.address import LOCAL, Address
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.errors import BusLostError
-from hil.can.frame import Frame
+from hil.can.frame import Frame, frames_of, pack
 from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.medium import Instant, Medium
 from plant_emulator.world import World
+
+
+def _nobody(_frame: Frame, _end_ns: int) -> None:
+    """Stand in for a listener."""
+
+
+def _nothing(_number: int) -> None:
+    """Stand in for a test that interferes."""
+
+
+def _all(_frame: Frame) -> bool:
+    """Let every frame pass."""
+    return True
+
 
 STRANGER = FIRST_CLIENT + 1
 """Port from which frames are injected."""
@@ -26,8 +40,8 @@ class InProcessChannel:
     Attributes:
         world: The world behind the bus.
         medium: The medium between world and client.
+        is_logged: True if a measurement on it writes a log of its frames.
         syncs: Number of SYNCs so far.
-        sent: Frames that the client has sent, the latest `MAX_SENT`.
         heard: Called with each frame of the bus and the time of its end, the client's own included.
         on_sync: Called with the number of each SYNC before the world receives it; a test interferes here.
         passes: Frames to the client for which it is false are lost.
@@ -38,24 +52,74 @@ class InProcessChannel:
     is_lock_step = True
     overflows = 0
 
-    def __init__(self, world: World, medium: Medium | None = None) -> None:
+    def __init__(self, world: World, medium: Medium | None = None, *, bitrate: int | None = None, is_logged: bool = True) -> None:
         """Join the bus and power the nodes on.
 
         Their boot-up messages wait to be read.
+
+        Args:
+            world: The world behind the bus.
+            medium: The medium between world and client; left out, frames arrive at once and in order.
+            bitrate: Bit rate by which a run checks the load of the bus, although the medium has none.
+            is_logged: Set it to False for runs whose frames nobody reads.
         """
-        self.world = world
+        self.world, self.is_logged = world, is_logged
         self.medium: Medium = Instant(world) if medium is None else medium
         self.medium.join(FIRST_CLIENT)
-        self.address = Address(LOCAL, "in-process", self.medium.bitrate)
+        self.address = Address(LOCAL, "in-process", self.medium.bitrate or bitrate)
         self.syncs = 0
-        self.sent: deque[Frame] = deque(maxlen=self.MAX_SENT)
-        self.heard: Callable[[Frame, int], None] = lambda frame, end_ns: None
-        self.on_sync: Callable[[int], None] = lambda number: None
-        self.passes: Callable[[Frame], bool] = lambda frame: True
+        self.heard: Callable[[Frame, int], None] = _nobody
+        self.on_sync: Callable[[int], None] = _nothing
+        self.passes: Callable[[Frame], bool] = _all
+        self._sent: deque[Frame | bytes] = deque(maxlen=self.MAX_SENT)
+        self._answers = b""
         self.lost = False
         self._queue: deque[Frame] = deque(world.power_on())
         self._has_clock = False
         self._has_stranger = False
+
+    @property
+    def sent(self) -> list[Frame]:
+        """Frames that the client has sent, the latest `MAX_SENT` of them and of the messages."""
+        return [frame for each in self._sent for frame in (frames_of(each) if isinstance(each, bytes) else (each,))]
+
+    @property
+    def takes_messages(self) -> bool:
+        """True if a cycle may be one message each way.
+
+        The clock is the client's, nobody looks at single frames, and none waits to be read.
+        """
+        has_listener = self.heard is not _nobody or self.passes is not _all or self.on_sync is not _nothing
+        return self._has_clock and not self._queue and not has_listener
+
+    def send_message(self, records: bytes) -> None:
+        """Put the records of a cycle on the bus; the last is SYNC.
+
+        Raises:
+            BusLostError: `lost` is set.
+        """
+        self._check()
+        answers = self.medium.exchange(records) if self.takes_messages else None
+        if answers is None:
+            self.send_all(frames_of(records))
+            return
+        self.syncs += 1
+        self._sent.append(records)
+        self._answers = answers
+        self._deliver(self.medium.finish_cycle())
+
+    def receive_message(self, timeout_s: float) -> bytes:
+        """Return the records of the next message; empty if none comes.
+
+        Raises:
+            BusLostError: `lost` is set.
+        """
+        answers, self._answers = self._answers, b""
+        return answers or b"".join(pack(frame) for frame in self.receive_all(timeout_s))
+
+    def put_back(self, message: bytes) -> None:
+        """Let a message that `receive_message` has given be read frame by frame."""
+        self._queue.extendleft(reversed(frames_of(message)))
 
     def inject(self, frame: Frame) -> None:
         """Put a frame on the bus as another participant.
@@ -86,7 +150,7 @@ class InProcessChannel:
             BusLostError: `lost` is set.
         """
         self._check()
-        self.sent.append(frame)
+        self._sent.append(frame)
         if frame.can_id != FunctionCode.SYNC:
             self._deliver(self.medium.frame(FIRST_CLIENT, frame))
             return

@@ -74,6 +74,18 @@ class Medium(Protocol):
         """
         ...
 
+    def exchange(self, message: bytes) -> bytes | None:
+        """Send RPDOs and SYNC of the client that holds the clock, as records.
+
+        Returns the records of the answers, after which `finish_cycle` comes; None, with nothing sent, if they must go frame by
+        frame.
+        """
+        ...
+
+    def finish_cycle(self) -> list[HeardFrame]:
+        """Let the rest of a cycle pass that `exchange` has begun."""
+        ...
+
 
 class Instant:
     """Medium without bit times, in lock-step.
@@ -129,7 +141,15 @@ class Instant:
         The master and the emulator then compute at the same time.
         """
         yield [HeardFrame(sync, port, self._world.now), *self._heard(self._world.receive(sync))]
-        yield self._heard(self._world.finish_period())
+        yield self.finish_cycle()
+
+    def exchange(self, message: bytes) -> bytes | None:
+        """Answer at once if every node only follows: see `World.exchange`."""
+        return self._world.exchange(message)
+
+    def finish_cycle(self) -> list[HeardFrame]:
+        """Let the period pass."""
+        return self._heard(self._world.finish_period())
 
     def _heard(self, frames: list[Frame]) -> list[HeardFrame]:
         now = self._world.now
@@ -206,6 +226,13 @@ class Timed:
         """Let time pass up to the next cycle."""
         self._is_idle = True
         yield self._bus.cycle(port, sync, self._bus.world.period_ns)
+
+    def exchange(self, message: bytes) -> None:
+        """Do nothing: on a wire frames go one by one."""
+
+    def finish_cycle(self) -> list[HeardFrame]:
+        """Return nothing: `exchange` begins no cycle."""
+        return []
 
 
 def medium_for(

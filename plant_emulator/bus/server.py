@@ -16,7 +16,7 @@ from pathlib import Path
 
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can import clock
-from hil.can.frame import Frame, pack
+from hil.can.frame import RECORD, Frame, frames_of, pack
 from plant_emulator.bus.clients import MAX_CLIENTS, Client, Listener
 from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.medium import Instant, Medium
@@ -25,6 +25,7 @@ from plant_emulator.world import SECOND, World
 
 FREE_POLL_S = 0.001
 """Time that a world that moves by itself sleeps between two looks at its clients, in s."""
+MAX_MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size
 TURN_FRAMES = 64
 """Frames of the lock-step client after which the others are looked at."""
 
@@ -196,15 +197,31 @@ class Server:
         The turn ends when the client is silent for `CLOCK_WAIT_S` or has sent its part of the frames; then the others are served.
         """
         for _ in range(TURN_FRAMES):
-            frames = holder.receive(wait=True)
-            if frames is None:
+            records = holder.receive_records(wait=True)
+            if records is None:
                 self._drop(holder.socket.fileno())
-            for frame in frames or ():
-                self._take(frame, holder)
-            if not frames:
+            elif len(self._clients) > 1 or not self._exchange(records, holder):
+                for frame in frames_of(records):
+                    self._take(frame, holder)
+            if not records:
                 self._deliver(self.medium.idle())
-            if not frames or self._clock is not holder:
+            if not records or self._clock is not holder:
                 return
+
+    def _exchange(self, records: bytes, holder: Client) -> bool:
+        """Process a cycle of the only client in one message each way.
+
+        Returns:
+            True if the cycle was one; else its frames have to be taken one by one.
+        """
+        answers = self.medium.exchange(records) if len(records) > RECORD.size else None
+        if answers is None:
+            return False
+        holder.syncs += 1
+        for begin in range(0, len(answers), MAX_MESSAGE_BYTES):
+            holder.send(answers[begin : begin + MAX_MESSAGE_BYTES])
+        self._deliver(self.medium.finish_cycle())
+        return True
 
     def _serve(self, descriptors: Iterable[int]) -> None:
         for descriptor in descriptors:

@@ -10,6 +10,7 @@ PLANT = Core(
         "plant_emulator/core",
         "plant_emulator/physics",
         "plant_emulator/motion",
+        "plant_emulator/image",
         "plant_emulator/studies",
         "hil/control",
         "hil/core",

@@ -18,7 +18,8 @@ from drive_profiles.standard.cia402 import (
 )
 from drive_profiles.standard.units import Scaling
 from hil.can.frame import Frame
-from plant_emulator.drive.binding.process_data import DriveData
+from plant_emulator.core import CORE
+from plant_emulator.drive.binding.process_data import SHARED, DriveData, share_set_points
 from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.drive.family.choice import family_of
 from plant_emulator.drive.faults import FAULTS, NOT_OPERATIONAL, RPDO_TIMEOUT, TORQUE_OFF, TORQUE_OFF_FAULT, DriveFaults
@@ -46,7 +47,7 @@ from plant_emulator.drive.touch_probe import TouchProbes
 from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes
 from plant_emulator.slave.delays import slave_with
-from plant_emulator.slave.dictionary import ResetKind
+from plant_emulator.slave.dictionary import Cell, ReadHook, ResetKind
 from plant_emulator.slave.node import Slave
 
 
@@ -81,6 +82,8 @@ class Drive:
         limit_switches: Effect of the limit switches on the motion.
         family: The drive's family: which drive it is, and what of it is not emulated.
         on_state: Called with the state before and the new one, before the power stage follows.
+        on_change: Called when the status or the units have changed: the process image has to be written anew.
+        shown: Read hooks of the entries that the process image shows, and what they show.
     """
 
     def __init__(self, axes: Axes, number: int, family: DriveFamily | None = None) -> None:
@@ -101,6 +104,7 @@ class Drive:
         self.behaviour = axes.robot.axis[number].behaviour
         self.family = family_of(axes.robot, number) if family is None else family
         dictionary = self.family.dictionary
+        share_set_points(dictionary, axes, self.row)
         self.slave: Slave = slave_with(
             self.behaviour,
             axes.robot.seed + number,
@@ -112,6 +116,7 @@ class Drive:
             autostart=self.behaviour.operational_at_boot,
         )
         self.on_state: Callable[[State, State], None] = lambda before, after: None
+        self.on_change: Callable[[], None] = lambda: None
         self._signals = AxisSignals.of(axes)  # by which the control period wakes the drive
         self._status = DriveStatus.of(Power())  # replaced whole with each change of state, input or lack: see `_set_power`
         self._delayed: DelayedTransition | None = None  # where the robot file says that transitions take their time
@@ -136,11 +141,18 @@ class Drive:
         self._bind()
         # the family wraps write hooks of the parts above (a hook that comes after it is an error); `restart` wants its values
         self.family.bind(axes, self.row, self._is_powered)
+        self.shown |= self.family.shown
         self.data.restart()
 
     def _bind(self) -> None:
         """Connect the callbacks of the parts."""
         slave, dictionary = self.slave, self.slave.dictionary
+        self.shown: dict[ReadHook, int] = {
+            self.status_word: CORE.call.STATUS_WORD,
+            self.data.position_counts: CORE.call.POSITION_SHOWN,
+            self.data.shown_torque: CORE.call.TORQUE_SHOWN,
+        }
+        self.data.on_units = self._report_change
         self.inputs.on_sto = self._set_torque_off
         self._faults.on_lack = self._set_status
         slave.on_nmt = self._on_nmt
@@ -160,11 +172,6 @@ class Drive:
     def state(self) -> State:
         """State of the power drive system."""
         return self._status.power.state
-
-    def repeats(self, control_word: int) -> bool:
-        """Return True if the drive is enabled and the word unchanged."""
-        status = self._status
-        return status.is_following and status.power.control_word == control_word
 
     @property
     def mode(self) -> Mode | None:
@@ -252,6 +259,7 @@ class Drive:
         """Replace the status, and report a change of state."""
         before = self.state
         self._status = DriveStatus.of(power, torque_off=self.inputs.is_sto_active, lack=self._faults.is_lacking)
+        self.on_change()
         if power.state is not before:
             self.on_state(before, power.state)
 
@@ -273,6 +281,41 @@ class Drive:
         if signals.limited[row] or self.limit_switches.blocked:
             word |= INTERNAL_LIMIT
         return word
+
+    def _report_change(self) -> None:
+        self.on_change()
+
+    # -- the process image ---------------------------------------------------------------------------------------------
+
+    def takes(self, cell: Cell) -> int | None:
+        """Return what an entry means in an RPDO of the process image.
+
+        The result is None for an entry that only the slave can write.
+        """
+        if cell.write_hook == self._write_control_word:
+            return int(CORE.call.CONTROL_WORD)
+        return int(getattr(CORE.call, SHARED[cell.entry.index].upper())) if self.data.shares(cell) else None
+
+    @property
+    def ignores_sync(self) -> bool:
+        """True if no mode acts and nothing is under way: a SYNC without process data then means nothing."""
+        return self._modes.acting is None and not self.needs_update
+
+    def write_process(self) -> bool:
+        """Write state, mode and units into the process image.
+
+        Returns:
+            True if the drive only follows the set-points of a cyclic mode, so that the image may act for it.
+        """
+        acting, status, process = self._modes.acting, self._status, self.data.process
+        if acting is None or not acting.is_plain or not status.is_following or self.needs_update:
+            return False
+        if self.slave.on_sync != acting.synchronise:
+            return False
+        self.data.write_units()
+        process["motion"], process["control_word"] = acting.motion, status.power.control_word
+        process["status_word"] = status.plain_word | (INTERNAL_LIMIT if self.limit_switches.blocked else 0)
+        return True
 
     # -- state machine -------------------------------------------------------------------------------------------------
 

@@ -25,6 +25,7 @@ class CoupledArm:
         rows: `AXIS` array of the robot, by axis number.
         joints: `JOINT` array, from the base on.
         links: `LINK` array, the base first.
+        felt_by: Pointer to what `felt` returns.
         moved: Position, velocity, acceleration of the tip and specific force as `tool_motion` writes them.
     """
 
@@ -44,6 +45,7 @@ class CoupledArm:
         self._turning = np.zeros((CORE.call.JOINT_ROWS, count))
         self._tool, self.moved = tool_rows(arm), np.zeros((ROWS, 3))
         self._sensor, self._felt = sensor_rows(arm, mounting), np.zeros((1, 3))
+        self.felt_by = CORE.pointer(self._felt)
         self._shared, joints = CORE.new("arm"), {
             "joints": CORE.pointer(self.joints, "constants"), "links": CORE.pointer(self.links, "link"),
             "near": CORE.pointer(near, "grid_point"), "commands": CORE.pointer(np.zeros(count)),

@@ -4,7 +4,6 @@ The control period of `period.h` works on them, and the tip feels them.
 """
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,11 @@ from plant_emulator.motion.record import (
     AXIS,
     BRAKED,
     NO_SET_POINT,
-    SET_POINT_RANGE,
-    SET_POINT_STEP,
     UNTIL_WRITTEN,
 )
 from plant_emulator.physics.axis import hang_at_rest
 from plant_emulator.physics.sensing import SensorResponse
-from plant_emulator.physics.tip import chain_acceleration, lever_acceleration
+from plant_emulator.physics.tip import MovedTip
 from plant_emulator.robots.gear_change import write_change
 from plant_emulator.robots.robot import Robot
 
@@ -74,6 +71,8 @@ class Axes:
         cascade_state: `CASCADE_STATE` array, shape (n_axes,).
         notch_config: `NOTCH_CONFIG` array, shape (n_axes, NOTCHES).
         notch_state: `NOTCH_STATE` array, shape (n_axes, NOTCHES).
+        processes: `PROCESS` array, shape (n_axes,): the drives' values as PDOs bring them.
+        tip: The tip that the axes move.
         arm: The arm whose links couple the axes; None if each turns an inertia of its own.
     """
 
@@ -110,27 +109,20 @@ class Axes:
             for column in range(NOTCHES):
                 NO_NOTCH.write(self.notch_config[row, column])
         self.arm = None if robot.links is None else CoupledArm(robot.links, self.numbers, rows, robot.accelerometer.mounting)
-        self._chain = robot.geometry.chain() if robot.geometry is not None else None
-        home = robot.home_joints()
-        self._home = None if home is None else home.tolist()
-        self._chain_rows = [] if home is None else [self.row(number) for number in robot.chain_axes]
-        self._levers = [robot.axis[number].tip_lever_m for number in self.numbers]
+        self.tip = MovedTip(robot, self.numbers)
+        self.processes = np.zeros(count, CORE.dtype("process"))
         self._response = response_of(robot)
         self._axes = CORE.pointer(rows, "axis")
+        self._rooms: dict[int, tuple[Any, Any]] = {}
         self._bind()
 
     def _bind(self) -> None:
         """Take hold of what every SYNC reads and writes."""
         motion, state = self.motion, self.plant_state
-        self._mode, self._trip = live(motion, "mode"), live(motion, "trip")
-        self._counts_per_rad, self._max_speed = live(motion, "counts_per_rad"), live(motion, "max_speed_rad_s")
-        self._previous, self._target = live(motion, "previous_counts"), live(motion, "target_counts")
+        self._mode, self._counts_per_rad = live(motion, "mode"), live(motion, "counts_per_rad")
         self._elapsed_periods, self._span = live(motion, "elapsed_periods"), live(motion, "periods_per_set_point")
-        self._extrapolate = live(motion, "extrapolation_periods")
         self._previous_speed, self._target_speed = live(motion, "previous_speed_rad_s"), live(motion, "target_speed_rad_s")
-        self._low, self._high = live(motion, "low_counts"), live(motion, "high_counts")
-        self._motor_angle, self._arm_angle = live(state, "motor_angle_rad"), live(state, "arm_angle_rad")
-        self._arm_speed, self._arm_acceleration = live(state, "arm_speed_rad_s"), live(state, "arm_acceleration_rad_s2")
+        self._motor_angle = live(state, "motor_angle_rad")
         self._control_period_s = self.robot.control_period_s
         self._substeps = self.robot.plant_substeps
 
@@ -140,27 +132,23 @@ class Axes:
 
     def advance(self, periods: int) -> None:
         """Advance everything by some control periods."""
-        row = None if self._response is None or self.arm is not None else self._single_row()
-        if self._response is None or row is None:
-            self.advance_chain(periods)
-            return
-        _, _, trace, tips = self._buffers_of(periods)
         timing, axes = (periods, self._control_period_s, self._substeps), (self._axes, len(self.numbers))
-        CORE.call.advance_sensed(*timing, *axes, trace, row, self._levers[row], tips, *self._response.shared)
-
-    def advance_chain(self, periods: int) -> None:
-        """`advance` where several axes move the tip, or the sensor remembers nothing."""
         if self.arm is not None:
             self._advance_arm(self.arm, periods)
-            return
-        axes = self._axes, len(self.numbers)
-        if self._response is None:
-            CORE.call.advance(periods, self._control_period_s, self._substeps, *axes, CORE.NULL)
-            return
-        states, tips, trace, _ = self._buffers_of(periods)
-        CORE.call.advance(periods, self._control_period_s, self._substeps, *axes, trace)
-        self._fill(tips, states)
-        self._response.drive(tips)
+        elif self._response is None:
+            CORE.call.advance(*timing, *axes, CORE.NULL)
+        else:
+            trace, tips = self._rooms.get(periods) or self._room(periods)
+            CORE.call.advance_sensed(*timing, *axes, trace, self.tip.shared, tips, *self._response.shared)
+
+    def _room(self, periods: int) -> tuple[Any, Any]:
+        """Return room for the arms' states and the tip after each of so many control periods.
+
+        That of the last number is kept: a SYNC is always worth as many.
+        """
+        trace, tips = np.empty((periods, len(self.numbers), 3)), np.empty((periods, 3))
+        self._rooms = {periods: (CORE.pointer(trace), CORE.pointer(tips))}
+        return self._rooms[periods]
 
     def _advance_arm(self, arm: CoupledArm, periods: int) -> None:
         """`advance` where links couple the axes."""
@@ -168,7 +156,7 @@ class Axes:
         if self._response is None:
             arm.advance(*timing)
             return
-        _, tips, _, _ = self._buffers_of(periods)
+        tips = np.empty((periods, 3))
         arm.advance(*timing, tips)
         self._response.drive(tips)
 
@@ -213,28 +201,9 @@ class Axes:
     def set_point(self, row: int, target_counts: int) -> None:
         """Give an axis in cyclic position mode its next set-point.
 
-        The axis goes there from its present demand in one interpolation period.
-
-        One outside the position limits, or faster than the motor may turn, trips the axis and is not followed. A SYNC that falls
-        a control period early, as those of a busy bus do, finds the axis that much behind its last set-point: what counts is
-        the step from that.
+        See `set_point` of `period.h`.
         """
-        span, elapsed = self._span[row], self._elapsed_periods[row]
-        fraction = elapsed / span
-        last, start = self._target[row], self._previous[row]
-        if fraction <= 1.0:
-            start += (last - start) * fraction
-        else:  # late: the set-point has been held, or led on
-            start += (last - start) * min(fraction, 1.0 + self._extrapolate[row] / span)
-        target = float(target_counts)
-        reach = self._max_speed[row] * self._counts_per_rad[row] * span * self._control_period_s
-        if not self._low[row] <= target <= self._high[row]:
-            self._trip[row] |= SET_POINT_RANGE
-            target = start
-        elif abs(target - (last if elapsed >= span - 1 else start)) > reach + 1.0:
-            self._trip[row] |= SET_POINT_STEP
-            target = start
-        self._previous[row], self._target[row], self._elapsed_periods[row] = start, target, 0
+        CORE.call.set_point(self._axes + row, target_counts, self._control_period_s)
 
     def set_speed(self, row: int, speed_rad_s: float) -> None:
         """Give an axis in cyclic velocity mode its next set-point.
@@ -257,11 +226,9 @@ class Axes:
         """
         if self.arm is not None:
             return self.arm.acceleration()
-        speeds, accelerations = self._arm_speed.tolist(), self._arm_acceleration.tolist()
-        row = self._single_row()
-        if row is not None:
-            return lever_acceleration(self._levers[row], speeds[row], accelerations[row])
-        return self._joint_acceleration(self._arm_angle, speeds, accelerations)
+        CORE.call.tip_now(self.tip.shared, self._axes, len(self.numbers), self.tip.now_by)
+        x, y, z = self.tip.now.tolist()
+        return x, y, z
 
     def sensed_acceleration(self) -> tuple[float, float, float]:
         """Return the acceleration that the accelerometer passes on.
@@ -274,46 +241,12 @@ class Axes:
             return self._response.acceleration_m_s2
         return self.tip_acceleration() if self.arm is None else self.arm.felt()
 
-    def _single_row(self) -> int | None:
-        """Return the row that alone moves the tip.
-
-        Its brake alone is open, or it is the only row; None if several rows, or none, move the tip.
-        """
-        modes = self._mode.tolist()
-        if len(modes) == 1 and self._chain is None:
-            return 0
-        if len(modes) - modes.count(BRAKED) != 1:
-            return None
-        return next(row for row, mode in enumerate(modes) if mode != BRAKED)
-
-    def _buffers_of(self, periods: int) -> tuple[Real, Real, Any, Any]:
-        """Return arrays for the arms' states and the tip.
-
-        They have a row for each of so many control periods; the same follows in C.
-        """
-        states, tips = np.empty((periods, len(self.numbers), 3)), np.empty((periods, 3))
-        return states, tips, CORE.pointer(states), CORE.pointer(tips)
-
-    def _fill(self, tips: Real, trace: Real) -> None:
-        """Write the true acceleration of a tip that several axes move.
-
-        It is that after each control period; shape (periods, 3).
-        """
-        for i, (angles, speeds, accelerations) in enumerate(trace.transpose(0, 2, 1).tolist()):
-            tips[i] = self._joint_acceleration(angles, speeds, accelerations)
-
-    def _joint_acceleration(
-        self, bent: Sequence[float], speeds: Sequence[float], accelerations: Sequence[float]
-    ) -> tuple[float, float, float]:
-        """Acceleration of the tip where all axes move it."""
-        if self._chain is None or self._home is None:
-            x = -sum(lever * speed * speed for lever, speed in zip(self._levers, speeds, strict=True))
-            return x, 0.0, sum(lever * a for lever, a in zip(self._levers, accelerations, strict=True))
-        (i, j, k), (home_i, home_j, home_k) = self._chain_rows, self._home
-        angles = home_i + bent[i], home_j + bent[j], home_k + bent[k]
-        return chain_acceleration(
-            self._chain, angles, (speeds[i], speeds[j], speeds[k]), (accelerations[i], accelerations[j], accelerations[k])
-        )
+    @property
+    def sensed(self) -> Any:
+        """Pointer to what `sensed_acceleration` reads; null if that is the tip's acceleration of the instant."""
+        if self._response is not None:
+            return self._response.shared[-1]
+        return CORE.NULL if self.arm is None else self.arm.felt_by
 
 
 def response_of(robot: Robot) -> SensorResponse | None:

@@ -215,19 +215,64 @@ void advance(integer periods, real period_s, integer substeps, struct axis *axes
     }
 }
 
-void advance_sensed(
-    integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace, integer row,
-    real lever_m, real *tips, struct sections *sections, real *ring, integer size, real *sensed)
+integer single_row(const struct tip *tip, const struct axis *axes, integer count)
 {
+    integer found = -1, open = 0;
+    for (integer row = 0; row < count; row++) {
+        if (axes[row].motion.mode != BRAKED) {
+            found = row;
+            open++;
+        }
+    }
+    if (count == 1 && !tip->has_chain) {
+        return 0;
+    }
+    return open == 1 ? found : -1;
+}
+
+void tip_now(const struct tip *tip, const struct axis *axes, integer count, real *acceleration)
+{
+    for (integer row = 0; row < count; row++) {
+        const struct plant_state *s = &axes[row].plant_state;
+        tip->moved[3 * row] = s->arm_angle_rad;
+        tip->moved[3 * row + 1] = s->arm_speed_rad_s;
+        tip->moved[3 * row + 2] = s->arm_acceleration_rad_s2;
+    }
+    tip_acceleration(tip, tip->moved, count, single_row(tip, axes, count), acceleration);
+}
+
+void advance_sensed(
+    integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace, const struct tip *tip,
+    real *tips, struct sections *sections, real *ring, integer size, real *sensed)
+{
+    const integer single = single_row(tip, axes, count);
     advance(periods, period_s, substeps, axes, count, trace);
     for (integer period = 0; period < periods; period++) {
-        const real *shown = trace + 3 * (period * count + row);
-        real *tip = tips + CHANNELS * period;
-        tip[0] = -lever_m * shown[1] * shown[1];
-        tip[1] = 0.0;
-        tip[2] = lever_m * shown[2];
+        tip_acceleration(tip, trace + 3 * period * count, count, single, tips + CHANNELS * period);
     }
     sense(sections, ring, size, tips, periods, sensed);
+}
+
+void set_point(struct axis *axis, real target_counts, real period_s)
+{
+    struct motion *m = &axis->motion;
+    const real span = (real)m->periods_per_set_point, elapsed = (real)m->elapsed_periods, fraction = elapsed / span;
+    const real last = m->target_counts;
+    /* late: the set-point has been held, or led on */
+    const real way = fraction <= 1.0 ? fraction : least(fraction, 1.0 + (real)m->extrapolation_periods / span);
+    const real start = m->previous_counts + (last - m->previous_counts) * way;
+    const real reach = m->max_speed_rad_s * m->counts_per_rad * span * period_s;
+    real target = target_counts;
+    if (!(m->low_counts <= target && target <= m->high_counts)) {
+        m->trip |= SET_POINT_RANGE;
+        target = start;
+    } else if (FABS(target - (elapsed >= span - 1.0 ? last : start)) > reach + 1.0) {
+        m->trip |= SET_POINT_STEP;
+        target = start;
+    }
+    m->previous_counts = start;
+    m->target_counts = target;
+    m->elapsed_periods = 0;
 }
 
 /* Run the drive of a joint, and take the joint's state from its axis. */

@@ -4,6 +4,7 @@
 
 #include "plant_emulator/physics/flexible.h"
 #include "plant_emulator/physics/sensing.h"
+#include "plant_emulator/physics/tip.h"
 #include "record.h"
 
 /* The encoder's reading: the motor angle rounded to whole counts. */
@@ -24,12 +25,25 @@ void age(struct axis *axis, real period_s);
  * trace, where it is not null, becomes theta_l, w_l and w_l' of each axis after every period; periods rows of 3 count. */
 void advance(integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace);
 
-/* advance, the tip that the axis of a row alone moves on its lever, and the sensor that feels it.
+/* The row that alone moves the tip: its brake alone is open, or it is the only one. -1 where several do, or none. */
+integer single_row(const struct tip *tip, const struct axis *axes, integer count);
+
+/* Acceleration of the tip at this instant, where no links couple the axes. */
+void tip_now(const struct tip *tip, const struct axis *axes, integer count, real *acceleration);
+
+/* advance, the tip that the axes move, and the sensor that feels it.
  *
  * tips becomes the tip's acceleration after each period; sections, ring, size and sensed are those of sense. */
 void advance_sensed(
-    integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace, integer row,
-    real lever_m, real *tips, struct sections *sections, real *ring, integer size, real *sensed);
+    integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace, const struct tip *tip,
+    real *tips, struct sections *sections, real *ring, integer size, real *sensed);
+
+/* The next set-point of an axis in cyclic position mode, in counts of its encoder.
+ *
+ * The axis goes there from its present demand in one interpolation period. A set-point outside the position limits, or faster than
+ * the motor may turn, trips the axis and is not followed. A SYNC that falls a control period early, as those of a busy bus do,
+ * finds the axis that much behind its last set-point: what counts is the step from that. */
+void set_point(struct axis *axis, real target_counts, real period_s);
 
 /* Arrays of an arm whose links couple its axes, beside those of the joints. */
 struct arm {

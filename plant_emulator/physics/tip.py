@@ -5,18 +5,16 @@ The tip is on the planar chain of shoulder, elbow and wrist, or on the lever of 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from math import floor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.trajectory import PlanarChain
+from plant_emulator.core import CORE
+from plant_emulator.robots.robot import Robot
 
 Vector = Sequence[float] | NDArray[np.float64]
-
-_BLOCK = 256
-"""Noise samples that are drawn at once: a generator's call costs more than its numbers."""
 
 
 def lever_acceleration(lever_m: float, arm_speed: float, arm_acceleration: float) -> tuple[float, float, float]:
@@ -61,34 +59,71 @@ def chain_acceleration(chain: PlanarChain, angles: Vector, speeds: Vector, accel
     return x, 0.0, z
 
 
-@dataclass
+class MovedTip:
+    """The tip that the axes of a robot move.
+
+    Args:
+        robot: The robot file.
+        numbers: Axis number of each row.
+
+    Attributes:
+        shared: The tip in C, a `tip`.
+        now: Room for an acceleration, shape (3,).
+        now_by: Pointer to it.
+    """
+
+    def __init__(self, robot: Robot, numbers: Sequence[int]) -> None:
+        self.shared, self.now = CORE.new("tip"), np.zeros(3)
+        self.now_by = CORE.pointer(self.now)
+        levers, moved = np.array([robot.axis[number].tip_lever_m for number in numbers]), np.zeros((len(numbers), 3))
+        self._kept = self.shared.levers_m, self.shared.moved = CORE.pointer(levers), CORE.pointer(moved)
+        home = robot.home_joints()
+        if robot.geometry is None or home is None:
+            return
+        chain = robot.geometry.chain()
+        self.shared.has_chain = 1
+        self.shared.chain_rows = [numbers.index(number) for number in robot.chain_axes]
+        self.shared.home_rad = home.tolist()
+        self.shared.upper_arm_m, self.shared.tool_m = chain.upper_arm_m, chain.tool_m
+        self.shared.forearm_m, self.shared.forearm_offset_m = chain.forearm_m
+
+
 class TipSensor:
     """Noise and resolution of the accelerometer.
 
     It is seeded, with one draw of three values per sample.
 
-    Attributes:
+    Args:
         noise_m_s2: Standard deviation of the white noise of each sample.
         resolution_m_s2: Step of the output; 0 for none.
         range_m_s2: Acceleration at which it saturates.
         generator: The noise's source.
+
+    Attributes:
+        shared: The sensor in C, a `tip_sensor`.
     """
 
-    noise_m_s2: float
-    resolution_m_s2: float
-    range_m_s2: float
-    generator: np.random.Generator
-    _noise: list[list[float]] = field(default_factory=list, repr=False)
+    def __init__(self, noise_m_s2: float, resolution_m_s2: float, range_m_s2: float, generator: np.random.Generator) -> None:
+        rows = np.zeros(1, CORE.dtype("tip_sensor"))
+        rows["noise_m_s2"], rows["resolution_m_s2"], rows["range_m_s2"] = noise_m_s2, resolution_m_s2, range_m_s2
+        rows["next"] = CORE.call.NOISE_SAMPLES
+        used: Any = rows["next"]
+        self._next, self._draws, self._generator = memoryview(used), rows["draws"][0], generator
+        self._shown = np.zeros(3)
+        self.shared, self._shown_by = CORE.pointer(rows, "tip_sensor"), CORE.pointer(self._shown)
 
-    def sample(self, acceleration: tuple[float, float, float]) -> tuple[float, float, float]:
+    def draw(self) -> None:
+        """Draw the noise of the next samples where all is used.
+
+        A generator's call costs more than its numbers: many are drawn at once.
+        """
+        if self._next[0] >= len(self._draws):
+            self._draws[:] = self._generator.standard_normal(self._draws.shape)
+            self._next[0] = 0
+
+    def sample(self, acceleration: Sequence[float]) -> tuple[float, float, float]:
         """The sensor's output for a true acceleration, m/s²."""
-        if not self._noise:
-            self._noise = self.generator.standard_normal((_BLOCK, 3)).tolist()[::-1]
-        (x, y, z), (draw_x, draw_y, draw_z) = acceleration, self._noise.pop()
-        noise, step, reach = self.noise_m_s2, self.resolution_m_s2, self.range_m_s2
-        x, y, z = x + noise * draw_x, y + noise * draw_y, z + noise * draw_z
-        if step > 0.0:
-            x, y, z = step * floor(x / step + 0.5), step * floor(y / step + 0.5), step * floor(z / step + 0.5)
-        if -reach <= x <= reach and -reach <= y <= reach and -reach <= z <= reach:
-            return x, y, z
-        return min(reach, max(-reach, x)), min(reach, max(-reach, y)), min(reach, max(-reach, z))
+        self.draw()
+        CORE.call.sample_tip(self.shared, acceleration, self._shown_by)
+        x, y, z = self._shown.tolist()
+        return x, y, z

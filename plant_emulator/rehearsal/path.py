@@ -18,7 +18,7 @@ from hil.errors import HilError, InterruptedRunError, SafetyStopError
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.treatment import Knowledge
 from hil.reporter import SILENT, Reporter
-from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.estimates import facts_of, quantities_of
 from plant_emulator.rehearsal.over_bus import StepsOverBus
 from plant_emulator.rehearsal.probes import probe
@@ -127,7 +127,7 @@ class _Path:
     def _steps(self) -> Iterator[Steps]:
         """Return the steps on the robot behind its bus."""
         if not self.options.over_bus:
-            channel = DirectChannel(World(self.robot), self.robot.bus.bitrate)
+            channel = InProcessChannel(World(self.robot), bitrate=self.robot.bus.bitrate, is_logged=False)
             yield StepsInProcess(self.bench, self.axis, self.files, channel, self.options.effort)
             self.result.simulated_s = channel.syncs * self.robot.sync_period_s
             return

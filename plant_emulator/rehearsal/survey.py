@@ -18,8 +18,8 @@ from hil.experiments.motions import constant_acceleration
 from hil.experiments.treatment import Knowledge
 from hil.master.motion import FilterUse
 from hil.master.session import Session
-from hil.recording import Recording
-from plant_emulator.rehearsal.direct import DirectChannel
+from hil.recording import BusLog, Recording
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, tracked_by_order_mm, true_f_al_hz, without_error
 from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
@@ -116,6 +116,6 @@ class Survey:
 @contextmanager
 def session_on(robot: Robot, bench: Bench) -> Iterator[Session]:
     """Open a session on a robot of its own."""
-    with DirectChannel(World(robot), robot.bus.bitrate).session(bench) as session:
+    with Session(bench, InProcessChannel(World(robot), bitrate=robot.bus.bitrate), BusLog(None)) as session:
         session.bring_up()
         yield session

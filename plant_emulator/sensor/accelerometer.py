@@ -6,8 +6,11 @@ Its three acceleration values are sent by TPDO on SYNC.
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from drive_profiles.standard.cia301 import DataType
 from hil.can.frame import Frame
+from plant_emulator.core import CORE
 from plant_emulator.drive.dictionary.manufacturer_objects import REVISION, VENDOR_ID, cycle_period_entry
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry, ObjectType
 from plant_emulator.slave.node import Slave
@@ -23,8 +26,6 @@ METRE_PER_SECOND_SQUARED = 0x00015700
 DIGITS = 3
 """Values are in mm/s²: 3 decimal digits of m/s²."""
 
-_LIMIT = 2**15 - 1
-_PER_UNIT = 10**DIGITS
 _CHANNELS = ("X", "Y", "Z")
 
 
@@ -77,6 +78,11 @@ class AccelerometerNode:
         measure: Gives the sensor's output (X, Y, Z) in m/s² at this instant.
         range_m_s2: Beyond it the status of the channel is "not valid".
         options: Options of the `Slave` underneath.
+
+    Attributes:
+        slave: The CANopen engine underneath.
+        shared: What the node shows, in C: a `tip_node`.
+        channels: Process values of X, Y and Z.
     """
 
     def __init__(
@@ -84,10 +90,16 @@ class AccelerometerNode:
     ) -> None:
         """Make the node; it measures nothing before the first SYNC."""
         self._measure = measure
-        self._range_m_s2 = range_m_s2
+        rows = np.zeros(1, CORE.dtype("tip_node"))
+        rows["range_m_s2"] = range_m_s2
+        self.shared = CORE.pointer(rows, "tip_node")
         dictionary = Dictionary(accelerometer_entries(node_id))
+        for index, field in ((PROCESS_VALUE, "shown"), (STATUS, "status")):
+            values = memoryview(rows[0][field])
+            for channel in range(len(_CHANNELS)):
+                dictionary.share(index, channel + 1, values, channel)
+        self.channels = [dictionary.cell(PROCESS_VALUE, channel + 1) for channel in range(len(_CHANNELS))]
         self.slave = Slave(node_id, dictionary, **options)
-        self._channels = [(dictionary.cell(PROCESS_VALUE, sub), dictionary.cell(STATUS, sub)) for sub in (1, 2, 3)]
 
     @property
     def node_id(self) -> int:
@@ -108,11 +120,7 @@ class AccelerometerNode:
 
         CiA 404 status bit 0 is "not valid", here a channel at the end of its range.
         """
-        reach = self._range_m_s2
-        for (value, status), acceleration in zip(self._channels, self._measure(), strict=True):
-            steps = round(acceleration * _PER_UNIT)
-            value.value = steps if -_LIMIT <= steps <= _LIMIT else max(-_LIMIT, min(_LIMIT, steps))
-            status.value = 0 if -reach < acceleration < reach else 1
+        CORE.call.show_sample(self.shared, self._measure())
 
     def receive(self, frame: Frame, now: int) -> list[Frame]:
         """Process a frame from the bus; return the node's answers."""

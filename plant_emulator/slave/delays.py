@@ -77,6 +77,11 @@ class DelayedSlave(Slave):
             times.append(own)
         return min(times, default=None)
 
+    @property
+    def plain_pdos(self) -> None:
+        """None: its TPDOs are late."""
+        return
+
     def power_on(self, now: int) -> list[Frame]:
         """Start, or restart; held frames are lost."""
         self._tpdos.frames.clear()

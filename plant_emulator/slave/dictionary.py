@@ -254,6 +254,31 @@ class Cell:
         return None
 
 
+class SharedCell(Cell):
+    """Cell whose value lies in an array that others read and write.
+
+    Args:
+        entry: The entry.
+        values: Whole numbers of that array.
+        place: Which of them is the value.
+    """
+
+    __slots__ = ("_place", "_values")
+
+    def __init__(self, entry: Entry, values: "memoryview[int]", place: int) -> None:
+        self._values, self._place = values, place
+        super().__init__(entry)
+
+    @property
+    def value(self) -> Value:
+        """The present value, as in `Cell`."""
+        return self._values[self._place]
+
+    @value.setter
+    def value(self, value: Value) -> None:
+        self._values[self._place] = int(value)
+
+
 class Dictionary:
     """All entries of a node.
 
@@ -267,6 +292,7 @@ class Dictionary:
         node_id: Node-ID of the node that has the dictionary.
         stored: By address, the value that a reset restores instead of the default; see `ParameterStore`.
         on_change: Called with the entry that an SDO has given another value; PDOs pass it by.
+        on_hook: Called when an entry has got another hook.
 
     Raises:
         ValueError: Two entries have one address.
@@ -276,6 +302,7 @@ class Dictionary:
         self.node_id = node_id
         self.stored: dict[tuple[int, int], Value] = {}
         self.on_change: Callable[[Entry], None] = _nothing
+        self.on_hook: Callable[[], None] = lambda: None
         self._cells: dict[tuple[int, int], Cell] = {}
         self._highest: dict[int, int] = {}
         for entry in sorted(entries, key=lambda entry: (entry.index, entry.subindex)):
@@ -361,6 +388,7 @@ class Dictionary:
         It is called at every read and whenever a PDO samples the object.
         """
         self.cell(index, subindex).read_hook = hook
+        self.on_hook()
 
     def on_write(self, index: int, subindex: int, hook: WriteHook) -> None:
         """Set a hook that checks and applies values from the bus.
@@ -375,6 +403,7 @@ class Dictionary:
         if cell.write_hook is not None:
             raise ValueError(f"{cell.entry} has a write hook already; expected one owner; wrap_write puts another hook around it")
         cell.write_hook = hook
+        self.on_hook()
 
     def wrap_write(self, index: int, subindex: int, wrap: Callable[[WriteHook | None], WriteHook]) -> None:
         """Put another write hook around the one that an entry has.
@@ -389,6 +418,23 @@ class Dictionary:
         """
         cell = self.cell(index, subindex)
         cell.write_hook = wrap(cell.write_hook)
+        self.on_hook()
+
+    def share(self, index: int, subindex: int, values: "memoryview[int]", place: int) -> None:
+        """Keep the value of an entry in an array, before anyone holds its cell.
+
+        Args:
+            index: Index of the entry.
+            subindex: Its sub-index.
+            values: Whole numbers of that array.
+            place: Which of them is the value.
+
+        Raises:
+            KeyError: There is no such entry.
+        """
+        old, cell = self.cell(index, subindex), SharedCell(self.cell(index, subindex).entry, values, place)
+        cell.value = old.value
+        self._cells[index, subindex] = cell
 
     def renumber(self, node_id: int) -> None:
         """Change the node-ID, with effect from the next reset.

@@ -29,6 +29,7 @@ from plant_emulator.slave.nmt import (
 )
 from plant_emulator.slave.objects import ERROR_BEHAVIOUR as ERROR_BEHAVIOUR_OBJECT
 from plant_emulator.slave.pdo.engine import PdoEngine
+from plant_emulator.slave.pdo.rpdo import Rpdo
 from plant_emulator.slave.pdo.tpdo import Tpdo
 from plant_emulator.slave.sdo.channels import SdoChannels
 from plant_emulator.slave.sdo.server import DEFAULT_BLOCK_SIZE, SdoServer
@@ -202,6 +203,26 @@ class Slave:
         Other frames need not be passed to the node before `due`.
         """
         return can_id in self._routes
+
+    @property
+    def plain_pdos(self) -> tuple[list[Rpdo], list[Tpdo]] | None:
+        """RPDOs and TPDOs of a node whose SYNC has no counter and no window.
+
+        They are empty unless the node is operational. The result is None if a SYNC means more to the node than that they act: see `PdoEngine.plain`.
+        """
+        sync = self._sync
+        if sync.overflow or sync.window_ns or sync.can_id != FunctionCode.SYNC:
+            return None
+        return self._pdo.plain
+
+    @property
+    def is_settled(self) -> bool:
+        """True if nothing waits for a SYNC, and the last PDOs and SYNC had the right length."""
+        return self._sync.is_plain and self._pdo.is_settled
+
+    def pass_to(self, now: int) -> None:
+        """Note the time of a SYNC that was processed without the node."""
+        self._now = now
 
     def power_on(self, now: int) -> list[Frame]:
         """Start, or restart after a loss of power.

@@ -37,7 +37,6 @@ from hil.recording import BusLog
 from hil.robot_tables import PlantTable
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
-from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.rehearsal.probes import model_of
 from plant_emulator.robots.robot import Robot, load_robot
@@ -416,7 +415,7 @@ def test_learning_goes_through_the_resonance_of_order_1_where_the_motion_meets_i
     assert part is not None
     resonance_rps = part.antiresonance_hz
     ends: list[float] = []
-    with DirectChannel(World(robot), robot.bus.bitrate).session(bench) as session:
+    with Session(bench, InProcessChannel(World(robot), bitrate=robot.bus.bitrate), BusLog(None)) as session:
         session.bring_up()
         learn(session, axis, known, passes=3, keep=lambda _, result, motion: ends.append(motion.trajectory.end_rps))
     assert max(ends[:2]) < 0.9 * resonance_rps

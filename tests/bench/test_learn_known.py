@@ -9,7 +9,7 @@ from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError, load_identified
 from hil.experiments.cancellation.learn_run import LearningOutcome, LearnRequest, learn_on_bus, summary
 from hil.robot_tables import TransmissionErrorTable
-from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.rehearsal.probes import model_of
 from plant_emulator.world import World
@@ -31,7 +31,7 @@ def learnt_from(
     changed = {"standard_error": ERRORS} | ({} if reaction is None else {"gear_reaction": reaction})
     known = known.with_part(AXIS, ate.model_copy(update=changed))
     known.save(tmp_path / "model.toml")
-    channel = DirectChannel(World(robot), robot.bus.bitrate)
+    channel = InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False)
     asked = LearnRequest((AXIS,), passes=passes)
     end = learn_on_bus(bench, asked, tmp_path / "out", tmp_path / "learnt.toml", plant=tmp_path / "model.toml", channel=channel)
     assert end.failure is None

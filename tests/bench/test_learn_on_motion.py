@@ -20,7 +20,7 @@ from hil.report.writer import write_report_of
 from hil.results.files import load_result
 from hil.results.learning import MotionLearningResult
 from hil.robot_tables import TransmissionErrorTable
-from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 
@@ -49,7 +49,7 @@ RAMP = MotionLearnRequest(CONSTANT_ACCELERATION, 3, orders=(2,), note="no load")
 @pytest.mark.slow
 def test_a_ramp_is_learnt_on_itself_and_the_tip_is_quieter_with_it(tmp_path: Path) -> None:
     robot, model = load_robot("reference"), tmp_path / "learnt.toml"
-    outcome = learn_motion_on_bus(ramp_bench(), RAMP, tmp_path, model, channel=DirectChannel(World(robot)))
+    outcome = learn_motion_on_bus(ramp_bench(), RAMP, tmp_path, model, channel=InProcessChannel(World(robot), is_logged=False))
     assert outcome.failure is None
     part = load_identified(model).axis[3].ate
     assert part is not None
@@ -74,14 +74,14 @@ def test_a_ramp_is_learnt_on_itself_and_the_tip_is_quieter_with_it(tmp_path: Pat
 @pytest.mark.slow
 def test_where_there_is_no_error_nothing_is_kept(tmp_path: Path) -> None:
     robot, model = without_error(load_robot("reference"), 3), tmp_path / "learnt.toml"
-    outcome = learn_motion_on_bus(ramp_bench(), RAMP, tmp_path, model, channel=DirectChannel(World(robot)))
+    outcome = learn_motion_on_bus(ramp_bench(), RAMP, tmp_path, model, channel=InProcessChannel(World(robot), is_logged=False))
     assert isinstance(outcome.failure, MotionNotLearntError)
     assert not model.exists()
     assert json.loads((tmp_path / "result.json").read_text())["not_learnt"] == str(outcome.failure)
 
 
 def test_a_motor_inertia_that_nobody_knows_is_asked_for_before_anything_moves(tmp_path: Path) -> None:
-    bench, channel = load_bench("reference-arm"), DirectChannel(World(load_robot("reference-arm")))
+    bench, channel = load_bench("reference-arm"), InProcessChannel(World(load_robot("reference-arm")), is_logged=False)
     unknown = {number: table.model_copy(update={"motor_inertia_kg_m2": None}) for number, table in bench.axis.items()}
     bench = bench.model_copy(update={"axis": unknown})
     request = MotionLearnRequest(LINE_MOTION, motor_inertias_kg_m2={2: 2.6e-4, 3: 1.2e-4})
@@ -91,7 +91,7 @@ def test_a_motor_inertia_that_nobody_knows_is_asked_for_before_anything_moves(tm
 
 
 def test_a_line_without_a_band_is_refused_before_anything_moves(tmp_path: Path) -> None:
-    bench, channel = load_bench("reference-arm"), DirectChannel(World(load_robot("reference-arm")))
+    bench, channel = load_bench("reference-arm"), InProcessChannel(World(load_robot("reference-arm")), is_logged=False)
     bench = bench.model_copy(update={"specification": bench.specification.model_copy(update={"band_hz": None})})
     request = MotionLearnRequest(LINE_MOTION, motor_inertias_kg_m2=INERTIAS)
     with pytest.raises(NotPossibleError, match="band_hz"):
@@ -105,7 +105,7 @@ def test_a_probe_beyond_a_limit_is_refused_with_what_to_do(tmp_path: Path) -> No
     axis = table.model_copy(update={"limits": table.limits.model_copy(update={"cancellation_rev": 1e-4})})
     bench = bench.model_copy(update={"axis": {**bench.axis, 3: axis}})
     outcome = learn_motion_on_bus(
-        bench, RAMP, tmp_path, tmp_path / "m.toml", channel=DirectChannel(World(load_robot("reference")))
+        bench, RAMP, tmp_path, tmp_path / "m.toml", channel=InProcessChannel(World(load_robot("reference")), is_logged=False)
     )
     assert isinstance(outcome.failure, UnsafeRequestError)
     assert "a probe" in str(outcome.failure)
@@ -129,7 +129,7 @@ def test_a_probe_beyond_a_limit_is_refused_with_what_to_do(tmp_path: Path) -> No
 def test_a_pace_without_room_is_refused_before_anything_moves(
     tmp_path: Path, pace: float, error: type[Exception], words: str
 ) -> None:
-    bench, channel = load_bench("reference-arm"), DirectChannel(World(load_robot("reference-arm")))
+    bench, channel = load_bench("reference-arm"), InProcessChannel(World(load_robot("reference-arm")), is_logged=False)
     with pytest.raises(error, match=words):
         learn_motion_on_bus(bench, MotionLearnRequest(LINE_MOTION, pace=pace), tmp_path / "o", tmp_path / "m", channel=channel)
     assert not (tmp_path / "o").exists()
@@ -139,7 +139,7 @@ def test_a_pace_without_room_is_refused_before_anything_moves(
 def test_an_arm_of_which_nothing_but_its_motors_is_known_learns_its_line(tmp_path: Path) -> None:
     """Quiet along x, y and z, with errors as large as said; what is kept passes the trial of a run afterwards."""
     robot, bench, model = load_robot("reference-arm"), load_bench("reference-arm"), tmp_path / "learnt.toml"
-    channel = DirectChannel(World(robot))
+    channel = InProcessChannel(World(robot), is_logged=False)
     request = MotionLearnRequest(LINE_MOTION, motor_inertias_kg_m2=INERTIAS, orders=(2, 4), pace=0.85)
     outcome = learn_motion_on_bus(bench, request, tmp_path / "learn", model, channel=channel)
     assert outcome.failure is None

@@ -32,7 +32,6 @@ from hil.tip_vector import displacement_mm, tip_acceleration
 from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
-from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.survey import Survey
 from plant_emulator.robots.load_encoder import LoadEncoder
 from plant_emulator.robots.robot import load_robot, with_drives
@@ -48,12 +47,18 @@ def robot(**keys):
     return ROBOT.model_copy(update={"axis": {**ROBOT.axis, 2: axis}})
 
 
+def by_frames(world):
+    """A bus whose frames somebody looks at one by one: then no cycle is a message."""
+    channel = InProcessChannel(world)
+    channel.heard = lambda frame, end_ns: None
+    return channel
+
+
 def run(of, bench, channel=InProcessChannel, filters="none"):
     short = bench.constant_acceleration.model_copy(update={"acceleration_rps_s": 12.0, "end_rps": 6.0, "tail_s": 0.1})
     bench = bench.model_copy(update={"constant_acceleration": short, "settle_s": 0.1})
     world = World(of)
-    session = Session(bench, channel(world), BusLog(None)) if channel is InProcessChannel else channel(world).session(bench)
-    with session:
+    with Session(bench, channel(world), BusLog(None)) as session:
         session.bring_up()
         return session.run(constant_acceleration(bench, 2, 0.002), filters, "drive")
 
@@ -71,8 +76,8 @@ def test_a_run_records_the_joint_to_the_last_bit_of_its_encoder():
     assert np.std(felt) > 0.05
 
 
-def test_without_frames_it_is_the_same_to_the_bit():
-    over_bus, direct = (run(robot(noise_arcsec=0.5), load_bench(EXAMPLE), kind) for kind in (InProcessChannel, DirectChannel))
+def test_in_messages_it_is_the_same_to_the_bit_as_frame_by_frame():
+    over_bus, direct = (run(robot(noise_arcsec=0.5), load_bench(EXAMPLE), kind) for kind in (by_frames, InProcessChannel))
     assert list(over_bus.recording.columns) == list(direct.recording.columns)
     for name, column in over_bus.recording.columns.items():
         np.testing.assert_array_equal(direct.recording.columns[name], column, err_msg=name)
@@ -122,7 +127,7 @@ def test_on_a_line_three_joints_tell_what_an_accelerometer_feels():
     axes = {number: axis.model_copy(update={"load_encoder": encoder}) for number, axis in bench.axis.items()}
     for sensor in (bench.accelerometer, AccelerometerTable(from_load_encoders=True)):
         each = bench.model_copy(update={"axis": axes, "accelerometer": sensor})
-        with DirectChannel(World(ROBOT)).session(each) as session:
+        with Session(each, InProcessChannel(World(ROBOT)), BusLog(None)) as session:
             session.bring_up()
             recording = session.run(line_motion(each, 0.002), "none", "drive").recording
         tip = np.stack([recording.columns[name] for name in ("tip_x_m_s2", "tip_z_m_s2")])
@@ -204,7 +209,7 @@ def test_on_an_arm_all_joints_tell_what_an_accelerometer_feels_at_the_tip():
     felt = []
     with_sensor = load_bench("reference-arm")
     for bench in (short_line(with_sensor), short_line(by_joints("reference-arm"))):
-        with DirectChannel(World(ARM)).session(bench) as session:
+        with Session(bench, InProcessChannel(World(ARM)), BusLog(None)) as session:
             session.bring_up()
             result = session.run(line_motion(bench, 0.002), "none", "drive")
         felt.append(displacement_mm(tip_acceleration(result.recording), 0.002, (6.0, 25.0)))
@@ -220,11 +225,11 @@ def test_joints_that_only_watch_are_the_same_to_the_bit_without_frames_and_left_
     bench, recordings = by_joints("reference-arm"), []
     short = bench.constant_acceleration.model_copy(update={"acceleration_rps_s": 12.0, "end_rps": 3.0, "tail_s": 0.1})
     bench = bench.model_copy(update={"constant_acceleration": short, "settle_s": 0.1})
-    for kind in (InProcessChannel, DirectChannel):
+    for kind in (by_frames, InProcessChannel):
         world = World(ARM)
         before = [world.drives[5].slave.dictionary.cell(index, 1).current() for index in (0x1800, 0x1801, 0x1802)]
         channel = kind(world)
-        with channel.session(bench) if kind is DirectChannel else Session(bench, channel, BusLog(None)) as session:
+        with Session(bench, channel, BusLog(None)) as session:
             session.bring_up()
             recordings.append(session.run(constant_acceleration(bench, 2, 0.002), "none", "drive").recording)
             assert not session.not_restored
@@ -245,7 +250,7 @@ def test_six_encoders_of_an_arm_are_counted_on_the_bus_also_of_joints_that_only_
 def test_the_recording_of_a_run_is_read_through_the_arm_where_its_plant_is_known_and_else_with_honest_errors(tmp_path):
     """A ramp through the resonance: two encoders alone see the arm's answer there, half a turn from the gear's error."""
     bench = by_joints("reference")
-    with DirectChannel(World(ROBOT)).session(bench) as session:
+    with Session(bench, InProcessChannel(World(ROBOT)), BusLog(None)) as session:
         session.bring_up()
         recording = session.run(constant_acceleration(bench, 2, 0.002), "none", "drive", shows_filter=False).recording
     recording.columns["axis2_load_rad"][900] = math.nan  # an answer that was lost
@@ -272,9 +277,11 @@ def test_without_an_accelerometer_twenty_bits_on_the_joint_quiet_the_tip_by_twen
     """Identified by the joint's encoder alone, nothing known before; the tip is the true one."""
     of, bench = robot(**keys), load_bench(EXAMPLE)
     model = tmp_path / "model.toml"
-    run_identify_plant(bench, PlantRequest(2), tmp_path / "plant", model=model, channel=DirectChannel(World(of)))
+    run_identify_plant(
+        bench, PlantRequest(2), tmp_path / "plant", model=model, channel=InProcessChannel(World(of), is_logged=False)
+    )
     known = load_identified(model)
-    part = identify_ate(bench, AteRequest(2), tmp_path / "ate", known, channel=DirectChannel(World(of))).part
+    part = identify_ate(bench, AteRequest(2), tmp_path / "ate", known, channel=InProcessChannel(World(of), is_logged=False)).part
     true = of.axis[2].ate
     assert part.values.a2_arcsec == pytest.approx(true.a2_arcsec, rel=0.02)
     assert part.values.phi2_deg == pytest.approx(true.phi2_deg, abs=1.0)

@@ -14,7 +14,7 @@ from hil.experiments.treatment import Knowledge
 from hil.report.pages.demo import write_report
 from hil.results.runs import RunEntry
 from hil.robot_tables import TransmissionErrorTable
-from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 from tests.hil.experiments.test_shaping import arm_model
@@ -28,7 +28,7 @@ def stops(
     """Entries of a stop without anything and with each treatment."""
     robot = load_robot(name)
     experiments = [Experiment("point-to-point", axis, each) for each in ("none", *treatments)]
-    channel = DirectChannel(World(robot), robot.bus.bitrate)
+    channel = InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False)
     outcome = run_experiments(load_bench(name), experiments, tmp_path, knowledge=knowledge, channel=channel)
     assert outcome.failure is None
     return {run.treatment: run for run in outcome.result.runs}
@@ -71,7 +71,9 @@ def test_a_shaper_for_another_frequency_leaves_what_its_curve_says(tmp_path: Pat
     """An arm with a third more inertia than believed rings a seventh lower: ZV leaves a part, two-hump EI far less."""
     robot, bench = load_robot("reference"), load_bench("reference")
     heavy = robot.axis[2].model_copy(update={"arm_inertia_kg_m2": 1.3 * robot.axis[2].arm_inertia_kg_m2})
-    channel = DirectChannel(World(robot.model_copy(update={"axis": {**robot.axis, 2: heavy}})), robot.bus.bitrate)
+    channel = InProcessChannel(
+        World(robot.model_copy(update={"axis": {**robot.axis, 2: heavy}})), bitrate=robot.bus.bitrate, is_logged=False
+    )
     treatments: tuple[TreatmentName, ...] = ("none", "shaper-zv", "shaper-two-hump-ei")
     outcome = run_experiments(bench, [Experiment("point-to-point", 2, each) for each in treatments], tmp_path, channel=channel)
     before, zv, wide = (run.tip_peak_mm or 0.0 for run in outcome.result.runs)
@@ -85,7 +87,7 @@ def hard_stop(tmp_path: Path, name: str, knowledge: Knowledge, treatments: tuple
     table = bench.point_to_point
     assert table is not None
     fast = table.model_copy(update={"speed_rps": 2.5, "distance_rev": 4.0})
-    channel = DirectChannel(World(robot), robot.bus.bitrate)
+    channel = InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False)
     experiments = [Experiment("point-to-point", 2, each) for each in ("none", *treatments)]
     outcome = run_experiments(
         bench.model_copy(update={"point_to_point": fast}), experiments, tmp_path, knowledge=knowledge, channel=channel

@@ -14,7 +14,7 @@ from hil.experiments.treatment import Knowledge
 from hil.passport.gather import gather
 from hil.passport.store import add, read
 from hil.passport.watch import trends
-from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.angle_lines import CoggingLine, EccentricityLine
 from plant_emulator.robots.gear_change import ErrorChange
 from plant_emulator.robots.robot import Robot, load_robot
@@ -52,7 +52,12 @@ def test_wear_is_alarmed_before_the_tip_leaves_its_limit(tmp_path: Path) -> None
     alarmed: set[str] = set()
     for number in range(BEFORE + 12):
         world, folder = World(aged(1 + number)) if number < BEFORE else old, tmp_path / f"run-{number}"
-        outcome = identify_ate(bench, AteRequest(2, passes=1), folder, channel=DirectChannel(world, world.robot.bus.bitrate))
+        outcome = identify_ate(
+            bench,
+            AteRequest(2, passes=1),
+            folder,
+            channel=InProcessChannel(world, bitrate=world.robot.bus.bitrate, is_logged=False),
+        )
         assert outcome.part is not None
         a2_arcsec = outcome.part.values.a2_arcsec
         if number == 0:
@@ -69,6 +74,10 @@ def test_wear_is_alarmed_before_the_tip_leaves_its_limit(tmp_path: Path) -> None
     knowledge = Knowledge(identified=load_identified(tmp_path / "new.toml"))
     experiments = [Experiment("constant-acceleration", 2, "cancellation")]
     done = run_experiments(
-        bench, experiments, tmp_path / "tip", knowledge=knowledge, channel=DirectChannel(World(robot), robot.bus.bitrate)
+        bench,
+        experiments,
+        tmp_path / "tip",
+        knowledge=knowledge,
+        channel=InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False),
     )
     assert all(run.within_spec for run in done.result.runs)

@@ -3,7 +3,7 @@
 The CiA 402 part of its dictionary is converted to the units and arrays of its axis, and back.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from plant_emulator.drive.dictionary.user_units import UserUnits
 from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes, live
+from plant_emulator.slave.dictionary import Cell, Dictionary, WriteHook
 
 DC_LINK_MV = 48_000
 """6079h: the emulated drives are fed with 48 V, whatever the motor takes."""
@@ -28,7 +29,25 @@ SET_POINTS = (
 )
 """Set-points that act as soon as they are written: object, field of `MOTION`, and what its number means."""
 
+SHARED: Mapping[int, str] = {
+    Object.TARGET_POSITION: "target_position",
+    Object.POSITION_OFFSET: "position_offset",
+    Object.TARGET_TORQUE: "target_torque",
+    Object.TORQUE_OFFSET: "torque_offset",
+}
+"""Entries whose values lie in `Axes.processes`, and the fields."""
+
 _INTERPOLATING = frozenset({Mode.CSP, Mode.CSV, Mode.CST, Mode.IP})
+
+
+def share_set_points(dictionary: Dictionary, axes: Axes, row: int) -> None:
+    """Keep the set-points of a drive in the process image.
+
+    This comes first: the parts of a drive hold the cells.
+    """
+    for index, field in SHARED.items():
+        if (index, 0) in dictionary:
+            dictionary.share(index, 0, live(axes.processes, field), row)
 
 
 class DriveData:
@@ -42,6 +61,8 @@ class DriveData:
         motion: The axis' row of process data.
         dictionary: All entries of the drive.
         counting: Conversion between the drive's units and the encoder's counts.
+        process: The axis' row of `Axes.processes`.
+        on_units: Called when `counting` has changed.
         limits: Limits, ramps and windows.
     """
 
@@ -58,6 +79,8 @@ class DriveData:
         self.motion: Any = axes.motion[self.row]
         self.dictionary = family.dictionary
         self.counting = Counting(family.scaling)
+        self.process: Any = axes.processes[self.row]
+        self.on_units: Callable[[], None] = lambda: None
         self.limits = DriveLimits(axes, number, family, self.counting)
         self._family = family
         self._torque_constant_nm_a = axes.robot.axis[number].torque_constant_nm_a
@@ -74,6 +97,7 @@ class DriveData:
         self._demands, self._demand_speeds = live(axes.motion, "demand_rad"), live(axes.motion, "demand_speed_rad_s")
         self._torque_demands = live(axes.motion, "torque_demand_nm")
         self._target, self._offset = (self.dictionary.cell(index) for index in (Object.TARGET_POSITION, Object.POSITION_OFFSET))
+        self._set_point_hooks: dict[int, WriteHook] = {}
         self._target_speed = self.dictionary.cell(Object.TARGET_VELOCITY)
         self._units = None
         if family.has_user_units:
@@ -91,6 +115,7 @@ class DriveData:
         """
         self.counting = counting
         self.limits.use(counting)
+        self.on_units()
 
     def _use_units(self, scaling: Scaling) -> None:
         self._use(self.counting.scaled(scaling))
@@ -223,13 +248,33 @@ class DriveData:
         self._target.value = position
         self.axes.set_point(self.row, self.cyclic_target_counts())
 
+    # -- what the process image knows ----------------------------------------------------------------------------------
+
+    def shares(self, cell: Cell) -> bool:
+        """Return True if an RPDO gives an entry what the process image gives it.
+
+        The entry is one of `SHARED`, without limits, and with no other write hook than the usual one.
+        """
+        entry = cell.entry
+        if entry.subindex or entry.index not in SHARED or cell.is_guarded:
+            return False
+        return cell.write_hook is self._set_point_hooks.get(entry.index)
+
+    def write_units(self) -> None:
+        """Write the units into the process image."""
+        counting, process = self.counting, self.process
+        process["is_encoder"], process["offset_counts"] = counting.is_encoder, counting.offset_counts
+        process["units_per_count"], process["rated_torque_nm"] = counting.units_per_count, counting.scaling.rated_torque_nm
+        process["torque_quantum_nm"] = counting.scaling.torque_quantum_nm
+
     # -- what is written -----------------------------------------------------------------------------------------------
 
     def _bind_writers(self) -> None:
         on_write = self.dictionary.on_write
         on_write(0x1006, 0, self._write_cycle_period)
         for index, field, convert in SET_POINTS:
-            on_write(index, 0, self._set_point_writer(field, convert))
+            self._set_point_hooks[index] = hook = self._set_point_writer(field, convert)
+            on_write(index, 0, hook)
         for sub in (1, 2):
             on_write(Object.INTERPOLATION_PERIOD, sub, self._period_writer(sub))
         if not self._is_rated_fixed:

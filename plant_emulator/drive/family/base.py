@@ -13,10 +13,11 @@ from drive_profiles.standard.cia402 import Mode, Object
 from drive_profiles.standard.object_address import ObjectAddress
 from drive_profiles.standard.units import Scaling
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
+from plant_emulator.core import CORE
 from plant_emulator.drive.dictionary import manufacturer_objects as objects
 from plant_emulator.drive.dictionary.additional_encoder import FIRST
 from plant_emulator.motion.axes import Axes, live
-from plant_emulator.slave.dictionary import Dictionary
+from plant_emulator.slave.dictionary import Dictionary, ReadHook
 from plant_emulator.slave.store import StoreCommand, standard_commands
 
 
@@ -38,6 +39,7 @@ class DriveFamily(ABC):
         current_step_a: Amperes per step of 6078h; None: it is per mille of 6075h.
         load_position: Where it shows the position of a second encoder.
         set_point_timeout: Object with the number of interpolation periods that a set-point may be missing; None: it is held.
+        shown: Read hooks of its entries that the process image shows, and what they show; known when it is bound.
         equal_limits_are_none: True if 607Dh with both limits equal means that there are none, as both 0 always does.
     """
 
@@ -66,6 +68,7 @@ class DriveFamily(ABC):
         self._axes: Any = None
         self._row = 0
         self._is_powered: Callable[[], bool] = lambda: False
+        self.shown: dict[ReadHook, int] = {}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -136,8 +139,12 @@ class OwnFamily(DriveFamily):
                 on_write(index, sub, self._notch_writer(column, parameter[0]))
         for column, index in enumerate(objects.NOTCH_STATE_OBJECTS):
             active = live(axes.notch_state[row], "active")
-            on_read(index, 1, partial(active.__getitem__, column))
-            on_read(index, 2, partial(_while_active, active, live(axes.notch_state[row], "frequency_hz"), column))
+            is_active = partial(active.__getitem__, column)
+            frequency_hz = partial(_while_active, active, live(axes.notch_state[row], "frequency_hz"), column)
+            on_read(index, 1, is_active)
+            on_read(index, 2, frequency_hz)
+            if column == 0:
+                self.shown = {is_active: CORE.call.FILTER_ACTIVE, frequency_hz: CORE.call.FILTER_FREQUENCY}
             on_read(index, 3, partial(_while_active, active, live(axes.notch_state[row], "zeta_rd"), column))
         for sub, parameter in enumerate(objects.CANCELLATION_PARAMETERS, start=1):
             on_write(objects.CANCELLATION, sub, self._cancellation_writer(parameter[0]))

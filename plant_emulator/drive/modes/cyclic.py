@@ -37,7 +37,7 @@ class Cyclic(ModeOfOperation):
 class CyclicPosition(Cyclic):
     """CSP: 607Ah + 60B0h, with offsets 60B1h and 60B2h."""
 
-    number, motion = Mode.CSP, record.POSITION
+    number, motion, is_plain = Mode.CSP, record.POSITION, True
     needs_interpolation = True
 
     def start(self) -> None:
@@ -70,6 +70,8 @@ class MakersPosition(CyclicPosition):
         number: Its number in 6060h.
         target: Object of its target.
     """
+
+    is_plain = False
 
     def __init__(self, stage: PowerStage, number: int, target: ObjectAddress) -> None:
         super().__init__(stage)
@@ -118,7 +120,7 @@ class CyclicTorque(Cyclic):
     SYNC shows that the master is still there.
     """
 
-    number, motion = Mode.CST, record.TORQUE
+    number, motion, is_plain = Mode.CST, record.TORQUE, True
     needs_gains = False
 
     def __init__(self, stage: PowerStage) -> None:

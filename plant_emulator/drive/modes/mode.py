@@ -16,6 +16,7 @@ class ModeOfOperation:
     Attributes:
         number: Number of the mode in 6060h and 6061h, one of `Mode`; 0 if none is chosen.
         motion: Its mode of the drive.
+        is_plain: True if SYNC means nothing more to it than that the axis gets its set-point: see `plant_emulator.image`.
         needs_gains: True if it closes a loop, which without gains would let the arm fall.
         needs_interpolation: True if its set-points come with SYNC and are interpolated, for which 60C2h must be fit.
         is_halted: True if the halt bit holds the axis.
@@ -24,6 +25,7 @@ class ModeOfOperation:
 
     number: ClassVar[int]
     motion: ClassVar[int]
+    is_plain: ClassVar[bool] = False
     needs_gains: ClassVar[bool] = True
     needs_interpolation: ClassVar[bool] = False
 

@@ -23,9 +23,9 @@ from hil.experiments.motions import LINE_MOTION
 from hil.experiments.plan import Experiment
 from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import Knowledge
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.arms.conditions import LEARNT, conditions_of
 from plant_emulator.rehearsal.arms.survey import true_line
-from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.many.rows import BROKEN, WALKED, Row, Value, plain
 from plant_emulator.rehearsal.record import MAX_WORDS
 from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, note_of_run
@@ -93,7 +93,7 @@ def run_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
             "is_quiet": False,
             "is_worse": False,
         }
-    channel, model = DirectChannel(World(robot), robot.bus.bitrate), folder / "learnt.toml"
+    channel, model = InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False), folder / "learnt.toml"
     row |= _learnt(bench, folder, model, channel)
     learnt = load_identified(model) if model.exists() else None
     left_out: tuple[Part, ...] = ()
@@ -120,7 +120,7 @@ def quicker_pace(bench: Bench) -> float | None:
     return None
 
 
-def _learnt(bench: Bench, folder: Path, model: Path, channel: DirectChannel) -> dict[str, Value]:
+def _learnt(bench: Bench, folder: Path, model: Path, channel: InProcessChannel) -> dict[str, Value]:
     request = MotionLearnRequest(LINE_MOTION, pace=quicker_pace(bench))
 
     def learn() -> MotionLearningOutcome:
@@ -138,7 +138,7 @@ def _learnt(bench: Bench, folder: Path, model: Path, channel: DirectChannel) -> 
     return ended
 
 
-def _run(bench: Bench, learnt: Identified, folder: Path, channel: DirectChannel) -> RunNote:
+def _run(bench: Bench, learnt: Identified, folder: Path, channel: InProcessChannel) -> RunNote:
     experiment = Experiment(LINE_MOTION, None, "cancellation-learnt")
     outcome = run_experiments(bench, [experiment], folder / "run", knowledge=Knowledge(learnt=learnt), channel=channel)
     if outcome.failure is not None:

@@ -16,7 +16,7 @@ from hil.experiments.treatment import Knowledge
 from hil.master.drive.limits import holders
 from hil.master.drive.mapping import mode_of
 from hil.results.runs import ExperimentsResult
-from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.families.rig import bench_of, robot_of
 from plant_emulator.rehearsal.path import SMALL_EFFORT
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess, note_of_run
@@ -39,12 +39,12 @@ class Family:
 
     def steps(self, files: PathFiles) -> StepsInProcess:
         """Return the steps of the documented path, with these files."""
-        return StepsInProcess(self.bench, AXIS, files, DirectChannel(World(self.robot), None), SMALL_EFFORT)
+        return StepsInProcess(self.bench, AXIS, files, InProcessChannel(World(self.robot), is_logged=False), SMALL_EFFORT)
 
     def run(self, folder: Path, treatment: TreatmentName, knowledge: Knowledge) -> ExperimentsResult:
         """Execute one run; raise the error that ended it."""
         experiment = Experiment("constant-acceleration", AXIS, treatment)
-        channel = DirectChannel(World(self.robot), None)
+        channel = InProcessChannel(World(self.robot), is_logged=False)
         outcome = run_experiments(self.bench, [experiment], folder / treatment, knowledge=knowledge, channel=channel)
         if outcome.failure is not None:
             raise outcome.failure

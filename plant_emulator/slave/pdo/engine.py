@@ -108,6 +108,23 @@ class PdoEngine:
             first = min(deadlines if first is None else [first, *deadlines], default=None)
         return first
 
+    @property
+    def plain(self) -> tuple[list[Rpdo], list[Tpdo]] | None:
+        """RPDOs and TPDOs that act at every SYNC, and at nothing else.
+
+        The result is None if a PDO acts on arrival, on change, at some SYNCs only or by a timer.
+        """
+        if self.event_driven or self._goes_by_counter or not all(rpdo.is_plain for rpdo in self._listening):
+            return None
+        if any(tpdo.transmission_type != 1 for tpdo in self._synchronous_tpdos):
+            return None
+        return self._listening, self._synchronous_tpdos
+
+    @property
+    def is_settled(self) -> bool:
+        """True if no RPDO waits for a SYNC or had the wrong length."""
+        return all(rpdo.is_settled for rpdo in self._listening)
+
     def synchronise(self, out: list[Frame]) -> None:
         """Process a SYNC (CiA 301, 7.2.2.2).
 

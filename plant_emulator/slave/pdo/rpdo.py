@@ -119,6 +119,16 @@ class Rpdo(PdoSetup):
         is_watched = self.event_timer_ns or (self.is_synchronous and self._sync.window_ns)
         return self.receive_watched if is_watched else self.receive
 
+    @property
+    def is_plain(self) -> bool:
+        """True if the PDO acts at SYNC, and has no deadline or window."""
+        return self.is_synchronous and not (self.event_timer_ns or self._sync.window_ns)
+
+    @property
+    def is_settled(self) -> bool:
+        """True if no data wait for a SYNC, and the last frame had the right length."""
+        return self._pending is None and not self._has_wrong_length
+
     def start(self) -> None:
         """Start without pending data, deadline or error."""
         self._pending = None

@@ -80,13 +80,13 @@ class Tpdo(PdoSetup):
         every = self.transmission_type
         if every > 1:
             if every == SYNCHRONOUS_ON_REQUEST:
-                self._sent = self._sample()
+                self._sent = self.sample()
                 return
             self._syncs += 1
             if self._syncs < every:
                 return
             self._syncs = 0
-        data = self._sample()
+        data = self.sample()
         if every == 0:
             if data == self._sent:
                 return
@@ -98,7 +98,7 @@ class Tpdo(PdoSetup):
 
         The inhibit time is respected.
         """
-        data = self._sample()
+        data = self.sample()
         earliest = now if self._sent is None else self._sent_at + self.inhibit_ns
         latest = self._sent_at + self.event_timer_ns if self.event_timer_ns else None
         if data == self._sent and (latest is None or now < latest):
@@ -115,11 +115,16 @@ class Tpdo(PdoSetup):
         if self.is_event_driven:
             self._sent = _ASKED_FOR
         elif self.transmission_type != SYNCHRONOUS_ON_REQUEST:
-            self._send(Frame(self.can_id, self._sample()))
+            self._send(Frame(self.can_id, self.sample()))
         elif self._sent is not None:
             self._send(Frame(self.can_id, self._sent))
 
-    def _sample(self) -> bytes:
+    def sample(self) -> bytes:
+        """Return the data of this instant.
+
+        Raises:
+            ValueError: The owner of an entry gave a value that it cannot hold.
+        """
         try:
             return self.packer.pack(*[c.value if (hook := c.read_hook) is None else hook() for c in self.cells])
         except (struct.error, ValueError) as error:

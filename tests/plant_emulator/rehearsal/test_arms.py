@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 from hil.bench.model import Identified, IdentifiedError
 from hil.errors import InterruptedRunError
 from hil.experiments.motions import line_motion
+from hil.master.session import Session
 from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.arms.conditions import NAMES, conditions_of, with_payload
 from plant_emulator.rehearsal.arms.path import REFERENCE_SEED, arm_of, run_arm_seed
 from plant_emulator.rehearsal.arms.summary import arm_claims, arm_tips
 from plant_emulator.rehearsal.arms.survey import LineTip, TrueLine, true_line
-from plant_emulator.rehearsal.direct import DirectSession
 from plant_emulator.rehearsal.many import tables
 from plant_emulator.rehearsal.many.rows import WALKED, Row
 
@@ -92,7 +92,7 @@ def test_a_signal_ends_the_walk_of_an_arm(monkeypatch: pytest.MonkeyPatch) -> No
     def stopped(*_: object, **_more: object) -> None:
         raise InterruptedRunError("interrupted by SIGTERM")
 
-    monkeypatch.setattr(DirectSession, "run", stopped)
+    monkeypatch.setattr(Session, "run", stopped)
     with pytest.raises(KeyboardInterrupt):
         run_arm_seed(REFERENCE_SEED)
 

@@ -13,7 +13,7 @@ from hil.emulator import EmulatorProcess
 from hil.errors import HilError
 from hil.recording import Recording
 from hil.robot_tables import ORDERS, PlantTable, amplitude_key, phase_key
-from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.over_bus import CommandError, StepsOverBus
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess
 from plant_emulator.robots.blank_bench import blank_bench
@@ -44,7 +44,9 @@ def test_a_run_by_its_command_over_a_served_bus_is_that_of_the_process_to_the_bi
         with pytest.raises(CommandError, match=r"model.toml.*exit status \d") as refused:
             steps.design()
     assert refused.value.status == 3
-    steps = StepsInProcess(bench, 2, PathFiles(tmp_path / "process"), DirectChannel(World(ROBOT)), Effort.quick())
+    steps = StepsInProcess(
+        bench, 2, PathFiles(tmp_path / "process"), InProcessChannel(World(ROBOT), is_logged=False), Effort.quick()
+    )
     assert steps.run("none", is_learnt=False) == over_bus
     file = "none/runs/constant-acceleration-axis2-drive-none.csv"
     assert (tmp_path / "bus" / file).read_bytes() == (tmp_path / "process" / file).read_bytes()
@@ -75,7 +77,7 @@ def test_the_steps_over_a_served_bus_find_what_they_find_in_one_process(tmp_path
     (tmp_path / "robot.toml").write_text(file_text(ROBOT), encoding="utf-8")
     with EmulatorProcess(str(tmp_path / "robot.toml"), ROBOT.bus.bitrate) as served:
         steps_of("bus", StepsOverBus(bench, 2, PathFiles(tmp_path / "bus"), served.address))
-    channel = DirectChannel(World(ROBOT), ROBOT.bus.bitrate)
+    channel = InProcessChannel(World(ROBOT), bitrate=ROBOT.bus.bitrate, is_logged=False)
     steps_of("process", StepsInProcess(bench, 2, PathFiles(tmp_path / "process"), channel, Effort.quick()))
     assert left_out["bus"] == left_out["process"]
     one, other = found["bus"], found["process"]

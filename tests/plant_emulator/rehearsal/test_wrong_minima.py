@@ -4,7 +4,7 @@ import pytest
 
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
-from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.many.one import BOTH, drawn
 from plant_emulator.rehearsal.path import SMALL_EFFORT
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess
@@ -18,7 +18,7 @@ def begun(seed, folder):
     robot, text = drawn(seed, BOTH)
     bench, files = loads(text, Bench, "blank bench"), PathFiles(folder)
     number = min(bench.axis)
-    channel = DirectChannel(World(robot), robot.bus.bitrate)
+    channel = InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False)
     return (
         robot.axis[number],
         StepsInProcess(bench, number, files, channel, SMALL_EFFORT),

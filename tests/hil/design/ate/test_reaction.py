@@ -11,7 +11,9 @@ from hil.design.ate.reaction import Reaction, Turning, gear_reaction
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.motion import ramps
 from hil.experiments.ate.request import AteRequest, axis_knowledge, first_acceleration, first_end_speed
-from plant_emulator.rehearsal.direct import DirectChannel
+from hil.master.session import Session
+from hil.recording import BusLog
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.rehearsal.probes import model_of
 from plant_emulator.world import World
@@ -29,7 +31,7 @@ def told(seed: int, kind: str, *, reacts: bool) -> Reaction | None:
         AteRequest(axis),
     )
     assert knowledge.side is not None
-    with DirectChannel(World(robot), robot.bus.bitrate).session(bench) as session:
+    with Session(bench, InProcessChannel(World(robot), bitrate=robot.bus.bitrate), BusLog(None)) as session:
         session.bring_up()
         rate, end = first_acceleration(bench, request, knowledge), first_end_speed(bench, request, knowledge)
         start_rev = session.axes[axis].position_rad() / (2.0 * math.pi)

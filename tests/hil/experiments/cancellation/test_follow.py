@@ -16,7 +16,7 @@ from hil.experiments.runner import run_experiments
 from hil.master.set_point_adder import Sensed, SensingAdder
 from hil.recording import Recording
 from hil.report.pages.demo import write_report
-from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.gear_change import ErrorChange
 from plant_emulator.robots.robot import load_robot, with_drives
 from plant_emulator.world import World
@@ -37,7 +37,7 @@ def off_by(degrees: float):
 @pytest.mark.slow
 def test_a_run_follows_an_error_that_has_turned_and_says_so(tmp_path):
     bench = off_by(30.0)
-    channel = DirectChannel(World(load_robot("reference")), None)
+    channel = InProcessChannel(World(load_robot("reference")), is_logged=False)
     experiment = Experiment("constant-acceleration", 2, "cancellation-following")
     outcome = run_experiments(bench, [experiment], tmp_path, channel=channel)
     assert outcome.failure is None
@@ -119,7 +119,7 @@ def test_without_an_accelerometer_the_joint_s_encoder_is_followed(tmp_path):
     sensor = AccelerometerTable(from_load_encoders=True)
     bench = BENCH.model_copy(update={"accelerometer": sensor, "axis": {2: turned}, "geometry": None, "line_motion": None})
     experiment = Experiment("constant-acceleration", 2, "cancellation-following")
-    outcome = run_experiments(bench, [experiment], tmp_path, channel=DirectChannel(World(robot), None))
+    outcome = run_experiments(bench, [experiment], tmp_path, channel=InProcessChannel(World(robot), is_logged=False))
     assert outcome.failure is None
     entry = outcome.result.runs[0].following
     assert entry.is_used, entry.words

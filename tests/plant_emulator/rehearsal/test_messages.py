@@ -1,4 +1,4 @@
-"""A session without frames records what one over the in-process bus does, to the bit."""
+"""A run whose cycles are messages records what it does frame by frame, to the bit."""
 
 from dataclasses import replace
 
@@ -18,7 +18,6 @@ from hil.master.session import Session
 from hil.recording import BusLog
 from hil.robot_tables import TransmissionErrorTable
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.rehearsal.probes import model_of
 from plant_emulator.rehearsal.survey import Survey
@@ -36,9 +35,11 @@ def short(bench):
 
 
 def sessions(robot, bench):
-    """The same robot twice: over frames, and without."""
-    yield Session(bench, InProcessChannel(World(robot)), BusLog(None))
-    yield DirectChannel(World(robot)).session(bench)
+    """The same robot twice: frame by frame, and in messages."""
+    by_frames, in_messages = InProcessChannel(World(robot)), InProcessChannel(World(robot))
+    by_frames.heard = lambda frame, end_ns: None  # somebody looks at every frame
+    yield Session(bench, by_frames, BusLog(None))
+    yield Session(bench, in_messages, BusLog(None))
 
 
 def recorded(robot, bench, motion, filters="none", *, loop="drive", cancels=False, runs=1):
@@ -124,7 +125,7 @@ def test_a_loop_of_the_host_goes_frame_by_frame_and_is_the_same():
 def test_the_bit_rate_of_the_robot_limits_what_a_bus_carries_without_frames_too():
     robot = load_robot("reference")
     bench = load_bench("reference")
-    channel = DirectChannel(World(robot), 125_000)
+    channel = InProcessChannel(World(robot), bitrate=125_000, is_logged=False)
     assert channel.address == Address("local", "in-process", 125_000)
     with pytest.raises(NotPossibleError, match="SYNC period"):
         check_load(bench, channel, BusDemand("three axes", (2, 3, 5), 0.001))
@@ -136,7 +137,7 @@ def test_a_bus_without_room_for_torque_offsets_gets_a_cancellation_without_them(
     motion = constant_acceleration(bench, 2, period_s)
     values = TransmissionErrorTable(a2_arcsec=10.0, phi2_deg=0.0, a4_arcsec=10.0)
     strong = Identified(robot=bench.name).with_part(2, IdentifiedError(values=values))
-    channel = DirectChannel(World(load_robot("reference")), bitrate)
+    channel = InProcessChannel(World(load_robot("reference")), bitrate=bitrate, is_logged=False)
     assert cancellation_of(bench, strong, motion, channel).uses_torque is has_room
 
 

@@ -1,0 +1,219 @@
+#include "image.h"
+
+/* The nearest whole number within +-limit. */
+static integer shown_whole(real value, real limit)
+{
+    return (integer)least(limit, most(-limit, nearest_whole(value)));
+}
+
+/* The head of SYNC, as its record begins. */
+static int is_sync(const uint8_t *record)
+{
+    const uint32_t sync = 0x80;
+    const uint8_t *identifier = (const uint8_t *)&sync;
+    int same = record[4] == 0;
+    for (integer i = 0; i < 4; i++) {
+        same = same && record[i] == identifier[i];
+    }
+    return same;
+}
+
+/* The RPDO that a record is; null for any other frame. */
+static const struct received *find_rpdo(const struct image *image, const uint8_t *record)
+{
+    for (integer i = 0; i < image->rpdos; i++) {
+        const uint8_t *head = image->received[i].head;
+        integer at = 0;
+        while (at < HEAD_BYTES && head[at] == record[at]) {
+            at++;
+        }
+        if (at == HEAD_BYTES) {
+            return &image->received[i];
+        }
+    }
+    return 0;
+}
+
+static integer unsigned_16(const uint8_t *data)
+{
+    return data[0] | (integer)data[1] << 8;
+}
+
+static integer signed_16(const uint8_t *data)
+{
+    const integer value = unsigned_16(data);
+    return value < 0x8000 ? value : value - 0x10000;
+}
+
+static integer signed_32(const uint8_t *data)
+{
+    const integer value = unsigned_16(data) | unsigned_16(data + 2) << 16;
+    return value < 0x80000000 ? value : value - 0x100000000;
+}
+
+static void put(uint8_t *data, integer size, uint64_t value)
+{
+    for (integer i = 0; i < size; i++) {
+        data[i] = (uint8_t)(value >> 8 * i);
+    }
+}
+
+/* True if every frame is an RPDO that repeats its drive's control word, the last one is SYNC, and every drive still follows. */
+static int is_plain(const struct image *image, const uint8_t *message, integer records)
+{
+    if (records < 1 || !is_sync(message + RECORD_BYTES * (records - 1))) {
+        return 0;
+    }
+    for (integer i = 0; i < image->drives; i++) {
+        const integer row = image->rows[i];
+        if (image->axes[row].motion.mode != image->processes[row].motion) {
+            return 0;
+        }
+    }
+    for (integer i = 0; i < records - 1; i++) {
+        const uint8_t *record = message + RECORD_BYTES * i;
+        const struct received *rpdo = find_rpdo(image, record);
+        if (rpdo == 0) {
+            return 0;
+        }
+        for (integer j = rpdo->first; j < rpdo->first + rpdo->count; j++) {
+            const struct mapped *object = &image->taken[j];
+            if (object->object == CONTROL_WORD
+                && unsigned_16(record + DATA_AT + object->place) != image->processes[object->row].control_word) {
+                return 0;
+            }
+        }
+    }
+    return 1;
+}
+
+void show_sample(struct tip_node *node, const real *sample)
+{
+    for (integer channel = 0; channel < CHANNELS; channel++) {
+        node->shown[channel] = shown_whole(1000.0 * sample[channel], INT16_REACH);
+        node->status[channel] = !(-node->range_m_s2 < sample[channel] && sample[channel] < node->range_m_s2);
+    }
+}
+
+/* Sample the tip as its node does, once for each SYNC. */
+static void sample_node(const struct image *image)
+{
+    real acceleration[CHANNELS], sample[CHANNELS];
+    if (image->sensed == 0) {
+        tip_now(image->tip, image->axes, image->count, acceleration);
+    }
+    sample_tip(image->sensor, image->sensed == 0 ? acceleration : image->sensed, sample);
+    show_sample(image->node, sample);
+}
+
+static integer status_word(const struct process *process, const struct motion *m)
+{
+    integer word = process->status_word | FOLLOWS_COMMAND_BIT;
+    if (process->motion == POSITION && m->following_count > 0) {
+        word |= FOLLOWING_ERROR_BIT;
+    }
+    return m->limited != 0 ? word | INTERNAL_LIMIT_BIT : word;
+}
+
+static integer shown_position(const struct process *process, const struct axis *axis)
+{
+    const real counts =
+        measured_counts(axis->plant_state.motor_angle_rad, axis->motion.counts_per_rad) + process->offset_counts;
+    return shown_whole(process->is_encoder != 0 ? counts : counts * process->units_per_count, INT32_REACH);
+}
+
+static void tell(const struct image *image, const struct mapped *object)
+{
+    uint8_t *data = image->answer + object->place;
+    if (object->object == ACCELERATION) {
+        put(data, 2, (uint64_t)image->node->shown[object->row]);
+        return;
+    }
+    const struct axis *axis = &image->axes[object->row];
+    const struct process *process = &image->processes[object->row];
+    const struct notch_state *filter = &axis->law.notch_state[0];
+    union {
+        float number;
+        uint32_t bits;
+    } single;
+    switch (object->object) {
+    case STATUS_WORD:
+        put(data, 2, (uint64_t)status_word(process, &axis->motion));
+        break;
+    case POSITION_SHOWN:
+        put(data, 4, (uint64_t)shown_position(process, axis));
+        break;
+    case TORQUE_SHOWN:
+        put(data, 2, (uint64_t)shown_whole(1000.0 * axis->motion.torque_nm / process->rated_torque_nm, INT16_REACH));
+        break;
+    case FILTER_ACTIVE:
+        data[0] = (uint8_t)filter->active;
+        break;
+    default: /* FILTER_FREQUENCY */
+        single.number = filter->active != 0 ? (float)filter->frequency_hz : 0.0F;
+        put(data, 4, single.bits);
+    }
+}
+
+static void take(const struct image *image, const struct mapped *object, const uint8_t *data)
+{
+    struct process *process = &image->processes[object->row];
+    struct motion *m = &image->axes[object->row].motion;
+    switch (object->object) {
+    case TARGET_POSITION:
+        process->target_position = signed_32(data);
+        break;
+    case POSITION_OFFSET:
+        process->position_offset = signed_32(data);
+        break;
+    case TARGET_TORQUE:
+        process->target_torque = signed_16(data);
+        m->target_torque_nm = (real)process->target_torque * process->torque_quantum_nm;
+        break;
+    case TORQUE_OFFSET:
+        process->torque_offset = signed_16(data);
+        m->torque_offset_nm = (real)process->torque_offset * process->torque_quantum_nm;
+        break;
+    default: /* CONTROL_WORD, which the drive follows already */
+        break;
+    }
+}
+
+/* Give an axis what its mode makes of the newest set-point. */
+static void follow_target(const struct image *image, integer row)
+{
+    const struct process *process = &image->processes[row];
+    struct axis *axis = &image->axes[row];
+    if (process->motion == TORQUE) {
+        axis->motion.elapsed_periods = 0; /* the set-point is on time */
+        return;
+    }
+    const real target = (real)(process->target_position + process->position_offset);
+    const real counts = process->is_encoder != 0 ? target : nearest_whole(target / process->units_per_count);
+    set_point(axis, counts - process->offset_counts, image->period_s);
+}
+
+integer synchronise(const struct image *image, const uint8_t *message, integer records)
+{
+    if (image->sensor->next >= NOISE_SAMPLES) {
+        return NO_NOISE;
+    }
+    if (!is_plain(image, message, records)) {
+        return NOT_PLAIN;
+    }
+    sample_node(image);
+    for (integer i = 0; i < image->shown; i++) {
+        tell(image, &image->told[i]);
+    }
+    for (integer i = 0; i < records - 1; i++) {
+        const uint8_t *record = message + RECORD_BYTES * i;
+        const struct received *rpdo = find_rpdo(image, record);
+        for (integer j = rpdo->first; j < rpdo->first + rpdo->count; j++) {
+            take(image, &image->taken[j], record + DATA_AT + image->taken[j].place);
+        }
+    }
+    for (integer i = 0; i < image->drives; i++) {
+        follow_target(image, image->rows[i]);
+    }
+    return DONE;
+}
