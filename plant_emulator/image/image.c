@@ -66,8 +66,9 @@ static int is_plain(const struct image *image, const uint8_t *message, integer r
     }
     for (integer i = 0; i < image->drives; i++) {
         const integer row = image->rows[i];
-        if (image->axes[row].motion.mode != image->processes[row].motion) {
-            return 0;
+        const struct motion *m = &image->axes[row].motion;
+        if (m->mode != image->processes[row].motion || (m->input_mask & (NEGATIVE_SWITCH | POSITIVE_SWITCH)) != 0) {
+            return 0; /* a limit switch is watched by its drive */
         }
     }
     for (integer i = 0; i < records - 1; i++) {
