@@ -109,7 +109,7 @@ class Axes:
             for column in range(NOTCHES):
                 NO_NOTCH.write(self.notch_config[row, column])
         self.arm = None if robot.links is None else CoupledArm(robot.links, self.numbers, rows, robot.accelerometer.mounting)
-        self.tip = MovedTip(robot, self.numbers)
+        self.tip = tip_of(robot)
         self.processes = np.zeros(count, CORE.dtype("process"))
         self._response = response_of(robot)
         self._axes = CORE.pointer(rows, "axis")
@@ -247,6 +247,15 @@ class Axes:
         if self._response is not None:
             return self._response.shared[-1]
         return CORE.NULL if self.arm is None else self.arm.felt_by
+
+
+def tip_of(robot: Robot) -> MovedTip:
+    """Return the tip that the axes of a robot move, in rising order."""
+    numbers, home = sorted(robot.axis), robot.home_joints()
+    levers = [robot.axis[number].tip_lever_m for number in numbers]
+    if robot.geometry is None or home is None:
+        return MovedTip(levers)
+    return MovedTip(levers, robot.geometry.chain(), [numbers.index(number) for number in robot.chain_axes], home.tolist())
 
 
 def response_of(robot: Robot) -> SensorResponse | None:

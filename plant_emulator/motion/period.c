@@ -247,9 +247,7 @@ void advance_sensed(
 {
     const integer single = single_row(tip, axes, count);
     advance(periods, period_s, substeps, axes, count, trace);
-    for (integer period = 0; period < periods; period++) {
-        tip_acceleration(tip, trace + 3 * period * count, count, single, tips + CHANNELS * period);
-    }
+    tip_trace(tip, trace, periods, count, single, tips);
     sense(sections, ring, size, tips, periods, sensed);
 }
 

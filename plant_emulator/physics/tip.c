@@ -51,6 +51,14 @@ void tip_acceleration(const struct tip *tip, const real *moved, integer count, i
     }
 }
 
+void tip_trace(
+    const struct tip *tip, const real *moved, integer instants, integer count, integer single, real *accelerations)
+{
+    for (integer i = 0; i < instants; i++) {
+        tip_acceleration(tip, moved + 3 * i * count, count, single, accelerations + CHANNELS * i);
+    }
+}
+
 void sample_tip(struct tip_sensor *sensor, const real *acceleration, real *shown)
 {
     const real *draw = sensor->draws[sensor->next++], step = sensor->resolution_m_s2, reach = sensor->range_m_s2;

@@ -42,6 +42,10 @@ struct tip_sensor {
  * with the links' angles alpha above the horizontal and their vectors r. */
 void tip_acceleration(const struct tip *tip, const real *moved, integer count, integer single, real *acceleration);
 
+/* tip_acceleration at some instants: moved is one after the other, and so are the accelerations. */
+void tip_trace(
+    const struct tip *tip, const real *moved, integer instants, integer count, integer single, real *accelerations);
+
 /* What the sensor shows of an acceleration: with noise, in its steps and within its range. next must not be NOISE_SAMPLES. */
 void sample_tip(struct tip_sensor *sensor, const real *acceleration, real *shown);
 

@@ -3,7 +3,6 @@
 The tip is on the planar chain of shoulder, elbow and wrist, or on the lever of a single axis.
 """
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,59 +11,18 @@ from numpy.typing import NDArray
 
 from hil.control.trajectory import PlanarChain
 from plant_emulator.core import CORE
-from plant_emulator.robots.robot import Robot
 
-Vector = Sequence[float] | NDArray[np.float64]
-
-
-def lever_acceleration(lever_m: float, arm_speed: float, arm_acceleration: float) -> tuple[float, float, float]:
-    """Return the acceleration at a lever: radial, sideways, tangential.
-
-    (−L θ̇², 0, L θ̈) in m/s².
-    """
-    return -lever_m * arm_speed * arm_speed, 0.0, lever_m * arm_acceleration
-
-
-def chain_acceleration(chain: PlanarChain, angles: Vector, speeds: Vector, accelerations: Vector) -> tuple[float, float, float]:
-    """Return the acceleration (X, Y, Z) of the tip in m/s².
-
-    Gravity is left out; Y is 0 in a planar chain.
-
-    With the links' angles α_i above the horizontal and their vectors r_i: a = Σ (α̈_i ŷ×r_i − α̇_i² r_i).
-
-    Args:
-        chain: The arm.
-        angles: Joint angles q₂, q₃, q₅ in rad, arm side; shape (3,).
-        speeds: Their speeds in rad/s; shape (3,).
-        accelerations: Their accelerations in rad/s²; shape (3,).
-    """
-    # link by link, written out: a loop costs three times as much, and this is asked at every SYNC
-    (q2, q3, q5), (w2, w3, w5), (a2, a3, a5) = angles, speeds, accelerations
-    alpha, rate, change = 0.5 * math.pi - q2, -w2, -a2
-    length = chain.upper_arm_m
-    link_x, link_z = length * math.cos(alpha), length * math.sin(alpha)
-    x = -change * link_z - rate * rate * link_x
-    z = change * link_x - rate * rate * link_z
-    alpha, rate, change = alpha + q3, rate + w3, change + a3
-    cos, sin = math.cos(alpha), math.sin(alpha)
-    length, width = chain.forearm_m
-    link_x, link_z = length * cos - width * sin, length * sin + width * cos
-    x += -change * link_z - rate * rate * link_x
-    z += change * link_x - rate * rate * link_z
-    alpha, rate, change = alpha + q5, rate + w5, change + a5
-    length = chain.tool_m
-    link_x, link_z = length * math.cos(alpha), length * math.sin(alpha)
-    x += -change * link_z - rate * rate * link_x
-    z += change * link_x - rate * rate * link_z
-    return x, 0.0, z
+Real = NDArray[np.float64]
 
 
 class MovedTip:
     """The tip that the axes of a robot move.
 
     Args:
-        robot: The robot file.
-        numbers: Axis number of each row.
+        levers_m: Lever of the tip about each axis.
+        chain: The arm of shoulder, elbow and wrist; None where there is none.
+        chain_rows: Their places among the axes.
+        home_rad: Their joint angles where the arm angles are zero.
 
     Attributes:
         shared: The tip in C, a `tip`.
@@ -72,20 +30,35 @@ class MovedTip:
         now_by: Pointer to it.
     """
 
-    def __init__(self, robot: Robot, numbers: Sequence[int]) -> None:
+    def __init__(
+        self,
+        levers_m: Sequence[float],
+        chain: PlanarChain | None = None,
+        chain_rows: Sequence[int] = (),
+        home_rad: Sequence[float] = (),
+    ) -> None:
         self.shared, self.now = CORE.new("tip"), np.zeros(3)
         self.now_by = CORE.pointer(self.now)
-        levers, moved = np.array([robot.axis[number].tip_lever_m for number in numbers]), np.zeros((len(numbers), 3))
-        self._kept = self.shared.levers_m, self.shared.moved = CORE.pointer(levers), CORE.pointer(moved)
-        home = robot.home_joints()
-        if robot.geometry is None or home is None:
-            return
-        chain = robot.geometry.chain()
-        self.shared.has_chain = 1
-        self.shared.chain_rows = [numbers.index(number) for number in robot.chain_axes]
-        self.shared.home_rad = home.tolist()
-        self.shared.upper_arm_m, self.shared.tool_m = chain.upper_arm_m, chain.tool_m
-        self.shared.forearm_m, self.shared.forearm_offset_m = chain.forearm_m
+        self._kept = CORE.pointer(np.array(levers_m, np.float64)), CORE.pointer(np.zeros((len(levers_m), 3)))
+        self.shared.levers_m, self.shared.moved = self._kept
+        if chain is not None:
+            self.shared.has_chain, self.shared.chain_rows, self.shared.home_rad = 1, list(chain_rows), list(home_rad)
+            self.shared.upper_arm_m, self.shared.tool_m = chain.upper_arm_m, chain.tool_m
+            self.shared.forearm_m, self.shared.forearm_offset_m = chain.forearm_m
+
+    def accelerations(self, moved: Real) -> Real:
+        """Return the acceleration (X, Y, Z) of the tip in m/s², without gravity.
+
+        Args:
+            moved: Angle, speed and acceleration of all arms at some instants; shape (n, axes, 3), in rad and s.
+
+        Returns:
+            Shape (n, 3).
+        """
+        found = np.empty((len(moved), 3))
+        rows = CORE.pointer(np.ascontiguousarray(moved, np.float64))
+        CORE.call.tip_trace(self.shared, rows, len(moved), moved.shape[1], -1, CORE.pointer(found))
+        return found
 
 
 class TipSensor:

@@ -208,7 +208,8 @@ class Slave:
     def plain_pdos(self) -> tuple[list[Rpdo], list[Tpdo]] | None:
         """RPDOs and TPDOs of a node whose SYNC has no counter and no window.
 
-        They are empty unless the node is operational. The result is None if a SYNC means more to the node than that they act: see `PdoEngine.plain`.
+        They are empty unless the node is operational. The result is None if a SYNC means more to the node than that they act: see
+        `PdoEngine.plain`.
         """
         sync = self._sync
         if sync.overflow or sync.window_ns or sync.can_id != FunctionCode.SYNC:

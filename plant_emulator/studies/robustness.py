@@ -18,7 +18,7 @@ from hil.robot_tables import Control
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
 from plant_emulator.physics.axis import hang_at_rest
-from plant_emulator.physics.tip import chain_acceleration
+from plant_emulator.physics.tip import MovedTip
 from plant_emulator.robots.robot import Robot, RobotAxis
 from plant_emulator.studies.closed_loop import Law, arm_peak_hz, frozen_law, growth_per_s
 from plant_emulator.studies.follow import ARM_ACCELERATION, ARM_ANGLE, ARM_SPEED, COUNTS, TORQUE, follow
@@ -361,10 +361,9 @@ class Study:
         home = self.robot.home_joints()
         if home is None or self.robot.geometry is None:
             raise ValueError(f"robot {self.robot.name!r} has no line motion")
-        chain = self.robot.geometry.chain()
-        angles = home + trace[:, :, ARM_ANGLE]
-        rows = zip(angles.tolist(), trace[:, :, ARM_SPEED].tolist(), trace[:, :, ARM_ACCELERATION].tolist(), strict=True)
-        found = np.array([chain_acceleration(chain, *row) for row in rows])
+        levers = [self.robot.axis[number].tip_lever_m for number in self.axes]
+        tip = MovedTip(levers, self.robot.geometry.chain(), range(len(self.axes)), home.tolist())
+        found = tip.accelerations(trace[:, :, [ARM_ANGLE, ARM_SPEED, ARM_ACCELERATION]])
         return found[:, 2], found[:, 0]
 
     def judge(self, index: int) -> PlantRunResult:
