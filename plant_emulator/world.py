@@ -14,9 +14,8 @@ from hil.can.frame import Frame
 from plant_emulator.drive.drive import Drive
 from plant_emulator.image.image import Node, ProcessImage
 from plant_emulator.motion.axes import Axes, live
-from plant_emulator.physics.tip import TipSensor
 from plant_emulator.robots.robot import Robot
-from plant_emulator.sensor.accelerometer import AccelerometerNode
+from plant_emulator.sensor.accelerometer import AccelerometerNode, tip_sensor
 from plant_emulator.slave.lss import UNCONFIGURED
 from plant_emulator.slave.node import Slave
 
@@ -68,9 +67,7 @@ class World:
         self.axes = Axes(robot)
         self.drives = {number: Drive(self.axes, number) for number in self.axes.numbers}
         setting = robot.accelerometer
-        self._sensor = TipSensor(
-            setting.noise_m_s2, setting.resolution_m_s2, setting.range_m_s2, np.random.default_rng(robot.seed)
-        )
+        self._sensor = tip_sensor(setting, np.random.default_rng(robot.seed))
         self.accelerometer = AccelerometerNode(
             setting.node_id, self.measure, setting.range_m_s2, sdo_max_bytes=setting.sdo_download_bytes
         )

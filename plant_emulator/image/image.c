@@ -118,8 +118,7 @@ static integer status_word(const struct process *process, const struct motion *m
 
 static integer shown_position(const struct process *process, const struct axis *axis)
 {
-    const real counts =
-        measured_counts(axis->plant_state.motor_angle_rad, axis->motion.counts_per_rad) + process->offset_counts;
+    const real counts = axis_counts(axis) + process->offset_counts;
     return shown_whole(process->is_encoder != 0 ? counts : counts * process->units_per_count, INT32_REACH);
 }
 

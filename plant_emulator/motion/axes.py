@@ -92,6 +92,7 @@ class Axes:
             axis = robot.axis[number]
             axis.write(self.plant[row], robot.home_angle(number))
             write_change(axis, rows[row])
+            axis.encoder.write(rows["encoder"][row], axis.encoder_counts_per_rev, robot.seed + number)
             hang_at_rest(self.plant[row], self.plant_state[row])
             motion = self.motion[row]
             motion["mode"] = BRAKED
@@ -118,11 +119,10 @@ class Axes:
 
     def _bind(self) -> None:
         """Take hold of what every SYNC reads and writes."""
-        motion, state = self.motion, self.plant_state
-        self._mode, self._counts_per_rad = live(motion, "mode"), live(motion, "counts_per_rad")
+        motion = self.motion
+        self._mode = live(motion, "mode")
         self._elapsed_periods, self._span = live(motion, "elapsed_periods"), live(motion, "periods_per_set_point")
         self._previous_speed, self._target_speed = live(motion, "previous_speed_rad_s"), live(motion, "target_speed_rad_s")
-        self._motor_angle = live(state, "motor_angle_rad")
         self._control_period_s = self.robot.control_period_s
         self._substeps = self.robot.plant_substeps
 
@@ -162,9 +162,7 @@ class Axes:
 
     def counts(self, row: int) -> int:
         """The encoder's reading of an axis now."""
-        # `measured_counts` of `period.h`, whose call costs more than the arithmetic
-        counts: int = math.floor(self._motor_angle[row] * self._counts_per_rad[row] + 0.5)
-        return counts
+        return int(CORE.call.read_counts(self._axes + row))
 
     def open_brake(self, row: int, mode: int, periods_per_set_point: int = 1) -> int:
         """Open the brake of an axis in a mode of `motion.record`.

@@ -145,10 +145,15 @@ static void supervise(struct axis *axis, int was_stopping, real counts, real ang
     }
 }
 
-real command(struct axis *axis, real motor_angle, real period_s)
+real read_counts(const struct axis *axis)
+{
+    return axis_counts(axis);
+}
+
+real command(struct axis *axis, real period_s)
 {
     struct motion *m = &axis->motion;
-    const real counts = measured_counts(motor_angle, m->counts_per_rad);
+    const real counts = axis_counts(axis);
     const real angle = counts / m->counts_per_rad;
     if (m->input_mask != 0 || m->edge_mask != 0) {
         watch_inputs(m, counts);
@@ -193,8 +198,9 @@ void advance(integer periods, real period_s, integer substeps, struct axis *axes
         find_constants(&axis->plant, &k);
         find_nearest(&k, mechanics, &near);
         for (integer period = 0; period < periods; period++) {
-            const real torque = command(axis, mechanics->motor_angle_rad, period_s);
+            const real torque = command(axis, period_s);
             plant_period(&k, &near, mechanics, torque, m->mode == BRAKED, period_s, substeps);
+            draw_noise(&axis->encoder);
             if (axis->change.is_changing > 0.0) {
                 age(axis, period_s);
                 find_constants(&axis->plant, &k);
@@ -277,7 +283,7 @@ void set_point(struct axis *axis, real target_counts, real period_s)
 static void take_axis(struct axis *axis, const struct flexible *joints, integer i, real period_s)
 {
     const struct plant_state *s = &axis->plant_state;
-    joints->commands[i] = command(axis, s->motor_angle_rad, period_s);
+    joints->commands[i] = command(axis, period_s);
     joints->brakes[i] = axis->motion.mode == BRAKED ? 1.0 : 0.0;
     joints->stages[STATE * joints->count + i] = (struct axis_state){
         s->motor_angle_rad, s->motor_speed_rad_s, s->arm_angle_rad, s->arm_speed_rad_s, s->hysteresis_nm, s->torque_nm};
@@ -307,6 +313,7 @@ void advance_arm(
         for (integer i = 0; i < count; i++) {
             struct axis *axis = &axes[joints->links[i + 1].row];
             put_back(&axis->plant_state, &joints->stages[STATE * count + i]);
+            draw_noise(&axis->encoder);
             if (axis->change.is_changing > 0.0) {
                 age(axis, period_s);
                 take_error(&joints->joints[i], &axis->plant, &joints->near[i]);

@@ -7,14 +7,23 @@
 #include "plant_emulator/physics/tip.h"
 #include "record.h"
 
-/* The encoder's reading: the motor angle rounded to whole counts. */
+/* An angle in whole counts, as an encoder gives it. */
 INLINED real measured_counts(real motor_angle, real counts_per_rad)
 {
     return round_down(motor_angle * counts_per_rad + 0.5);
 }
 
+/* The position of the motor that the drive has measured, in counts. */
+INLINED real axis_counts(const struct axis *axis)
+{
+    return measured_counts(shown_angle(&axis->encoder, axis->plant_state.motor_angle_rad), axis->motion.counts_per_rad);
+}
+
+/* axis_counts, to be called. */
+real read_counts(const struct axis *axis);
+
 /* One control period of a drive: measure, set-point, law, limits. Returns the torque in N m, 0 behind a closed brake. */
-real command(struct axis *axis, real motor_angle, real period_s);
+real command(struct axis *axis, real period_s);
 
 /* Give the gear of an axis the error that it has after this control period; only for one that changes. */
 void age(struct axis *axis, real period_s);

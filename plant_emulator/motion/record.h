@@ -5,6 +5,7 @@
 #include "hil/control/servo.h"
 #include "plant_emulator/physics/axis.h"
 #include "plant_emulator/physics/changing.h"
+#include "plant_emulator/physics/encoder.h"
 
 /* Modes of the power stage: brake closed and no torque; cyclic position (CSP, IP); cyclic torque (CST); profile position (PP);
  * ramp to rest; cyclic velocity (CSV); profile velocity (PV, and the search moves of homing); profile torque (TQ). */
@@ -169,7 +170,8 @@ struct motion {
     real following_error_rad;
 };
 
-/* All of one axis: the mechanics, the process data of its drive, the law that the drive runs, and how its gear changes. */
+/* All of one axis: the mechanics, the process data of its drive, the law that the drive runs, how its gear changes, and the encoder
+ * on its motor. */
 struct axis {
     struct plant plant;
     struct plant_state plant_state;
@@ -177,6 +179,7 @@ struct axis {
     struct law law;
     struct change change;
     struct past past;
+    struct encoder encoder;
 };
 
 #endif

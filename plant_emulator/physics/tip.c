@@ -63,7 +63,12 @@ void sample_tip(struct tip_sensor *sensor, const real *acceleration, real *shown
 {
     const real *draw = sensor->draws[sensor->next++], step = sensor->resolution_m_s2, reach = sensor->range_m_s2;
     for (integer channel = 0; channel < CHANNELS; channel++) {
-        real value = acceleration[channel] + sensor->noise_m_s2 * draw[channel];
+        real value = acceleration[channel];
+        if (sensor->is_mixed != 0) {
+            const real *read = sensor->mixing[channel];
+            value = read[0] * acceleration[0] + read[1] * acceleration[1] + read[2] * acceleration[2];
+        }
+        value += sensor->noise_m_s2 * draw[channel];
         if (step > 0.0) {
             value = step * round_down(value / step + 0.5);
         }

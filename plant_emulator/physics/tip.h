@@ -24,8 +24,10 @@ struct tip {
     real *moved; /* room for angle, speed and acceleration of each arm */
 };
 
-/* Noise, resolution and range of the accelerometer. */
+/* Errors, noise, resolution and range of the accelerometer. */
 struct tip_sensor {
+    integer is_mixed;                 /* the sensitivities are not those of an ideal sensor */
+    real mixing[CHANNELS][CHANNELS];  /* what each channel reads of X, Y and Z */
     real noise_m_s2;      /* standard deviation of each sample */
     real resolution_m_s2; /* step of the output; 0 for none */
     real range_m_s2;      /* at which it saturates */
@@ -46,7 +48,7 @@ void tip_acceleration(const struct tip *tip, const real *moved, integer count, i
 void tip_trace(
     const struct tip *tip, const real *moved, integer instants, integer count, integer single, real *accelerations);
 
-/* What the sensor shows of an acceleration: with noise, in its steps and within its range. next must not be NOISE_SAMPLES. */
+/* What the sensor shows of an acceleration: with its errors and noise, in its steps and within its range. next must not be NOISE_SAMPLES. */
 void sample_tip(struct tip_sensor *sensor, const real *acceleration, real *shown);
 
 #endif

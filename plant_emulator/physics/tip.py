@@ -71,13 +71,23 @@ class TipSensor:
         resolution_m_s2: Step of the output; 0 for none.
         range_m_s2: Acceleration at which it saturates.
         generator: The noise's source.
+        mixing: What each channel reads of X, Y and Z, shape (3, 3); left out, each reads its own alone.
 
     Attributes:
         shared: The sensor in C, a `tip_sensor`.
     """
 
-    def __init__(self, noise_m_s2: float, resolution_m_s2: float, range_m_s2: float, generator: np.random.Generator) -> None:
+    def __init__(
+        self,
+        noise_m_s2: float,
+        resolution_m_s2: float,
+        range_m_s2: float,
+        generator: np.random.Generator,
+        mixing: Real | None = None,
+    ) -> None:
         rows = np.zeros(1, CORE.dtype("tip_sensor"))
+        if mixing is not None and not np.array_equal(mixing, np.eye(3)):
+            rows["is_mixed"], rows["mixing"] = 1, mixing
         rows["noise_m_s2"], rows["resolution_m_s2"], rows["range_m_s2"] = noise_m_s2, resolution_m_s2, range_m_s2
         rows["next"] = CORE.call.NOISE_SAMPLES
         used: Any = rows["next"]

@@ -43,6 +43,7 @@ from plant_emulator.robots.angle_lines import CoggingLine, EccentricityLine, che
 from plant_emulator.robots.behaviour import Behaviour, Switches
 from plant_emulator.robots.gear_change import MOST_LINES, ErrorChange, GearTemperature, check_changes
 from plant_emulator.robots.load_encoder import LoadEncoder
+from plant_emulator.robots.motor_encoder import MotorEncoder
 
 SDO_DOWNLOAD_BYTES = 64 * 1024
 """The longest value that an SDO channel accepts by default; it bounds the memory that a client can occupy."""
@@ -65,6 +66,7 @@ class RobotAxis(PlantTable):
         behaviour: Differences from a drive that does all at once.
         eccentricity: Orders of the joint in the transmission error, beside those of the motor.
         cogging: Torque of the motor's own magnets, in the motor's angle.
+        encoder: Errors of the encoder on the motor; left out, it only rounds.
         load_encoder: A second encoder, on the joint; None: the drive has none.
         ate_change: Changes of the transmission error from the values of `ate`; left out, it is constant.
         temperature: Temperature of the gear, on which that may depend.
@@ -99,6 +101,7 @@ class RobotAxis(PlantTable):
     behaviour: Behaviour = Behaviour.model_construct()
     eccentricity: Annotated[tuple[EccentricityLine, ...], Field(max_length=MORE_LINES)] = ()
     cogging: Annotated[tuple[CoggingLine, ...], Field(max_length=MORE_LINES)] = ()
+    encoder: MotorEncoder = MotorEncoder.model_construct()
     load_encoder: LoadEncoder | None = None
     ate_change: Annotated[tuple[ErrorChange, ...], Field(max_length=MOST_LINES)] = ()
     temperature: GearTemperature = GearTemperature.model_construct()
@@ -168,6 +171,9 @@ class RobotAccelerometer(Table):
         lowpass_hz: Corner of the sensor's low-pass of order 2 (Butterworth); None for none.
         mounting_resonance_hz: Resonance of the sensor on its mounting; None for a stiff one.
         mounting_damping: Damping ratio of the mounting.
+        sensitivity_percent: Error of the sensitivity of each channel.
+        cross_axis_percent: Fraction of each other channel that a channel reads too.
+        tilt_deg: Angle by which it is turned about Y, of which the bench knows nothing: Z reads some of X.
         mounting: Where it sits on the arm, and how it is turned; None: an ideal one at the tip, along the axes of the base.
     """
 
@@ -181,7 +187,18 @@ class RobotAccelerometer(Table):
     lowpass_hz: Annotated[float, Field(ge=1.0, le=2000.0)] | None = None
     mounting_resonance_hz: Annotated[float, Field(ge=5.0, le=2000.0)] | None = None
     mounting_damping: Annotated[float, Field(gt=0.0, le=2.0)] = 0.05
+    sensitivity_percent: Annotated[float, Field(gt=-100.0, lt=100.0)] = 0.0
+    cross_axis_percent: Annotated[float, Field(gt=-100.0, lt=100.0)] = 0.0
+    tilt_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 0.0
     mounting: Mounting | None = None
+
+    @property
+    def mixing(self) -> NDArray[np.float64]:
+        """What each channel reads of the true X, Y and Z; shape (3, 3)."""
+        sensitivity, cross = 1.0 + 0.01 * self.sensitivity_percent, 0.01 * self.cross_axis_percent
+        cos, sin = math.cos(math.radians(self.tilt_deg)), math.sin(math.radians(self.tilt_deg))
+        turned = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
+        return np.asarray((np.full((3, 3), cross) + (sensitivity - cross) * np.eye(3)) @ turned)
 
     @property
     def filters(self) -> bool:

@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from hil.can.frame import Frame
-from plant_emulator.physics.tip import TipSensor
 from plant_emulator.robots.robot import Robot
+from plant_emulator.sensor.accelerometer import tip_sensor
 from plant_emulator.world import SECOND, World
 
 SYNC_BYTES = b"\xaa\x55"
@@ -86,7 +86,7 @@ class EmulatedSerialAccelerometer:
         """
         setting = robot.accelerometer
         generator = np.random.default_rng((robot.seed, 1))
-        self._sensor = TipSensor(setting.noise_m_s2, setting.resolution_m_s2, setting.range_m_s2, generator)
+        self._sensor = tip_sensor(setting, generator)
         self._period_ns = SECOND / rate_hz
         self._frame = FRAMES[framing]
         self.samples = 0

@@ -9,11 +9,11 @@ enum { TRACE_COUNTS, TRACE_ARM_ANGLE, TRACE_ARM_SPEED, TRACE_ARM_ACCELERATION, T
 
 /* All SYNC periods of a run: state at each SYNC, its set-point, and the control periods up to the next.
  *
- * The same as a set-point and advance in turn, to the bit, while no limit is set; the encoder may be wrong besides. set_points
- * holds samples rows of count set-points in counts; encoder E_1, phi_1, E_2, phi_2 in rad of each axis; noise the encoder's noise
- * in rad, samples * periods numbers for each axis; trace becomes samples rows of TRACE_COLUMNS numbers for each axis. */
+ * The same as a set-point and advance in turn, to the bit, while no limit is set. set_points holds samples rows of count set-points
+ * in counts; noise the encoder's noise in rad instead of its own, samples * periods numbers for each axis; trace becomes samples
+ * rows of TRACE_COLUMNS numbers for each axis. */
 void follow(
     integer periods, real period_s, integer substeps, struct axis *axes, integer count, integer samples,
-    const real *set_points, const real *encoder, const real *noise, real *trace);
+    const real *set_points, const real *noise, real *trace);
 
 #endif

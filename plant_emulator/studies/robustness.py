@@ -19,21 +19,18 @@ from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
 from plant_emulator.physics.axis import hang_at_rest
 from plant_emulator.physics.tip import MovedTip
-from plant_emulator.robots.robot import Robot, RobotAxis
+from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
 from plant_emulator.studies.closed_loop import Law, arm_peak_hz, frozen_law, growth_per_s
 from plant_emulator.studies.follow import ARM_ACCELERATION, ARM_ANGLE, ARM_SPEED, COUNTS, TORQUE, follow
 from plant_emulator.studies.simulate import as_uploaded, references
 from plant_emulator.studies.spread import (
     AXIS_UNKNOWNS,
     SENSOR_UNKNOWNS,
-    Encoder,
     PlantSpread,
-    Reading,
     Unknown,
     drawn,
     drawn_axis,
-    drawn_encoder,
-    drawn_reading,
+    drawn_sensor,
     nominal,
 )
 from plant_emulator.studies.tip_metrics import (
@@ -124,12 +121,10 @@ class SimulatedMotion:
 
 @dataclass(frozen=True)
 class DrawnPlant:
-    """A drawn plant: unknowns, robot, encoders and accelerometer."""
+    """A drawn plant: its unknowns, and the robot, encoders and accelerometer among it."""
 
     values: dict[str, float]
     robot: Robot
-    encoders: tuple[Encoder, ...]
-    reading: Reading
 
 
 @dataclass(frozen=True)
@@ -298,18 +293,17 @@ class Study:
         2 in the line motion is the plant of the same index of axis 2 alone.
         """
         values: dict[str, float] = {}
-        axes, encoders = {}, []
+        axes = {}
         for number in self.axes:
             source = self._source(number, index)
             mine = drawn(AXIS_UNKNOWNS, self.spread, source) if index >= 0 else nominal(AXIS_UNKNOWNS)
             before = f"axis{number}_" if len(self.axes) > 1 else ""
             values |= {before + name: value for name, value in mine.items()}
             axes[number] = self._without_short_lag(drawn_axis(self.robot.axis[number], mine))
-            encoders.append(drawn_encoder(self.robot.axis[number], mine))
         source = self._source(0, index)
         mine = drawn(SENSOR_UNKNOWNS, self.spread, source) if index >= 0 else nominal(SENSOR_UNKNOWNS)
-        robot = self.robot.model_copy(update={"axis": axes})
-        return DrawnPlant(values | mine, robot, tuple(encoders), drawn_reading(self.robot.accelerometer, mine)), source
+        robot = self.robot.model_copy(update={"axis": axes, "accelerometer": drawn_sensor(self.robot.accelerometer, mine)})
+        return DrawnPlant(values | mine, robot), source
 
     def _without_short_lag(self, axis: RobotAxis) -> RobotAxis:
         """Drop the lag of a current loop that settles too fast.
@@ -342,15 +336,14 @@ class Study:
             axes.open_brake(row, POSITION, self.periods)
         set_points = self._all_set_points
         noise = np.zeros((len(self.axes), len(set_points) * self.periods))
-        for row, encoder in enumerate(plant.encoders):
-            if encoder.noise_rad > 0.0:
-                noise[row] = encoder.noise_rad * source.standard_normal(noise.shape[1])
-        terms = np.array([encoder.terms for encoder in plant.encoders])
+        for row, noise_rad in enumerate(axes.rows["encoder"]["noise_rad"].tolist()):
+            if noise_rad > 0.0:
+                noise[row] = noise_rad * source.standard_normal(noise.shape[1])
         timing = self.periods, self.robot.control_period_s, self.robot.plant_substeps
-        trace = follow(*timing, axes.rows, set_points, terms, noise)
+        trace = follow(*timing, axes.rows, set_points, noise)
         trace = trace[len(set_points) - len(self.set_points) :]
         tip, radial = self._tip(trace)
-        measured = _read(plant.reading, tip, radial, self.robot.sync_period_s, source)
+        measured = _read(plant.robot.accelerometer, tip, radial, self.robot.sync_period_s, source)
         return SimulatedMotion(trace, tip, measured, self._f_al_of(plant.robot))
 
     def _tip(self, trace: Real) -> tuple[Real, Real]:
@@ -446,13 +439,14 @@ class Study:
         return residual
 
 
-def _read(reading: Reading, tip: Real, radial: Real, period_s: float, source: np.random.Generator) -> Real:
+def _read(sensor: RobotAccelerometer, tip: Real, radial: Real, period_s: float, source: np.random.Generator) -> Real:
     """Return the accelerometer's reading of true accelerations at the SYNCs; shape (n,)."""
-    value = reading.sensitivity * tip + reading.cross_axis * radial
-    if reading.delay_s > 0.0:
+    mixing = sensor.mixing
+    value = mixing[2, 2] * tip + mixing[2, 0] * radial
+    if sensor.delay_s > 0.0:
         times = np.arange(len(tip)) * period_s
-        value = np.interp(times - reading.delay_s, times, value)
-    value = value + reading.noise_m_s2 * source.standard_normal(len(tip))
-    if reading.resolution_m_s2 > 0.0:
-        value = reading.resolution_m_s2 * np.floor(value / reading.resolution_m_s2 + 0.5)
-    return np.clip(value, -reading.range_m_s2, reading.range_m_s2)
+        value = np.interp(times - sensor.delay_s, times, value)
+    value = value + sensor.noise_m_s2 * source.standard_normal(len(tip))
+    if sensor.resolution_m_s2 > 0.0:
+        value = sensor.resolution_m_s2 * np.floor(value / sensor.resolution_m_s2 + 0.5)
+    return np.asarray(np.clip(value, -sensor.range_m_s2, sensor.range_m_s2))

@@ -11,6 +11,7 @@ from pydantic import Field
 from drive_profiles.files.toml import Table
 from hil.control.angles import ARCSEC
 from hil.robot_tables import NotNegative
+from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import RobotAccelerometer, RobotAxis
 
 UnknownKind = Literal["factor", "up_to", "either", "circle", "switch"]
@@ -178,10 +179,7 @@ def nominal(unknowns: tuple[Unknown, ...]) -> dict[str, float]:
 
 
 def drawn_axis(axis: RobotAxis, values: Values) -> RobotAxis:
-    """Return the axis with drawn values of `AXIS_UNKNOWNS`.
-
-    Those of its encoder are left out.
-    """
+    """Return the axis with drawn values of `AXIS_UNKNOWNS`."""
     stiffness = axis.gear_stiffness_nm_rad * values["gear_stiffness_factor"]
     coulomb = axis.coulomb_friction_nm * values["coulomb_friction_factor"]
     rise = (axis.static_friction_nm - axis.coulomb_friction_nm) * values["coulomb_friction_factor"]
@@ -202,6 +200,7 @@ def drawn_axis(axis: RobotAxis, values: Values) -> RobotAxis:
             "current_time_constant_s": axis.current_time_constant_s + 1e-3 * values["current_time_constant_ms"],
             "gear_reaction": axis.gear_reaction or values["gear_reaction"] > 0.0,
             "ate": axis.ate.model_copy(update=_drawn_error(axis, values)),
+            "encoder": _drawn_encoder(axis.encoder, values),
         }
     )
 
@@ -212,8 +211,7 @@ def _drawn_error(axis: RobotAxis, values: Values) -> dict[str, float]:
     An added 1st order is summed with the file's as a phasor.
     """
     ate = axis.ate
-    first = ate.a1_arcsec * np.exp(1j * math.radians(ate.phi1_deg))
-    first += values["a1_arcsec"] * np.exp(1j * math.radians(values["phi1_deg"]))
+    first = _phasor(ate.a1_arcsec, ate.phi1_deg) + _phasor(values["a1_arcsec"], values["phi1_deg"])
     return {
         "a1_arcsec": float(abs(first)),
         "phi1_deg": math.degrees(float(np.angle(first))),
@@ -224,60 +222,33 @@ def _drawn_error(axis: RobotAxis, values: Values) -> dict[str, float]:
     }
 
 
-@dataclass(frozen=True)
-class Encoder:
-    """Errors of an encoder.
-
-    They are Σ E_k cos(k θ_m + φ_k), k = 1, 2, and noise.
-
-    Attributes:
-        terms: E₁, φ₁, E₂, φ₂ in rad.
-        noise_rad: Standard deviation of each sample.
-    """
-
-    terms: tuple[float, float, float, float]
-    noise_rad: float
-
-
-def drawn_encoder(axis: RobotAxis, values: Values) -> Encoder:
-    """Return the encoder with drawn values of `AXIS_UNKNOWNS`."""
-    terms = (
-        values["encoder_error_1_arcsec"] * ARCSEC,
-        math.radians(values["encoder_phase_1_deg"]),
-        values["encoder_error_2_arcsec"] * ARCSEC,
-        math.radians(values["encoder_phase_2_deg"]),
-    )
-    return Encoder(terms, values["encoder_noise_counts"] * 2.0 * math.pi / axis.encoder_counts_per_rev)
+def _drawn_encoder(encoder: MotorEncoder, values: Values) -> MotorEncoder:
+    """Return the encoder with drawn errors, which are summed with the file's as phasors."""
+    changed = {"noise_counts": math.hypot(encoder.noise_counts, values["encoder_noise_counts"])}
+    for order in (1, 2):
+        names = f"error_{order}_arcsec", f"phase_{order}_deg"
+        drawn = f"encoder_error_{order}_arcsec", f"encoder_phase_{order}_deg"
+        if not values[drawn[0]]:
+            continue
+        if not getattr(encoder, names[0]):
+            changed |= {name: values[of] for name, of in zip(names, drawn, strict=True)}
+            continue
+        total = _phasor(*(getattr(encoder, name) for name in names)) + _phasor(*(values[name] for name in drawn))
+        changed |= {names[0]: float(abs(total)), names[1]: math.degrees(float(np.angle(total)))}
+    return encoder.model_copy(update=changed)
 
 
-@dataclass(frozen=True)
-class Reading:
-    """Reading of the accelerometer at the tip in its vertical direction.
-
-    Attributes:
-        sensitivity: 1 is right.
-        cross_axis: Fraction of the radial acceleration that is read too.
-        noise_m_s2: Standard deviation of each sample.
-        delay_s: Age of a sample.
-        resolution_m_s2: Step of the output; 0 for none.
-        range_m_s2: Acceleration at which it saturates.
-    """
-
-    sensitivity: float
-    cross_axis: float
-    noise_m_s2: float
-    delay_s: float
-    resolution_m_s2: float
-    range_m_s2: float
+def _phasor(amplitude: float, phase_deg: float) -> complex:
+    return complex(amplitude * np.exp(1j * math.radians(phase_deg)))
 
 
-def drawn_reading(sensor: RobotAccelerometer, values: Values) -> Reading:
+def drawn_sensor(sensor: RobotAccelerometer, values: Values) -> RobotAccelerometer:
     """Return the accelerometer with drawn values of `SENSOR_UNKNOWNS`."""
-    return Reading(
-        1.0 + 0.01 * values["accelerometer_sensitivity_percent"],
-        0.01 * values["accelerometer_cross_axis_percent"],
-        sensor.noise_m_s2 * values["accelerometer_noise_factor"],
-        sensor.delay_s + 1e-3 * values["accelerometer_delay_ms"],
-        sensor.resolution_m_s2,
-        sensor.range_m_s2,
+    return sensor.model_copy(
+        update={
+            "sensitivity_percent": sensor.sensitivity_percent + values["accelerometer_sensitivity_percent"],
+            "cross_axis_percent": sensor.cross_axis_percent + values["accelerometer_cross_axis_percent"],
+            "noise_m_s2": sensor.noise_m_s2 * values["accelerometer_noise_factor"],
+            "delay_s": sensor.delay_s + 1e-3 * values["accelerometer_delay_ms"],
+        }
     )

@@ -41,6 +41,8 @@ from plant_emulator.motion.record import (
     PROFILE_TORQUE,
     PROFILE_VELOCITY,
     SET_POINT_LATE,
+    SET_POINT_RANGE,
+    SET_POINT_STEP,
     STOPPED_RAD_S,
     STOPPING,
     TORQUE,
@@ -483,10 +485,52 @@ def _supervise(axis: Any, was_stopping: bool, counts: float, angle: float) -> No
             begin_stop(axis, m.stop_deceleration_rad_s2)
 
 
-def command(axis: Any, motor_angle: float, period_s: float) -> float:
+def shown_angle(encoder: Any, angle: float) -> float:
+    """What the encoder shows of a motor angle, before it is rounded to counts."""
+    shown = angle + encoder.present_rad
+    if encoder.e1_rad != 0.0 or encoder.e2_rad != 0.0:
+        at_home = encoder.e1_rad * math.cos(encoder.phi1_rad) + encoder.e2_rad * math.cos(encoder.phi2_rad)
+        error = encoder.e1_rad * math.cos(angle + encoder.phi1_rad) + encoder.e2_rad * math.cos(2.0 * angle + encoder.phi2_rad)
+        shown += error - at_home
+    return float(shown)
+
+
+def draw_noise(encoder: Any) -> None:
+    """The encoder's noise of the next control period: SplitMix64, and Box and Muller's transform of two."""
+
+    def uniform() -> float:
+        encoder.draws = z = encoder.draws + 0x9E3779B97F4A7C15 & 2**64 - 1
+        z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9 & 2**64 - 1
+        z = (z ^ z >> 27) * 0x94D049BB133111EB & 2**64 - 1
+        return ((z ^ z >> 31) // 2**11 + 0.5) / 2.0**53
+
+    if encoder.noise_rad > 0.0:
+        distance = math.sqrt(-2.0 * math.log(uniform()))
+        encoder.present_rad = encoder.noise_rad * distance * math.cos(2.0 * math.pi * uniform())
+
+
+def set_point(axis: Any, target_counts: float, period_s: float) -> None:
+    """The next set-point of an axis in cyclic position mode: from its present demand, within the limits of place and speed."""
+    m = axis.motion
+    span, elapsed = m.periods_per_set_point, m.elapsed_periods
+    fraction, last, start = elapsed / span, m.target_counts, m.previous_counts
+    if fraction > 1.0:  # late: it has been held, or led on
+        fraction = min(fraction, 1.0 + m.extrapolation_periods / span)
+    start += (last - start) * fraction
+    reach = m.max_speed_rad_s * m.counts_per_rad * span * period_s
+    if not m.low_counts <= target_counts <= m.high_counts:
+        m.trip |= SET_POINT_RANGE
+        target_counts = start
+    elif abs(target_counts - (last if elapsed >= span - 1 else start)) > reach + 1.0:
+        m.trip |= SET_POINT_STEP
+        target_counts = start
+    m.previous_counts, m.target_counts, m.elapsed_periods = start, target_counts, 0
+
+
+def command(axis: Any, period_s: float) -> float:
     """One control period of a drive: measure, set-point, law, limits; the torque in N·m, 0 behind a closed brake."""
     m = axis.motion
-    counts = measured_counts(motor_angle, m.counts_per_rad)
+    counts = measured_counts(shown_angle(axis.encoder, axis.plant_state.motor_angle_rad), m.counts_per_rad)
     angle = counts / m.counts_per_rad
     if m.input_mask != 0 or m.edge_mask != 0:
         watch_inputs(m, counts)
@@ -534,8 +578,9 @@ def advance(periods: int, period_s: float, substeps: int, axes: Any) -> None:
         k = constants(axis.plant)
         near = nearest_to(k, mechanics)
         for _ in range(periods):
-            torque = command(axis, mechanics.motor_angle_rad, period_s)
+            torque = command(axis, period_s)
             near = plant_period(k, near, mechanics, torque, m.mode == BRAKED, period_s, substeps)
+            draw_noise(axis.encoder)
             if axis.change.is_changing > 0.0:
                 age(axis, period_s)
                 k = constants(axis.plant)

@@ -16,6 +16,7 @@ from plant_emulator.physics.articulated import LINK
 from plant_emulator.physics.axis import PLANT, PLANT_STATE, hang_at_rest, synchronous_error
 from plant_emulator.physics.changing import CHANGE, PAST
 from plant_emulator.robots.fleet import draw
+from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import load_robot
 from tests.oracles import arm, motion, plant
 from tests.oracles.records import numbers, plain
@@ -117,6 +118,9 @@ def random_axes(source, robot):
         m["position_window_rad"], m["position_window_periods"], m["velocity_window_rad_s"] = 1e-2, 5, 0.3
         m["velocity_window_periods"], m["velocity_threshold_rad_s"], m["velocity_threshold_periods"] = 5, 0.2, 5
         m["stop_deceleration_rad_s2"] = source.choice([80.0, math.inf])
+        if row == 0:
+            encoder = MotorEncoder(error_1_arcsec=40.0, phase_1_deg=30.0, error_2_arcsec=20.0, phase_2_deg=80.0, noise_counts=1.5)
+            encoder.write(axes.rows["encoder"][row], 131_072, int(source.integers(0, 2**63)))
         axes.open_brake(row, record.POSITION, 8)
     return axes
 
@@ -148,10 +152,9 @@ def wander(axes, spec, source, rounds):
                 m[name] = value
                 setattr(s, name, m[name].item())
         else:
-            target = m["target_counts"] + math.floor(source.uniform(-400, 400))
-            for name, value in (("previous_counts", m["target_counts"]), ("target_counts", target), ("elapsed_periods", 0)):
-                setattr(s, name, type(getattr(s, name))(value))
-                m[name] = value
+            target = float(m["target_counts"]) + math.floor(source.uniform(-400, 400) * source.choice([1.0, 1.0, 1.0, 100.0]))
+            CORE.call.set_point(pointer + row, target, PERIOD_S)
+            motion.set_point(spec[row], target, PERIOD_S)
         CORE.call.advance(8, PERIOD_S, SUBSTEPS, pointer, count, CORE.NULL)
         motion.advance(8, PERIOD_S, SUBSTEPS, spec)
         assert numbers(axes.rows) == numbers(spec)

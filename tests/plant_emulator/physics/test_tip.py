@@ -7,6 +7,8 @@ import pytest
 
 from hil.control.trajectory import PlanarChain
 from plant_emulator.physics.tip import MovedTip, TipSensor
+from plant_emulator.robots.robot import RobotAccelerometer
+from plant_emulator.sensor.accelerometer import tip_sensor
 
 CHAIN = PlanarChain(0.050, 0.330, 0.440, (0.420, 0.035), 0.130)
 LEVERS = (0.5, 0.4, 0.1)
@@ -109,3 +111,24 @@ def test_each_value_of_a_sample_is_its_own_draw_rounded_and_limited(noise, resol
         if resolution:
             values = [resolution * math.floor(value / resolution + 0.5) for value in values]
         assert one.sample(true) == tuple(min(reach, max(-reach, value)) for value in values)
+
+
+@pytest.mark.parametrize("sensitivity", [0.0, 3.0])
+@pytest.mark.parametrize("cross", [0.0, -2.0])
+@pytest.mark.parametrize("tilt", [0.0, 10.0])
+def test_a_sensor_reads_what_its_data_sheet_allows_it(sensitivity, cross, tilt):
+    setting = RobotAccelerometer(
+        sensitivity_percent=sensitivity, cross_axis_percent=cross, tilt_deg=tilt, noise_m_s2=0.0, resolution_m_s2=0.0
+    )
+    true, turned = np.array([1.0, -2.0, 3.0]), math.radians(tilt)
+    felt = np.array(
+        [
+            true[0] * math.cos(turned) - true[2] * math.sin(turned),
+            true[1],
+            true[0] * math.sin(turned) + true[2] * math.cos(turned),
+        ]
+    )
+    expected = (1.0 + sensitivity / 100.0) * felt + cross / 100.0 * (felt.sum() - felt)
+    shown = tip_sensor(setting, np.random.default_rng(1)).sample(tuple(true))
+    assert shown == pytest.approx(tuple(expected), abs=1e-12)
+    assert sensitivity or cross or tilt or shown == tuple(true)

@@ -24,6 +24,7 @@ from hil.design.frequency import Loop, TwoInertia, margins
 from hil.recording import Recording
 from hil.robot_tables import Control
 from plant_emulator.cli.main import app
+from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import REFERENCE, load_robot
 from plant_emulator.robots.tuning import REFERENCE_TUNING, Tuning, load_tuning, robot_tuning
 from plant_emulator.studies import summary as robustness_summary
@@ -32,7 +33,7 @@ from plant_emulator.studies.closed_loop import arm_peak_hz, frozen_law, growth_p
 from plant_emulator.studies.figure import figure_svg
 from plant_emulator.studies.robustness import PlantRunResult, Study
 from plant_emulator.studies.simulate import simulate
-from plant_emulator.studies.spread import AXIS_UNKNOWNS, SENSOR_UNKNOWNS, PlantSpread, drawn, drawn_axis, drawn_reading, nominal
+from plant_emulator.studies.spread import AXIS_UNKNOWNS, SENSOR_UNKNOWNS, PlantSpread, drawn, drawn_axis, drawn_sensor, nominal
 from plant_emulator.studies.summary import document, draws_csv, influences, run_fraction, summarise
 from plant_emulator.studies.workers import run_all
 
@@ -76,8 +77,8 @@ def test_a_drawn_plant_without_encoder_errors_is_that_of_simulate_too():
     spread = PlantSpread(encoder_error_1_arcsec=0.0, encoder_error_2_arcsec=0.0, encoder_noise_counts=0.0)
     made = study(3, spread=spread)
     plant, source = made.draw(4)
-    known = simulate(plant.robot.model_copy(update={"axis": ROBOT.axis | plant.robot.axis}), 3, controls=CONTROLS,
-                     notches={3: TUNING.axis[3].notch})  # fmt: skip
+    robot = plant.robot.model_copy(update={"axis": ROBOT.axis | plant.robot.axis, "accelerometer": ROBOT.accelerometer})
+    known = simulate(robot, 3, controls=CONTROLS, notches={3: TUNING.axis[3].notch})
     assert np.array_equal(made.run(plant, source).tip_m_s2, known.tip_acceleration_m_s2[:, 2])
 
 
@@ -91,10 +92,11 @@ def test_an_encoder_error_of_the_2nd_order_moves_the_arm_like_a_transmission_err
     """E/N of it at the arm: 120 arcsec behind 120:1 are 1 arcsec of the 5 that are there."""
     made = study(2, {}, spread=CLOSED)
     plant, source = made.draw(-1)
-    quiet = dataclasses.replace(plant, reading=dataclasses.replace(plant.reading, noise_m_s2=0.0, resolution_m_s2=0.0))
-    wrong = dataclasses.replace(plant.encoders[0], terms=(0.0, 0.0, 120.0 * math.pi / 180.0 / 3600.0, 1.0))
-    bare = made.run(quiet, source)
-    other = made.run(dataclasses.replace(quiet, encoders=(wrong,)), source)
+    sensor = plant.robot.accelerometer.model_copy(update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0})
+    quiet = plant.robot.model_copy(update={"accelerometer": sensor})
+    wrong = quiet.axis[2].model_copy(update={"encoder": MotorEncoder(error_2_arcsec=120.0, phase_2_deg=math.degrees(1.0))})
+    bare = made.run(dataclasses.replace(plant, robot=quiet), source)
+    other = made.run(dataclasses.replace(plant, robot=quiet.model_copy(update={"axis": {2: wrong}})), source)
     inside = made._window(bare)
     apart = tip_metrics.tip_displacement_mm(other.tip_m_s2 - bare.tip_m_s2, 0.002, bare.f_al_hz)[inside]
     own = tip_metrics.tip_displacement_mm(bare.tip_m_s2, 0.002, bare.f_al_hz)[inside]
@@ -235,7 +237,7 @@ def test_a_plant_of_the_line_is_that_of_the_single_axis():
     single, line = study(3).draw(7)[0], study(None).draw(7)[0]
     assert line.robot.axis[3] == single.robot.axis[3]
     assert line.values["axis3_a2_factor"] == single.values["a2_factor"]
-    assert line.reading == single.reading
+    assert line.robot.accelerometer == single.robot.accelerometer
 
 
 def test_what_a_robot_file_has_of_an_effect_is_added_to():
@@ -545,7 +547,7 @@ def test_of_a_thousand_plants_most_keep_the_specification_with_table_3():
 
 def test_the_robots_own_sensor_delay_is_added_to_the_drawn_one():
     values = nominal(SENSOR_UNKNOWNS) | {"accelerometer_delay_ms": 2.0}
-    late = drawn_reading(ROBOT.accelerometer.model_copy(update={"delay_s": 0.003}), values)
+    late = drawn_sensor(ROBOT.accelerometer.model_copy(update={"delay_s": 0.003}), values)
     assert late.delay_s == pytest.approx(0.005)
 
 

@@ -1,0 +1,42 @@
+"""The robot file's `[axis.N.encoder]`: errors of the encoder on the motor."""
+
+import math
+from typing import Any
+
+from drive_profiles.files.toml import Table
+from hil.control.angles import ARCSEC
+from hil.robot_tables import NotNegative
+
+
+class MotorEncoder(Table):
+    """Errors of the encoder on the motor, by which the drive closes its loop.
+
+    E₁ cos(θ_m + φ₁) + E₂ cos(2 θ_m + φ₂), counted from where the motor angle is zero, and white noise.
+
+    An error of order k looks like a transmission error of order k with the amplitude E_k/N, since the motor follows it.
+
+    Attributes:
+        error_1_arcsec: E₁, of a disc off centre: once per revolution, on the motor side.
+        phase_1_deg: φ₁.
+        error_2_arcsec: E₂, of an oval or tilted disc: twice per revolution.
+        phase_2_deg: φ₂.
+        noise_counts: Standard deviation of the noise of each control period, in counts of the encoder.
+    """
+
+    error_1_arcsec: NotNegative = 0.0
+    phase_1_deg: float = 0.0
+    error_2_arcsec: NotNegative = 0.0
+    phase_2_deg: float = 0.0
+    noise_counts: NotNegative = 0.0
+
+    def write(self, row: Any, counts_per_rev: int, seed: int) -> None:
+        """Put the errors into a record of an `ENCODER` array.
+
+        Args:
+            row: The record, changed in place.
+            counts_per_rev: Counts of the encoder.
+            seed: Seed of the noise.
+        """
+        row["e1_rad"], row["phi1_rad"] = self.error_1_arcsec * ARCSEC, math.radians(self.phase_1_deg)
+        row["e2_rad"], row["phi2_rad"] = self.error_2_arcsec * ARCSEC, math.radians(self.phase_2_deg)
+        row["noise_rad"], row["draws"] = self.noise_counts * math.tau / counts_per_rev, seed
