@@ -121,13 +121,8 @@ def test_a_sensor_reads_what_its_data_sheet_allows_it(sensitivity, cross, tilt):
         sensitivity_percent=sensitivity, cross_axis_percent=cross, tilt_deg=tilt, noise_m_s2=0.0, resolution_m_s2=0.0
     )
     true, turned = np.array([1.0, -2.0, 3.0]), math.radians(tilt)
-    felt = np.array(
-        [
-            true[0] * math.cos(turned) - true[2] * math.sin(turned),
-            true[1],
-            true[0] * math.sin(turned) + true[2] * math.cos(turned),
-        ]
-    )
+    cos, sin = math.cos(turned), math.sin(turned)
+    felt = np.array([true[0] * cos - true[2] * sin, true[1], true[0] * sin + true[2] * cos])
     expected = (1.0 + sensitivity / 100.0) * felt + cross / 100.0 * (felt.sum() - felt)
     shown = tip_sensor(setting, np.random.default_rng(1)).sample(tuple(true))
     assert shown == pytest.approx(tuple(expected), abs=1e-12)
