@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 from drive_profiles.address import LOCAL, Address
 from hil.bench.bench import Bench
+from hil.can.frame import Frame
 from hil.master.cyclic import CyclicExchange, Slot
 from hil.master.drive import mapping
 from hil.master.drive.axis import DriveAxis
@@ -154,20 +155,23 @@ class DirectExchange(CyclicExchange):
         self._channel.syncs += 1
         if isinstance(self.sensor, CanopenSensor):
             x, y, z = world.measure()
-            self.sensor.acceleration_m_s2 = (_shown(x), _shown(y), _shown(z))
+            self.data.tip_m_s2 = _shown(x), _shown(y), _shown(z)
         for slot, drive in self._drives:
             slot.status_word = drive.status_word()
             slot.position_counts, slot.torque_per_mille = drive.data.position_counts(), drive.data.shown_torque()
         for encoder, cell in self._loads:
-            encoder.take(cell.encoded())
+            self.take(Frame(encoder.can_id, cell.encoded()))
         for slot, cells in self._notches:
-            slot.take_notch(b"".join(cell.encoded() for cell in cells))
+            self.take(Frame(slot.notch_id, b"".join(cell.encoded() for cell in cells)))
         for slot, drive in self._drives:
             drive.data.take_cyclic_target(slot.target, slot.torque_offset if self.with_torque_offset else None)
         self.network.pass_cycle()
         for frame in world.pass_period():
             self.network.dispatch(frame)
-        self._count(set())
+        for which in range(self.data.answer_count):
+            self.data.answers[which].has_come = 1
+        self.data.pending = 0
+        self._count()
 
 
 def _shown(acceleration: float) -> float:
