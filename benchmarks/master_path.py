@@ -20,7 +20,6 @@ from benchmarks.robots import SINGLE, bench_of, robot_of
 from benchmarks.stranger import Master, Nodes
 from benchmarks.whole_bench import wait_for
 from drive_profiles.address import LOCAL, SOCKETCAN, Address
-from drive_profiles.family.profile import Profile
 from drive_profiles.standard.units import Scaling
 from hil.can import clock
 from hil.can.channel import Channel
@@ -29,10 +28,10 @@ from hil.can.local import LocalChannel, connect_local, one_core
 from hil.can.socketcan import SocketCanChannel
 from hil.control.servo import Servo, ServoConfig
 from hil.control.servo_bank import ServoBank
-from hil.master.cyclic import POSITION_COMMAND, CyclicExchange
+from hil.master.cyclic import FEEDBACK, POSITION_COMMAND, CyclicExchange
 from hil.master.drive.axis import DriveAxis
 from hil.master.network import Network
-from hil.master.sensor import CanopenSensor
+from hil.master.sensor import JointsOnly
 from hil.recording import BusLog
 
 SHARE_S = 0.25
@@ -74,7 +73,8 @@ class EchoExchange(CyclicExchange):
         for slot, can_id in zip(self.slots, feedback_ids(len(self.slots)), strict=True):
             slot.send_command_as(can_id + 0x80, POSITION_COMMAND)
             slot.feedback_id, slot.control_word = can_id, 0x0F
-        self.expect({slot.feedback_id: slot.take_feedback for slot in self.slots})
+        self.data.tip = self.sensor.configure().source
+        self.expect({slot.feedback_id: (FEEDBACK, row) for row, slot in enumerate(self.slots)})
 
 
 def laws(count: int) -> list[Servo]:
@@ -106,8 +106,7 @@ def ours(channel: Channel, count: int) -> Contender:
     axes = [DriveAxis(network, n + 1, bench.axis[SINGLE]) for n in range(count)]
     for axis in axes:
         axis.scaling = scale()
-    sensor = CanopenSensor(network, 0, Profile.load("emulated_accelerometer"))
-    exchange = EchoExchange(network, axes, sensor, PERIOD_S, loop="drive", with_notch_state=False, max_lateness_s=1.0)
+    exchange = EchoExchange(network, axes, JointsOnly(), PERIOD_S, loop="drive", with_notch_state=False, max_lateness_s=1.0)
     exchange.configure()
     configs = [law.config for law in laws(count)]
     bank, references = ServoBank(configs, PERIOD_S), [0.0] * count

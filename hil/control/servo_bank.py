@@ -15,7 +15,8 @@ class ServoBank:
     """The laws of several axes with their states.
 
     Attributes:
-        notch_hz: Zero frequency of each axis' first filter after the last step, 0 while it is out.
+        laws: Their records, for C.
+        values: Values of `bank_step`, for C.
     """
 
     def __init__(self, configs: Sequence[ServoConfig], period_s: float) -> None:
@@ -30,19 +31,23 @@ class ServoBank:
             raise ValueError(f"period_s = {period_s} must be above 0")
         count = len(configs)
         self.period_s = period_s
-        self.notch_hz = [0.0] * count
         laws = np.zeros(count, LAW)
         self._values = np.zeros((5, count))
         for row, config in enumerate(configs):
             config.write(laws[row])
             self._values[2, row] = config.torque_limit_nm
-        self._laws, self._shared = CORE.pointer(laws, "law"), CORE.pointer(self._values)
-        self._each, self._limits_nm = [self._laws + row for row in range(count)], [each.torque_limit_nm for each in configs]
+        self.laws, self.values = CORE.pointer(laws, "law"), CORE.pointer(self._values)
+        self._each, self._limits_nm = [self.laws + row for row in range(count)], [each.torque_limit_nm for each in configs]
         self._step, self._step_one = CORE.call.bank_step, CORE.call.servo_step
 
     def __len__(self) -> int:
         """Number of axes."""
-        return len(self.notch_hz)
+        return len(self._each)
+
+    @property
+    def notch_hz(self) -> list[float]:
+        """Zero frequency of each axis' first filter after the last step, 0 while it is out."""
+        return self._values[4].tolist()  # type: ignore[no-any-return] # tolist() of an array gives whatever it holds
 
     def start(self, row: int, motor_angle: float, speed_rad_s: float = 0.0, torque_nm: float = 0.0) -> None:
         """Let one axis take over without a step in the torque.
@@ -62,9 +67,8 @@ class ServoBank:
         """
         values = self._values
         values[0], values[1] = positions, motor_angles
-        self._step(self._laws, len(self._each), self.period_s, self._shared)
-        torques, self.notch_hz = values[3:].tolist()
-        return torques  # type: ignore[no-any-return] # tolist() of an array gives whatever it holds
+        self._step(self.laws, len(self._each), self.period_s, self.values)
+        return values[3].tolist()  # type: ignore[no-any-return] # tolist() of an array gives whatever it holds
 
     def step_one(self, row: int, position: float, motor_angle: float) -> float:
         """Return the torque of one axis in N·m.

@@ -68,8 +68,8 @@ class Core:
         return found.hexdigest()[:16]
 
 
-LAW = Core("law", "hil/core", "hil/core/core.h", ("hil/core", "hil/control", "hil/design", "hil/logs"))
-"""The control law, and what design and logs have in C."""
+LAW = Core("law", "hil/core", "hil/core/core.h", ("hil/core", "hil/control", "hil/design", "hil/logs", "hil/master"))
+"""The control law, and what design, logs and the master have in C."""
 
 
 def compiler() -> list[str]:

@@ -1,4 +1,4 @@
-/* All of the core that Python calls: the law, and what design and logs have in C. */
+/* All of the core that Python calls: the law, and what design, logs and the master have in C. */
 #ifndef HIL_CORE_H
 #define HIL_CORE_H
 
@@ -8,6 +8,7 @@
 #include "hil/design/margins.h"
 #include "hil/design/ramp.h"
 #include "hil/logs/candump.h"
+#include "hil/master/run.h"
 
 /* Digest of the sources that this library was built from, in hexadecimal. */
 const char *core_sources(void);

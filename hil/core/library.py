@@ -111,4 +111,4 @@ class Library:
 
 
 CORE = Library(LAW)
-"""The control law, and what design and logs have in C."""
+"""The control law, and what design, logs and the master have in C."""

@@ -1,15 +1,16 @@
 """The exchange of each cycle: set-points out, SYNC, answers in.
 
-It uses pre-packed structs.
+All process data lie in the records of `cyclic.h`, which are packed and unpacked there.
 """
 
-import math
-import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
 
 from hil.can.clock import MAX_RECORDS
-from hil.can.frame import Frame
+from hil.can.frame import Frame, pack
+from hil.core.library import CORE
 from hil.master.drive import mapping
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.mapping import CyclicMode
@@ -19,24 +20,44 @@ from hil.master.lateness import CycleSchedule
 from hil.master.motion import LoopName
 from hil.master.network import SYNC, Network
 from hil.master.realtime import Clock, MonotonicClock
-from hil.master.sensor import FrameHandler, JointsOnly, TipAccelerometer
-from hil.master.whole_cycle import WholeCycle
+from hil.master.sensor import TIP_ELSEWHERE, TipAccelerometer
+from hil.sensor.framing import Vector
 
-POSITION_COMMAND = struct.Struct("<Hi")
-TORQUE_COMMAND = struct.Struct("<Hh")
-OFFSET_COMMAND = struct.Struct("<Hih")
-_FEEDBACK = struct.Struct("<Hih")
-_NOTCH = struct.Struct("<Bf")
+POSITION_COMMAND: int = CORE.call.POSITION_COMMAND
+TORQUE_COMMAND: int = CORE.call.TORQUE_COMMAND
+OFFSET_COMMAND: int = CORE.call.OFFSET_COMMAND
+"""Contents of an axis' RPDO."""
+_COMMAND_BYTES = {POSITION_COMMAND: 6, TORQUE_COMMAND: 4, OFFSET_COMMAND: 8}
+
+FEEDBACK: int = CORE.call.FEEDBACK
+FILTER_STATE: int = CORE.call.FILTER_STATE
+JOINT_POSITION: int = CORE.call.JOINT_POSITION
+TIP_ACCELERATION: int = CORE.call.TIP_ACCELERATION
+"""Contents of an answer."""
 
 MAX_LATE_FRAMES = 1024
+_RECORD: int = CORE.call.RECORD_BYTES
+_DATA: int = CORE.call.DATA_AT
+_pack_commands, _count_answers = CORE.call.pack_commands, CORE.call.count_answers
+_await_answers, _take_answer, _take_message = CORE.call.await_answers, CORE.call.take_answer, CORE.call.take_message
 
 
-@dataclass
+def _number(name: str) -> Any:
+    """Return a property for a number of the record `data`."""
+    return property(lambda self: getattr(self.data, name), lambda self, value: setattr(self.data, name, value))
+
+
 class Slot:
     """Process data of one axis; the newest value wins.
 
+    Args:
+        axis: The axis, whose units are known.
+        records: The records of all axes.
+        row: Index of its own.
+        mode: Mode in which the drive takes its set-points.
+
     Attributes:
-        axis: The axis.
+        data: Its record.
         control_word: Control word for the next cycle.
         target: Set-point for the next cycle: counts (CSP) or per mille of the rated torque (CST).
         torque_offset: Torque offset for the next cycle, if the exchange has it: per mille of the rated torque.
@@ -45,80 +66,50 @@ class Slot:
         torque_per_mille: Last torque, in per mille of the rated torque.
         notch_hz: Zero frequency of the first filter, 0 while it is out.
         missing: Cycles in a row without an answer.
-        mode: Mode in which the drive takes its set-points.
+        command_id: Identifier of its RPDO.
         feedback_id: Identifier of the TPDO that brings status word, position and torque.
         notch_id: Identifier of the TPDO that brings the filter's state; 0 if the drive does not send it.
     """
 
-    axis: DriveAxis
-    control_word: int = 0
-    target: int = 0
-    torque_offset: int = 0
-    status_word: int = 0
-    position_counts: int = 0
-    torque_per_mille: int = 0
-    notch_hz: float = 0.0
-    missing: int = 0
-    mode: CyclicMode = mapping.CSP
-    feedback_id: int = 0
-    notch_id: int = 0
-    _command_id: int = 0
-    _packer: struct.Struct = field(default=POSITION_COMMAND)
+    control_word: int = _number("control_word")
+    target: int = _number("target")
+    torque_offset: int = _number("torque_offset")
+    status_word: int = _number("status_word")
+    position_counts: int = _number("position_counts")
+    torque_per_mille: int = _number("torque_per_mille")
+    notch_hz: float = _number("notch_hz")
+    missing: int = _number("missing")
 
-    def __post_init__(self) -> None:
-        """Compute the scales of position and torque once."""
-        self._rad_per_count = self.axis.scaling.position_rad(1)
-        self._nm_per_mille = self.axis.scaling.torque_nm(1)
+    def __init__(self, axis: DriveAxis, records: Any, row: int, mode: CyclicMode = mapping.CSP) -> None:
+        self.axis, self.mode = axis, mode
+        self.command_id = self.feedback_id = self.notch_id = 0
+        self._records, self.data = records, records[row]  # a record does not keep its array
+        scaling = axis.scaling
+        self.data.counts_per_rad = scaling.position_sign * scaling.counts_per_rad
+        self.data.rad_per_count = scaling.position_rad(1)
+        self.data.per_mille_per_nm = 1000.0 / scaling.rated_torque_nm
+        self.data.nm_per_mille = scaling.torque_nm(1)
 
-    def send_command_as(self, can_id: int, packer: struct.Struct) -> None:
+    def send_command_as(self, can_id: int, command: int) -> None:
         """Set identifier and content of the RPDO: `POSITION_COMMAND`, `TORQUE_COMMAND` or `OFFSET_COMMAND`."""
-        self._command_id, self._packer = can_id, packer
-
-    def command(self) -> Frame:
-        """The RPDO of this cycle."""
-        packer = self._packer
-        if packer is OFFSET_COMMAND:
-            return Frame(self._command_id, packer.pack(self.control_word, self.target, self.torque_offset))
-        return Frame(self._command_id, packer.pack(self.control_word, self.target))
-
-    def command_into(self, buffer: bytearray, place: int) -> None:
-        """Write the data of this cycle's RPDO to a place."""
-        packer = self._packer
-        if packer is OFFSET_COMMAND:
-            packer.pack_into(buffer, place, self.control_word, self.target, self.torque_offset)
-        else:
-            packer.pack_into(buffer, place, self.control_word, self.target)
-
-    def take_feedback(self, data: bytes) -> bool:
-        """Unpack the first TPDO; False if its length is wrong."""
-        if len(data) != _FEEDBACK.size:
-            return False
-        self.status_word, self.position_counts, self.torque_per_mille = _FEEDBACK.unpack(data)
-        return True
-
-    def take_notch(self, data: bytes) -> bool:
-        """Unpack the second TPDO; False if its length is wrong."""
-        if len(data) != _NOTCH.size:
-            return False
-        active, frequency = _NOTCH.unpack(data)
-        self.notch_hz = frequency if active and math.isfinite(frequency) else 0.0
-        return True
+        self.command_id, self.data.command = can_id, command
 
     @property
     def position_rad(self) -> float:
         """Last motor angle."""
-        return self.position_counts * self._rad_per_count
+        return float(self.data.position_counts * self.data.rad_per_count)
 
     @property
     def torque_nm(self) -> float:
         """Last torque."""
-        return self.torque_per_mille * self._nm_per_mille
+        return float(self.data.torque_per_mille * self.data.nm_per_mille)
 
 
 class CyclicExchange:
     """Exchange of a run with its nodes: all PDOs of a cycle.
 
     Attributes:
+        data: Its record, with those of all axes, joints and answers.
         slots: Process data, one slot per axis that takes part, in their order.
         encoders: Second encoders of the axes that take part, in their order, then those of watched axes.
         watched: Axes that do not move, and whose second encoders are recorded.
@@ -132,6 +123,11 @@ class CyclicExchange:
         was_dropped: True if the last cycle was too late to be sent; the slots then hold the data of the one before.
         schedule: Deadlines and statistics of the run's cycles; a lock-step bus has none, so nothing is counted there.
     """
+
+    missing_answers: int = _number("missing_answers")
+    sensor_missed: int = _number("sensor_missed")
+    missed_cycles: int = _number("missed_cycles")
+    cycles: int = _number("cycles")
 
     def __init__(
         self,
@@ -164,15 +160,19 @@ class CyclicExchange:
         self.network = network
         self.period_s = period_s
         self.loop = loop
-        self.slots = [Slot(axis, mode=mapping.mode_of(loop, axis.profile) or mapping.CSP) for axis in axes]
+        turning = [axis for axis in (*axes, *watched) if axis.table.load_encoder is not None]
+        self.data = CORE.new("exchange")
+        self._axes = CORE.pointer(np.zeros(len(axes), CORE.dtype("axis_data")), "axis_data")
+        self._joints = CORE.pointer(np.zeros(len(turning), CORE.dtype("joint_data")), "joint_data")
+        self.data.axes, self.data.axis_count = self._axes, len(axes)
+        self.data.joints, self.data.joint_count = self._joints, len(turning)
+        self.slots = [
+            Slot(axis, self._axes, row, mapping.mode_of(loop, axis.profile) or mapping.CSP) for row, axis in enumerate(axes)
+        ]
         self.watched = tuple(watched)
-        self.encoders = [JointEncoder(axis) for axis in (*axes, *watched) if axis.table.load_encoder is not None]
+        self.encoders = [JointEncoder(axis, self._joints, row) for row, axis in enumerate(turning)]
         self.sensor = sensor
         self.with_torque_offset = with_torque_offset and loop == "drive"
-        self.missing_answers = 0
-        self.sensor_missed = 0
-        self.missed_cycles = 0
-        self.cycles = 0
         self.was_dropped = False
         self._clock = clock or MonotonicClock()
         limit_s = 0.5 * period_s if max_lateness_s is None else max_lateness_s
@@ -180,33 +180,38 @@ class CyclicExchange:
         self.with_notch_state = with_notch_state
         self._sync_s = 0.0
         self._sets: list[PdoSet] = []
-        self._expected: frozenset[int] = frozenset()
+        self._which: dict[int, int] = {}
         self._order: list[int] = []
         self._may_be_behind = False
-        self._handlers: Mapping[int, FrameHandler] = {}
-        self._whole: WholeCycle | None = None
-        self._has_all = False
+        self._fits_message = False
+        self.expect({})
 
     @property
     def tells_filter(self) -> bool:
         """True if a drive sends the state of its first filter."""
         return any(slot.notch_id for slot in self.slots)
 
+    @property
+    def tip_m_s2(self) -> Vector:
+        """Last acceleration of the tip; zeros before the first measurement of a run."""
+        x, y, z = self.data.tip_m_s2
+        return x, y, z
+
     def configure(self) -> None:
         """Map the PDOs of the nodes, which are pre-operational."""
-        packer = POSITION_COMMAND if self.loop == "drive" else TORQUE_COMMAND
-        handlers: dict[int, FrameHandler] = {}
-        for slot in self.slots:
+        content = POSITION_COMMAND if self.loop == "drive" else TORQUE_COMMAND
+        answers: dict[int, tuple[int, int]] = {}
+        for row, slot in enumerate(self.slots):
             pdos = PdoSet(self.network, slot.axis.node)
             self._sets.append(pdos)
             command = mapping.command(slot.mode, with_torque_offset=self.with_torque_offset)
-            slot.send_command_as(pdos.rpdo(1, command), OFFSET_COMMAND if self.with_torque_offset else packer)
+            slot.send_command_as(pdos.rpdo(1, command), OFFSET_COMMAND if self.with_torque_offset else content)
             slot.feedback_id = pdos.tpdo(1, mapping.feedback(slot.axis.profile))
-            handlers[slot.feedback_id] = slot.take_feedback
+            answers[slot.feedback_id] = FEEDBACK, row
             state = mapping.notch_state(slot.axis.profile) if self.with_notch_state else ()
             if state:
                 slot.notch_id = pdos.tpdo(2, state)
-                handlers[slot.notch_id] = slot.take_notch
+                answers[slot.notch_id] = FILTER_STATE, row
             encoder = next((each for each in self.encoders if each.axis is slot.axis), None)
             if encoder is not None:
                 encoder.configure(pdos, with_notch_state=self.with_notch_state)
@@ -218,16 +223,38 @@ class CyclicExchange:
             for communication in (0x1800, 0x1801):
                 pdos.silence(communication)
             encoder.configure(pdos, with_notch_state=self.with_notch_state)
-        handlers |= {encoder.can_id: encoder.take for encoder in self.encoders}
-        if isinstance(self.sensor, JointsOnly):
-            self.sensor.can_ids = frozenset(encoder.can_id for encoder in self.encoders)
-        self.expect({**handlers, **self.sensor.configure()})
+        answers |= {encoder.can_id: (JOINT_POSITION, row) for row, encoder in enumerate(self.encoders)}
+        tip = self.sensor.configure()
+        self.data.tip, self.data.tip_scale = tip.source, tip.scale_m_s2
+        self.expect(answers if tip.can_id is None else {**answers, tip.can_id: (TIP_ACCELERATION, 0)})
 
-    def expect(self, handlers: Mapping[int, FrameHandler]) -> None:
-        """Await these identifiers with every SYNC, and register their handlers."""
-        self._handlers = handlers
-        self._expected, self._order = frozenset(handlers), sorted(handlers)
-        self._whole = WholeCycle(self.slots, handlers, _FEEDBACK, SYNC) if len(self.slots) < MAX_RECORDS else None
+    def expect(self, answers: Mapping[int, tuple[int, int]]) -> None:
+        """Await these answers with every SYNC: content and row of each identifier."""
+        self._order = sorted(answers)
+        self._which = {can_id: which for which, can_id in enumerate(self._order)}
+        records = np.zeros(len(answers), CORE.dtype("answer"))
+        for record, can_id in zip(records, self._order, strict=True):
+            record["can_id"], record["content"], record["row"] = can_id, *answers[can_id]
+        self._answers = CORE.pointer(records, "answer")
+        self.data.answers, self.data.answer_count = self._answers, len(answers)
+        _await_answers(self.data)
+        heads = [Frame(slot.command_id, bytes(_COMMAND_BYTES[slot.data.command])) for slot in self.slots]
+        self._message = bytearray(b"".join(map(pack, (*heads, SYNC))))
+        self._message_data = CORE.pointer(np.frombuffer(self._message, np.uint8), "uint8_t")
+        self._fits_message = len(heads) < MAX_RECORDS
+
+    def command(self) -> bytes:
+        """The records of this cycle's RPDOs, and SYNC behind them."""
+        _pack_commands(self.data, self._message_data)
+        return bytes(self._message)
+
+    def commands(self) -> list[Frame]:
+        """The frames of this cycle's RPDOs."""
+        message, starts = self.command(), range(_DATA, len(self._message), _RECORD)
+        return [
+            Frame(slot.command_id, message[start : start + _COMMAND_BYTES[slot.data.command]])
+            for slot, start in zip(self.slots, starts, strict=False)
+        ]
 
     def restore(self, nodes: set[int]) -> list[str]:
         """Restore the former PDOs of the sensor and of these nodes.
@@ -260,36 +287,35 @@ class CyclicExchange:
 
     def _exchange_in_lock_step(self) -> None:
         network = self.network
-        if self._whole is not None and not self._may_be_behind and network.takes_messages:
-            answer = network.cycle_in_messages(self._whole.command())
-            missing = self._whole.take(answer)
-            if missing is not None:
+        if self._fits_message and not self._may_be_behind and network.takes_messages:
+            answer = network.cycle_in_messages(self.command())
+            if _take_message(self.data, answer, len(answer)):
                 network.log_message(answer)
-                self._count(missing)
+                self._count()
                 return
             frames = network.frames_of(answer)
         else:
-            network.sync_with([slot.command() for slot in self.slots])
+            network.sync_with(self.commands())
             frames = network.receive_all(network.timeout_s)
+        _await_answers(self.data)
         if not self._may_be_behind and self._take_whole(frames):
             return
-        pending = set(self._expected)
-        deadline = self._clock.now() + network.timeout_s
+        data, deadline = self.data, self._clock.now() + network.timeout_s
         while frames:
             for frame in frames:
-                if frame[0] in self._expected and pending and frame[0] > min(pending):
+                if data.pending and self._which.get(frame[0], 0) > data.lowest:
                     self._may_be_behind = True  # the lowest identifier leaves first: this one is of an earlier cycle
-                if not self._take(frame, pending):
+                if not self.take(frame):
                     network.dispatch(frame)
-            if not pending or self._clock.now() > deadline:
+            if not data.pending or self._clock.now() > deadline:
                 break  # or others talk, and what is waited for does not come
             frames = network.receive_all(network.timeout_s)
-        if pending or self._may_be_behind:
+        if data.pending or self._may_be_behind:
             # An answer that came late, or twice, would be taken for that of every cycle to come, one behind for good: from now
             # on all that is there is taken, and the newest value wins. A run in which nothing is lost never gets here.
             self._may_be_behind = True
-            self._drain(pending)
-        self._count(pending)
+            self._drain()
+        self._count()
 
     def _take_whole(self, frames: list[Frame]) -> bool:
         """Take a cycle's answers if they are complete and in order.
@@ -298,27 +324,29 @@ class CyclicExchange:
         """
         if [frame[0] for frame in frames] != self._order:
             return False
-        handlers = self._handlers
-        self._count({can_id for can_id, data in frames if not handlers[can_id](data)})
+        for which, (_, content) in enumerate(frames):
+            _take_answer(self.data, which, content, len(content))
+        self._count()
         return True
 
     def _exchange_on_schedule(self) -> None:
         schedule = self.schedule
         schedule.wait()
-        self._drain(set())
+        self._drain()
         self.was_dropped = schedule.gives_up() or not self._send_in_time()
         if self.was_dropped:
-            self._count_dropped()
+            CORE.call.count_dropped(self.data)
+            schedule.count_bits()
             return
         self._sync_s = schedule.sync_left()
-        pending = set(self._expected)
-        while pending and (left := schedule.end_s - self._clock.now()) > 0.0:
+        _await_answers(self.data)
+        while self.data.pending and (left := schedule.end_s - self._clock.now()) > 0.0:
             frame = self.network.receive(left)
             if frame is not None:
-                self._take_or_dispatch(frame, pending)
-        if pending:  # the master itself may have slept meanwhile, and what it waits for be there
-            self._drain(pending)
-        self._count(pending)
+                self._take_or_dispatch(frame)
+        if self.data.pending:  # the master itself may have slept meanwhile, and what it waits for be there
+            self._drain()
+        self._count()
         schedule.count_bits()
 
     def _send_in_time(self) -> bool:
@@ -327,8 +355,7 @@ class CyclicExchange:
         Drives apply RPDOs at SYNC: without SYNC, the RPDOs of the next cycle replace them.
         """
         network, schedule = self.network, self.schedule
-        for slot in self.slots:
-            command = slot.command()
+        for command in self.commands():
             network.send(command)
             schedule.saw(command)
         if not schedule.gives_up():
@@ -337,7 +364,7 @@ class CyclicExchange:
             return True
         return False
 
-    def _drain(self, pending: set[int]) -> None:
+    def _drain(self) -> None:
         """Take the frames that have arrived.
 
         Before SYNC they are late answers: their values count, but they answer no SYNC.
@@ -346,48 +373,30 @@ class CyclicExchange:
             frame = self.network.receive(0.0)
             if frame is None:
                 return
-            self._take_or_dispatch(frame, pending)
+            self._take_or_dispatch(frame)
 
-    def _take_or_dispatch(self, frame: Frame, pending: set[int]) -> None:
+    def _take_or_dispatch(self, frame: Frame) -> None:
         self.saw(frame)
-        if self._take(frame, pending):
+        if self.take(frame):
             self.schedule.answered()
         else:
             self.network.dispatch(frame)
 
-    def _take(self, frame: Frame, pending: set[int]) -> bool:
-        """Unpack a frame with a handler; False for any other frame.
+    def take(self, frame: Frame) -> bool:
+        """Take an answer; False for any other frame.
 
         A wrong length counts as a missing answer.
         """
-        taker = self._handlers.get(frame[0])
-        if taker is None:
+        which = self._which.get(frame[0])
+        if which is None:
             return False
-        if taker(frame[1]):
-            pending.discard(frame[0])
+        _take_answer(self.data, which, frame[1], len(frame[1]))
         return True
 
-    def _count(self, pending: set[int]) -> None:
-        self.cycles += 1
-        if pending or not self._has_all:
-            self.missed_cycles += bool(pending)
-            for slot in self.slots:
-                slot.missing = slot.missing + 1 if slot.feedback_id in pending else 0
-            for encoder in self.encoders:
-                encoder.has_answered = encoder.can_id not in pending
-            self.missing_answers = len(pending)
-            self._has_all = not pending
-        self.sensor_missed += not self.sensor.has_measured(pending, self._sync_s)
-
-    def _count_dropped(self) -> None:
-        """Count a dropped cycle.
-
-        No drive owes an answer to it, and the slots hold data of an older cycle.
-        """
-        self.cycles += 1
-        self._has_all = False
-        self.missing_answers = len(self._expected)
-        self.sensor_missed += 1
-        for encoder in self.encoders:
-            encoder.has_answered = False
-        self.schedule.count_bits()
+    def _count(self) -> None:
+        """Count a cycle with its answers."""
+        if self.data.tip == TIP_ELSEWHERE:
+            sample = self.sensor.sample(self._sync_s)
+            self.data.tip_has_come = sample is not None
+            self.data.tip_m_s2 = self.tip_m_s2 if sample is None else sample
+        _count_answers(self.data)

@@ -1,81 +1,54 @@
 """The master's checks of limits and of the drives' health.
 
-Pure: values in, reasons to stop out.
+Pure: values in, reasons to stop out. The checks of an axis are those of `guard.h`; their words are here.
 """
 
 import math
-from dataclasses import dataclass, field
+from typing import Any
 
 from drive_profiles.standard.cia402 import state_of
 from hil.bench.bench import AxisTable
+from hil.core.library import CORE
 
-WILD_LIMIT = 2
-"""Impossible positions in a row that stop a run; a single one may be a frame that was damaged unseen."""
-
-_ENABLED_MASK, _ENABLED = 0x6F, 0x27
+GUARD = CORE.dtype("guard")
 
 
-@dataclass
 class AxisGuard:
     """Watches one axis, cycle by cycle: first `accepts`, then `check`.
 
-    Attributes:
+    Args:
         number: Axis number.
         table: Table with the limits of the axis.
         missing_limit: Largest number of missing answers in a row.
         period_s: SYNC period.
-        discarded: Number of impossible positions so far.
+        data: Its record, all zero; None: one of its own.
     """
 
-    number: int
-    table: AxisTable
-    missing_limit: int
-    period_s: float
-    discarded: int = 0
-    _last_rad: float | None = None
-    _cycles: int = 0
-    _may_be_late: int = 0
-    _wild: int = 0
-    _wild_rps: float = 0.0
-    _beyond_s: float = 0.0
-    _reach_rad: float = field(init=False)
-    _low_rad: float = field(init=False)
-    _high_rad: float = field(init=False)
-    _torque_nm: float = field(init=False)
-    _window_rad: float = field(init=False)
+    def __init__(self, number: int, table: AxisTable, missing_limit: int, period_s: float, data: Any = None) -> None:
+        self.number, self.table = number, table
+        self.data = guard = CORE.new("guard") if data is None else data
+        turn, limits = 2.0 * math.pi, table.limits
+        guard.missing_limit, guard.period_s = missing_limit, period_s
+        guard.reach_rad = 1.1 * limits.speed_rps * turn * period_s
+        guard.low_rad, guard.high_rad = limits.position_min_rev * turn, limits.position_max_rev * turn
+        guard.torque_nm = 1.02 * limits.torque_nm
+        guard.window_rad = limits.following_error_rev * turn
+        # the drive watches the same window; the master is the second line and lets it speak first
+        guard.window_s = limits.following_error_timeout_s + 2.0 * period_s
 
-    def __post_init__(self) -> None:
-        """Compute the limits once, in the units of the measurements."""
-        turn, limits = 2.0 * math.pi, self.table.limits
-        self._reach_rad = 1.1 * limits.speed_rps * turn * self.period_s
-        self._low_rad, self._high_rad = limits.position_min_rev * turn, limits.position_max_rev * turn
-        self._torque_nm = 1.02 * limits.torque_nm
-        self._window_rad = limits.following_error_rev * turn
+    @property
+    def discarded(self) -> int:
+        """Number of impossible positions so far."""
+        return int(self.data.discarded)
 
     def accepts(self, position_rad: float, missing: int) -> bool:
-        """True if the axis can be at a position.
+        """True if the axis can be at a position; see `guard_accepts`.
 
-        By the motor's speed limit and the time since the last position. The caller ignores any other position, as if
-        the answer were missing; two in a row make `check` stop the run. After a missing answer, the next one may be the
-        late one, and then it is a period older than it seems.
+        Args:
+            position_rad: Motor angle received in this cycle.
+            missing: Cycles in a row without an answer.
         """
-        self._cycles += 1
-        if missing:
-            self._may_be_late = 2
-            return True
-        last = self._last_rad
-        if last is not None:
-            slack = 1 if self._may_be_late > 0 else 0
-            distance = abs(position_rad - last)
-            if distance > self._reach_rad * (self._cycles + slack):
-                self._wild += 1
-                self._wild_rps = distance / (self._cycles * self.period_s * 2.0 * math.pi)
-                self.discarded += 1
-                return False
-        self._last_rad, self._cycles, self._wild = position_rad, 0, 0
-        if self._may_be_late:
-            self._may_be_late -= 1
-        return True
+        return bool(CORE.call.guard_accepts(self.data, position_rad, missing))
 
     def check(self, status_word: int, position_rad: float, reference_rad: float, torque_nm: float, missing: int) -> str | None:
         """The reason to stop, or None.
@@ -87,40 +60,37 @@ class AxisGuard:
             torque_nm: Motor torque received in this cycle.
             missing: Cycles in a row without an answer; above 0 the other values are not checked.
         """
-        name, limits = f"axis {self.number}", self.table.limits
-        if missing:
-            return f"{name} has not answered for {missing} cycles" if missing >= self.missing_limit else None
-        if status_word & _ENABLED_MASK != _ENABLED:
+        values = status_word, position_rad, reference_rad, torque_nm, missing
+        found = CORE.call.guard_check(self.data, *values)
+        return self.words(found, *values) if found else None
+
+    def words(
+        self, found: int, status_word: int, position_rad: float, reference_rad: float, torque_nm: float, missing: int
+    ) -> str:
+        """What `guard_check` has found, in words; its values are those of `check`."""
+        name, limits, turn = f"axis {self.number}", self.table.limits, 2.0 * math.pi
+        if found == CORE.call.SILENT:
+            return f"{name} has not answered for {missing} cycles"
+        if found == CORE.call.NOT_IN_OPERATION:
             state = state_of(status_word)
             shown = "an unknown state" if state is None else state.value
             return f"{name} left operation enabled: {shown} (status word {status_word:04X}h)"
-        if self._wild >= WILD_LIMIT:
-            return f"{name} turns at {self._wild_rps:.2f} rev/s, the limit is {limits.speed_rps:g} rev/s"
-        if not self._low_rad <= position_rad <= self._high_rad:
+        if found == CORE.call.TOO_FAST:
+            return f"{name} turns at {self.data.wild_rps:.2f} rev/s, the limit is {limits.speed_rps:g} rev/s"
+        if found == CORE.call.BEYOND_LIMITS:
             low, high = limits.position_min_rev, limits.position_max_rev
-            return f"{name} is at {position_rad / (2.0 * math.pi):.3f} rev, the limits are {low:g} and {high:g} rev"
-        if abs(torque_nm) > self._torque_nm:
+            return f"{name} is at {position_rad / turn:.3f} rev, the limits are {low:g} and {high:g} rev"
+        if found == CORE.call.TOO_MUCH_TORQUE:
             return f"{name} gives {torque_nm:.3g} N·m, the limit is {limits.torque_nm:g} N·m"
-        if abs(position_rad - reference_rad) > self._window_rad:
-            return self._following(abs(position_rad - reference_rad) / (2.0 * math.pi))
-        self._beyond_s = 0.0
-        return None
+        behind, limit = f"{abs(position_rad - reference_rad) / turn:.3f}", f"{limits.following_error_rev:g}"
+        return f"{name} is {behind} rev behind its set-point, the limit is {limit} rev"
 
     def skip(self) -> None:
         """Note a cycle without a measurement.
 
         The next position is more than a period away from the last.
         """
-        self._last_rad = None
-
-    def _following(self, error_rev: float) -> str | None:
-        limits = self.table.limits
-        self._beyond_s += self.period_s
-        # the drive watches the same window; the master is the second line and lets it speak first
-        if self._beyond_s > limits.following_error_timeout_s + 2.0 * self.period_s:
-            behind, limit = f"{error_rev:.3f}", f"{limits.following_error_rev:g}"
-            return f"axis {self.number} is {behind} rev behind its set-point, the limit is {limit} rev"
-        return None
+        CORE.call.guard_skip(self.data)
 
 
 def heartbeat_fault(node: int, last_s: float | None, now_s: float, since_s: float, heartbeat_s: float) -> str | None:

@@ -4,13 +4,11 @@ Its axis moves, or is only watched.
 """
 
 import math
-import struct
+from typing import Any
 
 from hil.master.drive import mapping
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.pdo import PdoSet
-
-_POSITION = struct.Struct("<i")
 
 
 class JointEncoder:
@@ -18,21 +16,21 @@ class JointEncoder:
 
     Args:
         axis: The axis; its table has a load_encoder.
+        records: The records of all second encoders, see `cyclic.h`.
+        row: Index of its own.
 
     Attributes:
         axis: The axis.
         can_id: Identifier of its TPDO; 0 before it is mapped.
-        counts: Last position, in its counts.
-        has_answered: True if the last cycle brought it.
+        data: Its record.
     """
 
-    def __init__(self, axis: DriveAxis) -> None:
+    def __init__(self, axis: DriveAxis, records: Any, row: int) -> None:
         encoder = axis.table.load_encoder
         self.axis = axis
         self.can_id = 0
-        self.counts = 0
-        self.has_answered = False
-        self._rad_per_count = math.nan if encoder is None else encoder.rad_per_count
+        self._records, self.data = records, records[row]  # a record does not keep its array
+        self.data.rad_per_count = math.nan if encoder is None else encoder.rad_per_count
 
     def configure(self, pdos: PdoSet, *, with_notch_state: bool) -> None:
         """Map the encoder's position into its TPDO.
@@ -42,14 +40,12 @@ class JointEncoder:
         number = mapping.load_tpdo(self.axis.profile, with_notch_state=with_notch_state)
         self.can_id = pdos.tpdo(number, mapping.load_position(self.axis.table, self.axis.profile))
 
-    def take(self, data: bytes) -> bool:
-        """Unpack the TPDO; False if its length is wrong."""
-        if len(data) != _POSITION.size:
-            return False
-        (self.counts,) = _POSITION.unpack(data)
-        return True
+    @property
+    def has_answered(self) -> bool:
+        """True if the last cycle brought it."""
+        return bool(self.data.has_answered)
 
     @property
     def angle_rad(self) -> float:
         """Angle of the joint in the last cycle; NaN without an answer."""
-        return self.counts * self._rad_per_count if self.has_answered else math.nan
+        return float(self.data.counts * self.data.rad_per_count) if self.data.has_answered else math.nan

@@ -17,11 +17,12 @@ from hil.bench.bench import Bench
 from hil.can.errors import ChannelError
 from hil.control.servo_bank import ServoBank
 from hil.control.trajectory import Smooth, sample_times
+from hil.core.library import CORE
 from hil.errors import HilError, InterruptedRunError, SafetyStopError
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, QUICK_STOP, SHUTDOWN, SWITCH_ON
 from hil.master.cyclic import CyclicExchange
 from hil.master.drive.axis import DriveAxis
-from hil.master.guard import AxisGuard
+from hil.master.guard import GUARD, AxisGuard
 from hil.master.lateness import duration_text
 from hil.master.motion import Motion
 from hil.master.run_table import RunTable
@@ -38,6 +39,8 @@ REST_S = 0.1
 """Standstill of the axes before their brakes close."""
 ADDED_UP_TO = 0.99
 """Fraction of an axis' speed limit up to which set-points with additions go: a drive rounds to its counts."""
+
+_set_targets, _end_cycle = CORE.call.set_targets, CORE.call.end_cycle
 
 
 @dataclass(frozen=True)
@@ -101,14 +104,37 @@ class Run:
         self.missed = 0
         self.sensor_missed = 0
         self.dropped = 0
-        self.table = RunTable(len(motion.time_s), len(axes), len(exchange.encoders))
-        self._guards = [AxisGuard(axis.number, axis.table, limits.missing_limit, self.period_s) for axis in axes]
+        self.table = RunTable(motion.time_s, len(axes), len(exchange.encoders))
+        self._guard_data = CORE.pointer(np.zeros(len(axes), GUARD), "guard")
+        self._guards = [
+            AxisGuard(axis.number, axis.table, limits.missing_limit, self.period_s, self._guard_data + row)
+            for row, axis in enumerate(axes)
+        ]
+        self._lay_out()
         self._holding: dict[int, float] = {}
-        self._trusted = [0] * len(axes)
-        self._sent_rad: list[float] = []
         self._began_rad: list[float] = []
         self._listener, self._sensor_missed = adder if isinstance(adder, SensingAdder) else None, 0
         self._bus_errors = Counter(supervisor.network.bus_errors)
+
+    def _lay_out(self) -> None:
+        """Fill the record `data` of `run.h`, and keep the arrays to which it points."""
+        call, count, motion = CORE.call, len(self.axes), self.motion
+        records = np.zeros(count, CORE.dtype("axis_run"))
+        records["torque_limit_nm"] = [axis.table.limits.torque_nm for axis in self.axes]
+        records["step_rad"] = [ADDED_UP_TO * math.tau * axis.table.limits.speed_rps * self.period_s for axis in self.axes]
+        self._records = CORE.pointer(records, "axis_run")
+        self._values = np.zeros((call.VALUE_ROWS, count))
+        rows = [CORE.pointer(each) for each in self._values]
+        self._references, self._additions, self._offsets = rows[: call.POSITION_ROW]
+        self._all = slice(0, count)
+        offsets = motion.torque_offset_nm
+        self._motion_offsets = None if offsets is None else CORE.pointer(np.array(offsets, np.float64, order="C"))
+        self._rows = CORE.pointer(self.table.values)
+        data = self.data = CORE.new("run")
+        data.exchange, data.guards, data.axes, data.values = self.exchange.data, self._guard_data, self._records, rows[0]
+        if self.bank is not None:
+            data.laws, data.loop, data.period_s = self.bank.laws, self.bank.values, self.bank.period_s
+        data.rows, data.columns = self._rows, self.table.values.shape[1]
 
     # -- the sequence --------------------------------------------------------------------------------------------------
 
@@ -164,7 +190,7 @@ class Run:
                 if state is not State.OPERATION_ENABLED:
                     slot.target = slot.position_counts if self.bank is None else 0
             self._cycle()
-            self._discard_wild()
+            CORE.call.accept_positions(self.data, self.exchange.was_dropped)
             self._take_over()
             fault = self.supervisor.fault()
             if fault is not None:
@@ -239,43 +265,62 @@ class Run:
     def step(self, references: list[float], row: int | None = None) -> None:
         """Run one cycle: set-points out, answers in, limits checked.
 
-        It is recorded if a row is given.
+        It is recorded if a row is given. Host-closed, the laws run on the values just received, and their torques are
+        sent with the next cycle.
         """
+        self._references[self._all] = references
         if self.bank is None:
             self._set_points(references, row)
         self._cycle()
-        self._discard_wild()
-        self._close_loops(references)
-        if row is not None:
-            self._keep(row, references)
-        self._check(references)
+        if row is None:
+            found = _end_cycle(self.data, -1, self.exchange.was_dropped)
+        else:
+            self.table.begin(row)
+            found = _end_cycle(self.data, row, self.exchange.was_dropped)
+        if found:
+            raise RunStopError(self._own_fault() or self.supervisor.fault() or self._with_bus_errors(self._words(found)))
+        reason = self.supervisor.fault()
+        if reason is not None:
+            raise RunStopError(self._own_fault() or reason)
 
     def _set_points(self, references: list[float], row: int | None) -> None:
         """Set the set-points of the next cycle, drive-closed.
 
-        In the drives' units, with additions.
+        In the drives' units, with additions. Set-points with additions stay within the speed of each axis, and the next
+        cycles make up for the rest: a SYNC that waits for another frame delays the measurement of an angle by some
+        tenths of a millisecond, and the addition then has a step.
 
         Raises:
             RunStopError: A torque offset is beyond the limit of its axis.
         """
-        motion, slots = self.motion, self.exchange.slots
-        offsets = motion.torque_offset_nm
-        torques = [0.0] * len(slots) if offsets is None or row is None else offsets[row].tolist()
+        offsets = self._motion_offsets
+        torques = CORE.NULL if offsets is None or row is None else offsets + row * len(self.axes)
         if self.adder is not None:
             self._tell(row)
-            positions, felt = [slot.position_rad for slot in slots], [slot.torque_nm for slot in slots]
-            deltas, more = self.adder.step(references, positions, felt)
-            references = self._within_speed([reference + delta for reference, delta in zip(references, deltas, strict=True)])
-            torques = [torque + added for torque, added in zip(torques, more, strict=True)]
-        for slot, reference, torque in zip(slots, references, torques, strict=True):
-            slot.target = slot.axis.scaling.position_counts(reference)
-            if torque or slot.torque_offset:
-                limit = slot.axis.table.limits.torque_nm
-                if not abs(torque) <= limit:
-                    raise RunStopError(
-                        f"axis {slot.axis.number}: a torque offset of {torque:.3g} N·m, the limit is {limit:g} N·m"
-                    )
-                slot.torque_offset = slot.axis.scaling.torque_per_mille(torque)
+            positions, felt = self._values[CORE.call.POSITION_ROW :].tolist()
+            self._additions[self._all], self._offsets[self._all] = self.adder.step(references, positions, felt)
+        found = _set_targets(self.data, torques, self.adder is not None)
+        if found:
+            raise RunStopError(self._words(found))
+
+    def _words(self, found: int) -> str:
+        """Return what the core has found in a cycle, in words.
+
+        Raises:
+            OutOfRangeError: A set-point does not fit its object.
+        """
+        data, row = self.data, int(self.data.refused)
+        slot, guard = self.exchange.slots[row], self._guards[row]
+        if found == CORE.call.POSITION_REFUSED:
+            slot.axis.scaling.position_counts(data.value)
+        if found == CORE.call.TORQUE_REFUSED:
+            slot.axis.scaling.torque_per_mille(data.value)
+        if found == CORE.call.OFFSET_BEYOND_LIMIT:
+            limit = slot.axis.table.limits.torque_nm
+            return f"axis {slot.axis.number}: a torque offset of {data.value:.3g} N·m, the limit is {limit:g} N·m"
+        return guard.words(
+            found, slot.status_word, slot.position_rad, self._references[row], slot.torque_nm, slot.missing
+        )
 
     def _tell(self, row: int | None) -> None:
         """Pass the last cycle's measurements to a sensing adder."""
@@ -286,34 +331,7 @@ class Run:
         has_measured = exchange.cycles > 0 and exchange.sensor_missed == missed
         has_turned = exchange.cycles > 0 and exchange.encoders and all(each.has_answered for each in exchange.encoders)
         load_rad = tuple(each.angle_rad for each in exchange.encoders) if has_turned else None
-        self._listener.sense(Sensed(exchange.sensor.acceleration_m_s2 if has_measured else None, row, load_rad))
-
-    def _within_speed(self, references: list[float]) -> list[float]:
-        """Limit set-points with additions to the speed of each axis.
-
-        The next cycles make up for the rest. The motion and the largest additions have been checked. But a SYNC that
-        waits for another frame delays the measurement of an angle by some tenths of a millisecond, and the addition
-        then has a step.
-        """
-        if self._sent_rad:
-            steps = [ADDED_UP_TO * math.tau * slot.axis.table.limits.speed_rps * self.period_s for slot in self.exchange.slots]
-            bounds = zip(references, self._sent_rad, steps, strict=True)
-            references = [min(max(wanted, sent - step), sent + step) for wanted, sent, step in bounds]
-        self._sent_rad = references
-        return references
-
-    def _discard_wild(self) -> None:
-        """Ignore impossible positions, as if no answer had come.
-
-        The last possible position remains.
-        """
-        if self.exchange.was_dropped:
-            return
-        for i, (guard, slot) in enumerate(zip(self._guards, self.exchange.slots, strict=True)):
-            if guard.accepts(slot.position_rad, slot.missing):
-                self._trusted[i] = slot.position_counts
-            else:
-                slot.position_counts = self._trusted[i]
+        self._listener.sense(Sensed(exchange.tip_m_s2 if has_measured else None, row, load_rad))
 
     def _cycle(self) -> None:
         """Run one cycle; stop after too many late ones in a row."""
@@ -342,39 +360,6 @@ class Run:
     def _late(self) -> int:
         """Number of cycles so far that did not leave in time."""
         return self.exchange.schedule.dropped + self.exchange.schedule.late
-
-    def _close_loops(self, references: list[float]) -> None:
-        """Run the control laws, host-closed, on the values just received.
-
-        Their torques are sent with the next cycle.
-        """
-        if self.bank is None:
-            return
-        slots = self.exchange.slots
-        torques = self.bank.step(references, [slot.position_rad for slot in slots])
-        for slot, torque in zip(slots, torques, strict=True):
-            slot.target = slot.axis.scaling.torque_per_mille(torque)
-
-    def _keep(self, row: int, references: list[float]) -> None:
-        exchange, bank = self.exchange, self.bank
-        values = [self.motion.time_s[row], *exchange.sensor.acceleration_m_s2, exchange.missing_answers]
-        for i, slot in enumerate(exchange.slots):
-            frequency = slot.notch_hz if bank is None else bank.notch_hz[i]
-            values += (references[i], slot.position_rad, slot.torque_nm, frequency)
-        values += [encoder.angle_rad for encoder in exchange.encoders]
-        self.table.keep(row, values)
-
-    def _check(self, references: list[float]) -> None:
-        for guard, slot, reference in zip(self._guards, self.exchange.slots, references, strict=True):
-            if self.exchange.was_dropped:
-                guard.skip()
-                continue
-            reason = guard.check(slot.status_word, slot.position_rad, reference, slot.torque_nm, slot.missing)
-            if reason is not None:
-                raise RunStopError(self._own_fault() or self.supervisor.fault() or self._with_bus_errors(reason))
-        reason = self.supervisor.fault()
-        if reason is not None:
-            raise RunStopError(self._own_fault() or reason)
 
     def _with_bus_errors(self, reason: str) -> str:
         """Return a reason with the errors on the bus since the start.

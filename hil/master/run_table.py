@@ -4,9 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hil.core.library import CORE
 from hil.recording import Real, Recording
 
-_COMMON, _PER_AXIS = 5, 4
+_COMMON: int = CORE.call.COMMON_COLUMNS
+_PER_AXIS: int = CORE.call.AXIS_COLUMNS
 _AXIS_COLUMNS = ("reference_rad", "position_rad", "torque_nm", "notch_hz")
 _TIP_COLUMNS = ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2", "missing")
 
@@ -14,28 +16,32 @@ _TIP_COLUMNS = ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2", "missing")
 class RunTable:
     """Recorded rows of a motion, one per SYNC.
 
-    Time, tip, missing answers, four values of each axis, and the angle of each joint's encoder.
+    Time, tip, missing answers, four values of each axis, and the angle of each joint's encoder: see `run.h`.
 
     Args:
-        length: Number of rows of the whole motion.
+        time_s: Time of each row of the whole motion; shape (n,).
         axes: Number of axes.
         encoders: Number of second encoders.
 
     Attributes:
         rows: Number of rows so far.
+        values: All rows; the core fills them.
     """
 
-    def __init__(self, length: int, axes: int, encoders: int = 0) -> None:
+    def __init__(self, time_s: Real, axes: int, encoders: int = 0) -> None:
         self.rows = 0
         # written once, so that its pages are there before the motion needs them
-        self._values = np.full((length, _COMMON + _PER_AXIS * axes + encoders), 0.0)
+        self.values = np.full((len(time_s), _COMMON + _PER_AXIS * axes + encoders), 0.0)
+        self.values[:, 0] = time_s
 
-    def keep(self, row: int, values: Sequence[float]) -> None:
-        """Keep a row.
+    def begin(self, row: int) -> None:
+        """Let a row be the last one.
 
-        Time, X, Y, Z, missing answers; reference, position, torque and notch frequency of each axis; the encoders.
+        Raises:
+            IndexError: The motion has no such row.
         """
-        self._values[row] = values
+        if not 0 <= row < len(self.values):
+            raise IndexError(f"row {row} of a motion of {len(self.values)} rows")
         self.rows = row + 1
 
     def recording(self, axes: Sequence[int], *, with_notch: bool, encoders: Sequence[int] = ()) -> Recording:
@@ -46,7 +52,7 @@ class RunTable:
             with_notch: True if the drives send notch frequencies; else these have no columns.
             encoders: Numbers of the axes whose second encoders were kept.
         """
-        table = self._values[: self.rows]
+        table = self.values[: self.rows]
         columns, behind = {"time_s": table[:, 0]}, _COMMON + _PER_AXIS * len(axes)
         loads = {number: going_on(table[:, behind + i]) for i, number in enumerate(encoders)}
         for i, number in enumerate(axes):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Mapping, Set
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
 from hil.bench.sensors import AccelerometerTable
+from hil.core.library import CORE
 from hil.errors import NodeError, NotPossibleError
 from hil.master.drive import mapping
 from hil.master.drive.axis import check_identity
@@ -24,20 +23,29 @@ U8, U32 = DataType.UNSIGNED8, DataType.UNSIGNED32
 
 UNIT_OBJECT, DIGITS_OBJECT = 0x6131, 0x6132
 METRE_PER_SECOND_SQUARED = 0x00015700
-_ACCELERATION = struct.Struct("<hhh")
 
-FrameHandler = Callable[[bytes], bool]
-"""Function that unpacks the data of a frame; it returns False if their length is wrong."""
+TIP_ELSEWHERE: int = CORE.call.TIP_ELSEWHERE
+TIP_BY_NODE: int = CORE.call.TIP_BY_NODE
+TIP_BY_JOINTS: int = CORE.call.TIP_BY_JOINTS
+"""Sources of the tip's acceleration: not on the bus; a node; all encoders of the joints."""
+
+
+class TipSource(NamedTuple):
+    """The way in which a sensor measures during a run.
+
+    Attributes:
+        source: `TIP_ELSEWHERE`, `TIP_BY_NODE` or `TIP_BY_JOINTS`.
+        can_id: Identifier of the node's TPDO, which answers each SYNC; None without a node.
+        scale_m_s2: m/s² per step of the node's values.
+    """
+
+    source: int
+    can_id: int | None = None
+    scale_m_s2: float = 1.0
 
 
 class TipAccelerometer(Protocol):
-    """The interface of an accelerometer to a run, however it is connected.
-
-    Attributes:
-        acceleration_m_s2: Last measurement of X, Y and Z; zeros before the first one of a run.
-    """
-
-    acceleration_m_s2: Vector
+    """The interface of an accelerometer to a run, however it is connected."""
 
     @property
     def nodes(self) -> tuple[int, ...]:
@@ -52,11 +60,8 @@ class TipAccelerometer(Protocol):
         """
         ...
 
-    def configure(self) -> Mapping[int, FrameHandler]:
+    def configure(self) -> TipSource:
         """Prepare the sensor for a run.
-
-        Returns:
-            Functions that take its frames, by the identifiers that are awaited after each SYNC.
 
         Raises:
             HilError: The sensor refuses, or measures in another unit than m/s².
@@ -67,13 +72,12 @@ class TipAccelerometer(Protocol):
         """Undo the changes of `configure`; return the refusals in words."""
         ...
 
-    def has_measured(self, pending: Set[int], sync_s: float) -> bool:
-        """True if the sensor has measured at the last SYNC.
+    def sample(self, sync_s: float) -> Vector | None:
+        """Return X, Y and Z at the last SYNC, measured elsewhere than on the bus.
 
-        The value is then in `acceleration_m_s2`.
+        None without such a measurement.
 
         Args:
-            pending: Identifiers of the frames that have not come.
             sync_s: Time of SYNC by the master's clock; 0 in lock-step.
         """
         ...
@@ -93,11 +97,8 @@ class CanopenSensor:
     """
 
     def __init__(self, network: Network, node: int, profile: Profile) -> None:
-        self.acceleration_m_s2: Vector = (0.0, 0.0, 0.0)
         self._network, self._node, self._profile = network, node, profile
         self._pdos = PdoSet(network, node)
-        self._scale_m_s2 = 1.0
-        self._can_id = 0
 
     @property
     def nodes(self) -> tuple[int, ...]:
@@ -113,16 +114,14 @@ class CanopenSensor:
         """
         check_identity(self._network, self._node, self._profile)
 
-    def configure(self) -> Mapping[int, FrameHandler]:
+    def configure(self) -> TipSource:
         """Map the three channels into TPDO1.
 
         Raises:
             NodeError: The sensor measures in another unit than m/s², or its channels differ in their scale.
         """
-        self.acceleration_m_s2 = (0.0, 0.0, 0.0)
-        self._scale_m_s2 = self._read_scale_m_s2()
-        self._can_id = self._pdos.tpdo(1, mapping.ACCELERATION)
-        return {self._can_id: self._take}
+        scale_m_s2 = self._read_scale_m_s2()
+        return TipSource(TIP_BY_NODE, self._pdos.tpdo(1, mapping.ACCELERATION), scale_m_s2)
 
     def _read_scale_m_s2(self) -> float:
         """Read the scale of the process values in m/s² per step.
@@ -143,18 +142,9 @@ class CanopenSensor:
         """Restore the TPDO of the sensor; return the refusals in words."""
         return self._pdos.restore()
 
-    def has_measured(self, pending: Set[int], sync_s: float) -> bool:
-        """True if the frame of the sensor has come."""
-        return self._can_id not in pending
-
-    def _take(self, data: bytes) -> bool:
-        """Unpack the TPDO; False if its length is wrong."""
-        if len(data) != _ACCELERATION.size:
-            return False
-        scale = self._scale_m_s2
-        x, y, z = _ACCELERATION.unpack(data)
-        self.acceleration_m_s2 = (x * scale, y * scale, z * scale)
-        return True
+    def sample(self, sync_s: float) -> Vector | None:
+        """Return None: a frame brings the measurement."""
+        return None
 
     def close(self) -> None:
         """Do nothing: a node needs no release."""
@@ -171,7 +161,6 @@ class SerialSensor:
     nodes: tuple[int, ...] = ()
 
     def __init__(self, network: Network, reader: AccelerometerReader) -> None:
-        self.acceleration_m_s2: Vector = (0.0, 0.0, 0.0)
         self._network, self._reader = network, reader
 
     def open(self) -> None:
@@ -182,20 +171,17 @@ class SerialSensor:
         """
         self._reader.open(is_lock_step=self._network.channel.is_lock_step)
 
-    def configure(self) -> Mapping[int, FrameHandler]:
+    def configure(self) -> TipSource:
         """Await no frames, since the sensor sends none on the bus."""
-        self.acceleration_m_s2 = (0.0, 0.0, 0.0)
-        return {}
+        return TipSource(TIP_ELSEWHERE)
 
     def restore(self) -> list[str]:
         """Do nothing: `configure` has changed nothing."""
         return []
 
-    def has_measured(self, pending: Set[int], sync_s: float) -> bool:
-        """True if a sample belongs to the instant of SYNC."""
-        value = self._reader.value_at_sync(sync_s)
-        self.acceleration_m_s2 = value or self.acceleration_m_s2
-        return value is not None
+    def sample(self, sync_s: float) -> Vector | None:
+        """Return the sample of the instant of SYNC."""
+        return self._reader.value_at_sync(sync_s)
 
     def close(self) -> None:
         """Close the port."""
@@ -205,33 +191,25 @@ class SerialSensor:
 class JointsOnly:
     """Replacement of a sensor at the tip by encoders of the joints.
 
-    `hil.bench.load_encoder` computes the tip's acceleration from them after a motion.
-
-    Attributes:
-        acceleration_m_s2: Zeros: a single cycle of encoder angles has no acceleration.
-        can_ids: Identifiers of the encoders' answers.
+    `hil.bench.load_encoder` computes the tip's acceleration from them after a motion: a single cycle of encoder angles has none.
     """
 
     nodes: tuple[int, ...] = ()
 
-    def __init__(self) -> None:
-        self.acceleration_m_s2: Vector = (0.0, 0.0, 0.0)
-        self.can_ids: frozenset[int] = frozenset()
-
     def open(self) -> None:
         """Do nothing: nothing is there."""
 
-    def configure(self) -> Mapping[int, FrameHandler]:
-        """Await no frames."""
-        return {}
+    def configure(self) -> TipSource:
+        """Await no frames but those of the encoders."""
+        return TipSource(TIP_BY_JOINTS)
 
     def restore(self) -> list[str]:
         """Do nothing: `configure` has changed nothing."""
         return []
 
-    def has_measured(self, pending: Set[int], sync_s: float) -> bool:
-        """True if every encoder has answered."""
-        return self.can_ids.isdisjoint(pending)
+    def sample(self, sync_s: float) -> Vector | None:
+        """Return None: the encoders' answers count."""
+        return None
 
     def close(self) -> None:
         """Do nothing."""

@@ -5,7 +5,7 @@ import math
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import can
@@ -22,8 +22,10 @@ from hil.experiments.motions import constant_acceleration
 from hil.experiments.plan import Experiment, entries
 from hil.experiments.runner import run_experiments
 from hil.master.motion import RunResult
+from hil.master.sensor import TIP_ELSEWHERE, TipSource
 from hil.master.session import Session
 from hil.recording import BusLog
+from hil.sensor.framing import Vector
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.motion.record import BRAKED, TORQUE
 from plant_emulator.robots.robot import load_robot
@@ -363,13 +365,13 @@ def test_a_real_pause_of_a_second_stops_the_run(live: tuple[LiveWorld, AdapterCh
 def test_a_sensor_is_asked_for_the_instant_of_sync_by_the_master_s_clock() -> None:
     rig = Rig()
     asked: list[float] = []
-    has_measured = rig.session.sensor.has_measured
 
-    def watched(pending: Set[int], sync_s: float) -> bool:
+    def sample(sync_s: float) -> Vector:
         asked.append(sync_s)
-        return has_measured(pending, sync_s)
+        return (0.0, 0.0, 9.81)
 
-    rig.session.sensor.has_measured = watched  # type: ignore[method-assign]
+    rig.session.sensor.configure = lambda: TipSource(TIP_ELSEWHERE)  # type: ignore[method-assign]
+    rig.session.sensor.sample = sample  # type: ignore[method-assign]
     rig.run()
     syncs = [instant for instant, frame in rig.bus.sent if frame.can_id == SYNC_ID]
     assert len(asked) > 50

@@ -1,4 +1,4 @@
-"""What the master watches while an axis moves: pure, values in, reasons out."""
+"""What the master watches while an axis moves: pure, values in, reasons out; its specification is `tests.oracles.guard`."""
 
 import math
 
@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.bench.bench import load_bench
+from hil.core.library import CORE
 from hil.master.guard import AxisGuard
+from tests.oracles import guard as specification
 
 BENCH = load_bench("reference")
 AXIS = BENCH.axis[2]
@@ -116,3 +118,53 @@ def test_a_following_error_stops_the_run_only_when_it_lasts() -> None:
     for _ in range(10):
         assert [again.check(ENABLED, 0.0, behind, 0.0, 0) for _ in range(cycles)][-1] is None
         again.check(ENABLED, 0.0, 0.0, 0.0, 0)
+
+
+REACH_RAD, LIMITS = 1.1 * STEP_RAD, AXIS.limits
+WINDOW_RAD, TORQUE_NM = LIMITS.following_error_rev * TURN, 1.02 * LIMITS.torque_nm
+STEPS = st.one_of(
+    st.sampled_from([n * REACH_RAD for n in (-3, -2, -1, 0, 1, 2, 3)]),
+    st.sampled_from([math.nextafter(n * REACH_RAD, math.inf * n) for n in (-2, -1, 1, 2)]),
+    st.floats(-2.0 * REACH_RAD, 2.0 * REACH_RAD),
+    st.floats(-1e6, 1e6),
+)
+PLACES = st.sampled_from([LIMITS.position_min_rev * TURN, LIMITS.position_max_rev * TURN])
+BEHIND = st.one_of(
+    st.just(0.0), st.sampled_from([-1.0, 1.0]).map(WINDOW_RAD.__mul__), st.floats(-3.0 * WINDOW_RAD, 3.0 * WINDOW_RAD)
+)
+TORQUES = st.one_of(st.sampled_from([0.0, TORQUE_NM, -TORQUE_NM, math.nextafter(TORQUE_NM, math.inf)]), st.floats(-20.0, 20.0))
+WORDS = st.one_of(st.just(ENABLED), st.integers(0, 0xFFFF))
+CYCLES = st.lists(
+    st.tuples(st.one_of(STEPS, PLACES.map(lambda at: (at,))), BEHIND, TORQUES, WORDS, st.sampled_from("aaaaaammd")), max_size=80
+)
+
+
+@pytest.mark.ci
+@given(CYCLES, st.sampled_from([1, 3]), st.sampled_from([PERIOD_S, 250e-6, 0.05]))
+def test_the_guard_is_its_specification(
+    cycles: list[tuple[float | tuple[float], float, float, int, str]], missing_limit: int, period_s: float
+) -> None:
+    """Every verdict and all that is kept, to the last bit: steps and limits just reached, too far by one bit, and anything."""
+    watch = AxisGuard(2, AXIS, missing_limit, period_s)
+    plain = specification.Guard(AXIS, missing_limit, period_s)
+    position, missing = 0.0, 0
+    for step, behind, torque, word, kind in cycles:
+        before, missing = position, missing + 1 if kind == "m" else 0
+        position = step[0] if isinstance(step, tuple) else position + step
+        if kind == "d":
+            watch.skip()
+            plain.skip()
+        else:
+            accepted = watch.accepts(position, missing)
+            assert accepted == plain.accepts(position, missing)
+            position = position if accepted else before
+            values = word, position, position - behind, torque, missing
+            assert CORE.call.guard_check(watch.data, *values) == plain.check(*values)
+        for name, value in plain.state().items():
+            assert getattr(watch.data, name) == value, name
+
+
+def test_every_verdict_of_the_specification_has_its_number() -> None:
+    names = ("IN_ORDER", "SILENT", "NOT_IN_OPERATION", "TOO_FAST", "BEYOND_LIMITS", "TOO_MUCH_TORQUE", "TOO_FAR_BEHIND")
+    assert [getattr(specification, name) for name in names] == [getattr(CORE.call, name) for name in names]
+    assert CORE.constants["WILD_LIMIT"] == specification.WILD_LIMIT

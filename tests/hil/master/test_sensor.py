@@ -7,7 +7,9 @@ import pytest
 from drive_profiles.standard.cia301 import DataType
 from hil.bench.bench import load_bench
 from hil.bench.sensors import AccelerometerTable
+from hil.can.frame import Frame
 from hil.errors import NodeError, NotPossibleError, WrongIdentityError
+from hil.master.cyclic import CyclicExchange
 from hil.master.network import Network
 from hil.master.realtime import MonotonicClock
 from hil.master.sensor import DIGITS_OBJECT, UNIT_OBJECT, CanopenSensor, SerialSensor, TipAccelerometer, sensor_of
@@ -47,28 +49,31 @@ def test_a_node_and_a_serial_port_are_two_sensors_of_one_protocol(network: Netwo
     serial = sensor_of(AccelerometerTable(serial=SERIAL), network, MonotonicClock())
     assert (type(on_bus), type(serial)) == (CanopenSensor, SerialSensor)
     assert (on_bus.nodes, serial.nodes) == ((NODE,), ())
-    assert serial.configure() == {}
+    assert serial.configure().can_id is None
     assert serial.restore() == []
 
 
 def test_a_node_is_awaited_after_each_sync_and_gets_its_tpdo_back(network: Network, on_bus: TipAccelerometer) -> None:
     before = [network.read_raw(NODE, 0x1A00, sub) for sub in range(4)]
     on_bus.open()
-    handlers = on_bus.configure()
-    assert set(handlers) == {TPDO1}
+    assert on_bus.configure().can_id == TPDO1
     assert network.read(NODE, 0x1A00, 0, DataType.UNSIGNED8) == 3
     assert on_bus.restore() == []
     assert [network.read_raw(NODE, 0x1A00, sub) for sub in range(4)] == before
 
 
-def test_a_frame_of_a_node_counts_where_it_is_whole(on_bus: TipAccelerometer) -> None:
-    (take,) = on_bus.configure().values()
-    assert not take(FRAME[:-1])
-    assert on_bus.acceleration_m_s2 == (0.0, 0.0, 0.0)
-    assert take(FRAME)
-    assert on_bus.acceleration_m_s2 == pytest.approx((1.0, -2.0, 0.003))
-    assert on_bus.has_measured(set(), 0.0)
-    assert not on_bus.has_measured({TPDO1}, 0.0)
+def test_a_frame_of_a_node_counts_where_it_is_whole(network: Network, on_bus: TipAccelerometer) -> None:
+    exchange = CyclicExchange(network, [], on_bus, 0.002, loop="drive", with_notch_state=False)
+    exchange.configure()
+    assert exchange.take(Frame(TPDO1, FRAME[:-1]))
+    assert exchange.tip_m_s2 == (0.0, 0.0, 0.0)
+    exchange.exchange()
+    assert exchange.sensor_missed == 1, "the node is not operational"
+    network.channel.passes = lambda frame: False
+    network.channel.hand_over(Frame(TPDO1, FRAME))
+    exchange.exchange()
+    assert exchange.tip_m_s2 == pytest.approx((1.0, -2.0, 0.003))
+    assert exchange.sensor_missed == 1
 
 
 @pytest.mark.parametrize(
@@ -99,13 +104,18 @@ def test_a_profile_of_another_kind_of_device_is_refused(network: Network) -> Non
         sensor_of(table, network, MonotonicClock())
 
 
-def test_a_serial_sensor_keeps_its_last_value_where_it_is_silent_and_forgets_it_before_the_next_run(network: Network) -> None:
-    sensor = SerialSensor(network, Reader({5.0: (1.0, 2.0, 3.0)}))  # type: ignore[arg-type]
-    assert sensor.has_measured(set(), 5.0)
-    assert not sensor.has_measured(set(), 5.002)
-    assert sensor.acceleration_m_s2 == (1.0, 2.0, 3.0)
-    sensor.configure()
-    assert sensor.acceleration_m_s2 == (0.0, 0.0, 0.0)
+def test_a_serial_sensor_that_is_silent_leaves_its_last_value_and_the_next_run_begins_without(network: Network) -> None:
+    sensor = SerialSensor(network, Reader({0.0: (1.0, 2.0, 3.0)}))  # type: ignore[arg-type]
+    assert sensor.sample(5.0) is None
+    first, second = (CyclicExchange(network, [], sensor, 0.002, loop="drive", with_notch_state=False) for _ in range(2))
+    first.configure()
+    first.exchange()
+    assert (first.tip_m_s2, first.sensor_missed) == ((1.0, 2.0, 3.0), 0)
+    sensor._reader.samples.clear()
+    first.exchange()
+    assert (first.tip_m_s2, first.sensor_missed) == ((1.0, 2.0, 3.0), 1)
+    second.configure()
+    assert second.tip_m_s2 == (0.0, 0.0, 0.0)
 
 
 def test_a_serial_sensor_is_refused_where_time_is_counted_in_syncs(network: Network) -> None:

@@ -1,0 +1,61 @@
+/* A cycle of a run: set-points before the exchange, and the checks, the host's loops and the recording after it. */
+#ifndef HIL_RUN_H
+#define HIL_RUN_H
+
+#include "cyclic.h"
+#include "guard.h"
+#include "hil/control/servo.h"
+
+/* Set-points that are refused, beside what is wrong with an axis: a position or a torque that its object cannot hold, and a
+ * torque offset beyond the limit of its axis. */
+enum { POSITION_REFUSED = 100, TORQUE_REFUSED, OFFSET_BEYOND_LIMIT };
+
+/* Values of a row of the recording before those of the axes, and of each axis: time, X, Y and Z of the tip, missing answers;
+ * reference, position, torque, notch frequency. */
+enum { COMMON_COLUMNS = 5, AXIS_COLUMNS = 4 };
+
+/* Rows of the values of all axes: the motion's set-points, additions to them in rad and N m, measured positions and torques. */
+enum { REFERENCE_ROW, ADDITION_ROW, OFFSET_ROW, POSITION_ROW, TORQUE_ROW, VALUE_ROWS };
+
+/* What a run knows of an axis beside its guard. */
+struct axis_run {
+    real torque_limit_nm;   /* of torque offsets */
+    real step_rad;          /* the largest step of a set-point with additions */
+    real sent_rad;          /* the last one, before it was rounded */
+    integer trusted_counts; /* the last position that can be */
+};
+
+/* All axes of a run. */
+struct run {
+    struct exchange *exchange;
+    struct guard *guards;
+    struct axis_run *axes;
+    real *values;     /* VALUE_ROWS rows of a value per axis */
+    integer has_sent; /* 1 if sent_rad holds a set-point */
+    struct law *laws; /* of loops that the host closes; NULL if the drives close them */
+    real *loop;       /* values of bank_step */
+    real period_s;
+    real *rows; /* of the recording */
+    integer columns;
+    integer refused; /* index of the axis with which something is wrong */
+    real value;      /* what is refused of it */
+};
+
+/* Set the targets of the next cycle, drive-closed: the motion's set-points, with additions where has_additions is 1.
+ *
+ * torque_offset_nm has the motion's torque offsets, or is NULL. Set-points with additions step by step_rad at most; the next
+ * cycles make up for the rest. Numbers are rounded to the nearest integer, halves to even. Returns IN_ORDER, or why a set-point
+ * is refused: nothing may be sent then. */
+integer set_targets(struct run *run, const real *torque_offset_nm, integer has_additions);
+
+/* Take the positions that the axes can have; others are replaced by the last such one, as if no answer had come.
+ *
+ * was_dropped is 1 after a cycle that was not sent, in which nothing is checked. */
+void accept_positions(struct run *run, integer was_dropped);
+
+/* End a cycle: accept positions, close the host's loops, record a row unless it is -1, and check all axes.
+ *
+ * Returns IN_ORDER, or what is wrong with the first axis that is not in order. */
+integer end_cycle(struct run *run, integer row, integer was_dropped);
+
+#endif
