@@ -281,14 +281,32 @@ class World:
             Records of the answers. None if the slaves must hear the frames one by one, since a drive does more than follow its
             set-points, a node has a deadline, or a frame is another one; then nothing has changed.
         """
-        if self._pending_ns or self._watches or ((due := self.due) is not None and due <= self.now):
+        if self._pending_ns:
             return None
-        if not (self._is_laid_out and self._is_looked_at):
-            self._look()
-        answers = self._image.synchronise(message, self.now) if self._is_plain else None
+        answers = self.hear_all(message)
         if answers is not None:
             self._pending_ns = self._plain_period_ns
         return answers
+
+    def hear_all(self, message: bytes) -> bytes | None:
+        """Do as `exchange` does, without a period that becomes pending."""
+        return self._image.synchronise(message, self.now) if self._only_follows() else None
+
+    def senders(self, message: bytes) -> list[int] | None:
+        """Return the ports whose TPDOs answer a message, in the order in which a bus sends them.
+
+        The result is None if `hear_all` would not take it now, or that order is not the one of the identifiers.
+        """
+        image = self._image
+        return image.ports if self._only_follows() and image.is_in_order and image.takes(message) else None
+
+    def _only_follows(self) -> bool:
+        """Return True if the process image can act for all nodes at this instant."""
+        if self._watches or ((due := self.due) is not None and due <= self.now):
+            return False
+        if not (self._is_laid_out and self._is_looked_at):
+            self._look()
+        return self._is_plain
 
     def _look(self) -> None:
         """Decide whether the process image or the slaves act at SYNC."""

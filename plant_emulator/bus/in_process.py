@@ -99,7 +99,7 @@ class InProcessChannel:
             BusLostError: `lost` is set.
         """
         self._check()
-        answers = self.medium.exchange(records) if self.takes_messages else None
+        answers = self.medium.exchange(FIRST_CLIENT, records) if self.takes_messages else None
         if answers is None:
             self.send_all(frames_of(records))
             return

@@ -74,7 +74,7 @@ class Medium(Protocol):
         """
         ...
 
-    def exchange(self, message: bytes) -> bytes | None:
+    def exchange(self, port: int, message: bytes) -> bytes | None:
         """Send RPDOs and SYNC of the client that holds the clock, as records.
 
         Returns the records of the answers, after which `finish_cycle` comes; None, with nothing sent, if they must go frame by
@@ -143,7 +143,7 @@ class Instant:
         yield [HeardFrame(sync, port, self._world.now), *self._heard(self._world.receive(sync))]
         yield self.finish_cycle()
 
-    def exchange(self, message: bytes) -> bytes | None:
+    def exchange(self, port: int, message: bytes) -> bytes | None:
         """Answer at once if every node only follows: see `World.exchange`."""
         return self._world.exchange(message)
 
@@ -227,11 +227,14 @@ class Timed:
         self._is_idle = True
         yield self._bus.cycle(port, sync, self._bus.world.period_ns)
 
-    def exchange(self, message: bytes) -> None:
-        """Do nothing: on a wire frames go one by one."""
+    def exchange(self, port: int, message: bytes) -> bytes | None:
+        """Let a whole cycle pass at once, where nothing disturbs it: see `TimedBus.exchange`."""
+        if self.clock == clock.WALL or not self._is_idle:
+            return None
+        return self._bus.exchange(port, message, self._bus.world.period_ns)
 
     def finish_cycle(self) -> list[HeardFrame]:
-        """Return nothing: `exchange` begins no cycle."""
+        """Return nothing: `exchange` lets the whole cycle pass."""
         return []
 
 

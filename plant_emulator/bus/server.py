@@ -200,7 +200,7 @@ class Server:
             records = holder.receive_records(wait=True)
             if records is None:
                 self._drop(holder.socket.fileno())
-            elif len(self._clients) > 1 or not self._exchange(records, holder):
+            elif len(self._clients) > 1 or holder.wants_stamps or not self._exchange(records, holder):
                 for frame in frames_of(records):
                     self._take(frame, holder)
             if not records:
@@ -214,10 +214,12 @@ class Server:
         Returns:
             True if the cycle was one; else its frames have to be taken one by one.
         """
-        answers = self.medium.exchange(records) if len(records) > RECORD.size else None
+        answers = self.medium.exchange(holder.port, records) if len(records) > RECORD.size else None
         if answers is None:
             return False
         holder.syncs += 1
+        if holder.knows_clock and self.medium.bitrate is not None:
+            answers += pack(clock.period_over(holder.syncs))
         for begin in range(0, len(answers), MAX_MESSAGE_BYTES):
             holder.send(answers[begin : begin + MAX_MESSAGE_BYTES])
         self._deliver(self.medium.finish_cycle())

@@ -6,7 +6,8 @@ Every frame takes its time there, and is received when it has ended.
 import contextlib
 from collections.abc import Callable
 
-from hil.can.frame import Frame
+from hil.can.frame import Frame, frames_of, pack
+from plant_emulator.bus.burst import Burst
 from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.world import FREE_STEP_NS, World
@@ -123,6 +124,70 @@ class TimedBus:
     def begin_cycles(self) -> None:
         """Let the next SYNC of the clock's holder begin a cycle."""
         self._cycle_end_ns = None
+
+    def exchange(self, port: int, message: bytes, period_ns: int) -> bytes | None:
+        """Let a cycle of plain drives pass, frames and answers at their times.
+
+        It is what `offer` of each frame and `cycle` do, to the bit, while the bus is free of errors and all nodes only follow:
+        the client's frames pass one behind the other, then the answers in the order of their identifiers.
+
+        Args:
+            port: Port of the client that holds the clock.
+            message: Records of its RPDOs, and of SYNC behind them.
+            period_ns: Time that SYNC is worth.
+
+        Returns:
+            Records of the frames that the client hears; None, and nothing has happened, if the frames must go one by one.
+        """
+        world, wire = self.world, self.wire
+        begin = world.now if self._cycle_end_ns is None else max(self._cycle_end_ns, world.now)
+        until, due, senders = begin + period_ns, world.due, world.senders(message)
+        fast = wire.undisturbed()
+        if senders is None or fast is None or self._latency_ns or wire.now != world.now or (due is not None and due <= until):
+            return None
+        burst = Burst(fast, frames_of(message), world.now)
+        if burst.idle + len(senders) * fast.longest_ns > until:
+            return None
+        self._cycle_end_ns = until
+        *rpdos, sync = burst.ends
+        for ended, end in enumerate(rpdos, start=1):
+            sent = world.move(end)
+            if sent:
+                return self._go_on(port, burst, ended, sent)
+        sent = world.move(sync)
+        answers = None if sent else world.hear_all(message)
+        if answers is None:
+            return self._go_on(port, burst, len(burst.ends), sent)
+        burst.send(frames_of(answers), senders)
+        burst.count()
+        wire.pass_to(until)
+        for node, frame in world.move(until):
+            wire.offer(node, frame, until)
+        return answers
+
+    def _go_on(self, port: int, burst: Burst, ended: int, sent: list[tuple[int, Frame]]) -> bytes:
+        """Go on frame by frame with a burst of which some frames have ended.
+
+        Args:
+            port: Port of the client.
+            burst: The client's frames.
+            ended: How many of them have ended, the last at this instant.
+            sent: What the nodes send now.
+
+        Returns:
+            Records of what the client hears.
+        """
+        now = burst.ends[ended - 1]
+        self.wire.pass_to(now)
+        waiting = burst.stop(ended, port)
+        for frame in burst.frames[:ended]:
+            sent += self.world.hear(frame)
+        for frame in waiting:
+            burst.bus.offer(port, frame, burst.begin)
+        for node, frame in sent:
+            self.wire.offer(node, frame, now)
+        heard = self.run(now if self._cycle_end_ns is None else self._cycle_end_ns)
+        return b"".join(pack(frame) for frame, sender, _ in heard if sender != port)
 
     def cycle(self, port: int, sync: Frame, period_ns: int) -> list[HeardFrame]:
         """Queue the clock holder's SYNC, and let a period pass.

@@ -288,6 +288,17 @@ class EmulatedWire:
         self._proceed(until_ns, stop_port, passed)
         return passed
 
+    def pass_to(self, now: int) -> None:
+        """Note the time up to which frames have passed on the error-free bus without the wire."""
+        self.now = now
+
+    def undisturbed(self) -> ErrorFreeBus | None:
+        """Return the error-free bus if it is empty, and nothing but new offers can happen to it; else None."""
+        if self._faults is not None or self._queues.later:
+            return None
+        fast = self._fast or self._handed_over()
+        return fast if fast is not None and fast.is_empty else None
+
     def _proceed(self, until_ns: int, stop_port: int, delivered: list[Passed]) -> None:
         """Let time pass by attempts."""
         queues, confinement = self._queues, self._confinement

@@ -58,8 +58,7 @@ static void put(uint8_t *data, integer size, uint64_t value)
     }
 }
 
-/* True if every frame is an RPDO that repeats its drive's control word, the last one is SYNC, and every drive still follows. */
-static int is_plain(const struct image *image, const uint8_t *message, integer records)
+integer is_plain(const struct image *image, const uint8_t *message, integer records)
 {
     if (records < 1 || !is_sync(message + RECORD_BYTES * (records - 1))) {
         return 0;

@@ -89,6 +89,9 @@ enum { DONE, NOT_PLAIN, NO_NOISE };
 /* Show a sample of the tip, in m/s^2. */
 void show_sample(struct tip_node *node, const real *sample);
 
+/* 1 if every frame is an RPDO that repeats its drive's control word, the last is SYNC, and every drive still follows; else 0. */
+integer is_plain(const struct image *image, const uint8_t *message, integer records);
+
 /* One SYNC: sample and pack the TPDOs, unpack the RPDOs, give the axes their set-points.
  *
  * message holds records of RPDOs and, last, of SYNC. What is not DONE has changed nothing. */

@@ -5,6 +5,7 @@ a drive that is being enabled or a mapping of other objects, is for the slaves; 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +47,8 @@ class ProcessImage:
 
     Attributes:
         slaves: The nodes for which it acts: those that listen to SYNC.
+        ports: Node-IDs of the senders of the TPDOs, in the order of their identifiers.
+        is_in_order: True if each node's TPDOs have rising identifiers, so that a bus sends all in the order of these.
     """
 
     def __init__(self, axes: Axes, accelerometer: AccelerometerNode, sensor: TipSensor) -> None:
@@ -57,6 +60,8 @@ class ProcessImage:
             sensor: Its sensor.
         """
         self.slaves: list[Slave] = []
+        self.ports: list[int] = []
+        self.is_in_order = False
         self._sensor, self._accelerometer = sensor, accelerometer
         self._drives: list[Drive] = []
         self._idle: list[Drive] = []
@@ -101,7 +106,10 @@ class ProcessImage:
                 taken += _placed(((entry, node.row, cell) for entry, cell in objects if entry is not None), 0)
         if len({rpdo.can_id for rpdo in rpdos}) != len(rpdos):
             return False
+        in_turn = [(node.node_id, tpdo.can_id) for tpdo, node in answers]
         answers.sort(key=lambda each: each[0].can_id)
+        self.ports = [node.node_id for _, node in answers]
+        self.is_in_order = all(one[0] != other[0] or one[1] < other[1] for one, other in pairwise(in_turn))
         self._sampled.clear()
         for number, (tpdo, node) in enumerate(answers):
             place = number * RECORD.size + CORE.call.DATA_AT
@@ -147,6 +155,10 @@ class ProcessImage:
         """
         is_plain = all(drive.write_process() for drive in self._drives) and all(drive.ignores_sync for drive in self._idle)
         return is_plain and all(slave.is_settled for slave in self.slaves)
+
+    def takes(self, message: bytes) -> bool:
+        """Return True if `synchronise` takes these records now."""
+        return bool(CORE.call.is_plain(self._shared, message, len(message) // RECORD.size))
 
     def synchronise(self, message: bytes, now: int) -> bytes | None:
         """Process the records of RPDOs and of a SYNC behind them.

@@ -109,10 +109,11 @@ class Twin:
         shown = [[cell.value for cell in world.accelerometer.channels] for world in (image, slaves)]
         assert shown[0] == shown[1]
 
-    def enable(self, nodes, mode=Mode.CSP):
-        """Bring drives to operation enabled where they stand."""
+    def enable(self, nodes, mode=Mode.CSP, cycles=1):
+        """Bring drives to operation enabled where they stand, with so many cycles for each word."""
         for word in (0x06, 0x07, 0x0F, 0x0F):
-            self.cycle(*(self.command(node, word, mode) for node in nodes))
+            for _ in range(cycles):
+                self.cycle(*(self.command(node, word, mode) for node in nodes))
         for axis in self.image.drives.values():
             assert axis.node_id not in nodes or axis.state is State.OPERATION_ENABLED
 

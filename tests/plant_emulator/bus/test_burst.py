@@ -1,0 +1,135 @@
+"""A cycle that passes a wire at once is the same, to the bit, as one whose frames are offered one by one."""
+
+import random
+
+import pytest
+
+from drive_profiles.standard.cia402 import Mode
+from hil.can.frame import Frame, frames_of, pack
+from plant_emulator.bus.faults import BusFaults
+from plant_emulator.bus.heard import FIRST_CLIENT
+from plant_emulator.bus.timed import TimedBus
+from plant_emulator.bus.wire import EmulatedWire
+from tests.plant_emulator.image.test_image import INSIDE, OUTSIDE, SYNC, Twin
+
+NODES = (2, 3, 5)
+
+
+class TimedTwin(Twin):
+    """A robot on a wire twice: one gets every cycle as a message, the other frame by frame."""
+
+    def __init__(self, bitrate=1_000_000, data_bitrate=None, faults=None, latency_ns=0):
+        super().__init__()
+        self.buses = []
+        for world in (self.image, self.slaves):
+            wire = EmulatedWire(bitrate, data_bitrate, faults=faults, now_ns=world.now)
+            wire.attach(FIRST_CLIENT)
+            self.buses.append(TimedBus(world, wire, latency_ns))
+
+    def tell(self, can_id, data=b""):
+        heard = []
+        for bus in self.buses:
+            mark = bus.wire.mark
+            bus.offer(FIRST_CLIENT, Frame(can_id, bytes(data)))
+            heard.append(bus.drain(mark))
+        assert heard[0] == heard[1]
+        self.compare()
+        return [each.frame for each in heard[0] if each.port != FIRST_CLIENT]
+
+    def cycle(self, *frames):
+        together, (quick, slow) = [*frames, SYNC], self.buses
+        message, period_ns = b"".join(pack(frame) for frame in together), self.image.period_ns
+        answers = quick.exchange(FIRST_CLIENT, message, period_ns)
+        if answers is None:
+            answers = self.one_by_one(quick, together, period_ns)
+        else:
+            self.plain += 1
+            answers = frames_of(answers)
+        assert answers == self.one_by_one(slow, together, period_ns)
+        self.compare()
+        return answers
+
+    @staticmethod
+    def one_by_one(bus, frames, period_ns):
+        *rpdos, sync = frames
+        for frame in rpdos:
+            bus.offer(FIRST_CLIENT, frame)
+        return [each.frame for each in bus.cycle(FIRST_CLIENT, sync, period_ns) if each.port != FIRST_CLIENT]
+
+    def compare(self):
+        super().compare()
+        quick, slow = (bus.wire for bus in self.buses)
+        assert quick.now == slow.now
+        assert quick.due == slow.due
+        assert quick.statistics == slow.statistics
+        for window_ns in (1_000_000, 5_000_000, 200_000_000):
+            assert quick.load(window_ns) == slow.load(window_ns)
+
+
+def following(mode=Mode.CSP, nodes=NODES, **options):
+    twin = TimedTwin(**options)
+    for node in nodes:
+        twin.prepare(node, mode)
+    twin.start(*nodes)
+    twin.enable(nodes, mode, cycles=3)
+    return twin
+
+
+@pytest.mark.parametrize("mode", [Mode.CSP, Mode.CST])
+@pytest.mark.parametrize("options", [{}, {"bitrate": 500_000}, {"bitrate": 500_000, "data_bitrate": 2_000_000}], ids=str)
+def test_random_set_points_cross_the_wire_alike(mode, options):
+    nodes = NODES if options.get("bitrate") is None else (2,)
+    twin, dice = following(mode, nodes, **options), random.Random(3)
+    targets, before = dict.fromkeys(nodes, 0), twin.plain
+    for _ in range(200):
+        for node in nodes:
+            targets[node] += dice.randint(-300, 300)
+        twin.cycle(
+            *(twin.command(node, 0x0F, mode, targets[node] if mode is Mode.CSP else dice.randint(-60, 60)) for node in nodes)
+        )
+    assert twin.plain - before == 200
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whatever_else_comes_the_wire_is_the_same(seed):
+    dice, twin = random.Random(seed), following()
+    for _ in range(120):
+        frames = [twin.command(node, offset=dice.randint(-80, 80)) for node in NODES]
+        node, what = dice.choice(NODES), dice.randrange(16)
+        if what == 0:
+            dice.choice(OUTSIDE)(twin, node, dice)
+        elif what == 1:
+            frames.append(dice.choice(INSIDE)(twin, node, dice))
+        elif what == 2:
+            del frames[dice.randrange(3)]
+        twin.cycle(*frames)
+    assert twin.plain > 0
+
+
+def test_a_limit_that_breaks_while_the_frames_pass_ends_the_burst_and_not_the_cycle(monkeypatch):
+    """The drive's emergency goes out between the client's frames, as it would without a burst."""
+    seen, go_on = [], TimedBus._go_on
+    monkeypatch.setattr(TimedBus, "_go_on", lambda bus, *given: seen.append(given[2]) or go_on(bus, *given))
+    for step in range(200, 4000, 400):
+        twin = following()
+        for world in (twin.image, twin.slaves):
+            world.axes.motion["following_window_rad"], world.axes.motion["following_periods"] = 1e-4, 1
+        for number in range(12):
+            twin.cycle(*(twin.command(node, target=(number + 1) * step) for node in NODES))
+    assert {1, 2, 3} & set(seen), "it broke between two frames"
+
+
+@pytest.mark.parametrize("options", [{"latency_ns": 100_000}, {"faults": BusFaults(())}], ids=["latency", "faults"])
+def test_what_a_burst_does_not_know_goes_frame_by_frame(options):
+    twin = following(nodes=(2,), **options)
+    assert twin.plain == 0
+    twin.cycle(twin.command(2))
+    assert twin.plain == 0
+
+
+def test_a_cycle_without_room_for_all_frames_goes_frame_by_frame():
+    twin = following(bitrate=250_000)
+    before = twin.plain
+    for _ in range(20):
+        twin.cycle(*(twin.command(node) for node in NODES))
+    assert twin.plain == before
