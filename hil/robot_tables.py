@@ -310,7 +310,7 @@ class LineMotion(Table):
     def _ramps_fit(self) -> Self:
         Smooth(self.duration_s, self.ramp_s)
         if self.orientation == "free" and (self.start_rpy_deg or self.end_rpy_deg):
-            raise ValueError('orientation = "free" and start_rpy_deg or end_rpy_deg: leave one out')
+            raise ValueError('orientation = "free" excludes start_rpy_deg and end_rpy_deg; leave out one or the other')
         return self
 
     def check_planar(self) -> None:

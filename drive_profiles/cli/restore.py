@@ -69,7 +69,7 @@ def restore(
     ] = None,
     *,
     snapshot: Annotated[
-        Path | None, typer.Option("--snapshot", help="Journal whose former values are restored; of a folder the newest.")
+        Path | None, typer.Option("--snapshot", help="Journal with the values to restore; for a folder, its newest journal.")
     ] = None,
     defaults: Annotated[
         bool, typer.Option("--defaults", help="Restore the drive's factory settings; they take effect after its next reset.")

@@ -193,4 +193,4 @@ def _hint(outcome: UploadResult, request: TransactionRequest) -> str:
     check = f"check that it holds the set (drive-profiles verify SET {where})"
     if outcome.stored == "unknown":
         return f"{check}, then drive-profiles store {where}"
-    return f"{check}, and upload the set again where it does not"
+    return f"{check}; if it does not, upload the set again"

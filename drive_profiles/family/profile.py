@@ -111,14 +111,14 @@ class Profile(Table):
                 raise ValueError(f"{first} and {name} are both in object {parameter.address}")
             unit = UNIT_NAMES.get(split_unit(name)[1], "")
             if unit and parameter.unit != unit:
-                raise ValueError(f"{name} says {unit}, its unit says {parameter.unit or 'nothing'}")
+                raise ValueError(f"{name} ends in a unit, {unit}, but states unit = {parameter.unit!r}; make them the same")
         return parameters
 
     @pydantic.model_validator(mode="after")
     def _complete(self) -> Self:
         stated = (self.modes, self.capabilities, self.loop, self.torque, self.encoder)
         if self.kind == "drive" and None in stated:
-            raise ValueError("a drive states modes, capabilities, loop, torque and encoder")
+            raise ValueError("a drive profile needs modes, capabilities, loop, torque and encoder")
         named = {gain.parameter for gain in self.loop.gains.values()} if self.loop else set()
         for section in self.notch.sections if self.notch else ():
             named |= set(section.parts.values()) | set(section.settings)

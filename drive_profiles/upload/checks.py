@@ -133,7 +133,7 @@ def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Wr
     same = bool(header.serial_number) and header.serial_number == identity.serial_number
     if not theirs or same or options.force_commissioning:
         return []
-    serials = f"the set is of serial number {header.serial_number}, the device has {identity.serial_number}"
+    serials = f"the set is for serial number {header.serial_number}, the device has {identity.serial_number}"
     names = ", ".join(str(write.entry) for write in theirs[:5])
     remedy = "--force-commissioning writes them nevertheless, upload --classes leaves them out"
     return [f"{names}: commissioning values of another device ({serials}); {remedy}"]

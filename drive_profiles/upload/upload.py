@@ -156,7 +156,7 @@ class Upload:
         """
         if self.device.port.boots != self._boots:
             self._boots = self.device.port.boots
-            raise NodeError(self.device.node, "it has restarted in the meantime", "check its supply")
+            raise NodeError(self.device.node, "the node has restarted during the upload", "check its supply")
 
     def _before(self, address: ObjectAddress) -> bytes:
         """Read an object before anything is written.

@@ -76,7 +76,7 @@ def draft(name: str, address: str, nodes: Sequence[FoundNode], drawing: ArmDrawi
     axes = _numbered([node for node in nodes if node.is_drive])
     joints = {} if drawing is None else _joints(drawing, len(axes))
     lines = [
-        f"# Made from a scan of {address}. Lines with {TO_BE_TYPED!r} are for you to fill in: nothing runs before.",
+        f"# Made from a scan of {address}. Lines with {TO_BE_TYPED!r} are for you to fill in: no command runs until then.",
         "# Run hil check before anything else moves the robot: it compares the robot with this file.",
         f"name = {toml_value(name)}",
         f"approach_rps = {APPROACH_RPS:g}                  # motor speed to the start of a motion and back: slow, raise it later",
@@ -185,7 +185,7 @@ def _sensor_lines(nodes: Sequence[FoundNode]) -> list[str]:
     if len(sensors) == 1:
         lines += [f"node_id = {sensors[0].node}", f"profile = {toml_value(sensors[0].profiles[0])}"]
     else:
-        seen = f"nodes {', '.join(str(node.node) for node in sensors)} are some" if sensors else "the scan found none"
+        seen = f"nodes {', '.join(str(node.node) for node in sensors)} are accelerometers" if sensors else "the scan found none"
         remedy = "or a [accelerometer.serial] table, or from_load_encoders = true instead of this line"
         lines.append(f"node_id = {_ask(f'node-ID of the sensor at the tip ({seen}), {remedy}')}")
     others = [node for node in nodes if not node.is_drive and node not in sensors]

@@ -112,13 +112,13 @@ def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: sl
     if not own.is_told:
         return of.entry(name, "NOT TOLD", f"{own.words} of the expected signal: too uncertain", path)
     if own.holds:
-        return of.passed(name, True, f"{own.words} of what encoder, reduction_ratio and lever of the bench file expect", path)
+        return of.passed(name, True, f"{own.words} of what encoder, reduction_ratio and lever of the bench file predict", path)
     return of.passed(name, False, _wrong(of, own, others), path)
 
 
 def _wrong(of: Checked, own: Ratio, others: list[Ratio]) -> str:
     """Return the likely cause of a wrong sensor signal, in words."""
-    seen = f"{own.words} of what the bench file expects"
+    seen = f"{own.words} of what the bench file predicts"
     if -SCALE <= own.value <= -1.0 / SCALE:
         return f"{seen}: it moves against the motor; the encoder counts backwards (607Eh), or the sensor sits upside down"
     if of.session.bench.arm is None and abs(own.value) < ELSEWHERE:

@@ -194,7 +194,7 @@ class FollowingLaw:
         """
         count, most = len(arms), max((len(each) for each in orders), default=0)
         if count == 0 or count != len(orders) or most == 0:
-            raise ValueError(f"{count} arms and {len(orders)} sets of orders with at most {most}: there is nothing to follow")
+            raise ValueError(f"{count} arms, {len(orders)} sets of orders, the longest of {most}; expected one set of at least 1 order for each arm")
         self._orders = [tuple(each) for each in orders]
         config = np.zeros(1, CORE.dtype("following_config"))
         config[0] = (period_s, *astuple(settings or FollowingSettings()))

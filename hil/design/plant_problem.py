@@ -386,7 +386,7 @@ def first_guesses(response: Complex, frequency_hz: Real, ratio: float) -> list[R
         guess = np.array([math.log(motor), math.log(arm), math.log(stiffness), math.log(0.08 * stiffness / w_a), 0.2 * whole])
         guesses.append((error, dip, guess))
     if not guesses:
-        raise UnidentifiableError("dips of the response below the end of the band", 0.0, 1.0)
+        raise UnidentifiableError("number of dips of the response within the band", 0.0, 1.0)
     apart: dict[int, Real] = {}
     for _, dip, guess in sorted(guesses, key=lambda each: each[0]):
         if all(abs(dip - other) > 2 for other in apart):

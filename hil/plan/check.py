@@ -312,7 +312,7 @@ def check(
     refused = sync_refusals(bench, axes, period_s)
     bus = _bus_words(cycle, wire, fits)
     if refused:
-        fits, bus = False, f"does not fit: {', '.join(refused)}, not {1e3 * period_s:g} ms; as to the bus, it {bus}"
+        fits, bus = False, f"does not fit: {', '.join(refused)}, not {1e3 * period_s:g} ms; the bus itself {bus}"
     delay = cycle.delay_periods(wire) if loop == "host" else 0
     loops = stability(bench, axes, loop, period_s, delay, with_notch=with_notch)
     levels = {axis.level for axis in loops}

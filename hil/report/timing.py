@@ -33,7 +33,7 @@ def timing_table(material: Material) -> ReportTable | None:
         }
     )
     header = ("Motion", "What", "p50", "p99", "p99.9", "max", "Cycles", "Dropped", "Late", "Missed", "Bus load (%)")
-    sentence = f" Not granted: {'; '.join(refused)}." if refused else " The system granted every request."
+    sentence = f" Not granted: {'; '.join(refused)}." if refused else " The operating system granted every request for real time."
     return ReportTable(
         "timing",
         "Timing of the cycle",

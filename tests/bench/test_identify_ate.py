@@ -137,7 +137,7 @@ def test_without_an_accelerometer(reference_bench: Bench, reference_robot: Robot
     bench = reference_bench.model_copy(update={"bus": reference_bench.bus.model_copy(update={"answer_timeout_s": 0.05})})
     found = identified(bench, noisy(reference_robot, 0.002, 4), AteRequest(2, sensorless=True, goal=ONE_PASS))
     assert np.all(np.abs(off(found, 2)) < 1.5 * np.array(ASKED))
-    assert any("sensorless: A_k is as wrong as J_l from the bench file" in note for note in found.notes)
+    assert any("sensorless: A_k has the relative error of J_l, which comes from the bench file" in note for note in found.notes)
 
 
 @pytest.mark.slow

@@ -411,7 +411,7 @@ def treated_model(bench: Bench, identified: Identified | None, number: int) -> M
     if identified is not None:
         identified.check_robot(bench.name)
     if number not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {number}")
+        raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
     model = (bench if identified is None else with_identified(bench, identified)).axis[number].model
     known = None if identified is None else identified.axis.get(number)
     if model is None and known is not None and known.ate is not None:

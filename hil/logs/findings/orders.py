@@ -124,7 +124,7 @@ def _of_stretch(node: Node, stamp_s: Real, turned: Real, error: Real) -> Said | 
             + ("that is the gear (a harmonic drive has orders 1, 2 and 4), or an encoder that is not centred" if is_gear
                else "that is cogging, or the currents of the motor's phases"),
             "measure it (hil identify ate) and cancel it, or keep its frequency off the resonance" if is_gear
-            else "cogging compensation of the drive, current offsets, commutation angle",
+            else "set the drive's cogging compensation, current offsets and commutation angle",
             where, 1, node.number, drawn,
         )  # fmt: skip
     if varies and of_time >= CLEARER * of_angle:
@@ -132,7 +132,7 @@ def _of_stretch(node: Node, stamp_s: Real, turned: Real, error: Real) -> Said | 
             "loop-rings", Severity.WARNING,
             f"the following error of node {node.number} swings by {360.0 * swing:.2g}° of the motor at {frequency:.0f} Hz, "
             f"whatever the speed: {100.0 * of_time:.0f} % of it; no rotating part does so",
-            "the loop is near the edge of its stability, or a resonance is excited: lower gains, a filter at that frequency",
+            "lower the gains, or set a filter at that frequency: the loop is nearly unstable, or a resonance is excited",
             where, 1, node.number, drawn,
         )  # fmt: skip
     tells = "with more turns, the two differ" if varies else "record a log with changing speed, which distinguishes gear and loop"

@@ -39,7 +39,7 @@ class Need(NamedTuple):
         return f"{address_text(self.address)} {self.name}: {self.purpose}"
 
 
-STATUS = Need((Object.STATUS_WORD, 0), "status word", "it has the state of the drive")
+STATUS = Need((Object.STATUS_WORD, 0), "status word", "it shows the state of the drive")
 VELOCITY = Need((Object.VELOCITY_ACTUAL, 0), "velocity actual value", "it shows standstill before anything is written")
 
 ERROR_CODE = Need((Object.ERROR_CODE, 0), "error code", "it has the fault of the drive")

@@ -91,5 +91,5 @@ def test_an_unknown_delay_is_seen_though_the_directions_cancel_in_the_mean() -> 
 
 
 def test_a_part_that_was_never_without_is_no_comparison() -> None:
-    with pytest.raises(ValueError, match="axis 2, order 4 was seen with"):
+    with pytest.raises(ValueError, match="axis 2, order 4 was recorded with"):
         judge(PART, GAIN, [Seen(1, 0.3, THERE, 1.0), Seen(1, 0.3, THERE, 1.0)])
