@@ -89,7 +89,9 @@ def left_out(description: Description, file_format: Literal["eds", "dcf"]) -> li
     if foreign:
         said.append(f"left out, as CiA 306 has no such sections ({len(foreign)}): {_named(foreign)}")
     if of_dcf and file_format == "eds":
-        said.append("left out: commissioning, UploadFile, DownloadFile and Denotation; an EDS has none, write a .dcf to keep them")
+        said.append(
+            "left out: commissioning, UploadFile, DownloadFile and Denotation; an EDS has none, write a .dcf to keep them"
+        )
     return said
 
 

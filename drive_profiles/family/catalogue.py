@@ -279,12 +279,15 @@ def _raw(entry: CatalogueEntry, value: float | str) -> Value:
         try:
             return bytes.fromhex(value)
         except ValueError:
-            raise RefusedError(f"{entry}: {value!r} is not hexadecimal text; expected pairs of the digits 0 to 9 and A to F") from None
+            raise RefusedError(
+                f"{entry}: {value!r} is not hexadecimal text; expected pairs of the digits 0 to 9 and A to F"
+            ) from None
     if (data_type is DataType.VISIBLE_STRING) != isinstance(value, str):
-        raise RefusedError(f"{entry}: {value!r} is not a value of {data_type.name}; expected {'a number' if isinstance(value, str) else 'a text'}")
+        expected = "a number" if isinstance(value, str) else "a text"
+        raise RefusedError(f"{entry}: {value!r} is not a value of {data_type.name}; expected {expected}")
     if isinstance(value, str):
         if not value.isascii() and max(value) > "\xff":
-            raise RefusedError(f"{entry}: {value!r} has characters outside ISO 8859-1, which {data_type.name} cannot hold")
+            raise RefusedError(f"{entry}: {value!r} has characters outside ISO 8859-1; {data_type.name} holds none")
         return value
     if not (data_type.is_real or isinstance(value, int) or value.is_integer()):
         raise OutOfRangeError(str(entry), value, "", f"is not a whole number; {data_type.name} holds only whole numbers")

@@ -55,7 +55,9 @@ def from_concise(data: bytes) -> dict[ObjectAddress, bytes]:
         index, subindex, length = struct.unpack_from("<HBI", data, position)
         position += 7
         if position + length > len(data):
-            raise RefusedError(f"entry {number}, {index:04X}:{subindex:X}, states {length} bytes, but only {len(data) - position} are left")
+            raise RefusedError(
+                f"entry {number}, {index:04X}:{subindex:X}, states {length} bytes, but only {len(data) - position} are left"
+            )
         contents[index, subindex] = data[position : position + length]
         position += length
     if position != len(data):

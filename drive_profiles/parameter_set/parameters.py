@@ -426,7 +426,9 @@ def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, sca
     if not entry.is_readable:
         raise RefusedError(f"{entry} is write-only, so it cannot be read back; leave it out")
     if item.type is not None and item.unit:
-        raise RefusedError(f"has the unit {item.unit}, but a line with a type holds the value on the wire; leave out unit or type")
+        raise RefusedError(
+            f"has the unit {item.unit}, but a line with a type holds the value on the wire; leave out unit or type"
+        )
     if item.type is None and item.unit != entry.unit:
         raise RefusedError(f"has {f'the unit {item.unit}' if item.unit else 'no unit'}; expected {entry.unit or 'no unit'}")
     # a line that is moved to another table is still what the profile says of it

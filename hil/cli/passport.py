@@ -140,7 +140,9 @@ def _counts(texts: list[str], option: str) -> dict[int, int]:
     for text in texts:
         axis, _, count = text.partition("=")
         if not (axis.isdecimal() and count.isdecimal() and 1 <= int(count) <= 1000):
-            raise typer.BadParameter(f"{text!r}: expected AXIS=NUMBER, e.g. 2=5 for axis 2, with a number from 1 to 1000", param_hint=option)
+            raise typer.BadParameter(
+                f"{text!r}: expected AXIS=NUMBER, e.g. 2=5 for axis 2, with a number from 1 to 1000", param_hint=option
+            )
         found[int(axis)] = int(count)
     return found
 

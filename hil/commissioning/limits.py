@@ -59,7 +59,7 @@ def _check(of: Checked, sign: float) -> CheckEntry:
     path = of.keep(recording, f"axis-{of.number}-{name.replace(' ', '-')}")
     furthest = float(np.max(sign * (recording.axis(of.number, "position_rad") - held.start_rad))) / TURN
     seen = (
-        f"the motor was sent {sign * ASKED_REV:+.2f} rev and moved {sign * furthest:+.3f} rev; its limit is {sign * NEAR_REV:+.2f} rev"
+        f"sent by {sign * ASKED_REV:+.2f} rev, the motor moved {sign * furthest:+.3f} rev; its limit: {sign * NEAR_REV:+.2f} rev"
     )
     how = "" if held.stopped is None else f"; it stopped: {held.stopped}"
     return of.passed(name, furthest <= NEAR_REV + OVER_REV, seen + how, path)

@@ -180,7 +180,9 @@ def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Seq
     laws = _laws(bench, [number for number in numbers if number != axis], elastic, law)
     if len(laws) < len(numbers) - 1:
         unknown = [number for number in numbers if number != axis and number not in laws]
-        notes.append(f"axis {axis}: {_axes_words(unknown)} not described by their gains, so margins with their loops closed are not computed")
+        notes.append(
+            f"axis {axis}: {_axes_words(unknown)} without known gains, so margins with their loops closed are not computed"
+        )
     cases: list[ArmCase] = []
     filtered: list[ArmCase] = []
     for posture in postures:

@@ -45,7 +45,8 @@ def explain(
     ] = None,
     bitrate: Annotated[str | None, typer.Option(metavar="RATE", help="Bit rate, which a log does not contain: 1M, 500k.")] = None,
     interface: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Interface to read if the log has several: can1; default: that of the first frame.")
+        str | None,
+        typer.Option(metavar="NAME", help="Interface to read if the log has several: can1; default: that of the first frame."),
     ] = None,
     page: Annotated[
         Path | None, typer.Option("--page", help="Write a page with a picture of each finding.", dir_okay=False)

@@ -376,7 +376,9 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
     if request.sensorless:
         fraction = knowledge.arm_inertia_fraction
         error = f"±{100.0 * fraction:.2g} %, contained in the standard error of A_k" if fraction else "whose error is not stated"
-        identification.notes.append(f"sensorless: A_k has the relative error of J_l, which comes from {knowledge.source}, {error}; {SENSORLESS_BIAS}")
+        identification.notes.append(
+            f"sensorless: A_k has the relative error of J_l, which comes from {knowledge.source}, {error}; {SENSORLESS_BIAS}"
+        )
     shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
     identification.notes += [miss.sentence for miss in shown]
     if not estimate.is_spring and not estimate.is_bent:
@@ -450,7 +452,7 @@ def as_part(
     errors = standard_errors(estimate) | {"arm_hz": estimate.arm_error.resonance_hz, "damping": estimate.arm_error.damping}
     if not request.sensorless:
         errors["accelerometer_delay_s"] = delay.standard_error
-    reacts = reaction.believed if reaction is not None and reaction.is_seen else None
+    reacts = reaction.posterior if reaction is not None and reaction.is_seen else None
     if reacts is not None:
         errors["gear_reaction"] = reacts.standard_error
     return IdentifiedError(

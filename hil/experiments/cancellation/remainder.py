@@ -53,7 +53,7 @@ UNKNOWN: frozenset[RemainderCause] = frozenset({"sensor noise", "not explained"}
 
 REMEDIES: Mapping[RemainderCause, str] = {
     "speed limit": "raise limits.speed_rps if the axis allows it, or move more slowly",
-    "frequency limit": "part of the vibration is above the highest frequency of the cancellation: move more slowly, or shorten the "
+    "frequency limit": "part of the vibration is above the cancellation's highest frequency: move more slowly, or shorten the "
     "SYNC period if it sets that frequency",
     "order left out": "repeat the identification of that order: hil identify ate, hil learn",
     "gear reaction": "reduce the load or the acceleration: the reaction of the gear grows with its torque",

@@ -113,7 +113,8 @@ class PartVerdict:
         """The verdict as a line of text."""
         change = f"{'fell' if self.fall >= 0.0 else 'rose'} by {100.0 * abs(self.fall):.0f} ± {100.0 * self.fall_error:.0f} %"
         if self.rise:
-            return f"{self.part.words}: {'its effect is within the noise' if self.verdict == 'accepted' else 'it falls'}, but {self.rise}"
+            own = "its effect is within the noise" if self.verdict == "accepted" else "it falls"
+            return f"{self.part.words}: {own}, but {self.rise}"
         head = f"{self.part.words}: with {100.0 * self.gain:g} % of it {change} ({100.0 * self.gain:g} % expected)"
         if self.verdict == "not judged":
             return f"{self.part.words}: has too small an effect to be seen above the sensor noise ({change})"
@@ -173,7 +174,9 @@ def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndar
     """
     gains = {each.gain for each in seen}
     if len(gains) < 2:
-        raise ValueError(f"{part.words} was recorded with the gains {sorted(gains)} of its cancellation only; at least 2 gains are needed")
+        raise ValueError(
+            f"{part.words} was recorded with the gains {sorted(gains)} of its cancellation only; at least 2 gains are needed"
+        )
     rows = np.array([[1.0, -each.gain] for each in seen]) / np.sqrt([[each.variance] for each in seen])
     wanted = np.array([each.amplitude for each in seen]) / np.sqrt([each.variance for each in seen])
     covariance = np.linalg.inv(rows.T @ rows)

@@ -187,7 +187,7 @@ def misfit_words(estimate: PlantEstimate) -> str | None:
     model = f"a model of {len(estimate.modes)} modes" if estimate.modes else "the two-inertia model"
     return (
         f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MISFIT:g} "
-        "is usual); the arm may have a third inertia, or a stiffness that depends on the load; the errors are multiplied by this number"
+        "is usual); the arm may have a third inertia, or a stiffness that depends on the load; the errors are multiplied by it"
     )
 
 

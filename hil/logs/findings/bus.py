@@ -48,7 +48,8 @@ def _damage(trace: Trace) -> Iterator[Said]:
         yield Finding(
             "log-damaged", Severity.NOTE,
             f"{damage.unreadable} lines are not frames, the first is line {damage.first_unreadable}; they are left out",
-            "record the log again: it was cut or mixed while written, and missing lines look like frames that were not sent", (), damage.unreadable,
+            "record the log again: it was cut or mixed while written, and missing lines look like frames that were not sent",
+            (), damage.unreadable,
         )  # fmt: skip
     if damage.ended:
         yield Finding("log-damaged", Severity.NOTE, f"the log is cut off: {damage.ended}", "the part before is judged")
@@ -176,7 +177,7 @@ def _set_point_senders(trace: Trace) -> Iterator[Said]:
 
 
 def _is_master(trace: Trace, number: int) -> bool:
-    """A node that beats, and neither answers SDOs nor sends process data."""
+    """A node that sends heartbeats, but neither answers SDOs nor sends process data."""
     log = trace.log
     if log.count(FunctionCode.HEARTBEAT + number) < LEAST_FRAMES:
         return False

@@ -54,7 +54,8 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
         yield Finding(
             "drive-fault", Severity.FAULT,
             f"the drive of node {node.number} falls from operation enabled into fault {len(fell)} times",
-            "read its emergency message or 603Fh, which names the cause", stamps_of(stream.stamp_ns, np.array(fell)), len(fell), node.number,
+            "read its emergency message or 603Fh, which names the cause",
+            stamps_of(stream.stamp_ns, np.array(fell)), len(fell), node.number,
         )  # fmt: skip
     stopped = [row for row in ends if states[row] == list(State).index(State.QUICK_STOP_ACTIVE)]
     if stopped:

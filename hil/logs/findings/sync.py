@@ -46,8 +46,8 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
             "let only one node send SYNC: bit 30 of 1005h is 0 in all others",
             stamps_of(cycles.stamp_ns, close), len(close), None, drawn,
         )  # fmt: skip
-    beats = (gaps > 1.0 + JITTER) & (gaps <= GAP) | (gaps >= TOO_CLOSE) & (gaps < 1.0 - JITTER)
-    uneven = np.flatnonzero(beats)
+    rough = (gaps > 1.0 + JITTER) & (gaps <= GAP) | (gaps >= TOO_CLOSE) & (gaps < 1.0 - JITTER)
+    uneven = np.flatnonzero(rough)
     if len(uneven) > max(UNEVEN_FRACTION * len(gaps), 2):
         yield Finding(
             "sync-jitter", Severity.WARNING,

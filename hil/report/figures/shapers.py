@@ -19,7 +19,7 @@ SHOWN_S = 0.5
 BEFORE_S = 0.08
 """Time before it."""
 RATIOS = np.linspace(0.5, 1.6, 441)
-"""Frequencies, in parts of the believed one."""
+"""Frequencies, relative to the assumed one."""
 LINES: tuple[style.Line, ...] = (
     {"color": style.BLUE, "linestyle": "-", "linewidth": 1.3},
     {"color": style.VERMILLION, "linestyle": (0, (5, 1.5)), "linewidth": 1.3},

@@ -110,7 +110,7 @@ def estimates(result: LearningResult) -> ReportTable | None:
     ]
     header = ("", "After pass", *symbols, "Set-point delay (ms)")
     caption = (
-        "Each estimate uses all passes so far and the measured motor angle: it finds the whole transmission error, not only the part "
+        "Each estimate uses all passes so far and the measured motor angle: it finds the whole error, not only the part "
         "that remains under cancellation. Set-point delay: lag of the motor beyond its SYNC period and its interpolation."
     )
     return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)

@@ -277,7 +277,7 @@ def _with_reactions(bench: Bench, known: Identified, learning: MotionLearning, l
     A reaction counts if the motors' torque shows it.
     """
     shown = shown_reactions(bench, known, learning, led.parts, led.vector, led.step.settings, runs)
-    learning.reactions |= {number: each.believed for number, each in shown.items()}
+    learning.reactions |= {number: each.estimate for number, each in shown.items()}
     change = sum((each.change for each in shown.values() if each.is_seen), np.zeros(len(led.vector)))
     return replace(led, vector=led.vector + led.step.settings + change)
 

@@ -77,7 +77,7 @@ def test_the_factor_says_how_the_cancellation_should_be_multiplied() -> None:
         turns.append((found.turn_deg + 20.0) / found.turn_error_deg)
     assert 0.5 < float(np.sqrt(np.mean(np.square(factors)))) < 1.4
     assert 0.5 < float(np.sqrt(np.mean(np.square(turns)))) < 1.4
-    assert "should be × 1.2" in found.words
+    assert "the correct cancellation is 1.2" in found.words
 
 
 def test_an_unknown_delay_is_seen_though_the_directions_cancel_in_the_mean() -> None:
