@@ -33,7 +33,7 @@ def check_limits(of: Checked) -> list[CheckEntry]:
             f"the drive holds no position limits of the bench file (profile {profile.label}); only the master does; set the "
             "drive's own with its maker's tool"
         )
-        return [of.entry(name, "NOT TOLD", unknown) for name in names]
+        return [of.entry(name, "NOT JUDGED", unknown) for name in names]
     if (trouble := room_trouble(of, -FAR_REV, FAR_REV)) is not None:
         return [of.not_made(name, trouble) for name in names]
     return [_check(of, 1.0), _check(of, -1.0)]

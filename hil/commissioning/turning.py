@@ -90,7 +90,7 @@ def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path
     words = f"friction {friction[0]:+.3g} ± {friction[1]:.1g} N·m along the motion"
     if friction[0] > SEEN_SIGMAS * friction[1]:
         return [*checks, of.passed("torque sign", True, words, path)]
-    return [*checks, of.entry("torque sign", "NOT TOLD", f"{words}: too little to differ from zero", path)]
+    return [*checks, of.entry("torque sign", "NOT JUDGED", f"{words}: too little to differ from zero", path)]
 
 
 def check_quick_stop(of: Checked) -> list[CheckEntry]:
