@@ -229,7 +229,9 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
             f"# it counts {node.scaling.encoder_counts_per_rev} increments per motor revolution; {_position_words(node)}"
         )
     elif not node.unsaid:
-        lines.append(f"# {node.doubt or 'without a profile it is not known how it counts'}: see docs/drive-needs.md")
+        lines.append(
+            f"# {node.doubt or 'the position counts of this node are not known without a profile'}: see docs/drive-needs.md"
+        )
     lines += [f"{key} = {_ask(_UNSAID[key])}" for key in node.unsaid]
     if drawn is not None:
         joint, names = drawn

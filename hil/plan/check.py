@@ -241,7 +241,7 @@ def _axis_stability(
         facts = Profile.load(table.profile).loop
         period, delay = (None if facts is None else facts.period_s), 0
     if delay is None:
-        return AxisStability(number, period, 0, reason="the bus does not carry the loop")
+        return AxisStability(number, period, 0, reason="the frames do not fit on the bus, so the delay has no bound")
     if period is None:
         return AxisStability(number, period, delay, reason=f"profile {table.profile} lacks the drive's control period")
     model = table.loop(period, delay, with_notch=with_notch)

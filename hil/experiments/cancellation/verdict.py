@@ -114,10 +114,12 @@ class PartVerdict:
         change = f"{'fell' if self.fall >= 0.0 else 'rose'} by {100.0 * abs(self.fall):.0f} ± {100.0 * self.fall_error:.0f} %"
         if self.rise:
             own = "its effect is within the noise" if self.verdict == "accepted" else "it falls"
-            return f"{self.part.words}: {own}, but {self.rise}"
-        head = f"{self.part.words}: with {100.0 * self.gain:g} % of it {change} ({100.0 * self.gain:g} % expected)"
+            return f"{self.part.words}: {own}, but with its cancellation {self.rise}"
+        head = (
+            f"{self.part.words}: with {100.0 * self.gain:g} % of its cancellation it {change} ({100.0 * self.gain:g} % expected)"
+        )
         if self.verdict == "not judged":
-            return f"{self.part.words}: has too small an effect to be seen above the sensor noise ({change})"
+            return f"{self.part.words}: its effect is too small to be seen above the sensor noise ({change})"
         if self.factor is None or self.turn_deg is None:
             return head
         turn = f"{self.turn_deg:+.0f}° ± {self.turn_error_deg:.0f}°".replace("-", "−")

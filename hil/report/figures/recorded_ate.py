@@ -32,9 +32,9 @@ TURNS = {1: "forwards", -1: "backwards"}
 
 _THROUGH = {False: "", True: ", in arcsec of the joint, through the arm to the sensor"}
 _SIGNAL: dict[Form, str] = {
-    "two encoders": "joint's angle less the motor's through the gear",
-    "tip acceleration": "acceleration less that of the motor's own motion, up to three times the arm's resonance,",
-    "motor torque": "torque less that of the motor's own motion, up to three times the arm's resonance,",
+    "two encoders": "joint angle minus motor angle over N",
+    "tip acceleration": "acceleration without that of the motor's own motion, up to three times the arm's resonance,",
+    "motor torque": "torque without that of the motor's own motion, up to three times the arm's resonance,",
 }
 
 

@@ -146,7 +146,7 @@ def passes(result: LearningResult) -> ReportTable | None:
         "Recording",
     )
     caption = (
-        "The first pass has no cancellation, the second half of it, every later one all of it. Vibration: root mean "
+        "Pass 1 has no cancellation, pass 2 half of the cancellation, later passes all of it. Vibration: root mean "
         "square of the tip's vertical acceleration, around f_al, at the speeds that excite the arm. Followed: share of the "
         "cancellation's motion that the motor has made."
     )
