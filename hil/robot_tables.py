@@ -114,7 +114,7 @@ class TransmissionErrorTable(Table):
         phases: dict[float, float] = {order: float(value) for order, value in phases_deg.items()}
         without = sorted(amplitudes.keys() - phases.keys())
         if without:
-            raise ValueError(f"order {', '.join(f'{order:g}' for order in without)} has an amplitude but no phase")
+            raise ValueError(f"order {', '.join(f'{order:g}' for order in without)} has an amplitude but no phase; give both")
         named: dict[str, float] = {}
         for order in ORDERS:
             named[amplitude_key(order)] = amplitudes.get(order, 0.0)

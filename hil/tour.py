@@ -142,9 +142,9 @@ def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
     if given.is_harmless:
         return replace(
             outcome, designed=None
-        ), f", of the bench file's notch, which is kept: the designed one {designed_mm:.3f} mm"
+        ), f", with the bench file's notch, which is kept; designed notch: {designed_mm:.3f} mm"
     margins = "; ".join(str(check) for check in given.missed if not check.is_tip_limit)
-    return outcome, f", the bench file's notch {given_mm:.3f} mm, which is not taken since it misses {margins}"
+    return outcome, f", the bench file's notch {given_mm:.3f} mm, which is not used because it misses {margins}"
 
 
 @dataclass

@@ -281,7 +281,7 @@ class Upload:
         """End an upload after which the drive holds the set."""
         if self.stored == "unknown":
             what = (f"{store_command(self.device).written_address} (the store command)",)
-            return self.end("unknown", what, "the drive did not answer it", NoAnswerError.exit_code, others="new")
+            return self.end("unknown", what, "the drive did not answer the store command", NoAnswerError.exit_code, others="new")
         return self.end("done")
 
     def roll_back(self, error: BaseException, *, store_again: bool = False) -> UploadResult:

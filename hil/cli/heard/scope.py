@@ -40,7 +40,7 @@ def mount(app: typer.Typer) -> None:
 
 def scope(
     directory: Annotated[
-        Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run, whose recordings are shown; default: a bus.")
+        Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run to show; default: the bus.")
     ] = None,
     bus: Annotated[
         str | None, typer.Option("--bus", help=f"Bus address; left out: {BUS_VARIABLE}, then the bench file's.")

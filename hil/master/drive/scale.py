@@ -100,7 +100,7 @@ def read_scaling(asked: Questions, number: int, table: StatedScale, profile: Pro
     try:
         return Scaling(counts, torque_nm, **feed)
     except DriveProfileError as error:
-        raise NodeError(asked.node, f"its units make no sense: {error}") from error
+        raise NodeError(asked.node, f"its units are invalid: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def _counts_per_rev(asked: Questions, number: int, table: StatedScale, profile: 
         try:
             found = counts_per_rev(facts.increments, increments, revolutions)
         except DriveProfileError as error:
-            raise NodeError(asked.node, f"its units make no sense: {error}") from error
+            raise NodeError(asked.node, f"its units are invalid: {error}") from error
     if stated is not None and found is not None and found != stated:
         raise NodeError(
             asked.node,

@@ -165,7 +165,11 @@ def sagging() -> Callable[[TamperedChannel], None]:
 
 DEFECTS = {
     "the encoder counts backwards": (feedback(lambda s, p, t: (s, -p, t)), "encoder sign", r"stopped|along"),
-    "the motor's phases are swapped": (at_each_sync(swapped_phases), "stands enabled", r"stopped while it had to be at rest"),
+    "the motor's phases are swapped": (
+        at_each_sync(swapped_phases),
+        "stands enabled",
+        r"stopped although it was commanded to rest",
+    ),
     "the torque is told with the wrong sign": (feedback(lambda s, p, t: (s, p, -t)), "torque sign", r"pushed against the motion"),
     "the drive says twice the counts": (twice_the_counts, "accelerometer", r"\+2\.\d\d ± .* scale of the encoder"),
     "the sensor is turned": (sensor(lambda x, y, z: (z, y, x)), "accelerometer", r"along x: the sensor is turned"),
