@@ -328,6 +328,30 @@ def available() -> list[str]:
     return sorted(path.stem for path in VENDORS.glob("*.toml") if _NAME.fullmatch(path.stem))
 
 
+def known_name(text: str) -> str:
+    """Return a profile's name; refuse one that the package does not have.
+
+    A path is returned as it is.
+
+    Raises:
+        ProfileNotFoundError: The package has no such profile.
+        UnknownProductError: The profile names no such product.
+    """
+    if is_name(text) and text not in available():
+        Profile.load(text)
+    return text
+
+
+def file_of(text: str, folder: Path) -> Path | None:
+    """Return the file that a path of a profile names, or None for a name.
+
+    Args:
+        text: Name or path, perhaps with ``/product``.
+        folder: Folder from which a relative path counts.
+    """
+    return None if is_name(text) else folder / _split(text)[0]
+
+
 def is_name(text: str) -> bool:
     """Return True for a profile name, False for a path.
 

@@ -28,8 +28,8 @@ APPROACH_RPS: Final = 1.0
 
 _UNSAID: Final = {
     "encoder_counts_per_rev": "position units of this drive per motor revolution, as set with its maker's tool",
-    "rated_torque_nm": "torque that it reports as 1000 per mille, in N·m, as set with its maker's tool",
-    "torque_constant_nm_a": "torque of the motor per ampere, in N·m/A, from its data sheet: the drive reports a current",
+    "rated_torque_nm": "torque that the drive reports as 1000 per mille, in N·m, as set with its maker's tool",
+    "torque_constant_nm_a": "torque of the motor per ampere, in N·m/A, from its data sheet, because the drive reports a current",
 }
 """What is asked of a user, by the key of the bench file, where the drive does not say how it counts."""
 

@@ -9,13 +9,12 @@ from typing import Literal
 
 import numpy as np
 
-from drive_profiles.address import LOCAL, parse_address
+from drive_profiles.address import BIT_RATES, LOCAL, parse_address
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType, FunctionCode
 from drive_profiles.standard.cia402 import Object
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.bench.load_encoder import watched_axes
-from hil.can.bits import STANDARD_RATES
 from hil.design.frequency import Loop, margins
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.drive import mapping
@@ -29,7 +28,7 @@ from hil.plan.wire import CLASSIC_MAX_BITRATE, WireTiming, rate_text
 Level = Literal["stable", "at the edge", "unstable", "not known"]
 
 MARGIN_POINTS = 1500
-RATES = STANDARD_RATES[4:]
+RATES = BIT_RATES[4:]
 COUNTS_PER_REV = 1 << 17
 """Resolution of the encoder in the sample of contents; only the typical number of stuff bits depends on it."""
 

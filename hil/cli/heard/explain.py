@@ -96,14 +96,14 @@ def _bitrate(text: str | None) -> int | None:
     Raises:
         typer.BadParameter: It is none.
     """
-    from drive_profiles.address import AddressError, parse_address
+    from drive_profiles.address import AddressError, parse_bit_rate
 
     if text is None:
         return None
     try:
-        return parse_address(f"log:log@{text}").bitrate
-    except AddressError:
-        raise typer.BadParameter(f"{text!r} is not a bit rate; expected e.g. 1M or 500k", param_hint="--bitrate") from None
+        return parse_bit_rate(text)
+    except AddressError as error:
+        raise typer.BadParameter(str(error), param_hint="--bitrate") from None
 
 
 def description_from(text: str) -> tuple[int, "Description"]:

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from drive_profiles.address import BIT_RATES
 from drive_profiles.standard.cia301 import RPDO_BASES, FunctionCode
-from hil.can.bits import NOMINAL_BITS, STANDARD_RATES
+from hil.can.bits import NOMINAL_BITS
 from hil.can.errors_frame import decode
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
@@ -98,7 +99,7 @@ def _load(trace: Trace, bitrate: int | None) -> Iterator[Said]:
         bits[:begin], bits[end:] = 0.0, 0.0
     peak = float(np.max(bits)) / (WINDOW_NS * 1e-9)
     if bitrate is None:
-        least = min((rate for rate in STANDARD_RATES if peak <= TOLERANT * rate), default=STANDARD_RATES[-1])
+        least = min((rate for rate in BIT_RATES if peak <= TOLERANT * rate), default=BIT_RATES[-1])
         yield Untold("bus-load", f"a log does not contain the bit rate; the frames need up to {peak / 1e3:.0f} kbit/s, so it is "
             f"{least // 1000} kbit/s or more; give --bitrate")  # fmt: skip
         return

@@ -357,7 +357,7 @@ def test_a_value_without_a_unit_is_as_on_the_wire(kind, value, data):
         (DataType.INTEGER8, math.nan, "is not a whole number"),
         (DataType.UNSIGNED8, "1", "'1' is not a value of UNSIGNED8; expected a number"),
         (DataType.VISIBLE_STRING, 1, "1 is not a value of VISIBLE_STRING; expected a text"),
-        (DataType.VISIBLE_STRING, "€", "not in ISO 8859-1"),
+        (DataType.VISIBLE_STRING, "€", "outside ISO 8859-1"),
         (DataType.DOMAIN, 1, "1 is not a value of DOMAIN; expected hexadecimal text"),
         (DataType.OCTET_STRING, "0g", "'0g' is not hexadecimal text"),
     ],

@@ -54,6 +54,12 @@ def test_what_cannot_be_served_is_said_before_a_bus_is_there(options: tuple[str,
     assert (ended.exit_code, said in " ".join(ended.output.split())) == (status, True), ended.output
 
 
+def test_a_bit_rate_that_can_cannot_have_is_refused_with_those_that_it_can() -> None:
+    ended = CliRunner().invoke(app, ["serve", "--bus", "local:/nowhere/at/all.sock@7k"])
+    assert ended.exit_code == 2
+    assert "'7k' is not a bit rate of classic CAN; expected 10k, 20k, 50k, " in " ".join(ended.output.split())
+
+
 @pytest.mark.slow
 def test_the_reference_arm_is_served_with_six_drives_and_nothing_is_loaded_meanwhile(tmp_path: Path) -> None:
     line, said = served("--robot", "reference-arm", "--bus", f"local:{tmp_path}/arm.sock")

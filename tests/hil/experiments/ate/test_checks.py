@@ -90,7 +90,7 @@ def test_vibration_that_is_noise_is_not_asked_of_the_error() -> None:
         ),
         (
             {"amplitude_error_arcsec": {2: 2.0, 4: 3.0}},
-            r"over its standard error \(A_2\): 2\.5 \(at least 5\).* none is above 12″",
+            r"A_2, to its standard error: 2\.5 \(at least 5\).* none is above 12″",
         ),
         (
             {"motion_scale": 0.62},

@@ -60,7 +60,7 @@ def test_an_order_below_the_noise_is_not_judged_and_more_runs_can_only_help_wher
     far, near = judged(1.0, 0.0, 6.0, 3), judged(1.0, 0.0, 0.9, 2)
     assert far.verdict == "not judged"
     assert not replace(far, left_error=4.0).could_be_judged(4.0)
-    assert "has too small an effect" in far.words
+    assert "its effect is too small" in far.words
     assert near.verdict == "not judged"
     assert near.could_be_judged(4.0)
 
