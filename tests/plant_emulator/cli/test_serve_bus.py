@@ -45,7 +45,7 @@ def test_one_axis_is_served_alone_with_a_drive_that_holds_its_gains(tmp_path: Pa
     [
         (("--axis", "4"), 2, "robot 'reference' has no axis 4; it has 2, 3, 5"),
         (("--axis", "2", "--drive", "3=maxon_epos2"), 2, "the robot has no axis 3; it has 2"),
-        (("--robot", "reference-arm", "--axis", "2"), 2, "the links of this robot couple its axes"),
+        (("--robot", "reference-arm", "--axis", "2"), 2, "the links of this robot couple all axes"),
         (("--tuning", "nowhere.toml"), 3, "nowhere.toml"),
     ],
 )
