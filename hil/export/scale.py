@@ -95,7 +95,7 @@ class NodeUnits:
         increments, turns, torque = values
         if increments is None or turns is None or torque is None:
             lacking = ", ".join(need.name for need in asked.missing)
-            self.notes.append(f"{name}: {lacking} not in the log; its numbers are as on the bus; --bench gives the scale")
+            self.notes.append(f"{name}: {lacking} not in the log; the numbers stay as on the bus; give --bench for the scale")
             return None
         if feed is not None and feed != increments // max(turns, 1):
             self.notes.append(

@@ -199,7 +199,9 @@ def test_a_ramp_that_ends_before_the_resonance(reference_bench: Bench, reference
         update={"limits": table.limits.model_copy(update={"position_min_rev": -1.2, "position_max_rev": 1.2})}
     )
     bench = bench.model_copy(update={"axis": {**bench.axis, 2: narrow}})
-    with pytest.raises(AteNotIdentifiedError, match=r"rev/s \(at least \d\.\d+ rev/s\); .* between its position limits are 1\.4"):
+    with pytest.raises(
+        AteNotIdentifiedError, match=r"rev/s \(at least \d\.\d+ rev/s\); .* between its position limits there are 1\.4"
+    ):
         identified(bench, noisy(reference_robot, 0.002, 1), AteRequest(2))
 
 

@@ -55,7 +55,7 @@ def check_robot(new: MeasuredResult, old: MeasuredResult) -> None:
         NotPossibleError: They are.
     """
     if new.kind != old.kind:
-        raise _unlike(f"the new one is of hil {_command(new)}, the old one of hil {_command(old)}")
+        raise _unlike(f"one is of hil {_command(new)}, the other of hil {_command(old)}")
     own, other = new.bench.file, old.bench.file
     if own.name != other.name:
         raise _unlike(f"one is of the robot “{own.name}”, the other of “{other.name}”")

@@ -68,7 +68,7 @@ def test_too_little_travel_is_said_with_what_is_needed() -> None:
         NotPossibleError, match=r"to pass f_m2 = 6\.00 rev/s, 6\.90 rev/s are needed: that takes 7\.1 rev at 4 rev/s²"
     ) as error:
         end_speed(narrow, 2, 4.0, 12.0)
-    assert "between its position limits are 5.0; accelerate with 6.25 rev/s² or more" in str(error.value)
+    assert "between its position limits there are 5.0 rev; accelerate with 6.25 rev/s² or more" in str(error.value)
     least = slowest(narrow, 2, 6.9)
     assert travel_rev(least, 20.0, 6.9) == pytest.approx(room_rev(narrow, 2))
     assert end_speed(narrow, 2, 1.001 * least, 12.0) >= 6.9
