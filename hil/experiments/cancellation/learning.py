@@ -376,7 +376,7 @@ def _leave_out_wrong(learning: AxisLearning, number: int, recording: Recording, 
     verdicts = learning.passes[-1].verdicts
     learning.left_out |= learning.known.judged(verdicts, learning.estimate, learning.passed, is_last=is_last)
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
-        raise CancellationRefusedError(f"what pass {number - 1} has learnt of axis {learning.axis}", verdicts)
+        raise CancellationRefusedError(f"the result of pass {number - 1} for axis {learning.axis}", verdicts)
     if learning.passes[-1].gain == 1.0 and learning.reaction is not None:
         learning.reaction.take(recording, error_of(learning.values()))
 

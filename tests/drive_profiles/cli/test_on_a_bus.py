@@ -336,7 +336,7 @@ def test_a_snapshot_goes_to_another_device_only_if_that_is_forced(folder):
 def test_the_newest_journal_of_a_folder_is_the_snapshot(folder):
     before = held("position_gain_per_s")
     first = run("set", "position_gain_per_s=5.5", "--node", "2", "--yes")
-    assert f"what it held before is in {folder}/drive-journals/node2-" in first.stderr, "whole, for another day elsewhere"
+    assert f"its previous values are in {folder}/drive-journals/node2-" in first.stderr, "whole, for another day elsewhere"
     run("set", "position_gain_per_s=6.5", "--node", "2", "--yes")
     run("restore", "--snapshot", "drive-journals", "--node", "3", code=3)
     run("restore", "--snapshot", "drive-journals", "--node", "2", "--yes")
