@@ -109,7 +109,7 @@ def compare(
 ) -> None:
     """Compare treatments of the transmission error in one table.
 
-    They are: nothing, lower gains, filters, cancellation, input shapers.
+    The treatments are: none, lower gains, filters, cancellation, input shapers.
 
     Example: hil compare --bench bench.toml --model model.toml --design design.toml --out compared
     """

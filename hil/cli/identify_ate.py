@@ -105,8 +105,8 @@ def ate(
 ) -> None:
     """Identify the angular transmission error of one axis from ramps.
 
-    The ramps pass f_m4 and f_m2, forwards and back. Only the bench file has to be known. With --recording nothing moves:
-    the error comes from files that are there already.
+    The ramps pass f_m4 and f_m2, forwards and back. You need only the bench file. With --recording nothing moves:
+    the error comes from existing files.
 
     Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """

@@ -55,7 +55,7 @@ def explain(
 ) -> None:
     """Find the faults in a log of a bus, worst first.
 
-    Each has time stamps, and what to change.
+    Each finding has time stamps and a remedy.
 
     Example: hil explain candump.log --description drive.eds:2 --bitrate 1M --page log.html
     """

@@ -43,7 +43,7 @@ def init(
     """Write a bench file from a scan of the bus.
 
     It has nodes, profiles, counts, first limits, and a SYNC period that fits. Nothing is written to any node. Lines that
-    only you can fill in are marked, and no command accepts the file before.
+    only you can fill in are marked; until then no command accepts the file.
 
     Examples:
         hil init --bus socketcan:can0@1M --out bench.toml
