@@ -109,7 +109,7 @@ def test_on_an_arm_a_ramp_turns_the_joint_by_ten_degrees_at_most_and_ends_where_
 
 def test_an_arm_that_may_turn_too_little_is_told_what_is_needed() -> None:
     narrow = ARM.model_copy(update={"identification_travel_deg": 3.0})
-    with pytest.raises(NotPossibleError, match=r"within ±3° of the joint are 2\.0; .*raise identification_travel_deg"):
+    with pytest.raises(NotPossibleError, match=r"within ±3° of the joint there are 2\.0 rev; .*raise identification_travel_deg"):
         end_speed(narrow, 2, 7.0, 10.4)
     wide = ARM.model_copy(update={"identification_travel_deg": 60.0})
     assert binding_limit(wide, 2, 7.0, 7.0) == ""
