@@ -133,7 +133,7 @@ class Profile(Table):
     def _distinct(self) -> Self:
         """Refuse products with equal names, overlapping identities or incomplete facts."""
         if self.products and not self.identity.product:
-            raise ValueError("identity.product is missing: a family of several products names the first one, too")
+            raise ValueError("identity.product is missing: a family of several products must name its first product")
         names = [self.identity.product, *(product.name for product in self.products)]
         for number, product in enumerate(self.products):
             if product.name in names[: number + 1]:

@@ -88,7 +88,7 @@ EdsOption = Annotated[
     typer.Option(
         "--eds",
         metavar="AXIS=PATH",
-        help="EDS file of an axis' drive; objects that only it has are kept without effect; repeatable.",
+        help="EDS file of an axis' drive: adds objects beyond its profile, without effect; repeatable.",
     ),
 ]
 StoreTimeOption = Annotated[
