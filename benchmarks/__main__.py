@@ -29,26 +29,26 @@ def groups(minutes: int) -> dict[str, list[Section]]:
     return {
         "master": [(
             "The master's path",
-            "SYNC, N answers of 8 bytes, the servo law, N set-points: cycles per second against N nodes that only echo, a "
-            "process of their own on the same core. Ours is `CyclicExchange.exchange`, the law, and the scaling on either side "
-            "of it. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, threads of one process. Bare: "
-            "the same records written and read on the same kind of socket, packed beforehand, nothing looked at, no law: no "
-            "master in Python on this path can be faster.",
+            "Cycles per second of SYNC, N answers of 8 bytes, the servo law and N set-points. The N nodes only echo, in a "
+            "process of their own on the same core. Ours: `CyclicExchange.exchange`, the law, and the scaling before and after "
+            "it. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, as threads of one process. Bare: "
+            "the same records, packed beforehand, written to and read from the same kind of socket, without law or checks; no "
+            "master in Python can be faster on this path.",
             master_path,
         )],
         "bench": [(
             "The whole bench",
-            "A run as `hil run` does it (session, guards, recording; set-up and way back not counted) against the emulated "
+            "A run as `hil run` does it (session, guards, recording; without set-up and return) against the emulated "
             "robot: drives, accelerometer, physics. Every axis swings by a revolution of its motor, at 0.5 Hz.",
             whole_bench.whole_bench,
         )],
         "plant": [(
             "The closed loop without a bus",
             "The servo law every 250 µs and four Runge-Kutta steps of the plant in each, set-points every 2 ms. Loose: "
-            "the same sources, built now for this processor and with fused multiply-adds, where ours is strict. It "
-            f"and plain Python may differ from ours by {plant.SAME_STEPS:g}: roundings in another order. The general "
-            "solvers integrate each control period alone, with the law in Python between: their difference to ours is the "
-            f"truncation error of our fixed steps, friction near rest most of all, and may be {plant.TRUNCATION:g}.",
+            "the same sources, built for this processor with fused multiply-adds; ours has strict arithmetic. Loose and plain "
+            f"Python may differ from ours by {plant.SAME_STEPS:g}, because they round in another order. The general "
+            "solvers integrate each control period alone, with the law in Python in between. Their difference to ours, at most "
+            f"{plant.TRUNCATION:g}, is the truncation error of our fixed steps, mostly from friction near rest.",
             plant.plant,
         )],
         "node": [(
@@ -128,9 +128,9 @@ def main() -> None:
 
 
 NOTE = (
-    "Times are those of one machine at one hour; the ratios are what to read: each is of two things measured in turn in the same "
-    "run, medians of their turns. Both must find the same, to the last bit where no bound is told: one that does not ends the "
-    "benchmark with an error."
+    "Times depend on machine and load; compare the ratios. Each ratio is of two programs measured alternately in one run, and "
+    "of the medians of each. Both programs must give the same result, to the last bit unless a bound is stated; otherwise the "
+    "benchmark ends with an error."
 )
 
 if __name__ == "__main__":

@@ -164,7 +164,7 @@ def line_of(out: Path, name: str) -> list[str]:
     path = out / "result.json"
     found = json.loads(path.read_text())["runs"][:1] if path.exists() else []
     return [
-        f"| {name} | {each['timing']['beats']} | {1e6 * each['timing']['lateness']['p50_s']:.0f} | "
+        f"| {name} | {each['timing']['cycles']} | {1e6 * each['timing']['lateness']['p50_s']:.0f} | "
         f"{1e6 * each['timing']['lateness']['p99_s']:.0f} | {1e6 * each['timing']['lateness']['max_s']:.0f} | "
         f"{each['timing']['dropped_cycles']} | {each['missed_cycles']} | {os.getloadavg()[0]:.1f} |"
         for each in found

@@ -14,24 +14,34 @@ PYTHON_CAN_LOCAL = "hil_local"
 BUS_VARIABLE = "HIL_BUS"
 """Name of the environment variable that holds a bus address for all tools."""
 
-_SPELLING = re.compile(r"(?P<interface>[a-z][a-z0-9_]*):(?P<channel>[^@]+)(?:@(?P<rate>\d+(?:\.\d+)?)(?P<unit>[kM]?))?")
+_RATE = re.compile(r"(?P<rate>\d+(?:\.\d+)?)(?P<unit>[kM]?)")
+_SPELLING = re.compile(rf"(?P<interface>[a-z][a-z0-9_]*):(?P<channel>[^@]+)(?:@{_RATE.pattern})?")
 _UNITS = {"": 1, "k": 1_000, "M": 1_000_000}
 
 
-class AddressError(ValueError):
-    """A bus address that cannot be read."""
+NO_ADDRESS = (
+    " is not a bus address; expected INTERFACE:CHANNEL[@BITRATE], e.g. local:/tmp/robot.sock, socketcan:can0, "
+    "slcan:/dev/ttyACM0@1M"
+)
 
-    def __init__(self, text: str, origin: str = "") -> None:
+BIT_RATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+"""Bit rates of CiA 301 and of makers' EDS files, in bit/s; the least and the largest bound those of classic CAN."""
+
+
+class AddressError(ValueError):
+    """A bus address that cannot be used."""
+
+    def __init__(self, text: str, origin: str = "", why: str = NO_ADDRESS) -> None:
         """Compose the message.
 
-        `text` is the address that was refused; `origin` names the option, variable or file that gave it.
+        Args:
+            text: The refused address.
+            origin: Option, variable or file that gave it.
+            why: What follows the address in the message.
         """
-        self.text, self.origin = text, origin
+        self.text, self.origin, self.why = text, origin, why
         where = f"{origin}: " if origin else ""
-        super().__init__(
-            f"{where}{text!r} is not a bus address; expected INTERFACE:CHANNEL[@BITRATE], e.g. local:/tmp/robot.sock, "
-            "socketcan:can0, slcan:/dev/ttyACM0@1M"
-        )
+        super().__init__(f"{where}{text!r}{why}")
 
 
 class UnknownInterfaceError(AddressError):
@@ -39,11 +49,10 @@ class UnknownInterfaceError(AddressError):
 
     def __init__(self, text: str, interface: str, known: tuple[str, ...], origin: str = "") -> None:
         """Compose the message; `known` lists the valid interfaces."""
-        self.text, self.origin, self.interface, self.known = text, origin, interface, known
-        where = f"{origin}: " if origin else ""
+        self.interface, self.known = interface, known
         close = difflib.get_close_matches(interface, known, n=1)
         hint = f", did you mean {close[0]}" if close else ""
-        ValueError.__init__(self, f"{where}{text!r}: unknown interface {interface!r}{hint}; expected one of {', '.join(known)}")
+        super().__init__(text, origin, f": unknown interface {interface!r}{hint}; expected one of {', '.join(known)}")
 
 
 @dataclass(frozen=True)
@@ -90,16 +99,34 @@ def parse_address(text: str) -> Address:
     """Read a bus address.
 
     Raises:
-        AddressError: The text is not a bus address.
+        AddressError: The text is not a bus address, or its bit rate is not one of classic CAN.
     """
     match = _SPELLING.fullmatch(text.strip())
     if match is None:
         raise AddressError(text)
-    rate = match["rate"]
-    bitrate = None if rate is None else round(float(rate) * _UNITS[match["unit"]])
-    if bitrate == 0:
-        raise AddressError(text)
+    bitrate = None
+    if match["rate"] is not None:
+        rate = match["rate"] + match["unit"]
+        try:
+            bitrate = parse_bit_rate(rate)
+        except AddressError as error:
+            raise AddressError(text, "", f": {rate!r}{error.why}") from None
     return Address(match["interface"], match["channel"], bitrate)
+
+
+def parse_bit_rate(text: str) -> int:
+    """Read a bit rate of classic CAN, in bit/s: `1M`, `500k` or `125000`.
+
+    Raises:
+        AddressError: The text is not such a bit rate.
+    """
+    match = _RATE.fullmatch(text.strip())
+    rate = 0 if match is None else round(float(match["rate"]) * _UNITS[match["unit"]])
+    if not BIT_RATES[0] <= rate <= BIT_RATES[-1]:
+        usual = [_shortest(each) for each in BIT_RATES]
+        why = f" is not a bit rate of classic CAN; expected {', '.join(usual)}, or another from {usual[0]} to {usual[-1]}"
+        raise AddressError(text, "", why)
+    return rate
 
 
 def check_interface(text: str, origin: str = "") -> None:
@@ -116,8 +143,8 @@ def check_interface(text: str, origin: str = "") -> None:
     """
     try:
         interface = parse_address(text).interface
-    except AddressError:
-        raise AddressError(text, origin) from None
+    except AddressError as error:
+        raise AddressError(text, origin, error.why) from None
     if interface in {LOCAL, SOCKETCAN}:
         return
     from can.interfaces import VALID_INTERFACES  # noqa: PLC0415 - python-can is slow to load

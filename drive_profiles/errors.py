@@ -5,6 +5,7 @@ All have one root class; each keeps its values as attributes and composes its me
 
 from __future__ import annotations
 
+import difflib
 import math
 from pathlib import Path
 from typing import ClassVar, NamedTuple
@@ -79,7 +80,7 @@ class FileError(DriveProfileError):
         super().__init__("\n".join(_line(path, problem) for problem in problems))
 
 
-class ProfileNotFoundError(DriveProfileError):
+class ProfileNotFoundError(DriveProfileError, ValueError):
     """The package has no drive profile of that name.
 
     Args:
@@ -90,10 +91,13 @@ class ProfileNotFoundError(DriveProfileError):
     def __init__(self, name: str, available: tuple[str, ...]) -> None:
         self.name = name
         self.available = available
-        super().__init__(f"no drive profile {name!r}; available: {', '.join(available) or 'none'}")
+        close = difflib.get_close_matches(name, available, n=1)
+        hint = f", did you mean {close[0]}?" if close else ";"
+        listed = ", ".join(available) or "none"
+        super().__init__(f"no drive profile {name!r}{hint} available: {listed}; drive-profiles list describes them")
 
 
-class UnknownProductError(DriveProfileError):
+class UnknownProductError(DriveProfileError, ValueError):
     """A device or a name that matches no product of the profile.
 
     Args:

@@ -119,7 +119,7 @@ def joint_scale(scales: Sequence[TipScale]) -> TipScale:
         ValueError: There is no scale.
     """
     if not scales:
-        raise ValueError("no scale of any axis")
+        raise ValueError("there is no scale of an axis; expected at least 1")
     band, peak_band = (
         (min(low for low, _ in bands), max(high for _, high in bands))
         for bands in ([scale.band_hz for scale in scales], [scale.peak_band_hz for scale in scales])
@@ -188,8 +188,8 @@ def shown_band(period_s: float, band_hz: tuple[float, float]) -> tuple[float, fl
         return band_hz
     if SHOWN_FRACTION / period_s < LEAST_SHOWN * high_hz:
         raise ValueError(
-            f"samples every {1e3 * period_s:g} ms show vibrations up to {SHOWN_FRACTION / period_s:.3g} Hz, and "
-            f"{LEAST_SHOWN * high_hz:.3g} Hz are needed at least, {1e3 * SHOWN_FRACTION / (LEAST_SHOWN * high_hz):.3g} ms"
+            f"samples every {1e3 * period_s:g} ms show vibrations up to {SHOWN_FRACTION / period_s:.3g} Hz only; "
+            f"{LEAST_SHOWN * high_hz:.3g} Hz need a sample at least every {1e3 * SHOWN_FRACTION / (LEAST_SHOWN * high_hz):.3g} ms"
         )
     return low_hz, SHOWN_FRACTION / period_s
 
@@ -374,7 +374,7 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, s
     top_rps, resonant_rps = float(np.max(np.abs(motor_speed_rps(recording, axis))[inside])), scale.f_al_hz / order
     if top_rps < resonant_rps:
         raise ValueError(
-            f"the motor, behind its set-points, is at {top_rps:.2f} rev/s when the ramp brakes; order {order} meets "
+            f"the motor lags its set-points and reaches {top_rps:.2f} rev/s before the ramp brakes; order {order} meets "
             f"f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s; raise end_rps of constant_acceleration by "
             f"{math.ceil(10.0 * (resonant_rps - top_rps)) / 10.0:.1f} rev/s or more"
         )

@@ -101,6 +101,10 @@ NOT_DISABLED = "NOT every drive has confirmed that it is disabled"
 """The words for the end of a stop after which torque may still act."""
 
 
+DISABLED = "all axes are stopped and disabled, and their drives close the brakes"
+"""The words for the end of a stop that every drive has confirmed."""
+
+
 def not_restored_words(what: str) -> str:
     """Return the words for an object that a run has not restored.
 
@@ -126,7 +130,7 @@ class SafetyStopError(HilError):
             where: Positions of the axes, and how to go on; empty if nothing moved.
         """
         self.reason, self.all_disabled, self.where = reason, all_disabled, where
-        end = "all axes are stopped and disabled" if all_disabled else NOT_DISABLED
+        end = DISABLED if all_disabled else f"{NOT_DISABLED}: torque may act, and a brake may be open"
         super().__init__("; ".join(filter(None, (f"stopped: {reason}", end, where))))
 
 

@@ -98,7 +98,8 @@ class Recording:
             except ValueError as error:
                 raise ValueError(f"{path}: {error}") from error
         if "time_s" not in names or values.shape[1] != len(names):
-            raise ValueError(f"{path}: no recording: {len(names)} names, {values.shape[1]} columns")
+            own = "" if "time_s" in names else ", none of them time_s,"
+            raise ValueError(f"{path}: not a recording: {len(names)} names{own} for {values.shape[1]} columns")
         return cls({name: values[:, i] for i, name in enumerate(names)})
 
 

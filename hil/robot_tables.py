@@ -114,7 +114,7 @@ class TransmissionErrorTable(Table):
         phases: dict[float, float] = {order: float(value) for order, value in phases_deg.items()}
         without = sorted(amplitudes.keys() - phases.keys())
         if without:
-            raise ValueError(f"order {', '.join(f'{order:g}' for order in without)} has an amplitude but no phase")
+            raise ValueError(f"order {', '.join(f'{order:g}' for order in without)} has an amplitude but no phase; give both")
         named: dict[str, float] = {}
         for order in ORDERS:
             named[amplitude_key(order)] = amplitudes.get(order, 0.0)
@@ -310,7 +310,7 @@ class LineMotion(Table):
     def _ramps_fit(self) -> Self:
         Smooth(self.duration_s, self.ramp_s)
         if self.orientation == "free" and (self.start_rpy_deg or self.end_rpy_deg):
-            raise ValueError('orientation = "free" and start_rpy_deg or end_rpy_deg: leave one out')
+            raise ValueError('orientation = "free" excludes start_rpy_deg and end_rpy_deg; leave out one or the other')
         return self
 
     def check_planar(self) -> None:

@@ -142,9 +142,9 @@ def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
     if given.is_harmless:
         return replace(
             outcome, designed=None
-        ), f", of the bench file's notch, which is kept: the designed one {designed_mm:.3f} mm"
+        ), f", with the bench file's notch, which is kept; designed notch: {designed_mm:.3f} mm"
     margins = "; ".join(str(check) for check in given.missed if not check.is_tip_limit)
-    return outcome, f", the bench file's notch {given_mm:.3f} mm, which is not taken since it misses {margins}"
+    return outcome, f", the bench file's notch {given_mm:.3f} mm, which is not used because it misses {margins}"
 
 
 @dataclass
@@ -259,7 +259,7 @@ class _TourRunner:
         """
         differing = self._transact(lambda uploads: [str(write.entry) for each in uploads for write, _ in each.changes])
         if differing:
-            raise NotPossibleError(f"after the runs the drives no longer hold what was uploaded: {', '.join(differing)}")
+            raise NotPossibleError(f"after the runs the drives no longer hold the uploaded values: {', '.join(differing)}")
         return "every object of the sets read once more after the runs: as uploaded", self.parameter_set(self._uploaded[-1]).name
 
     def _transact(self, then: Callable[[list[Upload]], T]) -> T:
@@ -298,7 +298,7 @@ def _written(uploads: list[Upload]) -> list[UploadResult]:
     with Interrupts(is_last=False) as interrupts:
         if threading.current_thread() is threading.main_thread():
             late = "the interrupt came too late: everything has been written; another one ends the tour"
-            interrupts.hold("interrupted: what has been written is restored; wait for the outcome", late)
+            interrupts.hold("interrupted: all written values are restored; wait for the outcome", late)
         return fleet.run(uploads, fleet.UploadControl(interrupts.window))
 
 

@@ -124,10 +124,15 @@ def _against_drive(path: Path, bus: str, node: int, profile: str | None, eds: Pa
     """
     from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.bus import SdoBus
+    from drive_profiles.errors import NodeError
     from drive_profiles.parameter_set.parameters import Difference
+    from drive_profiles.upload.checks import foreign_device
 
     with SdoBus(bus, timeout_s) as opened:
         device, wanted = set_for_drive(opened, node, path, profile, eds)
+        foreign = foreign_device(device, wanted.header, device.identify())
+        if foreign:
+            raise NodeError(node, f"{path} is for another device: {'; '.join(foreign)}", "check node-ID and file")
         writes = device.resolve(wanted, limits=False)
         scaling = device.scaling([write.entry for write in writes])
         differences = []

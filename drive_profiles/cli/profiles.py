@@ -26,7 +26,7 @@ def mount(app: typer.Typer) -> None:
 def list_profiles(*, as_json: JsonOption = False) -> None:
     """List the profiles, and what each can do for the notch.
 
-    The notch is the variable one; `show` has the reasons.
+    The notch is the one that follows the speed; `show` gives the reasons.
 
     Examples:
         drive-profiles list

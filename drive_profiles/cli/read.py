@@ -182,8 +182,6 @@ def pull(
 ) -> None:
     """Read all values that could be written back, as a set.
 
-    Standard error and the set's header list what could not be read.
-
     Objects that could not be read are listed on standard error and in the set's header.
 
     Example: drive-profiles pull --bus local:/tmp/robot.sock --node 2 --out axis2.toml
@@ -229,7 +227,7 @@ def get(
 ) -> None:
     """Read objects.
 
-    If one cannot be read, the others are shown all the same, and the command ends with its exit status.
+    If an object cannot be read, the others are still shown, and the exit status is that of the failed read.
 
     Example: drive-profiles get position_gain_per_s 0x6041 --bus local:/tmp/robot.sock --node 2
     """

@@ -156,7 +156,7 @@ def gains(
     table("", ("parameter", "object", "value", "unit"), rows)
     _doubt(profile.loop)
     if pid is not None:
-        typer.echo(f"A PID on the error is the P-PI only if the reference is low-passed by {1e3 * pid.reference_lag_s:g} ms.")
+        typer.echo(f"A PID on the error equals the P-PI only behind a reference low-pass of {1e3 * pid.reference_lag_s:g} ms.")
 
 
 def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact: NotchFacts | LoopFacts | None) -> None:

@@ -69,7 +69,7 @@ def restore(
     ] = None,
     *,
     snapshot: Annotated[
-        Path | None, typer.Option("--snapshot", help="Journal whose former values are restored; of a folder the newest.")
+        Path | None, typer.Option("--snapshot", help="Journal with the values to restore; for a folder, its newest journal.")
     ] = None,
     defaults: Annotated[
         bool, typer.Option("--defaults", help="Restore the drive's factory settings; they take effect after its next reset.")
@@ -168,14 +168,14 @@ class _Words:
 _STORE = _Words(
     "store all its values",
     "has stored its values",
-    "it is not known whether it has stored; once it answers, store again",
+    "it is unknown whether the drive has stored its values; once the drive answers, store again",
     "stored",
     True,
 )
 _DEFAULTS = _Words(
     "drop its values and restore the factory settings",
     "will hold its factory settings after its next reset",
-    "its values after the next reset are not known; once it answers, repeat the command",
+    "the values after the next reset are unknown; once the drive answers, repeat the command",
     "defaults",
     "after the next reset",
 )

@@ -88,7 +88,7 @@ def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSe
             nodes = ", ".join(f"node {node}" for node, _ in pairs)
             confirm(f"write {count} objects{storing} on {nodes}?", yes=request.yes)
         total = sum(len(item.changes) + len(item.writes) for item in uploads)
-        back = "what has been written is restored" if request.options.rollback else "nothing more is written"
+        back = "all written values are restored" if request.options.rollback else "nothing more is written"
         interrupts.hold(f"interrupted: {back}; wait for the outcome", TOO_LATE)
         with progress("writing", total) as step:
             outcomes = fleet.run(uploads, fleet.UploadControl(interrupts.window, lambda node, made: step(made)))
@@ -179,7 +179,7 @@ def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> Non
         if not request.as_json or outcome.kind != "done":
             typer.echo(str(outcome), err=outcome.kind != "done")
         if outcome.journal is not None and not request.as_json:
-            typer.echo(f"node {outcome.node}: what it held before is in {outcome.journal.absolute()}", err=True)
+            typer.echo(f"node {outcome.node}: its previous values are in {outcome.journal.absolute()}", err=True)
         if hint := _hint(outcome, request):
             typer.echo(f"node {outcome.node}: once it answers: {hint}", err=True)
 
@@ -193,4 +193,4 @@ def _hint(outcome: UploadResult, request: TransactionRequest) -> str:
     check = f"check that it holds the set (drive-profiles verify SET {where})"
     if outcome.stored == "unknown":
         return f"{check}, then drive-profiles store {where}"
-    return f"{check}, and upload the set again where it does not"
+    return f"{check}; if it does not, upload the set again"

@@ -62,7 +62,7 @@ def upload(
             "--node",
             min=1,
             max=127,
-            help="Node-ID; repeat for several drives, which are written all or none.",
+            help="Node-ID; repeat for several drives: the upload writes all of them or none.",
             autocompletion=complete_nodes,
         ),
     ],

@@ -101,7 +101,8 @@ class SdoBus:
             )
         except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
             said = str(error)
-            raise BusError(said if self.address in said else f"no bus at {self.address}: {said}") from error
+            is_named = f"{parsed.interface}:{parsed.channel}" in said
+            raise BusError(said if is_named else f"no bus at {self.address}: {said}") from error
         self._lines: dict[int, _Line] = {}
         self._ports: dict[int, SdoPort] = {}
         self.on_lss: Callable[[bytes], None] = lambda data: None

@@ -279,7 +279,9 @@ class Device:
     def _counts_per_rev(self) -> int:
         facts = self.profile.encoder if self.profile else None
         if facts is None or (facts.increments is None and facts.counts_per_rev is None):
-            raise RefusedError(f"node {self.node}: no object is known for the resolution of its encoder")
+            raise RefusedError(
+                f"node {self.node}: no object is known for the resolution of its encoder; give a profile that names it"
+            )
         if facts.increments is None:
             return facts.counts_per_rev or 0
         increments = self._number(facts.increments)
@@ -308,7 +310,7 @@ class Device:
     def _rated_torque_nm(self) -> float:
         facts = self.profile.torque if self.profile else None
         if facts is None or facts.rated_torque is None:
-            raise RefusedError(f"node {self.node}: no object is known for its rated torque")
+            raise RefusedError(f"node {self.node}: no object is known for its rated torque; give a profile that names it")
         return self._number(facts.rated_torque) * facts.rated_torque_step_nm
 
     def _number(self, address: str) -> int:

@@ -11,13 +11,14 @@ import re
 
 from canopen.objectdictionary import DeviceInformation, ObjectDictionary, ODRecord, ODVariable
 
+from drive_profiles.address import BIT_RATES
 from drive_profiles.eds import values
 from drive_profiles.eds.objects import Builder, ObjectSections
 from drive_profiles.eds.text import EdsEntry, EdsSection, Findings, quoted
 from drive_profiles.eds.variables import assign
 from drive_profiles.standard.cia301 import MAX_NODE_ID, RPDO_BASES, TPDO_BASES
 
-BIT_RATES_KBIT_S = (10, 20, 50, 100, 125, 250, 500, 800, 1000)
+BIT_RATES_KBIT_S = tuple(rate // 1000 for rate in BIT_RATES)
 COMMISSIONING = ("devicecomissioning", "devicecommissioning")
 """Both spellings of the section: the standard has one m, many writers of files have two."""
 DEVICE_COMMISSIONING = "DeviceComissioning"

@@ -85,11 +85,13 @@ def left_out(description: Description, file_format: Literal["eds", "dcf"]) -> li
             of_dcf += bool(section.entries)
     said = []
     if strange:
-        said.append(f"{len(strange)} keys that CiA 306 does not have left out: {_named(strange)}")
+        said.append(f"left out, as CiA 306 has no such keys ({len(strange)}): {_named(strange)}")
     if foreign:
-        said.append(f"{len(foreign)} sections that CiA 306 does not have left out: {_named(foreign)}")
+        said.append(f"left out, as CiA 306 has no such sections ({len(foreign)}): {_named(foreign)}")
     if of_dcf and file_format == "eds":
-        said.append("commissioning, UploadFile, DownloadFile and Denotation left out: an EDS has none; a .dcf has them")
+        said.append(
+            "left out: commissioning, UploadFile, DownloadFile and Denotation; an EDS has none, write a .dcf to keep them"
+        )
     return said
 
 

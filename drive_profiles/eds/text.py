@@ -328,7 +328,7 @@ def _keep(document: Document, section: EdsSection | None, stripped: str, number:
         return
     section.repeated.append(entry)
     same = first.value == entry.value
-    made = "the same again as" if same else f"{quoted(entry.value)} differs from {quoted(first.value)}, which is taken, in"
+    made = "the same again as" if same else f"{quoted(entry.value)} is ignored; {quoted(first.value)} is taken from"
     findings.warn(number, section.name, key, f"{made} line {first.line}", "each key once")
 
 

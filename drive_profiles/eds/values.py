@@ -247,7 +247,9 @@ def _decimal(body: str, remark: str) -> ValueReading:
     if digits[0] != "0" or plain == 0 or len(digits) == 1:
         return ValueReading(plain, remark)
     if "8" in digits or "9" in digits:
-        return ValueReading(plain, _joined(remark, f"a leading 0 would make it octal, which it cannot be; read as {plain}"))
+        return ValueReading(
+            plain, _joined(remark, f"a leading 0 marks an octal number, but 8 and 9 are not octal digits; read as {plain}")
+        )
     octal = int(digits, 8) * (-1 if body[0] == "-" else 1)
     if octal == plain:
         return ValueReading(plain, remark)

@@ -275,26 +275,29 @@ def _raw(entry: CatalogueEntry, value: float | str) -> Value:
     data_type = entry._type()
     if data_type in {DataType.OCTET_STRING, DataType.DOMAIN}:
         if not isinstance(value, str):
-            raise RefusedError(f"{entry}: {value!r} is not a hexadecimal text, which a {data_type.name} takes")
+            raise RefusedError(f"{entry}: {value!r} is not a value of {data_type.name}; expected hexadecimal text")
         try:
             return bytes.fromhex(value)
         except ValueError:
-            raise RefusedError(f"{entry}: {value!r} is not a hexadecimal text") from None
+            raise RefusedError(
+                f"{entry}: {value!r} is not hexadecimal text; expected pairs of the digits 0 to 9 and A to F"
+            ) from None
     if (data_type is DataType.VISIBLE_STRING) != isinstance(value, str):
-        raise RefusedError(f"{entry}: {value!r} is no {data_type.name}")
+        expected = "a number" if isinstance(value, str) else "a text"
+        raise RefusedError(f"{entry}: {value!r} is not a value of {data_type.name}; expected {expected}")
     if isinstance(value, str):
         if not value.isascii() and max(value) > "\xff":
-            raise RefusedError(f"{entry}: {value!r} has characters that are not in ISO 8859-1, which a {data_type.name} takes")
+            raise RefusedError(f"{entry}: {value!r} has characters outside ISO 8859-1; {data_type.name} holds none")
         return value
     if not (data_type.is_real or isinstance(value, int) or value.is_integer()):
-        raise OutOfRangeError(str(entry), value, "", f"is not a whole number, which a {data_type.name} takes")
+        raise OutOfRangeError(str(entry), value, "", f"is not a whole number; {data_type.name} holds only whole numbers")
     try:
         raw = float(value) if data_type.is_real else int(value)
         encode(data_type, raw)
     except (ValueError, OverflowError):
         raw = math.inf
     if (data_type is DataType.BOOLEAN and raw not in {0, 1}) or not math.isfinite(raw):  # struct takes 2, and 10**400, for true
-        raise OutOfRangeError(str(entry), value, "", f"is outside what {data_type.name} holds")
+        raise OutOfRangeError(str(entry), value, "", f"is outside the range of {data_type.name}")
     return bool(raw) if data_type is DataType.BOOLEAN else raw
 
 

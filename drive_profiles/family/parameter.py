@@ -194,19 +194,19 @@ class Parameter(Fact):
         )
         if not low <= value <= high or not -sys.float_info.max <= value <= sys.float_info.max:
             unlimited = math.isinf(low) and math.isinf(high)
-            reason = f"is outside what {self.data_type} holds" if unlimited else beyond(low, high)
+            reason = f"is outside the range of {self.data_type}" if unlimited else beyond(low, high)
             raise OutOfRangeError(self.written_address, value, self.unit, reason)
         if real:
             held = value / per_step
             if self.data_type == "REAL32":
                 return units.real32(held)
             if math.isinf(held):
-                raise OutOfRangeError(self.written_address, value, self.unit, f"is outside what {self.data_type} holds")
+                raise OutOfRangeError(self.written_address, value, self.unit, f"is outside the range of {self.data_type}")
             return held
         if per_step == 1.0 and (isinstance(value, int) or value.is_integer()):
             exact = int(value)  # 64 bits do not pass through a float
             if not LIMITS[self.data_type][0] <= exact <= LIMITS[self.data_type][1]:
-                raise OutOfRangeError(self.written_address, value, self.unit, f"is outside what {self.data_type} holds")
+                raise OutOfRangeError(self.written_address, value, self.unit, f"is outside the range of {self.data_type}")
             return exact
         return units.to_integer(value, LIMITS[self.data_type], self.written_address, self.unit, 1.0 / per_step)
 
@@ -237,7 +237,7 @@ class Parameter(Fact):
             DriveProfileError: As for `raw`; or a number is given for bytes, or text for a number.
         """
         if isinstance(value, str) != self.is_bytes:
-            raise DriveProfileError(f"object {self.written_address} is a {self.data_type}: {value!r} is not a value for it")
+            raise DriveProfileError(f"object {self.written_address}: {value!r} is not a value of {self.data_type}")
         if isinstance(value, str):
             try:
                 return encode(self.type, value if self.data_type == "VISIBLE_STRING" else bytes.fromhex(value))
@@ -246,7 +246,7 @@ class Parameter(Fact):
         if self.scale == 1.0 and not self.unit and not self.type.is_real and isinstance(value, float) and not value.is_integer():
             # a choice or a count is refused where a quantity would be rounded to the drive's step
             raise OutOfRangeError(
-                self.written_address, value, self.unit, f"is not a whole number, which a {self.data_type} takes"
+                self.written_address, value, self.unit, f"is not a whole number; {self.data_type} holds only whole numbers"
             )
         raw = self.raw(value, scaling)
         return encode(self.type, bool(raw) if self.data_type == "BOOLEAN" else raw)

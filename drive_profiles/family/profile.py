@@ -111,14 +111,14 @@ class Profile(Table):
                 raise ValueError(f"{first} and {name} are both in object {parameter.address}")
             unit = UNIT_NAMES.get(split_unit(name)[1], "")
             if unit and parameter.unit != unit:
-                raise ValueError(f"{name} says {unit}, its unit says {parameter.unit or 'nothing'}")
+                raise ValueError(f"{name} ends in a unit, {unit}, but states unit = {parameter.unit!r}; make them the same")
         return parameters
 
     @pydantic.model_validator(mode="after")
     def _complete(self) -> Self:
         stated = (self.modes, self.capabilities, self.loop, self.torque, self.encoder)
         if self.kind == "drive" and None in stated:
-            raise ValueError("a drive states modes, capabilities, loop, torque and encoder")
+            raise ValueError("a drive profile needs modes, capabilities, loop, torque and encoder")
         named = {gain.parameter for gain in self.loop.gains.values()} if self.loop else set()
         for section in self.notch.sections if self.notch else ():
             named |= set(section.parts.values()) | set(section.settings)
@@ -133,7 +133,7 @@ class Profile(Table):
     def _distinct(self) -> Self:
         """Refuse products with equal names, overlapping identities or incomplete facts."""
         if self.products and not self.identity.product:
-            raise ValueError("identity.product is missing: a family of several products names the first one, too")
+            raise ValueError("identity.product is missing: a family of several products must name its first product")
         names = [self.identity.product, *(product.name for product in self.products)]
         for number, product in enumerate(self.products):
             if product.name in names[: number + 1]:
@@ -326,6 +326,30 @@ class Profile(Table):
 def available() -> list[str]:
     """Return the names of the profiles in the package."""
     return sorted(path.stem for path in VENDORS.glob("*.toml") if _NAME.fullmatch(path.stem))
+
+
+def known_name(text: str) -> str:
+    """Return a profile's name; refuse one that the package does not have.
+
+    A path is returned as it is.
+
+    Raises:
+        ProfileNotFoundError: The package has no such profile.
+        UnknownProductError: The profile names no such product.
+    """
+    if is_name(text) and text not in available():
+        Profile.load(text)
+    return text
+
+
+def file_of(text: str, folder: Path) -> Path | None:
+    """Return the file that a path of a profile names, or None for a name.
+
+    Args:
+        text: Name or path, perhaps with ``/product``.
+        folder: Folder from which a relative path counts.
+    """
+    return None if is_name(text) else folder / _split(text)[0]
 
 
 def is_name(text: str) -> bool:

@@ -46,7 +46,7 @@ def from_concise(data: bytes) -> dict[ObjectAddress, bytes]:
         RefusedError: The data are too short, or go on after the end.
     """
     if len(data) < 4:
-        raise RefusedError(f"a concise DCF begins with a count of 4 bytes, this one has {len(data)} bytes")
+        raise RefusedError(f"a concise DCF begins with a count of 4 bytes, but the file has only {len(data)} bytes")
     count, position = struct.unpack_from("<I", data)[0], 4
     contents: dict[ObjectAddress, bytes] = {}
     for number in range(1, count + 1):
@@ -55,11 +55,13 @@ def from_concise(data: bytes) -> dict[ObjectAddress, bytes]:
         index, subindex, length = struct.unpack_from("<HBI", data, position)
         position += 7
         if position + length > len(data):
-            raise RefusedError(f"entry {number}, {index:04X}:{subindex:X}, says {length} bytes, {len(data) - position} are left")
+            raise RefusedError(
+                f"entry {number}, {index:04X}:{subindex:X}, states {length} bytes, but only {len(data) - position} are left"
+            )
         contents[index, subindex] = data[position : position + length]
         position += length
     if position != len(data):
-        raise RefusedError(f"{len(data) - position} bytes follow the {count} entries of the concise DCF")
+        raise RefusedError(f"{len(data) - position} bytes follow the last of {count} entries of the concise DCF; expected none")
     return contents
 
 

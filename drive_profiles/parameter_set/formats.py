@@ -217,6 +217,6 @@ def _typed(values: Mapping[ObjectAddress, bytes], catalogue: Catalogue) -> dict[
         entry = catalogue.get(address)
         data_type = (entry.data_type or type_of_length(len(data))) if entry else DataType.DOMAIN
         if data_type.size not in {None, len(data)}:
-            raise RefusedError(f"{entry} is a {data_type.name} of {data_type.size} bytes, the file has {len(data)}")
+            raise RefusedError(f"{entry} is {data_type.name} with {data_type.size} bytes, but the file has {len(data)}")
         typed[address] = decode(data_type, data)
     return typed

@@ -360,7 +360,7 @@ def item_of(entry: CatalogueEntry, data: bytes, scaling: Scaling | None) -> tupl
 
 def _check_finite(value: float | str) -> None:
     if isinstance(value, float) and not abs(value) < float("inf"):
-        raise ValueError(f"{value} is no finite number")
+        raise ValueError(f"{value} is not a finite number")
 
 
 def from_values(
@@ -409,7 +409,7 @@ def _why_not_from_a_file(address: ObjectAddress, entry: CatalogueEntry | None, c
     if is_command(address, catalogue.profile):
         return "is a command"
     refuses = entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD and not flagged
-    return "is read only" if not entry.is_writable else "refuses to be written by a download (ObjFlags)" if refuses else ""
+    return "is read only" if not entry.is_writable else "is excluded from downloads by the EDS (ObjFlags)" if refuses else ""
 
 
 def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, scaling: Scaling | None, *, limits: bool) -> Write:
@@ -424,11 +424,13 @@ def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, sca
     if not entry.is_writable:
         raise RefusedError(f"{entry} is read only")
     if not entry.is_readable:
-        raise RefusedError(f"{entry} is write only and cannot be checked after it is written")
+        raise RefusedError(f"{entry} is write-only, so it cannot be read back; leave it out")
     if item.type is not None and item.unit:
-        raise RefusedError(f"says {item.unit}, but a line with a type is as on the wire and has no unit")
+        raise RefusedError(
+            f"has the unit {item.unit}, but a line with a type holds the value on the wire; leave out unit or type"
+        )
     if item.type is None and item.unit != entry.unit:
-        raise RefusedError(f"says {item.unit or 'no unit'}, its unit is {entry.unit or 'none'}")
+        raise RefusedError(f"has {f'the unit {item.unit}' if item.unit else 'no unit'}; expected {entry.unit or 'no unit'}")
     # a line that is moved to another table is still what the profile says of it
     parameter_class: ParameterClass = "commissioning" if entry.parameter_class == "commissioning" else name
     return Write(entry, entry.encoded(item.value, scaling), item.value, parameter_class)
@@ -444,7 +446,7 @@ def _as_on_the_wire(
     data_type = DataType[item.type or ""]
     if known is None:
         if address is None:
-            raise RefusedError("a line with a type names its object as 0x2147:1")
+            raise RefusedError("a line with a type needs the address of its object, such as 0x2147:1, as its key")
         return CatalogueEntry(address, item.name, data_type)
     if known.data_type not in {None, data_type}:
         raise RefusedError(f"{known} is a {known.data_type.name if known.data_type else '?'}, the set says {data_type.name}")

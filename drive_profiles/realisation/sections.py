@@ -180,7 +180,7 @@ def _is_active(held: HeldValues, section: FilterSection) -> bool:
 
 
 def _no_number(name: str, parameter: Parameter) -> str:
-    return f"{name} ({parameter.written_address}) is one object of bytes, its numbers are not written singly"
+    return f"{name} ({parameter.written_address}) holds all its numbers in one object of bytes; they cannot be written one by one"
 
 
 def _from_coefficients(held: HeldValues, notch: NotchFacts, section: FilterSection) -> tuple[Biquad, ...]:
@@ -228,4 +228,5 @@ def _quadratics(held: HeldValues, notch: NotchFacts, section: FilterSection) -> 
 
 def _positive(profile: Profile, frequency_hz: float, zeta: float) -> None:
     if not (frequency_hz > 0.0 and math.isfinite(zeta)):
-        raise NotRealisableError(profile.label, (f"{frequency_hz:g} Hz with a damping of {zeta:g} is no filter",))
+        why = f"{frequency_hz:g} Hz with a damping of {zeta:g} is no filter; expected a frequency above 0 and a finite damping"
+        raise NotRealisableError(profile.label, (why,))

@@ -96,7 +96,7 @@ _CODES = {
     0x8500: "position controller",
     0x8600: "positioning controller",
     0x8611: "following error",
-    0x8612: "reference limit: a set-point beyond what is allowed",
+    0x8612: "reference limit: a set-point beyond the limits",
     0x8700: "synchronisation with the bus",
     0x8900: "process data monitoring",
     0x9000: "external error",
@@ -119,7 +119,7 @@ def error_text(code: int, own: Mapping[int, str] | None = None) -> str:
         own: The maker's codes in words (`Profile.fault_texts`).
 
     >>> error_text(0x8612), error_text(0x8613)
-    ('reference limit: a set-point beyond what is allowed', 'positioning controller (8613h is of the maker)')
+    ('reference limit: a set-point beyond the limits', 'positioning controller (8613h is of the maker)')
     >>> error_text(0x8A82, {0x8A82: "software position limit"})
     'software position limit'
     """

@@ -14,6 +14,23 @@ from drive_profiles.parameter_set.steps import pdo_of
 from drive_profiles.upload.result import UploadOptions
 
 
+def foreign_device(device: Device, header: Header, identity: DeviceIdentity) -> list[str]:
+    """Return reasons why the set is for a device of another maker or product.
+
+    Args:
+        device: The device, with the profile of the set.
+        header: Header of the parameter set.
+        identity: Identity that the device states.
+    """
+    profile, who = device.profile, "the parameter set"
+    reasons: list[str] = []
+    if profile is not None:
+        reasons += _differs("vendor (1018h:1)", identity.vendor_id, (profile.identity.vendor_id,), f"profile {profile.label}")
+    reasons += _differs("vendor", identity.vendor_id, () if header.vendor_id is None else (header.vendor_id,), who)
+    reasons += _differs("product", identity.product_code, () if header.product_code is None else (header.product_code,), who)
+    return reasons
+
+
 def identity_refusals(device: Device, header: Header, identity: DeviceIdentity, options: UploadOptions) -> list[str]:
     """Return reasons why profile, EDS or set do not fit the device.
 
@@ -26,10 +43,9 @@ def identity_refusals(device: Device, header: Header, identity: DeviceIdentity, 
         options: Options of the upload.
     """
     profile, description = device.profile, device.catalogue.description
-    reasons: list[str] = []
+    reasons = foreign_device(device, header, identity)
     if profile is not None:
         who = f"profile {profile.label}"
-        reasons += _differs("vendor (1018h:1)", identity.vendor_id, (profile.identity.vendor_id,), who)
         try:
             expected = profile.product(identity.product_code, identity.revision).identity
         except UnknownProductError as error:
@@ -46,9 +62,6 @@ def identity_refusals(device: Device, header: Header, identity: DeviceIdentity, 
         who = str(description.path)
         reasons += _differs("vendor (1018h:1)", identity.vendor_id, description.vendor_ids, who)
         reasons += _differs("product (1018h:2)", identity.product_code, description.product_codes, who)
-    who = "the parameter set"
-    reasons += _differs("vendor", identity.vendor_id, () if header.vendor_id is None else (header.vendor_id,), who)
-    reasons += _differs("product", identity.product_code, () if header.product_code is None else (header.product_code,), who)
     return reasons
 
 
@@ -133,7 +146,7 @@ def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Wr
     same = bool(header.serial_number) and header.serial_number == identity.serial_number
     if not theirs or same or options.force_commissioning:
         return []
-    serials = f"the set is of serial number {header.serial_number}, the device has {identity.serial_number}"
+    serials = f"the set is for serial number {header.serial_number}, the device has {identity.serial_number}"
     names = ", ".join(str(write.entry) for write in theirs[:5])
     remedy = "--force-commissioning writes them nevertheless, upload --classes leaves them out"
     return [f"{names}: commissioning values of another device ({serials}); {remedy}"]

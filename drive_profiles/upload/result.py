@@ -103,7 +103,7 @@ class UploadResult:
             "yes": ", stored",
             "no": "",
             "unknown": ", whether it was stored is not known",
-            "again": ", and these values, with whatever else the drive held unsaved, are stored again",
+            "again": ", and these values are stored again, with all other unsaved values of the drive",
         }[self.stored]
         match self.kind:
             case "done":

@@ -156,7 +156,7 @@ class Upload:
         """
         if self.device.port.boots != self._boots:
             self._boots = self.device.port.boots
-            raise NodeError(self.device.node, "it has restarted in the meantime", "check its supply")
+            raise NodeError(self.device.node, "the node has restarted during the upload", "check its supply")
 
     def _before(self, address: ObjectAddress) -> bytes:
         """Read an object before anything is written.
@@ -281,7 +281,7 @@ class Upload:
         """End an upload after which the drive holds the set."""
         if self.stored == "unknown":
             what = (f"{store_command(self.device).written_address} (the store command)",)
-            return self.end("unknown", what, "the drive did not answer it", NoAnswerError.exit_code, others="new")
+            return self.end("unknown", what, "the drive did not answer the store command", NoAnswerError.exit_code, others="new")
         return self.end("done")
 
     def roll_back(self, error: BaseException, *, store_again: bool = False) -> UploadResult:

@@ -88,7 +88,9 @@ def arm_line(arm: ArmTable, motion: LineMotion) -> ArmLine:
         tuple(f"axis {axis}" for axis in arm.axes),
     )
     if line.length_m < SHORTEST_M and line.turned_rad < SHORTEST_RAD:
-        raise LineError(0.0, line.length_m, "start_m and end_m are equal, and the tool does not turn")
+        raise LineError(
+            0.0, line.length_m, "start_m and end_m are equal and the tool does not turn; give another end_m or end_rpy_deg"
+        )
     return ArmLine(arm, line)
 
 

@@ -187,7 +187,7 @@ class StraightLine:
         joints = " and ".join(self.names[joint] for joint in np.flatnonzero(idle > 0.3))
         raise LineError(
             fraction, self.length_m,
-            f"the posture is singular (condition {condition:.3g}, {MOST_CONDITION:g} at most): {joints} would turn "
+            f"the posture is singular (condition {condition:.3g}, allowed: {MOST_CONDITION:g}): {joints} would turn "
             "without moving the tip",
         )  # fmt: skip
 

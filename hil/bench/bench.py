@@ -12,14 +12,14 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from drive_profiles.address import AddressError, parse_address
-from drive_profiles.family.profile import is_name
+from drive_profiles.family.profile import file_of
 from drive_profiles.files.toml import FileError, Problem, Table, WrongKeyError, load
 from hil.arm.kinematics import Kinematics
 from hil.arm.line import moved_axes
 from hil.arm.tables import ArmTable
 from hil.arm.urdf import with_links
 from hil.bench.motor import MotorTable
-from hil.bench.sensors import AccelerometerTable, LoadEncoderTable, NodeId
+from hil.bench.sensors import AccelerometerTable, LoadEncoderTable, NodeId, ProfileText
 from hil.control.notch import NOTCHES
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, TwoInertia
 from hil.errors import NotPossibleError
@@ -164,7 +164,7 @@ class AxisTable(Table):
     """
 
     node_id: NodeId
-    profile: str = "emulated_drive"
+    profile: ProfileText = "emulated_drive"
     serial_number: Annotated[int, Field(ge=0)] | None = None
     joint: str | None = None
     reduction_ratio: Positive
@@ -407,6 +407,14 @@ def load_bench(path: str | Path) -> Bench:
         raise FileError(file, (Problem(0, "", "is not there", f"a bench file; did you mean {close[0]}?"),))
     bench = load(file, Bench)
     folder = file.absolute().parent
+    named = {f"axis.{number}": table for number, table in bench.axis.items()} | {"accelerometer": bench.accelerometer}
+    missing = [
+        Problem(0, f"{key}.profile", f"no file {table.profile!r}", "a drive profile's path from this folder, or its name")
+        for key, table in named.items()
+        if (profile := file_of(table.profile, folder)) is not None and not profile.exists()
+    ]
+    if missing:
+        raise FileError(file, tuple(missing))
     axes = {number: _with_profile_in(folder, table) for number, table in bench.axis.items()}
     bench = bench.model_copy(update={"axis": axes, "accelerometer": _with_profile_in(folder, bench.accelerometer)})
     try:
@@ -478,6 +486,6 @@ def _with_profile_in(folder: Path, table: T) -> T:
 
     A name of the package is left unchanged.
     """
-    if is_name(table.profile):
+    if file_of(table.profile, folder) is None:
         return table
     return table.model_copy(update={"profile": str(folder / table.profile)})

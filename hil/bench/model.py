@@ -17,7 +17,7 @@ from hil.bench.robot_file import RobotFile
 from hil.robot_tables import AxisNumber, NotNegative, PlantTable, Positive, TransmissionErrorTable, amplitude_key, phase_key
 
 Errors = dict[str, NotNegative]
-"""Standard error by the name of its number; a number without one was not identified, or is believed."""
+"""Standard error by the name of its number; a number without one was not identified, but given."""
 
 
 class IdentifiedMode(Table):
@@ -129,7 +129,7 @@ def values_in_words(part: IdentifiedError) -> list[str]:
 
 
 SIGNIFICANT_SIGMAS = 3.0
-"""Standard errors from which an amplitude is believed: noise alone reaches them in 1.1 % of cases, e^{−9/2}."""
+"""Standard errors from which an amplitude counts: noise alone reaches them in 1.1 % of cases, e^{−9/2}."""
 
 
 def significant(part: IdentifiedError) -> TransmissionErrorTable:

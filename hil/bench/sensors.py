@@ -3,8 +3,9 @@
 import math
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from drive_profiles.family.profile import known_name
 from drive_profiles.files.toml import Table
 from drive_profiles.standard.object_address import WrittenAddress
 from hil.arm.mounting import Mounting
@@ -14,6 +15,8 @@ from hil.sensor.table import SerialTable
 STANDARD_GRAVITY_M_S2 = 9.80665
 
 NodeId = Annotated[int, Field(ge=1, le=127)]
+ProfileText = Annotated[str, AfterValidator(known_name)]
+"""Name or path of a drive profile; a name that the package does not have is refused."""
 
 
 class AccelerometerTable(Table):
@@ -31,7 +34,7 @@ class AccelerometerTable(Table):
     """
 
     node_id: NodeId | None = None
-    profile: str = "emulated_accelerometer"
+    profile: ProfileText = "emulated_accelerometer"
     serial: SerialTable | None = None
     from_load_encoders: bool = False
     range_m_s2: Positive | None = None

@@ -109,7 +109,7 @@ def compare(
 ) -> None:
     """Compare treatments of the transmission error in one table.
 
-    They are: nothing, lower gains, filters, cancellation, input shapers.
+    The treatments are: none, lower gains, filters, cancellation, input shapers.
 
     Example: hil compare --bench bench.toml --model model.toml --design design.toml --out compared
     """
@@ -225,7 +225,7 @@ def _confirm(plans: list["ComparisonPlan"]) -> None:
         for experiment in each.experiments
     }
     count = sum(len(each.experiments) for each in real)
-    say(f"{count} runs, and before each cancellation its trial, of these motions:")
+    say(f"{count} runs of these motions, and a trial before each cancellation:")
     confirm(motion_lines(motions.values()))
 
 

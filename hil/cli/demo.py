@@ -59,8 +59,8 @@ def demo(
 
     Two more emulated robots follow: an unknown one, and a whole arm.
 
-    The second part draws the unknown robot by a seed. It identifies, designs, uploads, and compares
-    runs with nothing, the notch, the designed notch and cancellation. The end shows the robot's true numbers.
+    The second part draws the unknown robot by a seed. It identifies the robot, designs and uploads a notch, and compares
+    four runs: untreated, with the notch, the designed notch and cancellation. The end shows the robot's true values.
 
     The last part takes a whole arm of six axes, learns a cancellation on its line, and runs the line with it.
 

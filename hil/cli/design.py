@@ -47,7 +47,7 @@ class ShapeName(StrEnum):
 
 ModelOption = Annotated[Path | None, typer.Option("--model", help="Model file of hil identify; replaces the bench file's model.")]
 UncertaintyOption = Annotated[
-    float | None, typer.Option(help="Uncertainty of K_g and J_l; default: the model file's standard errors, or 5. 0 for none.")
+    float | None, typer.Option(help="Uncertainty of K_g and J_l; default: the model file's standard errors, else 5; 0: none.")
 ]
 SetFileOption = Annotated[
     Path | None, typer.Option("--set", help="Parameter set for drive-profiles upload; default: notch-axisN.toml in --out.")

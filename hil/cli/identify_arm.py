@@ -40,7 +40,7 @@ def arm(
 ) -> None:
     """Identify the masses of an arm from plants in several postures.
 
-    It needs three postures or more, and predicts the dips of every other. It sends nothing, and needs no robot.
+    It needs three postures or more, and predicts the dips of all others. It sends nothing, and needs no robot.
     hil identify plant --posture-deg measures the postures.
 
     Example: hil identify arm --bench bench.toml --model model.toml

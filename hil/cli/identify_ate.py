@@ -56,7 +56,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
 
 ATE_EPILOG = epilog_of_runs({
     ExitStatus.DONE: "identified within the requested standard errors",
-    ExitStatus.FILE: "bad file, or limits that leave no room",
+    ExitStatus.FILE: "bad file, or limits that leave no room for a ramp",
     ExitStatus.NOT_MET: "not identified, or with larger standard errors than requested",
 })  # fmt: skip
 
@@ -105,8 +105,8 @@ def ate(
 ) -> None:
     """Identify the angular transmission error of one axis from ramps.
 
-    The ramps pass f_m4 and f_m2, forwards and back. Only the bench file has to be known. With --recording nothing moves:
-    the error comes from files that are there already.
+    The ramps pass f_m4 and f_m2, forwards and back. You need only the bench file. With --recording nothing moves:
+    the error comes from existing files.
 
     Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
@@ -121,7 +121,7 @@ def ate(
         words.refuse_without_recording()
         if bench_file is None:
             raise typer.BadParameter(
-                "no bench file is given; give one, or a --recording, with which nothing moves", param_hint="--bench"
+                "no bench file is given; give one, or give --recording to read a file instead of moving", param_hint="--bench"
             )
         bench = bench_on(bench_file, bus)
 

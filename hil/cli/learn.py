@@ -47,7 +47,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
 
 LEARN_EPILOG = epilog_of_runs({
     ExitStatus.DONE: "learnt",
-    ExitStatus.FILE: "bad file, or limits that leave no room",
+    ExitStatus.FILE: "bad file, or limits that leave no room for a motion",
     ExitStatus.NOT_MET: "not learnt, or a cancellation did not help",
 })  # fmt: skip
 

@@ -92,6 +92,6 @@ def _lines(bench: "Bench", options: MotionOptions) -> Iterator[str]:
 
     yield from motion_lines([(bench, Experiment(options.motion, options.axis, "none"))])
     probe = "3 to 15" if options.probe_arcsec is None else f"{options.probe_arcsec:g}"
-    yield f"about forty times, with {probe}″ of each order added at every axis"
+    yield f"about forty times, with a cancellation of {probe}″ in each order of every axis"
     if options.pace is not None:
-        yield f"and about thirty times in {options.pace:g} times the line's time"
+        yield f"and about thirty times at {options.pace:g} times the duration of the line"

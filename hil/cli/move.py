@@ -48,7 +48,7 @@ def move(
 
     It also works after a stop or a fault, which it resets. The speed is `approach_rps` or a quarter of the axis' speed limit,
     whichever is lower. Ctrl-C stops it as it stops a run. `--back` takes the position from the newest log of a motion in
-    `bench-out`, or in a folder that `--out` has made here; it is right only if the drive has kept its zero since.
+    `bench-out`, or in a folder that `--out` has made here; it is correct only if the drive has kept its zero.
 
     Examples:
         hil move --axis 2 --to 0 --bench bench.toml

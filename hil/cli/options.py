@@ -95,7 +95,7 @@ def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:
             axis = int(name) if name else axes[0] if len(axes) == 1 else None
             inertia = float(value)
         except ValueError:
-            what = f"{text!r} is no inertia; expected e.g. 2.6e-4, or 2=2.6e-4 for axis 2"
+            what = f"{text!r} is not an inertia; expected e.g. 2.6e-4, or 2=2.6e-4 for axis 2"
             raise typer.BadParameter(what, param_hint=INERTIA) from None
         if axis is None:
             raise typer.BadParameter(
@@ -103,7 +103,7 @@ def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:
             )
         if not LEAST_INERTIA_KG_M2 <= inertia <= MOST_INERTIA_KG_M2:
             limits = f"{LEAST_INERTIA_KG_M2:g} to {MOST_INERTIA_KG_M2:g}"
-            raise typer.BadParameter(f"{text}: a motor has {limits} kg·m²", param_hint=INERTIA)
+            raise typer.BadParameter(f"{text}: expected an inertia from {limits} kg·m²", param_hint=INERTIA)
         if axis in found:
             raise typer.BadParameter(f"axis {axis} has two inertias; give one", param_hint=INERTIA)
         found[axis] = inertia

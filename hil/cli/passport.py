@@ -117,7 +117,7 @@ def _date(text: str | None) -> str:
     try:
         date = datetime.datetime.fromisoformat(text)
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is no date; expected e.g. 2026-03-01", param_hint="--since") from None
+        raise typer.BadParameter(f"{text!r} is not a date; expected e.g. 2026-03-01", param_hint="--since") from None
     date = date.replace(tzinfo=datetime.UTC) if date.tzinfo is None else date.astimezone(datetime.UTC)
     return date.isoformat(timespec="seconds")
 
@@ -140,7 +140,9 @@ def _counts(texts: list[str], option: str) -> dict[int, int]:
     for text in texts:
         axis, _, count = text.partition("=")
         if not (axis.isdecimal() and count.isdecimal() and 1 <= int(count) <= 1000):
-            raise typer.BadParameter(f"{text!r}: 2=5 is a number of axis 2", param_hint=option)
+            raise typer.BadParameter(
+                f"{text!r}: expected AXIS=NUMBER, e.g. 2=5 for axis 2, with a number from 1 to 1000", param_hint=option
+            )
         found[int(axis)] = int(count)
     return found
 

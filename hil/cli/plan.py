@@ -84,15 +84,12 @@ def plan(
 
 
 def _bitrate(text: str) -> int:
-    from drive_profiles.address import AddressError, parse_address  # noqa: PLC0415
+    from drive_profiles.address import AddressError, parse_bit_rate  # noqa: PLC0415
 
     try:
-        rate = parse_address(f"any:bus@{text}").bitrate
-    except AddressError:
-        rate = None
-    if rate is None or not 10_000 <= rate <= 1_000_000:
-        raise fail(f"--bitrate {text!r} is not a bit rate of classic CAN; expected 10k to 1M, e.g. 500k", ExitStatus.USAGE)
-    return rate
+        return parse_bit_rate(text)
+    except AddressError as error:
+        raise fail(f"--bitrate {error}", ExitStatus.USAGE) from None
 
 
 def _axes(text: str) -> tuple[int, ...]:

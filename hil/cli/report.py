@@ -113,6 +113,6 @@ def _advice(directory: Path) -> str:
         return "it belongs to a design; hil design notch writes its report (design.html)"
     below = sorted((path.parent for path in directory.glob("*/result.json")), key=lambda each: each.stat().st_mtime)
     if below:
-        count = "one below it has" if len(below) == 1 else f"{len(below)} below it have, of which the newest is named here"
+        count = "a folder in it has one" if len(below) == 1 else f"{len(below)} folders in it have one; the newest"
         return f"{count}: hil report {below[-1]}"
     return "run, identify, learn, compare or demo make one: give its --out, or its directory in bench-out"

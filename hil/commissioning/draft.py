@@ -28,8 +28,8 @@ APPROACH_RPS: Final = 1.0
 
 _UNSAID: Final = {
     "encoder_counts_per_rev": "position units of this drive per motor revolution, as set with its maker's tool",
-    "rated_torque_nm": "torque that it reports as 1000 per mille, in N·m, as set with its maker's tool",
-    "torque_constant_nm_a": "torque of the motor per ampere, in N·m/A, from its data sheet: the drive reports a current",
+    "rated_torque_nm": "torque that the drive reports as 1000 per mille, in N·m, as set with its maker's tool",
+    "torque_constant_nm_a": "torque of the motor per ampere, in N·m/A, from its data sheet, because the drive reports a current",
 }
 """What is asked of a user, by the key of the bench file, where the drive does not say how it counts."""
 
@@ -76,7 +76,7 @@ def draft(name: str, address: str, nodes: Sequence[FoundNode], drawing: ArmDrawi
     axes = _numbered([node for node in nodes if node.is_drive])
     joints = {} if drawing is None else _joints(drawing, len(axes))
     lines = [
-        f"# Made from a scan of {address}. Lines with {TO_BE_TYPED!r} are for you to fill in: nothing runs before.",
+        f"# Made from a scan of {address}. Lines with {TO_BE_TYPED!r} are for you to fill in: no command runs until then.",
         "# Run hil check before anything else moves the robot: it compares the robot with this file.",
         f"name = {toml_value(name)}",
         f"approach_rps = {APPROACH_RPS:g}                  # motor speed to the start of a motion and back: slow, raise it later",
@@ -185,7 +185,7 @@ def _sensor_lines(nodes: Sequence[FoundNode]) -> list[str]:
     if len(sensors) == 1:
         lines += [f"node_id = {sensors[0].node}", f"profile = {toml_value(sensors[0].profiles[0])}"]
     else:
-        seen = f"nodes {', '.join(str(node.node) for node in sensors)} are some" if sensors else "the scan found none"
+        seen = f"nodes {', '.join(str(node.node) for node in sensors)} are accelerometers" if sensors else "the scan found none"
         remedy = "or a [accelerometer.serial] table, or from_load_encoders = true instead of this line"
         lines.append(f"node_id = {_ask(f'node-ID of the sensor at the tip ({seen}), {remedy}')}")
     others = [node for node in nodes if not node.is_drive and node not in sensors]
@@ -229,7 +229,9 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
             f"# it counts {node.scaling.encoder_counts_per_rev} increments per motor revolution; {_position_words(node)}"
         )
     elif not node.unsaid:
-        lines.append(f"# {node.doubt or 'without a profile it is not known how it counts'}: see docs/drive-needs.md")
+        lines.append(
+            f"# {node.doubt or 'the position counts of this node are not known without a profile'}: see docs/drive-needs.md"
+        )
     lines += [f"{key} = {_ask(_UNSAID[key])}" for key in node.unsaid]
     if drawn is not None:
         joint, names = drawn

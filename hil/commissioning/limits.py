@@ -33,7 +33,7 @@ def check_limits(of: Checked) -> list[CheckEntry]:
             f"the drive holds no position limits of the bench file (profile {profile.label}); only the master does; set the "
             "drive's own with its maker's tool"
         )
-        return [of.entry(name, "NOT TOLD", unknown) for name in names]
+        return [of.entry(name, "NOT JUDGED", unknown) for name in names]
     if (trouble := room_trouble(of, -FAR_REV, FAR_REV)) is not None:
         return [of.not_made(name, trouble) for name in names]
     return [_check(of, 1.0), _check(of, -1.0)]
@@ -59,7 +59,7 @@ def _check(of: Checked, sign: float) -> CheckEntry:
     path = of.keep(recording, f"axis-{of.number}-{name.replace(' ', '-')}")
     furthest = float(np.max(sign * (recording.axis(of.number, "position_rad") - held.start_rad))) / TURN
     seen = (
-        f"asked for {sign * ASKED_REV:+.2f} rev, it came to {sign * furthest:+.3f} rev, its limit is {sign * NEAR_REV:+.2f} rev"
+        f"sent by {sign * ASKED_REV:+.2f} rev, the motor moved {sign * furthest:+.3f} rev; its limit: {sign * NEAR_REV:+.2f} rev"
     )
     how = "" if held.stopped is None else f"; it stopped: {held.stopped}"
     return of.passed(name, furthest <= NEAR_REV + OVER_REV, seen + how, path)

@@ -39,7 +39,7 @@ class Checked:
 
     def not_made(self, name: str, why: str) -> CheckEntry:
         """One check that could not be made, and why."""
-        return CheckEntry(axis=self.number, name=name, verdict="NOT TOLD", seen=why, is_made=False)
+        return CheckEntry(axis=self.number, name=name, verdict="NOT JUDGED", seen=why, is_made=False)
 
     def stopped(self, name: str, held: HeldAxis, when: str, recording: str | None = None) -> CheckEntry:
         """Return a failed check in which the axis was stopped.

@@ -97,28 +97,28 @@ def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: sl
     """
     name, period_s = "accelerometer", recording.period_s
     if of.session.bench.accelerometer.from_load_encoders:
-        return of.entry(name, "NOT TOLD", "there is none: the joints' encoders give the tip", path)
+        return of.entry(name, "NOT JUDGED", "there is none: the joints' encoders give the tip", path)
     if recording.doubt is not None:
         return of.passed(name, False, recording.doubt, path)
     raw = np.stack([recording.columns[each] for each in TIP], axis=1)
     if not np.any(np.ptp(raw, axis=0) > 0.0):
         return of.passed(name, False, f"all its axes show {raw[0].tolist()} m/s² all the time; check the sensor", path)
     if table.tip_lever_m < LEAST_LEVER_M:
-        return of.entry(name, "NOT TOLD", f"this axis moves it by a lever of {1e3 * table.tip_lever_m:.2g} mm only", path)
+        return of.entry(name, "NOT JUDGED", f"this axis moves it by a lever of {1e3 * table.tip_lever_m:.2g} mm only", path)
     angle = recording.axis(of.number, "position_rad")[rows]
     expected = table.tip_lever_m / table.reduction_ratio * angle
     own = _ratio(expected, recording.felt_m_s2[rows], period_s, derivative=2)
     others = [_ratio(expected, raw[rows, i], period_s, derivative=2) for i in range(3)]
     if not own.is_told:
-        return of.entry(name, "NOT TOLD", f"{own.words} of the expected signal: too uncertain", path)
+        return of.entry(name, "NOT JUDGED", f"{own.words} of the expected signal: too uncertain", path)
     if own.holds:
-        return of.passed(name, True, f"{own.words} of what encoder, reduction_ratio and lever of the bench file expect", path)
+        return of.passed(name, True, f"{own.words} of what encoder, reduction_ratio and lever of the bench file predict", path)
     return of.passed(name, False, _wrong(of, own, others), path)
 
 
 def _wrong(of: Checked, own: Ratio, others: list[Ratio]) -> str:
     """Return the likely cause of a wrong sensor signal, in words."""
-    seen = f"{own.words} of what the bench file expects"
+    seen = f"{own.words} of what the bench file predicts"
     if -SCALE <= own.value <= -1.0 / SCALE:
         return f"{seen}: it moves against the motor; the encoder counts backwards (607Eh), or the sensor sits upside down"
     if of.session.bench.arm is None and abs(own.value) < ELSEWHERE:
@@ -143,10 +143,10 @@ def _load_encoder(of: Checked, table: AxisTable, recording: Recording, rows: sli
     angle = recording.axis(of.number, "position_rad")[rows] / table.reduction_ratio
     load = recording.axis(of.number, "load_rad")[rows]
     if not np.all(np.isfinite(load)):
-        return of.entry("encoder scale", "NOT TOLD", "the joint's encoder did not answer in each cycle", path)
+        return of.entry("encoder scale", "NOT JUDGED", "the joint's encoder did not answer in each cycle", path)
     found = _ratio(angle, load, recording.period_s)
     if not found.is_told:
-        return of.entry("encoder scale", "NOT TOLD", f"{found.words} of the motor's turn: too uncertain", path)
+        return of.entry("encoder scale", "NOT JUDGED", f"{found.words} of the motor's turn: too uncertain", path)
     tail = "" if found.holds else " (counts_per_rev, is_reversed, encoder_counts_per_rev, reduction_ratio)"
     return of.passed("encoder scale", found.holds, f"the joint's encoder shows {found.words} of the motor's turn{tail}", path)
 

@@ -35,7 +35,7 @@ def check_standstill(of: Checked) -> list[CheckEntry]:
         if not _stands(before):
             return [of.passed("brake holds", False, f"{_turned(before)} before anything was enabled")]
         if not (held.rise() and held.rest(WATCH_S)):
-            return [of.stopped("stands enabled", held, "while it had to be at rest")]
+            return [of.stopped("stands enabled", held, "although it was commanded to rest")]
         rest = np.zeros(round(STOP_S / held.period_s))
         took_s = held.command(QUICK_STOP, rest.tolist())
         if took_s is None:
@@ -53,7 +53,7 @@ def check_heartbeat(of: Checked) -> list[CheckEntry]:
     """Check that the drive stops without the master's heartbeat."""
     with held_axis(of.session, of.number) as held:
         if not (held.rise() and held.rest(0.1)):
-            return [of.stopped("heartbeat loss", held, "while it had to be at rest")]
+            return [of.stopped("heartbeat loss", held, "although it was commanded to rest")]
         limit_s = CONSUMER_PERIODS * of.session.bench.bus.heartbeat_s
         took_s = held.silence(limit_s + LATE_S)
         if took_s is None:

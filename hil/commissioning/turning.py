@@ -90,7 +90,7 @@ def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path
     words = f"friction {friction[0]:+.3g} ± {friction[1]:.1g} N·m along the motion"
     if friction[0] > SEEN_SIGMAS * friction[1]:
         return [*checks, of.passed("torque sign", True, words, path)]
-    return [*checks, of.entry("torque sign", "NOT TOLD", f"{words}: too little to differ from zero", path)]
+    return [*checks, of.entry("torque sign", "NOT JUDGED", f"{words}: too little to differ from zero", path)]
 
 
 def check_quick_stop(of: Checked) -> list[CheckEntry]:
@@ -124,11 +124,11 @@ def _stopped(of: Checked, held: HeldAxis, going_on: Real, ramp_s: float) -> Chec
     took_s = held.command(QUICK_STOP, going_on.tolist())
     turned_rev = abs(held.slot.position_rad - began) / TURN
     if took_s is None:
-        seen = f"in operation for {STOP_S:g} s after the command, {turned_rev:.3f} rev further on (605Ah, 6085h)"
+        seen = f"still in operation {STOP_S:g} s after the command, and {turned_rev:.3f} rev further on (605Ah, 6085h)"
         return of.passed(name, False, seen)
     held.stopped = "quick stop"
     after = held.watch(0.1)
     turned_rev = abs((after[-1] if len(after) else held.slot.position_rad) - began) / TURN
     allowed_rev = 0.5 * PROBE_RPS * ramp_s + OVERRUN_REV
-    seen = f"from {PROBE_RPS:g} rev/s out of operation after {1e3 * took_s:.0f} ms and {turned_rev:.3f} rev"
+    seen = f"stopped from {PROBE_RPS:g} rev/s and left operation after {1e3 * took_s:.0f} ms and {turned_rev:.3f} rev"
     return of.passed(name, turned_rev <= allowed_rev, f"{seen}, allowed {allowed_rev:.3f} rev")

@@ -9,7 +9,7 @@
 #define LOUD_S 0.1
 /* Time that an order may want to leave its bounds before it is taken back. */
 #define BEYOND_S 0.25
-/* Standard errors by which a sample may be wrong and be believed. */
+/* Standard errors by which a sample may be wrong and still count. */
 #define MOST_SIGMAS 4.0
 /* Twice the width of the band over f_al: noise in it is alike for the inverse of that. */
 #define BAND_WIDTH 3.0
@@ -167,19 +167,19 @@ static void walk_all(const struct following *f)
     for (integer i = 0; i < f->n_axes; i++) {
         for (integer m = 0; m < f->n_orders; m++) {
             const struct following_order *order = &f->orders[i * f->n_orders + m];
-            const struct following_standing *standing = &f->standings[i * f->n_orders + m];
+            const struct following_order_state *order_state = &f->order_states[i * f->n_orders + m];
             const real ratio = order->order * FABS(f->axes[i].turning_rad_s) / f->arms[i].f_al_rad_s;
             if (order->amplitude_rad == 0.0 || !(c->low_ratio < ratio && ratio < c->high_ratio)) {
                 continue;
             }
             real walk = c->walk_per_root_s;
-            if (standing->open > 0.0) {
-                walk *= c->steady + c->quick * EXP(-standing->since_s / c->quick_s);
+            if (order_state->open > 0.0) {
+                walk *= c->steady + c->quick * EXP(-order_state->since_s / c->quick_s);
             }
             for (integer part = 0; part < 2; part++) {
                 const integer at = 2 * (f->n_axes + i * f->n_orders + m) + part;
                 real *variance = &f->covariance[at * n + at];
-                *variance = least(*variance + walk * walk * c->period_s, c->believed * c->believed);
+                *variance = least(*variance + walk * walk * c->period_s, c->most_error * c->most_error);
             }
         }
     }
@@ -236,7 +236,7 @@ static void correct(const struct following *f, const real *samples, real tip, re
  * left is |d|, known its standard error by the observer, spectrum the root of the noise's spectral density. */
 static int opens(
     const struct following *f, const struct following_arm *arm, const struct following_order *order,
-    struct following_standing *standing, real speed, real lever_m, real left, real known, real spectrum)
+    struct following_order_state *order_state, real speed, real lever_m, real left, real known, real spectrum)
 {
     const struct following_config *c = f->config;
     const real omega = order->order * speed;
@@ -252,27 +252,27 @@ static int opens(
     const real jolts = SQRT(f->common->jolted) / (c->jolt_part * most(left, LEFT_AT_LEAST) * felt);
     const real told = c->begin_sigmas * most(sigma, known);
     if (inside && jolts < BEGIN_MARGIN && BEGIN_MARGIN * left > told && BEGIN_MARGIN * left * reach > c->begin_m) {
-        standing->nearest = most(standing->nearest, left);
+        order_state->nearest = most(order_state->nearest, left);
     }
     inside = inside && jolts < 1.0;
     const int is_much = left > most(most(c->begin_part, order->begin_part), told) && left * reach > c->begin_m;
     if (inside && is_much) {
-        standing->open = 1.0;
+        order_state->open = 1.0;
     }
     const int is_little =
         left < most(c->end_sigmas * sigma, order->begin_part / BEGIN_MARGIN) || left * reach < c->end_m;
-    standing->small_s = is_little ? standing->small_s + c->period_s : 0.0;
-    if (!inside || standing->small_s > c->end_s) {
-        standing->open = 0.0;
+    order_state->small_s = is_little ? order_state->small_s + c->period_s : 0.0;
+    if (!inside || order_state->small_s > c->end_s) {
+        order_state->open = 0.0;
     }
-    standing->since_s = standing->open > 0.0 ? standing->since_s + c->period_s : 0.0;
-    return standing->open > 0.0;
+    order_state->since_s = order_state->open > 0.0 ? order_state->since_s + c->period_s : 0.0;
+    return order_state->open > 0.0;
 }
 
 /* Move w towards w + d within its bounds; an order that wants to leave them, or wanders, is taken back for good.
  *
  * factor is Re and Im of w; left is Re and Im of d, which becomes less by what w becomes more. */
-static void move_factor(const struct following_config *c, struct following_standing *standing, real *factor, real *left)
+static void move_factor(const struct following_config *c, struct following_order_state *order_state, real *factor, real *left)
 {
     const real part = least(c->period_s / c->follow_s, 1.0 / LEAST_FOLLOW_SAMPLES);
     real re = factor[0] + part * left[0], im = factor[1] + part * left[1];
@@ -280,15 +280,15 @@ static void move_factor(const struct following_config *c, struct following_stand
     const real kept = least(most(gain, c->least_gain), c->most_gain);
     const real kept_angle = least(most(angle, -c->most_angle_rad), c->most_angle_rad);
     if (kept != gain || kept_angle != angle) {
-        standing->beyond_s += c->period_s;
+        order_state->beyond_s += c->period_s;
         re = kept * COS(kept_angle);
         im = kept * SIN(kept_angle);
     }
     const real by_re = re - factor[0], by_im = im - factor[1];
-    standing->wandered += SQRT(by_re * by_re + by_im * by_im);
-    if (standing->beyond_s > BEYOND_S || standing->wandered > c->wander) {
-        standing->open = 0.0;
-        standing->given_up = 1.0;
+    order_state->wandered += SQRT(by_re * by_re + by_im * by_im);
+    if (order_state->beyond_s > BEYOND_S || order_state->wandered > c->wander) {
+        order_state->open = 0.0;
+        order_state->given_up = 1.0;
     }
     left[0] -= re - factor[0];
     left[1] -= im - factor[1];
@@ -306,7 +306,7 @@ static void move_factors(const struct following *f, const real *samples, int has
         for (integer m = 0; m < f->n_orders; m++) {
             const integer row = i * f->n_orders + m, at = 2 * (f->n_axes + row);
             const struct following_order *order = &f->orders[row];
-            struct following_standing *own = &f->standings[row];
+            struct following_order_state *own = &f->order_states[row];
             real *factor = f->factors + 2 * row;
             if (order->amplitude_rad == 0.0) {
                 continue;

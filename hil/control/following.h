@@ -22,7 +22,7 @@ struct following_config {
     real model_error;
     real correlated_s;
     real walk_per_root_s;
-    real believed;
+    real most_error;
     real follow_s;
     real begin_sigmas;
     real end_sigmas;
@@ -95,8 +95,8 @@ struct following_common {
     real jolted;   /* square of what the motion itself shakes */
 };
 
-/* Standing of an order. */
-struct following_standing {
+/* State of an order. */
+struct following_order_state {
     real open;       /* 1 while w follows */
     real given_up;   /* 1 where it was taken back for good */
     real beyond_s;   /* time that w has wanted to leave its bounds */
@@ -121,7 +121,7 @@ struct following {
     real *states;     /* x, x' of each axis, then Re and Im of each d; n_states */
     real *covariance; /* n_states, n_states */
     real *factors;    /* Re and Im of w; n_axes, n_orders, 2 */
-    struct following_standing *standings; /* n_axes, n_orders */
+    struct following_order_state *order_states; /* n_axes, n_orders */
     real *room;                           /* following_room(n_axes, n_orders) numbers */
     integer n_axes;
     integer n_orders;

@@ -37,7 +37,7 @@ class FollowingSettings:
         model_error: Part of the vibration that the arm's model explains wrongly.
         correlated_s: Time over which that is alike.
         walk_per_root_s: Walk of d per root of a second.
-        believed: Largest standard error of d that is believed.
+        most_error: Largest standard error of d.
         follow_s: Time in which w follows d; twelve samples where that is more.
         begin_sigmas: Standard errors of d from which on w follows.
         end_sigmas: Standard errors below which it stops.
@@ -65,7 +65,7 @@ class FollowingSettings:
     model_error: float = 0.15
     correlated_s: float = 0.03
     walk_per_root_s: float = 0.06
-    believed: float = 0.6
+    most_error: float = 0.6
     follow_s: float = 0.07
     begin_sigmas: float = 4.0
     end_sigmas: float = 1.0
@@ -194,7 +194,9 @@ class FollowingLaw:
         """
         count, most = len(arms), max((len(each) for each in orders), default=0)
         if count == 0 or count != len(orders) or most == 0:
-            raise ValueError(f"{count} arms and {len(orders)} sets of orders with at most {most}: there is nothing to follow")
+            raise ValueError(
+                f"{count} arms, {len(orders)} sets of up to {most} orders; expected one set of at least 1 order for each arm"
+            )
         self._orders = [tuple(each) for each in orders]
         config = np.zeros(1, CORE.dtype("following_config"))
         config[0] = (period_s, *astuple(settings or FollowingSettings()))
@@ -206,16 +208,19 @@ class FollowingLaw:
         self._axes, self._common = np.zeros(count, CORE.dtype("following_axis")), np.zeros(1, CORE.dtype("following_common"))
         self._filters = np.zeros((1 + 2 * count * most + count, memory))
         self._states, self._covariance = np.zeros(size), np.zeros((size, size))
-        self._factors, self._standings = np.zeros((count, most, 2)), np.zeros((count, most), CORE.dtype("following_standing"))
+        self._factors, self._order_states = (
+            np.zeros((count, most, 2)),
+            np.zeros((count, most), CORE.dtype("following_order_state")),
+        )
         self._likely = float(config["likely"][0])
         self._samples, self._heard = np.zeros((3, count)), np.zeros(2)
         arrays = {
             "config": config, "arms": of, "orders": rows, "band": np.array(band), "axes": self._axes, "common": self._common,
             "filters": self._filters, "states": self._states, "covariance": self._covariance, "factors": self._factors,
-            "standings": self._standings, "room": np.zeros(CORE.call.following_room(count, most)),
+            "order_states": self._order_states, "room": np.zeros(CORE.call.following_room(count, most)),
         }  # fmt: skip
         kinds = {"config": "following_config", "arms": "following_arm", "orders": "following_order", "axes": "following_axis"}
-        kinds |= {"common": "following_common", "standings": "following_standing"}
+        kinds |= {"common": "following_common", "order_states": "following_order_state"}
         self._kept = {name: CORE.pointer(array, kinds.get(name, "double")) for name, array in arrays.items()}
         self._observer = CORE.new("following")
         for name, pointer in self._kept.items():
@@ -228,7 +233,7 @@ class FollowingLaw:
         """Forget all; the factors are 1."""
         for array in (self._filters, self._states, self._covariance):
             array[:] = 0.0
-        for records in (self._axes, self._common, self._standings):
+        for records in (self._axes, self._common, self._order_states):
             records[:] = np.zeros((), records.dtype)
         self._factors[:, :, 0], self._factors[:, :, 1] = 1.0, 0.0
         for index in range(2 * len(self._axes), len(self._states)):
@@ -264,7 +269,7 @@ class FollowingLaw:
 
         The standard error is that of either component of d.
         """
-        own, most = 2 * len(self._axes), self._standings.shape[1]
+        own, most = 2 * len(self._axes), self._order_states.shape[1]
         found = {}
         for m, each in enumerate(self._orders[row]):
             at = own + 2 * (row * most + m)
@@ -277,11 +282,11 @@ class FollowingLaw:
 
         It followed, nearly did, or would have with a lower `begin_part`.
         """
-        return {each.order: float(self._standings["nearest"][row, m]) for m, each in enumerate(self._orders[row])}
+        return {each.order: float(self._order_states["nearest"][row, m]) for m, each in enumerate(self._orders[row])}
 
     def given_up(self, row: int) -> tuple[float, ...]:
         """Return the orders of an axis that were taken back.
 
         Their factors reached their bounds.
         """
-        return tuple(each.order for m, each in enumerate(self._orders[row]) if self._standings["given_up"][row, m] > 0.0)
+        return tuple(each.order for m, each in enumerate(self._orders[row]) if self._order_states["given_up"][row, m] > 0.0)

@@ -438,10 +438,10 @@ def _line_check(problem: NotchProblem, notches: Sequence[Notch], order: float) -
 def _peak_row(problem: NotchProblem, peaks_mm: Mapping[str, Real], order: float) -> PeakRow:
     row = problem.row(order)
     own = {label: float(np.max(peaks[0, row])) for label, peaks in peaks_mm.items()}
-    believed = peaks_mm[problem.members[0].label][:, row]
+    nominal = peaks_mm[problem.members[0].label][:, row]
     worst = max(own, key=lambda label: own[label])
-    others = zip(problem.ramps[1:], believed[1 : len(problem.ramps)], strict=True)
+    others = zip(problem.ramps[1:], nominal[1 : len(problem.ramps)], strict=True)
     return PeakRow(
-        order, float(believed[0, 0]), float(believed[0, 1]), own[worst], worst,
+        order, float(nominal[0, 0]), float(nominal[0, 1]), own[worst], worst,
         tuple((ramp.rate_rps_s, float(np.max(peaks))) for ramp, peaks in others),
     )  # fmt: skip

@@ -164,7 +164,7 @@ def _left(fit: Any) -> float:
 def fitted(problem: PlantProblem, x: Real) -> Any:
     """Fit from one start, in three rounds.
 
-    The first round holds the times near the believed values, so that the fit does not wander off; the others fit all unknowns.
+    The first round holds the times near the prior values, so that the fit does not wander off; the others fit all unknowns.
     """
     fit: Any = None
     for evaluations, are_held in ((EVALUATIONS // 4, True), (EVALUATIONS, False), (EVALUATIONS // 4, False)):
@@ -185,7 +185,7 @@ def fitted(problem: PlantProblem, x: Real) -> Any:
 
 def estimate_of(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
     """Convert the unknowns to parameters with errors."""
-    left = problem.residual(x)[: -problem.beliefs]
+    left = problem.residual(x)[: -problem.priors]
     misfit = math.sqrt(float(np.sum(left**2)) / max(1, len(left) - len(x)))
     enlarged = max(SMALLEST_MISFIT, misfit) ** 2
     covariance = inverse(jacobian.T @ jacobian) * enlarged

@@ -30,26 +30,26 @@ from hil.design.frequency import AnyComplex, Complex, Loop, Real, TwoInertia
 from hil.design.plant_spectra import Spectra
 
 AGE_PRIOR_S = 3e-4
-"""Standard deviation of the age of the reported torque where the control period is not known, as believed before the fit.
+"""Standard deviation of the age of the reported torque where the control period is not known, before the fit.
 
 Where it is, the age is half of a control period, give or take as much: of the period's beginning, or of the one before.
 """
 LAG_PRIOR_S = 1e-3
-"""Standard deviation of the current loop's time constant, as believed before the fit: real ones have 0.1 to 1 ms."""
+"""Standard deviation of the current loop's time constant, before the fit: real ones have 0.1 to 1 ms."""
 TILT_PRIOR = 0.15
-"""Standard deviation of the accelerometer's change of gain at `TILT_HZ`, as believed before the fit."""
+"""Standard deviation of the accelerometer's change of gain at `TILT_HZ`, before the fit."""
 TILT_HZ = 40.0
 TIP_BAND = (0.5, 1.6)
 """Band in which the tip is used, over f_a."""
 LARGEST_LAG_S, LARGEST_TIP_DELAY_S = 5e-3, 0.05
-"""Largest time constant of a current loop, and largest delay of an accelerometer, that are believed."""
+"""Largest time constant of a current loop, and largest delay of an accelerometer, that the fit accepts."""
 LEAST_TIP_DELAY_S = 2e-3
 """Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
 LEAST_LAG_S = 1e-4
 LOSS = 3.0
-"""Standard deviations from which the fit counts a residual less than squared; never so what is believed."""
+"""Standard deviations from which the fit counts a residual less than squared; the priors always count squared."""
 OUTSIDE = 1.2
-"""Largest ratio of a resonance to the end of the band at which it is still believed."""
+"""Largest ratio of a resonance to the end of the band at which it still counts."""
 TRIED = 16
 """Anti-resonances that are tried as a start."""
 OTHER_RESONANCES, OTHER_BY = 8, 0.08
@@ -331,7 +331,7 @@ class PlantProblem:
     def residual(self, x: Real) -> Real:
         """Residuals in standard deviations, real and imaginary parts.
 
-        The last ones are those of the prior beliefs (`beliefs`).
+        The last ones are those of the priors (`priors`).
         """
         data = self.data
         of_torque, of_angle, of_tip, foretold = self.images(x)
@@ -351,15 +351,15 @@ class PlantProblem:
             left.append(((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)[self._tip_lines])
         stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
         middle = 0.5 * self.timing.control_s
-        believed = [(x[AGE] - middle) / (middle or AGE_PRIOR_S), x[LAG] / LAG_PRIOR_S]
+        priors = [(x[AGE] - middle) / (middle or AGE_PRIOR_S), x[LAG] / LAG_PRIOR_S]
         if data.tip is not None:
-            believed.append(x[TILT] / TILT_PRIOR)
-        believed = [math.copysign(LOSS * math.sqrt((1.0 + 0.5 * (each / LOSS) ** 2) ** 2 - 1.0), each) for each in believed]
-        return np.concatenate([stacked.real, stacked.imag, believed])
+            priors.append(x[TILT] / TILT_PRIOR)
+        priors = [math.copysign(LOSS * math.sqrt((1.0 + 0.5 * (each / LOSS) ** 2) ** 2 - 1.0), each) for each in priors]
+        return np.concatenate([stacked.real, stacked.imag, priors])
 
     @property
-    def beliefs(self) -> int:
-        """Number of the last residuals that are beliefs, not data."""
+    def priors(self) -> int:
+        """Number of the last residuals that come from priors, not data."""
         return 2 if self.data.tip is None else 3
 
 
@@ -386,7 +386,7 @@ def first_guesses(response: Complex, frequency_hz: Real, ratio: float) -> list[R
         guess = np.array([math.log(motor), math.log(arm), math.log(stiffness), math.log(0.08 * stiffness / w_a), 0.2 * whole])
         guesses.append((error, dip, guess))
     if not guesses:
-        raise UnidentifiableError("dips of the response below the end of the band", 0.0, 1.0)
+        raise UnidentifiableError("number of dips of the response within the band", 0.0, 1.0)
     apart: dict[int, Real] = {}
     for _, dip, guess in sorted(guesses, key=lambda each: each[0]):
         if all(abs(dip - other) > 2 for other in apart):

@@ -234,8 +234,8 @@ def step_to_nothing(found: Effects, level: Real | None = None, spread: float | R
         if before is None:
             covariance = axes @ doubt @ axes.T
         else:
-            believed = before @ shows.T @ np.linalg.inv(shows @ before @ shows.T + doubt)
-            settings, covariance = believed @ read, before - believed @ shows @ before
+            gain = before @ shows.T @ np.linalg.inv(shows @ before @ shows.T + doubt)
+            settings, covariance = gain @ read, before - gain @ shows @ before
     left = rows + np.tensordot(settings, found.effects, axes=1)
     return ProbedStep(settings, 0.5 * (covariance + covariance.T), np.diag(axes @ axes.T @ floor), left, axes.shape[1])
 

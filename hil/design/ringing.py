@@ -10,7 +10,7 @@ resonance, driven in the angle domain:
 For given ω and ζ this is linear; both are searched on a grid, then refined. A ramp is too quick for windows of steady speed, in
 which the peak comes late and low; the model has the lateness in it, so that all orders have their peaks at f_al/k by themselves.
 
-What is found is believed only where nothing else looks like it. A tone of the floor is not tied to the motor's angle, so that the
+A resonance counts only if nothing else looks like it. A tone of the floor is not tied to the motor's angle, so that the
 model leaves it over. A sensor that rings on its mounting answers the orders as an arm does; but the arm's mass pulls at the motor
 through its gear, and the sensor's does not: the motor's torque has to show the same resonance. A peak at the ramp's end is no
 peak: some order has to pass its speed with room to spare.

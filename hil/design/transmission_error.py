@@ -255,7 +255,9 @@ def fit_transmission_error(
     unknown_count = 2 * len(orders) + 2
     needed = round(2.0 * unknown_count / (2.0 * period_s * (band_hz[1] - band_hz[0])))
     if np.count_nonzero(mask) < needed:
-        raise ValueError(f"{np.count_nonzero(mask)} samples cannot give {unknown_count} numbers; at least {needed} are needed")
+        raise ValueError(
+            f"{np.count_nonzero(mask)} samples are too few to identify {unknown_count} values; at least {needed} are needed"
+        )
     problem = _Problem(angle, tip, period_s, model, lever_m, orders, band_hz, mask)
     start = problem.arm
 

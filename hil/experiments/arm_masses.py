@@ -67,7 +67,7 @@ def identify_arm(bench: Bench, identified: Identified) -> ArmResult:
         ArmNotIdentifiedError: The postures do not determine the masses, with the posture to add.
     """
     if bench.arm is None:
-        raise NotPossibleError(f"bench {bench.name!r} has no [arm]: a single axis is the same plant in every posture")
+        raise NotPossibleError(f"bench {bench.name!r} has no [arm], which the masses of an arm need; add it")
     identified.check_robot(bench.name)
     postures = [(number, each) for number, axis in sorted(identified.axis.items()) for each in axis.posture]
     axes = tuple(number for number in bench.arm.axes if number in {each for each, _ in postures})

@@ -50,7 +50,7 @@ def try_filters(
         HilError: As the runs.
     """
     scale = with_orders(scale, orders)
-    runs = Alternation(bench, scale, run, ("trial of the filters: without", "trial of the filters: with them"), reporter)
+    runs = Alternation(bench, scale, run, ("trial of the filters: untreated", "trial of the filters: with them"), reporter)
     changes: list[PeakChange] = []
     peaks: list[PeakChange] = []
     while runs.count < MOST_RUNS:

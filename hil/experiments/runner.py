@@ -167,7 +167,7 @@ def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
         NotPossibleError: The model file is another robot's.
     """
     if is_paper and not bench.is_paper:
-        raise ValueError(f"bench {bench.name!r} is not the paper's robot (reference = {bench.reference!r})")
+        raise ValueError(f"bench {bench.name!r} has reference = {bench.reference!r}; expected 'paper'")
     identified = knowledge.identified
     if identified is None:
         return bench

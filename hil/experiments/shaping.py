@@ -69,7 +69,7 @@ class FittedShaper:
     def remaining(self, factor: float) -> float:
         """Largest remaining vibration if the frequencies are off by a factor.
 
-        All frequencies are `factor` times the believed ones.
+        All frequencies are `factor` times the assumed ones.
         """
         return max(float(self.shaper.remaining(factor * mode.frequency_hz, mode.damping)) for mode in self.modes)
 

@@ -192,7 +192,7 @@ def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
         NotPossibleError: It needs a learnt model, and there is none.
     """
     if row.needs == "learnt" and knowledge.learnt is None:
-        raise NotPossibleError(f"{row.name} needs what has been learnt; give --learnt learnt.toml, from hil learn")
+        raise NotPossibleError(f"{row.name} needs a learnt cancellation; give --learnt learnt.toml, from hil learn")
     if not row.cancels:
         return None
     return knowledge.learnt if row.needs == "learnt" else knowledge.identified

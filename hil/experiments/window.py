@@ -154,7 +154,7 @@ def _verdict(metrics: Metrics, peak_mm: float, limit_mm: float, found: FoundScal
         return JudgedWindow(metrics, invalid=reason)
     if peak_mm > limit_mm and metrics.is_noise:
         reason = (
-            f"the tip's peak of {peak_mm:.4f} mm may be the sensor's noise, which alone shows up to "
+            f"the tip's peak of {peak_mm:.4f} mm may be sensor noise, which alone reaches up to "
             f"{metrics.noise_mm:.4f} mm; repeat the run with --repeat, which judges the mean"
         )
         return JudgedWindow(metrics, invalid=reason)

@@ -76,7 +76,7 @@ class NodeUnits:
             self._own = _own_of(table, profile)
             if self._scaling is None:
                 lacking = ", ".join(need.name for need in asked.missing)
-                self.notes.append(f"axis {number}: its scale is not in the log ({lacking}); its numbers are as on the bus")
+                self.notes.append(f"axis {number}: the log has no scale ({lacking}); the numbers stay as on the bus")
         elif bench is not None and bench.accelerometer.node_id == node.number:
             self.prefix = "tip"
         elif node.pdo_with("tpdo", 0x6064) is not None or node.pdo_with("rpdo", 0x607A) is not None:
@@ -95,20 +95,20 @@ class NodeUnits:
         increments, turns, torque = values
         if increments is None or turns is None or torque is None:
             lacking = ", ".join(need.name for need in asked.missing)
-            self.notes.append(f"{name}: {lacking} not in the log; its numbers are as on the bus; --bench gives the scale")
+            self.notes.append(f"{name}: {lacking} not in the log; the numbers stay as on the bus; give --bench for the scale")
             return None
         if feed is not None and feed != increments // max(turns, 1):
             self.notes.append(
-                f"{name} may count by its feed constant (6092h); its numbers are as on the bus; --bench gives the scale"
+                f"{name} may count by its feed constant (6092h); the numbers stay as on the bus; give --bench for the scale"
             )
             return None
         polarity = asked.number(Need((0x607E, 0), "polarity", ""), is_optional=True)
         if polarity is None:
-            self.notes.append(f"{name}: 607Eh is not in the log; signs are those on the bus")
+            self.notes.append(f"{name}: 607Eh is not in the log; the signs stay as on the bus")
         try:
             return Scaling(counts_per_rev("608Fh", increments, turns), rated_torque_nm(torque), polarity=polarity or 0)
         except DriveProfileError as error:
-            raise NodeError(self._node.number, f"its units make no sense: {error}") from error
+            raise NodeError(self._node.number, f"its units are invalid: {error}") from error
 
     def of(self, address: ObjectAddress) -> WireUnit:
         """Unit of an object."""

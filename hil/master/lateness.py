@@ -236,7 +236,7 @@ class WallClockTiming:
     Attributes:
         period_s: SYNC period.
         limit_s: Lateness beyond which a cycle is not sent.
-        beats: Number of cycles, the dropped ones included.
+        cycles: Number of cycles, the dropped ones included.
         dropped: Cycles whose set-points and SYNC were not sent, since it was too late for them.
         late: Cycles whose SYNC left beyond the limit all the same.
         missed: Cycles that were sent and in which an answer did not come.
@@ -252,7 +252,7 @@ class WallClockTiming:
 
     period_s: float
     limit_s: float
-    beats: int
+    cycles: int
     dropped: int
     late: int
     missed: int
@@ -287,7 +287,7 @@ class WallClockTiming:
         return cls(
             period_s=schedule.period_s,
             limit_s=schedule.limit_s,
-            beats=schedule.cycles,
+            cycles=schedule.cycles,
             dropped=schedule.dropped,
             late=schedule.late,
             missed=missed,
@@ -306,7 +306,7 @@ def timing_lines(timing: dict[str, Any]) -> list[str]:
     """A `timing` of result.json as text."""
     period = timing["period_s"]
     lines = [
-        f"timing at {1e3 * period:g} ms: {timing['beats']} cycles, {timing['dropped']} dropped, {timing['late']} late, "
+        f"timing at {1e3 * period:g} ms: {timing['cycles']} cycles, {timing['dropped']} dropped, {timing['late']} late, "
         f"{timing['missed']} with an answer missing",
         f"  {'':<22}{'p50':>10}{'p99':>10}{'p99.9':>10}{'max':>10}",
     ]

@@ -74,7 +74,9 @@ class RunRequest:
         """
         if self.filters == "notch" and not any(axis.table.notch for axis in axes):
             names = " or ".join(f"axis.{axis.number}.notch" for axis in axes)
-            raise NotPossibleError(f"a run with the notch needs one: the bench file has no {names}")
+            raise NotPossibleError(
+                f"the bench file has no {names}, which a run with the notch needs; add the table, or choose --treatment none"
+            )
         if self.loop == "host" and (self.adder is not None or self.uses_torque_offset):
             raise NotPossibleError("additions to set-points and torques need a drive-closed loop (--loop drive)")
         if self.uses_torque_offset:

@@ -87,8 +87,12 @@ def stop_text(found: Sequence[Whereabouts]) -> str:
     Empty if there is nothing to report.
     """
     away = [each for each in found if each.is_away]
-    commands = " and ".join(move_command(each.axis, each.began_rev or 0.0) for each in away)
-    where = ", ".join(map(str, found))
-    if not away:
-        return where
-    return f"{where}; to bring {'it' if len(away) == 1 else 'them'} back: {commands}"
+    lost = [each for each in found if each.stands_rev is None]
+    said = [", ".join(map(str, found))] if found else []
+    if away:
+        commands = " and ".join(move_command(each.axis, each.began_rev or 0.0) for each in away)
+        said.append(f"to bring {'it' if len(away) == 1 else 'them'} back: {commands}")
+    if lost:
+        commands = " and ".join(f"hil move --axis {each.axis} --back" for each in lost)
+        said.append(f"once the bus answers again: {commands}")
+    return "; ".join(said)

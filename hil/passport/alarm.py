@@ -58,7 +58,7 @@ class AlarmLimits:
         """
         if not 0.0 < rate < 0.1 or series < 1:
             raise ValueError(
-                f"{rate} false alarms in a run, of {series} series: a rate above 0 and below 0.1, of a series at least"
+                f"{rate} false alarms in a run of {series} series; expected a rate above 0 and below 0.1, and at least 1 series"
             )
         part = RESERVE * 0.5 * rate / series
         jump = -float(scipy.special.ndtri(0.5 * part))

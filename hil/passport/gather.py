@@ -234,5 +234,5 @@ def utc_of(text: str) -> str:
     utc = date.replace(tzinfo=datetime.UTC) if date.tzinfo is None else date.astimezone(datetime.UTC)
     if utc < EARLIEST or utc > datetime.datetime.now(datetime.UTC) + AHEAD:
         when = "before 2000" if utc < EARLIEST else "in the future"
-        raise ValueError(f"dated {utc:%Y-%m-%d}, which is {when}: a clock was wrong")
+        raise ValueError(f"dated {utc:%Y-%m-%d}, which is {when}: the clock of that computer was wrong")
     return utc.isoformat(timespec="seconds")

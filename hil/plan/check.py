@@ -9,13 +9,12 @@ from typing import Literal
 
 import numpy as np
 
-from drive_profiles.address import LOCAL, parse_address
+from drive_profiles.address import BIT_RATES, LOCAL, parse_address
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType, FunctionCode
 from drive_profiles.standard.cia402 import Object
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.bench.load_encoder import watched_axes
-from hil.can.bits import STANDARD_RATES
 from hil.design.frequency import Loop, margins
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.drive import mapping
@@ -29,7 +28,7 @@ from hil.plan.wire import CLASSIC_MAX_BITRATE, WireTiming, rate_text
 Level = Literal["stable", "at the edge", "unstable", "not known"]
 
 MARGIN_POINTS = 1500
-RATES = STANDARD_RATES[4:]
+RATES = BIT_RATES[4:]
 COUNTS_PER_REV = 1 << 17
 """Resolution of the encoder in the sample of contents; only the typical number of stuff bits depends on it."""
 
@@ -241,14 +240,14 @@ def _axis_stability(
         facts = Profile.load(table.profile).loop
         period, delay = (None if facts is None else facts.period_s), 0
     if delay is None:
-        return AxisStability(number, period, 0, reason="the bus does not carry the loop")
+        return AxisStability(number, period, 0, reason="the frames do not fit on the bus, so the delay has no bound")
     if period is None:
         return AxisStability(number, period, delay, reason=f"profile {table.profile} lacks the drive's control period")
     model = table.loop(period, delay, with_notch=with_notch)
     if table.control == AS_FOUND:
         return AxisStability(number, period, delay, reason="its gains are as found in the drive")
     if model is None:
-        return AxisStability(number, period, delay, reason="the bench file has no model of it")
+        return AxisStability(number, period, delay, reason="the bench file has no model of the axis")
     return worst_margins(number, model)
 
 
@@ -312,7 +311,7 @@ def check(
     refused = sync_refusals(bench, axes, period_s)
     bus = _bus_words(cycle, wire, fits)
     if refused:
-        fits, bus = False, f"does not fit: {', '.join(refused)}, not {1e3 * period_s:g} ms; as to the bus, it {bus}"
+        fits, bus = False, f"does not fit: {', '.join(refused)}, not {1e3 * period_s:g} ms; the bus itself {bus}"
     delay = cycle.delay_periods(wire) if loop == "host" else 0
     loops = stability(bench, axes, loop, period_s, delay, with_notch=with_notch)
     levels = {axis.level for axis in loops}

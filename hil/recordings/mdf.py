@@ -60,7 +60,7 @@ class MdfFile:
             channel = self._channel(file, name, *found_at[0])
             values = np.asarray(channel.samples)
             if values.ndim != 1 or not np.issubdtype(values.dtype, np.number):
-                raise RecordingFileError(self.path, f"the channel {name!r} holds {values.dtype}, no numbers")
+                raise RecordingFileError(self.path, f"the channel {name!r} holds {values.dtype}; expected numbers")
             if len(values) > MOST_ROWS:
                 raise RecordingFileError(self.path, f"more than {MOST_ROWS} rows")
             own = np.asarray(channel.timestamps, dtype=np.float64)

@@ -56,7 +56,7 @@ class ParquetFile:
                     found[name] = nanoseconds.to_numpy().astype(np.float64) * 1e-9
                     continue
                 if not (pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind) or pyarrow.types.is_decimal(kind)):
-                    raise RecordingFileError(self.path, f"the column {name!r} holds {kind}, no numbers")
+                    raise RecordingFileError(self.path, f"the column {name!r} holds {kind}; expected numbers")
                 found[name] = np.asarray(table.column(name).cast(pyarrow.float64()).to_numpy(), dtype=np.float64)
         except (OSError, ValueError, pyarrow.ArrowException) as error:
             if isinstance(error, RecordingFileError):

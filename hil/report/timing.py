@@ -14,7 +14,7 @@ def timing_table(material: Material) -> ReportTable | None:
     rows: list[list[Cell]] = []
     for run, timing in by_recording.values():
         load = timing.bus_load
-        counts = [str(count) for count in (timing.beats, timing.dropped, timing.late, timing.missed)]
+        counts = [str(count) for count in (timing.cycles, timing.dropped, timing.late, timing.missed)]
         name = run_name(run, with_window=False)
         for spread, what in ((timing.lateness, "SYNC after its deadline"), (timing.arrivals, "answers after SYNC")):
             durations = (spread.p50_s, spread.p99_s, spread.p999_s, spread.max_s)
@@ -33,7 +33,7 @@ def timing_table(material: Material) -> ReportTable | None:
         }
     )
     header = ("Motion", "What", "p50", "p99", "p99.9", "max", "Cycles", "Dropped", "Late", "Missed", "Bus load (%)")
-    sentence = f" Not granted: {'; '.join(refused)}." if refused else " The system granted every request."
+    sentence = f" Not granted: {'; '.join(refused)}." if refused else " The operating system granted every request for real time."
     return ReportTable(
         "timing",
         "Timing of the cycle",

@@ -8,8 +8,8 @@ from hil.results.base import MeasuredResult, ResultPart
 
 CHECK_FILE: Final = "check.json"
 
-Verdict = Literal["PASS", "FAIL", "NOT TOLD"]
-"""`NOT TOLD`: nothing was seen from which it could be told."""
+Verdict = Literal["PASS", "FAIL", "NOT JUDGED"]
+"""`NOT JUDGED`: the measurement does not decide."""
 
 
 class CheckEntry(ResultPart):

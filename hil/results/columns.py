@@ -30,5 +30,5 @@ def load_columns(path: Path) -> dict[str, Real]:
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
     if values.shape[1] != len(names):
-        raise ValueError(f"{path}: {len(names)} names, {values.shape[1]} columns")
+        raise ValueError(f"{path}: {len(names)} names for {values.shape[1]} columns; expected a name for each")
     return {name: values[:, place] for place, name in enumerate(names)}

@@ -26,7 +26,7 @@ class RunTiming(ResultPart):
     dropped_cycles: int
     period_s: float
     limit_s: float
-    beats: int
+    cycles: int
     dropped: int
     late: int
     missed: int

@@ -69,7 +69,7 @@ class ScopeProcess:
             ValueError: It does not run.
         """
         if self._process is None:
-            raise ValueError("the scope does not run")
+            raise ValueError("the scope is not running")
         return self._process.pid
 
     def __exit__(self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None) -> None:

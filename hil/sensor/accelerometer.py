@@ -140,7 +140,7 @@ class AccelerometerReader:
         if self._failure is not None:
             return SerialAccelerometerError(port, self._failure)
         if not self._bytes:
-            return SerialAccelerometerError(port, f"nothing within {OPEN_TIMEOUT_S:g} s", "is it powered, is this its port?")
+            return SerialAccelerometerError(port, f"nothing within {OPEN_TIMEOUT_S:g} s", "check power and port")
         counted = f"{self._bytes} bytes, {decoder.checksum_errors} wrong checksums, {decoder.malformed} malformed frames"
         return SerialAccelerometerError(
             port, f"no sample within {OPEN_TIMEOUT_S:g} s, in {counted}", "check baud_rate, framing, fields, checksum and range"

@@ -99,7 +99,9 @@ class SerialTable(Table):
             raise ValueError(f"frame_bytes is {self.frame_bytes}; sync, format and checksum make {framing.frame_bytes}")
         bits = framing.frame_bytes * 10 * self.sample_rate_hz
         if bits > self.baud_rate:
-            raise ValueError(f"{self.sample_rate_hz:g} frames of {framing.frame_bytes} bytes a second need {bits:g} bit/s")
+            raise ValueError(
+                f"{self.sample_rate_hz:g} frames of {framing.frame_bytes} bytes a second need baud_rate = {bits:g} or more"
+            )
         return framing
 
     def _modulo(self) -> int | None:

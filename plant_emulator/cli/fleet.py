@@ -29,7 +29,7 @@ KindOption = Annotated[
     KindName,
     typer.Option(
         "--kind",
-        help="linear gears; real ones, with hysteresis up to 2 N·m, softness and current lag; any, up to 5 N·m; "
+        help="Gears. linear; real: hysteresis up to 2 N·m, softness, current lag; any: the same up to 5 N·m; "
         "both: linear for odd seeds, real for even ones.",
     ),
 ]

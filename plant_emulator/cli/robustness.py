@@ -302,7 +302,7 @@ def _show(summary: "Summary") -> None:
     drawn = ", ".join(f"{name} {worst.values[name]:.4g}" for name in strongest)
     chosen = "--experiment line-motion" if study.axis is None else f"--axis {study.axis}"
     typer.echo(f"Worst: plant {worst.index} of seed {study.seed}{': ' if drawn else ''}{drawn}")
-    typer.echo(f"  again, with everything else as here: {chosen} --seed {study.seed} --only {worst.index}")
+    typer.echo(f"  repeat it with: {chosen} --seed {study.seed} --only {worst.index}")
 
 
 def _fraction_cells(fraction: "RunFraction") -> tuple[str, str, str]:

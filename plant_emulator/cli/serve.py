@@ -85,7 +85,11 @@ HeldGainsOption = Annotated[
 ]
 EdsOption = Annotated[
     list[str] | None,
-    typer.Option("--eds", metavar="AXIS=PATH", help="EDS file of an axis' drive; its further objects do nothing; repeatable."),
+    typer.Option(
+        "--eds",
+        metavar="AXIS=PATH",
+        help="EDS file of an axis' drive: adds objects beyond its profile, without effect; repeatable.",
+    ),
 ]
 StoreTimeOption = Annotated[
     float | None, typer.Option("--store-time-s", min=0.0, help="Time for which a drive is silent while it stores.")

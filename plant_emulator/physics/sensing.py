@@ -57,7 +57,8 @@ class SensorResponse:
     ) -> None:
         for name, frequency in (("lowpass_hz", lowpass_hz), ("mounting_resonance_hz", mounting_resonance_hz)):
             if frequency is not None and frequency * period_s > HIGHEST_FREQUENCY:
-                raise ValueError(f"{name} {frequency:g} is too high for samples every {1e6 * period_s:g} µs")
+                most = HIGHEST_FREQUENCY / period_s
+                raise ValueError(f"{name} = {frequency:g} is too high for samples every {1e6 * period_s:g} µs; at most {most:g}")
         rows = np.zeros(1, SECTIONS)
         row = rows[0]
         row["coefficients"][:, 0] = 1.0

@@ -129,7 +129,7 @@ class EmulatedRobot:
             ValueError: Time does not go back.
         """
         if not duration_s >= 0.0:
-            raise ValueError(f"time does not pass by {duration_s} s")
+            raise ValueError(f"time cannot advance by {duration_s} s; expected 0 or more")
         self.channel.advance(round(SECOND * duration_s))
 
     def is_braked(self, axis: int) -> bool:

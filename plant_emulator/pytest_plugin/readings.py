@@ -28,7 +28,7 @@ class AccelerometerReadings:
             return session.held.tip_m_s2
         node, network = session.bench.accelerometer.node_id, session.network
         if node is None:
-            raise NotPossibleError("an accelerometer on a serial port is read in a run; see the columns of its recording")
+            raise NotPossibleError("a serial accelerometer is read only during a run; read the columns of its recording")
         network.sync()
         x, y, z = (
             network.read(node, ACCELERATION_OBJECT, sub, DataType.INTEGER16, "acceleration")

@@ -9,7 +9,7 @@ from typing import NoReturn
 
 import pytest
 
-from drive_profiles.address import LOCAL, AddressError, parse_address
+from drive_profiles.address import LOCAL, AddressError, parse_address, parse_bit_rate
 from drive_profiles.errors import DriveProfileError
 from hil.bench.bench import Bench, load_bench
 from hil.can.channel import Channel
@@ -183,6 +183,6 @@ def bit_rate(config: pytest.Config) -> int | None:
     if text is None:
         return None
     try:
-        return parse_address(f"{LOCAL}:bus@{text}").bitrate
-    except AddressError:
-        pytest.fail(f"--hil-bitrate {text}: expected a rate such as 1M, 500k or 125000", pytrace=False)
+        return parse_bit_rate(text)
+    except AddressError as error:
+        pytest.fail(f"--hil-bitrate {error}", pytrace=False)

@@ -77,7 +77,7 @@ def gear_at(axis: RobotAxis, torsion_rad: float) -> tuple[float, float]:
         ValueError: The amplitude is not above 0.
     """
     if not torsion_rad > 0.0:
-        raise ValueError(f"a torsion of {torsion_rad} rad has no amplitude")
+        raise ValueError(f"torsion_rad is {torsion_rad}; expected an amplitude above 0")
     phase = (np.arange(STEPS) + 0.5) * (2.0 * math.pi / STEPS)
     sine, rising = np.sin(phase), np.cos(phase) > 0.0
     torsion = torsion_rad * sine

@@ -18,7 +18,7 @@ def part_of(robot: Robot, axes: Collection[int]) -> Robot:
         ValueError: Its links couple the axes.
     """
     if robot.links is not None and set(axes) != robot.axis.keys():
-        raise ValueError("the links of this robot couple its axes, so that none moves without the others; leave --axis out")
+        raise ValueError("the links of this robot couple all axes, so they cannot be served one by one; leave --axis out")
     changes: dict[str, object] = {"axis": {number: table for number, table in robot.axis.items() if number in axes}}
     if not set(robot.chain_axes) <= set(axes):
         changes |= {"geometry": None, "line_motion": None}

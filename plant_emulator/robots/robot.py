@@ -496,7 +496,7 @@ def with_drives(
         if number not in robot.axis:
             raise ValueError(f"the robot has no axis {number}; it has {', '.join(map(str, sorted(robot.axis)))}")
     if store_time_s is not None and not 0.0 <= store_time_s < math.inf:
-        raise ValueError(f"store_time_s cannot be {store_time_s} s")
+        raise ValueError(f"store_time_s is {store_time_s} s; expected a finite time of at least 0")
     axes = {}
     for number, axis in robot.axis.items():
         changes: dict[str, Any] = {} if store_time_s is None else {"store_time_s": store_time_s}

@@ -4,11 +4,14 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hil.bench.bench import Bench, load_bench
+from plant_emulator.motion.record import BRAKED
 from plant_emulator.pytest_plugin.served import ServedBus
 from plant_emulator.robots.robot import Robot, load_robot
+from plant_emulator.world import World
 from tests.bench.shared_demo import DemoRun, common_root, shared_demo
 from tests.bench.warm_server import IS_POSSIBLE, WarmServers
 
@@ -80,3 +83,8 @@ def shortened(bench: Bench) -> Bench:
 @pytest.fixture
 def short_bench(reference_bench: Bench) -> Bench:
     return shortened(reference_bench)
+
+
+def all_braked(world: World) -> bool:
+    """True if the brake of every axis is closed."""
+    return bool(np.all(world.axes.motion["mode"] == BRAKED))

@@ -284,7 +284,7 @@ def test_what_has_learnt_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> 
     """A drive that turns its additions round: the second pass, with half of it, is worse than the first."""
     session = session_of(robot_of(QUIET), 0.002)
     monkeypatch.setattr(learning, "cancellation_on", lambda *args, **more: turned(cancellation_on(*args, **more), 180.0))
-    with pytest.raises(CancellationRefusedError, match="what pass 1 has learnt of axis 3 no order passes"):
+    with pytest.raises(CancellationRefusedError, match="no order of the result of pass 1 for axis 3 passes"):
         learn(session, 3, passes=3, acceleration_rps_s=8.0)
 
 

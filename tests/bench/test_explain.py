@@ -136,7 +136,7 @@ def test_an_error_of_the_gear_that_shakes_its_motor_is_named_with_its_order(tmp_
     path, rate = log_of_drawn(tmp_path, 27)
     [said] = explain(open_log(path), {}, rate).findings
     assert said.kind == "order-line"
-    assert " 1 times in each of its revolutions" in said.words
+    assert "order 1 at every speed" in said.words
     assert "that is the gear" in said.words
 
 
@@ -363,8 +363,8 @@ def test_a_fault_is_found_and_named(tmp_path, frames, kind):
 @pytest.mark.parametrize(
     ("swing", "words"),
     [
-        (lambda turns, time_s: 0.004 * math.sin(2.0 * math.tau * turns), " 2 times in each of its revolutions"),
-        (lambda turns, time_s: 0.004 * math.sin(12.0 * math.tau * turns), "12 times in each of its revolutions, at every speed"),
+        (lambda turns, time_s: 0.004 * math.sin(2.0 * math.tau * turns), "order 2 at every speed"),
+        (lambda turns, time_s: 0.004 * math.sin(12.0 * math.tau * turns), "order 12 at every speed"),
         (lambda turns, time_s: 0.004 * math.sin(60.0 * math.tau * time_s), "at 60 Hz, whatever the speed"),
     ],
 )

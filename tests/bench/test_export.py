@@ -175,7 +175,7 @@ def test_a_scale_that_nobody_has_said_is_not_guessed(folder, tmp_path):
     what = decoded(Trace(open_log(cut), {}), None)
     units = {each.unit.name for named in what.pdos if named.prefix == "node2" for each in named.numbers}
     assert "position_actual_value" in units
-    assert any("608Fh:1" in note and "--bench gives the scale" in note for note in what.notes)
+    assert any("608Fh:1" in note and "give --bench for the scale" in note for note in what.notes)
 
 
 def test_frames_of_another_mapping_are_not_decoded_by_this_one(folder, tmp_path):

@@ -137,7 +137,7 @@ def test_without_an_accelerometer(reference_bench: Bench, reference_robot: Robot
     bench = reference_bench.model_copy(update={"bus": reference_bench.bus.model_copy(update={"answer_timeout_s": 0.05})})
     found = identified(bench, noisy(reference_robot, 0.002, 4), AteRequest(2, sensorless=True, goal=ONE_PASS))
     assert np.all(np.abs(off(found, 2)) < 1.5 * np.array(ASKED))
-    assert any("sensorless: A_k is as wrong as J_l from the bench file" in note for note in found.notes)
+    assert any("sensorless: A_k has the relative error of J_l, which comes from the bench file" in note for note in found.notes)
 
 
 @pytest.mark.slow
@@ -199,7 +199,9 @@ def test_a_ramp_that_ends_before_the_resonance(reference_bench: Bench, reference
         update={"limits": table.limits.model_copy(update={"position_min_rev": -1.2, "position_max_rev": 1.2})}
     )
     bench = bench.model_copy(update={"axis": {**bench.axis, 2: narrow}})
-    with pytest.raises(AteNotIdentifiedError, match=r"rev/s \(at least \d\.\d+ rev/s\); .* between its position limits are 1\.4"):
+    with pytest.raises(
+        AteNotIdentifiedError, match=r"rev/s \(at least \d\.\d+ rev/s\); .* between its position limits there are 1\.4"
+    ):
         identified(bench, noisy(reference_robot, 0.002, 1), AteRequest(2))
 
 

@@ -50,7 +50,7 @@ def test_learning_keeps_the_order_that_its_ramps_do_not_reach(tmp_path: Path) ->
     assert part.standard_error["a2_arcsec"] < 1.0
     assert values.a2_arcsec != true.a2_arcsec
     assert "order 1" in part.note
-    assert any("order 1 is kept as it was known" in line for line in summary(end))
+    assert any("order 1 keeps its known values" in line for line in summary(end))
     assert 1 in {verdict.part.order for verdict in end.learnt[AXIS].passes[-1].verdicts}, "the passes cancel it too"
     assert end.learnt[AXIS].reduction_fraction > 0.3
 

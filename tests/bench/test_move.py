@@ -1,7 +1,9 @@
 """`hil move`: one axis slowly to a position, from wherever a run, a stop or a fault has left it."""
 
+import contextlib
 import math
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -9,18 +11,19 @@ import pytest
 from drive_profiles.standard.cia402 import State
 from hil.bench.bench import Bench
 from hil.can.frame import Frame
-from hil.errors import InterruptedRunError, NodeError, NotPossibleError, SafetyStopError, UnsafeRequestError
+from hil.errors import NOT_DISABLED, InterruptedRunError, NodeError, NotPossibleError, SafetyStopError, UnsafeRequestError
 from hil.experiments.measurement import log_label
 from hil.experiments.motions import constant_acceleration
 from hil.experiments.move import Move, MoveRequest, make_move, plan_move
 from hil.experiments.position_before import position_before
 from hil.master.session import Session
+from hil.master.whereabouts import rev_text
 from hil.recording import BusLog
 from hil.reporter import SilentReporter
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
-from tests.bench.conftest import shortened, with_bus
+from tests.bench.conftest import all_braked, shortened, with_bus
 
 FULL_TURNS = 4.0
 """Turns that are away enough for a test, and quickly made."""
@@ -184,6 +187,83 @@ def test_ctrl_c_stops_a_move_as_it_stops_a_run_and_says_how_to_go_on(bench: Benc
     assert f"axis 2 is at {here:.2f}".rstrip("0") in said
     assert said.endswith("to bring it back: hil move --axis 2 --to 0")
     assert moved(bench, channel, to_rev=0.0) == pytest.approx(0.0, abs=0.01)
+
+
+class Killed(BaseException):
+    """What ends the master where it stands, as SIGKILL does."""
+
+
+def lose_node(channel: InProcessChannel, session: Session) -> None:
+    channel.passes = lambda frame: frame.can_id & 0x7F != 2
+
+
+def pull_bus(channel: InProcessChannel, session: Session) -> None:
+    channel.lost = True
+
+
+def narrow_limit(channel: InProcessChannel, session: Session) -> None:
+    channel.inject(Frame(0x602, b"\x23\x7d\x60\x02\x01\0\0\0"))  # 607Dh:2, the highest position
+
+
+STOPS = {
+    "Ctrl-C": (lambda channel, session: session.interrupt("SIGINT"), "interrupted by SIGINT", True),
+    "SIGTERM": (lambda channel, session: session.interrupt("SIGTERM"), "interrupted by SIGTERM", True),
+    "emergency": (lambda channel, session: channel.world.drives[2]._fault("motor speed", 0x8400), "emergency 8400h", True),
+    "limit": (narrow_limit, "8612h (reference limit", True),
+    "lost node": (lose_node, "axis 2 has not answered", False),
+    "pulled bus": (pull_bus, "pulled", False),
+}
+
+
+@pytest.mark.parametrize(("stop", "reason", "is_known"), STOPS.values(), ids=STOPS)
+def test_whatever_stops_a_motion_the_message_says_how_the_arm_stands_and_what_brings_it_back(
+    bench: Bench, channel: InProcessChannel, stop: Callable[[InProcessChannel, Session], None], reason: str, is_known: bool
+) -> None:
+    """Why it stopped, whether torque may act, where the axis is, and the command; and what is said is so."""
+    with Session(bench, channel, BusLog(None)) as session:
+        channel.on_sync = lambda number: stop(channel, session) if number == 900 else None
+        session.bring_up()
+        stopped = session.run(constant_acceleration(bench, 2, 0.002), "none", "drive").stopped
+    assert stopped is not None
+    assert reason in stopped.reason
+    end, where = str(stopped).removeprefix(f"stopped: {stopped.reason}; ").split("; ", 1)
+    if is_known:
+        here = stands_rev(channel)
+        assert end == "all axes are stopped and disabled, and their drives close the brakes"
+        assert where == f"axis 2 is at {rev_text(here)} rev; to bring it back: hil move --axis 2 --to 0"
+        assert abs(here) > 0.1
+        assert channel.world.drives[2].state is not State.OPERATION_ENABLED
+        assert all_braked(channel.world)
+    else:
+        assert end == f"{NOT_DISABLED}: torque may act, and a brake may be open"
+        assert where == "the position of axis 2 is not known; once the bus answers again: hil move --axis 2 --back"
+    answering(channel)
+    assert moved(bench, channel, to_rev=0.0) == pytest.approx(0.0, abs=0.01)
+
+
+def test_after_a_master_that_was_killed_the_next_command_says_how_the_arm_stands(bench: Bench, channel: InProcessChannel) -> None:
+    def kill(number: int) -> None:
+        if number == 900:
+            channel.lost = True
+            raise Killed
+
+    channel.on_sync = kill
+    with contextlib.suppress(Killed), Session(bench, channel, BusLog(None)) as session:
+        session.bring_up()
+        session.run(constant_acceleration(bench, 2, 0.002), "none", "drive")
+    assert channel.lost
+    answering(channel)
+    assert all_braked(channel.world), "the drive has missed the master's heartbeat"
+    planned = plan_move(bench, MoveRequest(2, to_rev=0.0), channel=channel)
+    assert stands_rev(channel) > 0.1
+    assert f"from {rev_text(stands_rev(channel))} to 0 rev" in planned.sentences[-1]
+    assert make_move(planned, channel=channel).stands_rev == pytest.approx(0.0, abs=0.01)
+
+
+def answering(channel: InProcessChannel) -> None:
+    """The bus as it is two seconds after the stop, repaired."""
+    channel.on_sync, channel.passes, channel.lost = lambda number: None, lambda frame: True, False
+    channel.world.free_step(channel.world.now + 2_000_000_000)
 
 
 def test_a_run_after_a_stop_names_where_the_axis_stands_and_the_move_that_lets_it_run(

@@ -108,7 +108,7 @@ def test_a_rated_torque_that_the_drive_does_not_tell_is_that_of_the_bench_file(
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"rated_torque_nm": 9.0}, "axis.2.rated_torque_nm is 9"), ({"encoder_counts_per_rev": 4096}, "counts 131072")],
+    [({"rated_torque_nm": 9.0}, "but axis.2.rated_torque_nm = 9"), ({"encoder_counts_per_rev": 4096}, "counts 131072")],
 )
 def test_a_bench_file_that_contradicts_the_drive_is_refused(
     changes: dict[str, float], words: str, short_bench: Bench, reference_robot: Robot

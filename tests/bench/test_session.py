@@ -35,7 +35,7 @@ from plant_emulator.pytest_plugin.master import BenchSession
 from plant_emulator.robots.robot import Robot
 from plant_emulator.studies.simulate import simulate
 from plant_emulator.world import World
-from tests.bench.conftest import shortened, with_bus, with_motion
+from tests.bench.conftest import all_braked, shortened, with_bus, with_motion
 
 
 @pytest.fixture
@@ -66,10 +66,6 @@ def everything(world: World) -> dict[int, dict[tuple[int, int], object]]:
         number: {(e.index, e.subindex): dictionary.get(e.index, e.subindex) for e in dictionary if e.index not in moving}
         for number, dictionary in nodes.items()
     }
-
-
-def all_braked(world: World) -> bool:
-    return bool(np.all(world.axes.motion["mode"] == BRAKED))
 
 
 # -- what went over CAN is what happens without it ---------------------------------------------------------------------

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drive_profiles.address import Address, AddressError, BusChoice, choose_bus, parse_address
+from drive_profiles.address import BIT_RATES, Address, AddressError, BusChoice, choose_bus, parse_address, parse_bit_rate
 
 
 @pytest.mark.parametrize(
@@ -43,8 +43,6 @@ def test_an_address_is_interface_channel_and_bit_rate(text, interface, channel, 
         "socketcan:can0@500K",
         "socketcan:can0@500kbit",
         "socketcan:can0@-500k",
-        "socketcan:can0@0",
-        "socketcan:can0@0.0001k",
         "socketcan:can0@1e6",
         "slcan:x@1M@1M",
         "local:/tmp/a@b.sock",
@@ -62,11 +60,24 @@ def test_what_is_no_address_is_refused_with_the_text_and_an_example(text):
 @given(
     st.from_regex(r"[a-z][a-z0-9_]*", fullmatch=True),
     st.text(st.characters(codec="utf-8", exclude_characters="@", exclude_categories=["Cc", "Cs", "Z"]), min_size=1),
-    st.none() | st.integers(1, 10**8),
+    st.none() | st.integers(10_000, 1_000_000),
 )
 def test_what_an_address_shows_is_read_as_the_same_address(interface, channel, bitrate):
     address = Address(interface, channel, bitrate)
     assert parse_address(str(address)) == address
+
+
+@pytest.mark.parametrize("rate", ["0", "0.0001k", "7k", "9999", "1000001", "5M"])
+def test_a_bit_rate_that_can_cannot_have_is_refused_with_those_that_it_can(rate):
+    allowed = "expected 10k, 20k, 50k, 100k, 125k, 250k, 500k, 800k, 1M, or another from 10k to 1M"
+    with pytest.raises(AddressError, match=f"^'{rate}' is not a bit rate of classic CAN; {allowed}$"):
+        parse_bit_rate(rate)
+    with pytest.raises(AddressError, match=f"^HIL_BUS: 'local:/a.sock@{rate}': '{rate}' is not a bit rate .*; {allowed}$"):
+        choose_bus(None, None, {"HIL_BUS": f"local:/a.sock@{rate}"})
+
+
+def test_every_bit_rate_of_the_standard_is_read():
+    assert tuple(map(parse_bit_rate, ["10k", "20k", "50k", "100k", "125k", "250k", "500k", "800k", "1M"])) == BIT_RATES
 
 
 # -- which of several is taken -----------------------------------------------------------------------------------------

@@ -55,7 +55,7 @@ def test_a_band_is_judged_as_far_as_samples_show_it(period_s, shown):
 
 
 def test_samples_that_show_too_little_of_a_band_are_refused_with_the_period_that_is_needed():
-    with pytest.raises(ValueError, match=r"samples every 12 ms show vibrations up to 37.5 Hz, and 44.8 Hz are needed .*, 10 ms"):
+    with pytest.raises(ValueError, match=r"samples every 12 ms show vibrations up to 37.5 Hz only; 44.8 Hz need .* every 10 ms"):
         shown_band(0.012, (15.0, 64.0))
 
 

@@ -10,7 +10,7 @@ from tests.oracles.law import lowpass_blend
 Real = NDArray[np.float64]
 
 (
-    PERIOD, MODEL_ERROR, CORRELATED, WALK, BELIEVED, FOLLOW, BEGIN_SIGMAS, END_SIGMAS, BEGIN_M, END_M, LEAST_GAIN, MOST_GAIN,
+    PERIOD, MODEL_ERROR, CORRELATED, WALK, MOST_ERROR, FOLLOW, BEGIN_SIGMAS, END_SIGMAS, BEGIN_M, END_M, LEAST_GAIN, MOST_GAIN,
     MOST_ANGLE, LOW_RATIO, HIGH_RATIO, SLOWEST, LEAST_NOISE, SPEED_LOWPASS, QUICK, QUICK_S, JOLT_PART, WANDER, WANDER_PER_S,
     LIKELY, BEGIN_PART, END_S, STEADY,
 ) = range(27)  # fmt: skip
@@ -27,8 +27,8 @@ x and ẋ that this shakes; speed as late as neither low-pass."""
 STARTED, QUIET, LOUD, COUNT, RESTING, JOLTED, COMMON_COLUMNS = range(7)
 """Columns of the common memory: whether it has begun; least variance at rest; variance; samples at rest; variance there now;
 square of what the motion itself shakes."""
-OPEN, GIVEN_UP, BEYOND, SINCE, WANDERED, NEAREST, SMALL, STANDING_COLUMNS = range(8)
-"""Columns of an order's standing: 1 while w follows; 1 where it was taken back for good; time that it has wanted to leave;
+OPEN, GIVEN_UP, BEYOND, SINCE, WANDERED, NEAREST, SMALL, ORDER_STATE_COLUMNS = range(8)
+"""Columns of an order's state: 1 while w follows; 1 where it was taken back for good; time that it has wanted to leave;
 time since it began; length of the way that w has gone of late; largest |d| at which it nearly began, or would have;
 time that little has been left."""
 LEAST_FOLLOW_SAMPLES = 12.0
@@ -42,7 +42,7 @@ LOUD_S = 0.1
 BEYOND_S = 0.25
 """Time that an order may want to leave its bounds before it is taken back."""
 MOST_SIGMAS = 4.0
-"""Standard errors by which a sample may be wrong and be believed."""
+"""Standard errors by which a sample may be wrong and still count."""
 CIRCLE = 2.0 * math.pi
 BAND_WIDTH = 3.0
 """Twice the width of the band over f_al: noise in it is alike for the inverse of that."""
@@ -152,7 +152,7 @@ def _predicted(arms: Real, drive: Real, states: Real, covariance: Real) -> None:
             covariance[row, column] = total
 
 
-def _walked(config: Real, arms: Real, orders: Real, axis: Real, standing: Real, covariance: Real) -> None:
+def _walked(config: Real, arms: Real, orders: Real, axis: Real, order_state: Real, covariance: Real) -> None:
     """Let each d walk where it shows: faster where something has just changed, since little is known of it then."""
     n_axes, n_orders, period = arms.shape[0], orders.shape[1], config[PERIOD]
     for i in range(n_axes):
@@ -161,11 +161,11 @@ def _walked(config: Real, arms: Real, orders: Real, axis: Real, standing: Real, 
             if orders[i, m, SIZE] == 0.0 or not config[LOW_RATIO] < ratio < config[HIGH_RATIO]:
                 continue
             walk = config[WALK]
-            if standing[i, m, OPEN] > 0.0:
-                walk *= config[STEADY] + config[QUICK] * math.exp(-standing[i, m, SINCE] / config[QUICK_S])
+            if order_state[i, m, OPEN] > 0.0:
+                walk *= config[STEADY] + config[QUICK] * math.exp(-order_state[i, m, SINCE] / config[QUICK_S])
             for part in range(2):
                 at = 2 * (n_axes + i * n_orders + m) + part
-                covariance[at, at] = min(covariance[at, at] + walk * walk * period, config[BELIEVED] * config[BELIEVED])
+                covariance[at, at] = min(covariance[at, at] + walk * walk * period, config[MOST_ERROR] * config[MOST_ERROR])
 
 
 def _rested(config: Real, common: Real, tip: float) -> None:
@@ -215,7 +215,7 @@ def _opened(
     config: Real,
     arm: Real,
     order: Real,
-    standing: Real,
+    order_state: Real,
     jolt: float,
     speed: float,
     lever_m: float,
@@ -229,7 +229,7 @@ def _opened(
         config: The configuration.
         arm: The axis' arm.
         order: The order.
-        standing: Its standing; changed in place.
+        order_state: Its state; changed in place.
         jolt: Square of what the motion itself shakes.
         speed: |θ̇_m|.
         lever_m: Lever of the tip.
@@ -252,25 +252,25 @@ def _opened(
         config[BEGIN_SIGMAS] * max(sigma, known),
     )
     if inside and jolts < BEGIN_MARGIN and BEGIN_MARGIN * left > told and BEGIN_MARGIN * left * reach > config[BEGIN_M]:
-        standing[NEAREST] = max(standing[NEAREST], left)
+        order_state[NEAREST] = max(order_state[NEAREST], left)
     inside = inside and jolts < 1.0
     is_much = left > max(config[BEGIN_PART], order[BEGIN], told) and left * reach > config[BEGIN_M]
     if inside and is_much:
-        standing[OPEN] = 1.0
+        order_state[OPEN] = 1.0
     is_little = left < max(config[END_SIGMAS] * sigma, order[BEGIN] / BEGIN_MARGIN) or left * reach < config[END_M]
-    standing[SMALL] = standing[SMALL] + config[PERIOD] if is_little else 0.0
-    if not inside or standing[SMALL] > config[END_S]:
-        standing[OPEN] = 0.0
-    standing[SINCE] = standing[SINCE] + config[PERIOD] if standing[OPEN] > 0.0 else 0.0
-    return bool(standing[OPEN] > 0.0)
+    order_state[SMALL] = order_state[SMALL] + config[PERIOD] if is_little else 0.0
+    if not inside or order_state[SMALL] > config[END_S]:
+        order_state[OPEN] = 0.0
+    order_state[SINCE] = order_state[SINCE] + config[PERIOD] if order_state[OPEN] > 0.0 else 0.0
+    return bool(order_state[OPEN] > 0.0)
 
 
-def _moved_factor(config: Real, standing: Real, factor: Real, left: Real) -> None:
+def _moved_factor(config: Real, order_state: Real, factor: Real, left: Real) -> None:
     """Move w towards w + d within its bounds; an order that wants to leave them, or wanders, is taken back for good.
 
     Args:
         config: The configuration.
-        standing: The order's standing.
+        order_state: The order's state.
         factor: Re and Im of w.
         left: Re and Im of d, which becomes less by what w becomes more.
     """
@@ -281,12 +281,12 @@ def _moved_factor(config: Real, standing: Real, factor: Real, left: Real) -> Non
     kept = min(max(gain, config[LEAST_GAIN]), config[MOST_GAIN])
     kept_angle = min(max(angle, -config[MOST_ANGLE]), config[MOST_ANGLE])
     if kept != gain or kept_angle != angle:
-        standing[BEYOND] += period
+        order_state[BEYOND] += period
         re, im = kept * math.cos(kept_angle), kept * math.sin(kept_angle)
     way = math.sqrt((re - factor[0]) * (re - factor[0]) + (im - factor[1]) * (im - factor[1]))
-    standing[WANDERED] += way
-    if standing[BEYOND] > BEYOND_S or standing[WANDERED] > config[WANDER]:
-        standing[OPEN], standing[GIVEN_UP] = 0.0, 1.0
+    order_state[WANDERED] += way
+    if order_state[BEYOND] > BEYOND_S or order_state[WANDERED] > config[WANDER]:
+        order_state[OPEN], order_state[GIVEN_UP] = 0.0, 1.0
     left[0] -= re - factor[0]
     left[1] -= im - factor[1]
     factor[0], factor[1] = re, im
@@ -301,7 +301,7 @@ def _followed(
     states: Real,
     covariance: Real,
     factors: Real,
-    standing: Real,
+    order_state: Real,
     samples: Real,
     has_heard: bool,
     spectrum: float,
@@ -313,7 +313,7 @@ def _followed(
         for m in range(n_orders):
             if orders[i, m, SIZE] == 0.0:
                 continue
-            at, own = 2 * (n_axes + i * n_orders + m), standing[i, m]
+            at, own = 2 * (n_axes + i * n_orders + m), order_state[i, m]
             own[WANDERED] = max(0.0, own[WANDERED] - config[WANDER_PER_S] * period)
             if own[GIVEN_UP] > 0.0:
                 part = min(1.0, period / (4.0 * config[FOLLOW]))
@@ -338,7 +338,7 @@ def follow_step(
     states: Real,
     covariance: Real,
     factors: Real,
-    standing: Real,
+    order_state: Real,
     samples: Real,
     heard: Real,
 ) -> None:
@@ -356,7 +356,7 @@ def follow_step(
         states: x, ẋ of each axis, then Re, Im of each d; shape (n,).
         covariance: Of the states; shape (n, n).
         factors: Re, Im of w; shape (n_axes, n_orders, 2).
-        standing: Shape (n_axes, n_orders, `STANDING_COLUMNS`).
+        order_state: Shape (n_axes, n_orders, `ORDER_STATE_COLUMNS`).
         samples: θ_m, the motion's own set-point, and the tip's lever in m; shape (3, n_axes).
         heard: Tip's acceleration, and 1 where it was measured; shape (2,).
     """
@@ -370,7 +370,7 @@ def follow_step(
     _driven(config, arms, orders, band, axis, filters, drive)
     _jolted(config, arms, band, axis, common, filters, samples)
     _predicted(arms, drive, states, covariance)
-    _walked(config, arms, orders, axis, standing, covariance)
+    _walked(config, arms, orders, axis, order_state, covariance)
     lowest = arms[0, F_AL]
     for i in range(n_axes):
         lowest = min(lowest, arms[i, F_AL])
@@ -382,4 +382,4 @@ def follow_step(
     if has_heard and fastest >= config[SLOWEST]:
         _corrected(config, arms, common, states, covariance, samples, tip, quiet, alike_s)
     spectrum = math.sqrt(2.0 * quiet * max(period, alike_s))
-    _followed(config, arms, orders, axis, common, states, covariance, factors, standing, samples, has_heard, spectrum)
+    _followed(config, arms, orders, axis, common, states, covariance, factors, order_state, samples, has_heard, spectrum)

@@ -186,7 +186,7 @@ def test_a_bench_file_runs_on_an_emulated_robot_where_one_is_named(run: Run, pyt
         (["--hil-bench=nowhere.toml"], "--hil-bench: nowhere.toml"),
         (["--hil-robot", "nowhere.toml"], "--hil-robot: nowhere.toml"),
         (["--hil-axis", "4"], "the bench has no axis 4; it has 2, 3, 5"),
-        (["--hil-bitrate", "fast"], "--hil-bitrate fast"),
+        (["--hil-bitrate", "fast"], "--hil-bitrate 'fast' is not a bit rate"),
     ],
 )
 def test_a_wrong_option_is_named_without_a_traceback(run: Run, options: list[str], words: str) -> None:

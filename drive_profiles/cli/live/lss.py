@@ -101,14 +101,12 @@ def bit_rate(
 
     Example: drive-profiles lss bit-rate 500k --identity 0x1,0x2,0x3,4 --bus socketcan:can0
     """
-    from drive_profiles.address import AddressError, parse_address
+    from drive_profiles.address import AddressError, parse_bit_rate
 
     try:
-        rate = parse_address(f"local:x@{new}").bitrate
-    except AddressError:
-        rate = None
-    if rate is None:
-        raise fail(f"{new} is not a bit rate; expected e.g. 500k or 1M", ExitStatus.USAGE)
+        rate = parse_bit_rate(new)
+    except AddressError as error:
+        raise fail(str(error), ExitStatus.USAGE) from None
 
     def change(lss: Lss, address: LssAddress) -> None:
         confirm(f"give {address} {rate} bit/s and store it? At another rate than its bus, the node cannot be reached.", yes=yes)

@@ -124,6 +124,6 @@ def _seen(bus: SdoBus, node: int) -> str:
 
     state = bus.nmt_state(node)
     if state is None:
-        return "sent; its state is not known, since it sends no heartbeat (1017h)"
+        return "sent; the state is not known, because the node sends no heartbeat (1017h)"
     known = NmtState(state) if state in {each.value for each in NmtState} else None
     return f"state {state}" if known is None else known.name.lower().replace("_", "-")

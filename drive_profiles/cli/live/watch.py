@@ -44,7 +44,7 @@ def watch(
     profile: ProfileOption = None,
     eds: EdsOption = None,
     timeout_s: TimeoutOption = 0.5,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON document a reading, a line each.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document for each reading, on a line.")] = False,
 ) -> None:
     """Read objects repeatedly until Ctrl-C.
 

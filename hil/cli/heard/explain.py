@@ -45,7 +45,8 @@ def explain(
     ] = None,
     bitrate: Annotated[str | None, typer.Option(metavar="RATE", help="Bit rate, which a log does not contain: 1M, 500k.")] = None,
     interface: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Interface in a log of several: can1; default: that of the first frame.")
+        str | None,
+        typer.Option(metavar="NAME", help="Interface to read if the log has several: can1; default: that of the first frame."),
     ] = None,
     page: Annotated[
         Path | None, typer.Option("--page", help="Write a page with a picture of each finding.", dir_okay=False)
@@ -54,7 +55,7 @@ def explain(
 ) -> None:
     """Find the faults in a log of a bus, worst first.
 
-    Each has time stamps, and what to change.
+    Each finding has time stamps and a remedy.
 
     Example: hil explain candump.log --description drive.eds:2 --bitrate 1M --page log.html
     """
@@ -95,14 +96,14 @@ def _bitrate(text: str | None) -> int | None:
     Raises:
         typer.BadParameter: It is none.
     """
-    from drive_profiles.address import AddressError, parse_address
+    from drive_profiles.address import AddressError, parse_bit_rate
 
     if text is None:
         return None
     try:
-        return parse_address(f"log:log@{text}").bitrate
-    except AddressError:
-        raise typer.BadParameter(f"{text!r} is not a bit rate; expected e.g. 1M or 500k", param_hint="--bitrate") from None
+        return parse_bit_rate(text)
+    except AddressError as error:
+        raise typer.BadParameter(str(error), param_hint="--bitrate") from None
 
 
 def description_from(text: str) -> tuple[int, "Description"]:

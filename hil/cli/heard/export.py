@@ -52,7 +52,7 @@ def export(
         list[str] | None,
         typer.Option("--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node whose set-up is not in the log."),
     ] = None,
-    interface: Annotated[str | None, typer.Option(metavar="NAME", help="Interface in a log of several: can1.")] = None,
+    interface: Annotated[str | None, typer.Option(metavar="NAME", help="Interface to read if the log has several: can1.")] = None,
     plotjuggler: Annotated[
         str | None, typer.Option("--plotjuggler", metavar="HOST:PORT", help="Send it to PlotJuggler: UDP server, protocol JSON.")
     ] = None,

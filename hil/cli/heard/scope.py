@@ -40,7 +40,7 @@ def mount(app: typer.Typer) -> None:
 
 def scope(
     directory: Annotated[
-        Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run, whose recordings are shown; default: a bus.")
+        Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run to show; default: the bus.")
     ] = None,
     bus: Annotated[
         str | None, typer.Option("--bus", help=f"Bus address; left out: {BUS_VARIABLE}, then the bench file's.")
@@ -51,7 +51,10 @@ def scope(
         typer.Option("--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node, for its mapping: drive.eds:2."),
     ] = None,
     ask: Annotated[
-        str, typer.Option(metavar="NODE[,NODE]", help="Read mapping and scales of these nodes by SDO: the only way to send.")
+        str,
+        typer.Option(
+            metavar="NODE[,NODE]", help="Read mapping and scales of these nodes by SDO; without --ask the command sends nothing."
+        ),
     ] = "",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port on loopback; 0 takes a free one.")] = DEFAULT_PORT,
     until_stdin_closes: Annotated[

@@ -43,7 +43,7 @@ def init(
     """Write a bench file from a scan of the bus.
 
     It has nodes, profiles, counts, first limits, and a SYNC period that fits. Nothing is written to any node. Lines that
-    only you can fill in are marked, and no command accepts the file before.
+    only you can fill in are marked; until then no command accepts the file.
 
     Examples:
         hil init --bus socketcan:can0@1M --out bench.toml
@@ -93,7 +93,7 @@ def _named(given: list[str]) -> dict[int, str]:
     for text in given:
         node, _, name = text.partition("=")
         if not (node.isascii() and node.isdigit() and name):
-            raise fail(f"--profile {text}: found no NODE=PROFILE; write it as 2=maxon_epos4", ExitStatus.USAGE)
+            raise fail(f"--profile {text}: expected NODE=PROFILE, such as 2=maxon_epos4", ExitStatus.USAGE)
         if int(node) in named:
             raise fail(f"--profile: node {node} is given twice; give it once", ExitStatus.USAGE)
         path = Path(name)

@@ -192,7 +192,7 @@ def _check(sweeps: Sequence[Sweep], orders: tuple[float, ...]) -> None:
         seconds = sum(float(np.count_nonzero(sweep.direction == direction)) * sweep.period_s for sweep in sweeps)
         if seconds < needed:
             raise ValueError(
-                f"{seconds:.2f} s of ramps {word} cannot give {2 * len(orders) + 3} numbers; {needed:.2f} s are needed"
+                f"{seconds:.2f} s of ramps {word} are too short for {2 * len(orders) + 3} values; {needed:.2f} s are needed"
             )
 
 

@@ -98,7 +98,7 @@ class Arm:
         resonance_hz: Resonance ω/2π.
         damping: Damping ratio ζ.
         delay_s: Delay Δ.
-        gear_fraction: Fraction ζ_g/ζ of the damping, believed.
+        gear_fraction: Fraction ζ_g/ζ of the damping, assumed.
         bend: (f_a/f_s)², for a sensor that resonates at f_s on its mounting; below 0 for one that falls off.
         others: Further modes of a coupled arm; what they do not carry of the tip's rigid motion is this one's, so that all gains
             add up to the lever.

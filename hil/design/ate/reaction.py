@@ -29,8 +29,8 @@ SHOWN_OVER_RESONANCE = 0.6
 """k f_m up to which a window counts, in units of f_a: nearer, the arm's own part hides the reaction."""
 SMOOTHED_S = 0.5
 """Time over which the slow load is averaged."""
-BELIEVED_SIGMAS = 3.5
-"""Standard errors from which a reaction is believed."""
+SEEN_SIGMAS = 3.5
+"""Standard errors from which a reaction counts as seen."""
 LOSSLESS_ERROR = 0.1
 """How far the reaction of a gear may be from 1, that of a gear without losses; harmonic drives give back 80 to 95 %."""
 FAR_SIGMAS = 3.0
@@ -93,7 +93,7 @@ class Reaction:
     def is_seen(self) -> bool:
         """True if the gear reacts on its motor as a gear does."""
         far = FAR_SIGMAS * math.hypot(self.standard_error, LOSSLESS_ERROR)
-        return self.value >= BELIEVED_SIGMAS * self.standard_error and abs(self.value - 1.0) <= far
+        return self.value >= SEEN_SIGMAS * self.standard_error and abs(self.value - 1.0) <= far
 
     @property
     def is_absent(self) -> bool:
@@ -101,10 +101,10 @@ class Reaction:
 
         The value agrees with 0 and is too small for a real gear's reaction.
         """
-        return abs(self.value) <= FAR_SIGMAS * self.standard_error and self.value + BELIEVED_SIGMAS * self.standard_error < 0.5
+        return abs(self.value) <= FAR_SIGMAS * self.standard_error and self.value + SEEN_SIGMAS * self.standard_error < 0.5
 
     @property
-    def believed(self) -> "Reaction":
+    def posterior(self) -> "Reaction":
         """Mean of the measured reaction and a gear's known one.
 
         Each is weighted by its standard error.

@@ -105,7 +105,7 @@ class _Fit:
 
     def covariance(self) -> Real:
         """Covariance of the unknowns, enlarged by the misfit."""
-        left = self.problem.residual(self.x)[: -self.problem.beliefs]
+        left = self.problem.residual(self.x)[: -self.problem.priors]
         misfit = math.sqrt(float(np.sum(left**2)) / max(1, len(left) - len(self.x)))
         return np.asarray(inverse(self.jacobian.T @ self.jacobian) * max(SMALLEST_MISFIT, misfit) ** 2)
 

@@ -153,13 +153,13 @@ def widened_by(whole: JointFit, parts: JointFit) -> JointFit:
 
 
 def moves_of(section: AngleSection, moved: Sequence[AngleSection], orders: Sequence[float], degree: int) -> Real:
-    """Change of the unknowns per standard error of each belief.
+    """Change of the unknowns per standard error of each prior.
 
     The stretch is the same; shape (2·orders, errors).
 
     Args:
         section: The stretch.
-        moved: The same where one of the beliefs is off by its standard error.
+        moved: The same where one value of the prior is off by its standard error.
         orders: Orders of the transmission error.
         degree: Degree of the slow part.
     """

@@ -33,8 +33,8 @@ MOST_KEPT = 6
 
 
 @dataclass(frozen=True)
-class ArmBelief:
-    """Arm and sensor as they are believed, with standard errors.
+class ArmPrior:
+    """Arm and sensor before the fit, with standard errors.
 
     Attributes:
         arm: Arm on its gear and delay of the sensor.
@@ -182,15 +182,15 @@ class RefinedArm:
     steps: tuple[Arm, ...]
 
 
-def refined_arm(rows: Rows, orders: Sequence[float], belief: ArmBelief) -> RefinedArm:
+def refined_arm(rows: Rows, orders: Sequence[float], prior: ArmPrior) -> RefinedArm:
     """Refine resonance, damping and delay on some stretches.
 
-    Beliefs on the arm count with their standard errors.
+    The prior of the arm counts with its standard errors.
 
     Args:
         rows: The stretches.
         orders: Orders of the transmission error.
-        belief: Beliefs about the arm.
+        prior: What is known of the arm beforehand.
     """
     bases = []
     for through, inside in rows:
@@ -200,7 +200,7 @@ def refined_arm(rows: Rows, orders: Sequence[float], belief: ArmBelief) -> Refin
     rest = np.ones(1)
 
     def residual(by: Real) -> Real:
-        arm, parts = belief.moved([float(each) for each in by]), []
+        arm, parts = prior.moved([float(each) for each in by]), []
         known: dict[int, tuple[Real, Real]] = {}
         for (through, inside), basis in zip(rows, bases, strict=True):
             if id(through) not in known:
@@ -227,8 +227,8 @@ def refined_arm(rows: Rows, orders: Sequence[float], belief: ArmBelief) -> Refin
         rest[0] = max(rest[0], 1e-300)
     covariance = np.linalg.inv(jacobian.T @ jacobian + 1e-12 * np.eye(3))
     values, axes = np.linalg.eigh(covariance)
-    steps = tuple(belief.moved(list(by + math.sqrt(max(value, 0.0)) * axis)) for value, axis in zip(values, axes.T, strict=True))
-    return RefinedArm(belief.moved(list(by)), steps)
+    steps = tuple(prior.moved(list(by + math.sqrt(max(value, 0.0)) * axis)) for value, axis in zip(values, axes.T, strict=True))
+    return RefinedArm(prior.moved(list(by)), steps)
 
 
 def arm_section(through: ThroughArm, inside: slice, arm: Arm) -> AngleSection:

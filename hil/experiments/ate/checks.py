@@ -160,7 +160,7 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
     if of_vibration < LEAST_EXPLAINED:
         signal = "motor torque's" if sensorless else "tip's"
         orders = ", ".join(f"{order:g}" for order in estimate.error.amplitude_arcsec)
-        what = f"the fraction of the {signal} vibration beyond noise that the orders {orders} explain"
+        what = f"the fraction of the {signal} vibration above the noise that the orders {orders} explain"
         remedy = "look for another order (in the order map of a run), another vibrating axis, or a loose sensor"
         raise AteNotIdentifiedError(
             what, of_vibration, LEAST_EXPLAINED, "", remedy, is_of_orders=True, causes=("another source of vibration",)
@@ -207,7 +207,7 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
     if hope * ratios[order] >= LEAST_SIGMAS:
         return
     remedy = f"no A_k is significant, and none is above {most:.2g}″; to see a smaller one, take a slower ramp or a better sensor"
-    what = f"the largest amplitude over its standard error (A_{order:g})"
+    what = f"the ratio of the largest amplitude, A_{order:g}, to its standard error"
     is_of_orders = estimate.structured > VIBRATES
     raise AteNotIdentifiedError(what, ratios[order], LEAST_SIGMAS, "", remedy, is_of_orders=is_of_orders, causes=("noise",))
 
@@ -259,7 +259,7 @@ def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> 
             "are those of this axis"
         )
     )
-    what = f"the distance that the motor of axis {axis} turned, of {asked_rev:.2f} rev asked,"
+    what = f"the way of the motor of axis {axis} when {asked_rev:.2f} rev were commanded"
     raise AteNotIdentifiedError(what, made_rev, HELD_TRAVEL_FRACTION * asked_rev, "rev", remedy, causes=MISWIRED)
 
 

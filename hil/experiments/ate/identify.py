@@ -73,8 +73,8 @@ FURTHER = 1.02
 SKIP_TORQUE = 0.12
 """Fraction of a ramp, from its beginning, that does not count without an accelerometer: there the torque is friction's."""
 SENSORLESS_BIAS = (
-    "its bias on the reference robot with J_l right: A_k up to 1.2 %, φ_k up to 0.7°, and if the gear's torque reacts on the "
-    "motor (τ_g dθ_sync/dθ_m, which the model leaves out) another 1.5 % of A_2 and 4 % of A_4"
+    "bias on the reference robot with the true J_l: A_k up to 1.2 %, φ_k up to 0.7°; a gear torque that reacts on the "
+    "motor (τ_g dθ_sync/dθ_m, not in the model) adds 1.5 % to A_2 and 4 % to A_4"
 )
 """Measured at SYNC 1 and 2 ms on axes 2 and 3; the reaction with the emulator's `gear_reaction`."""
 AGREEMENT_SIGMAS = 4.0
@@ -375,8 +375,10 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         )
     if request.sensorless:
         fraction = knowledge.arm_inertia_fraction
-        error = f"whose standard error of {100.0 * fraction:.2g} % is in A_k's" if fraction else "whose error is not stated"
-        identification.notes.append(f"sensorless: A_k is as wrong as J_l from {knowledge.source}, {error}; {SENSORLESS_BIAS}")
+        error = f"±{100.0 * fraction:.2g} %, contained in the standard error of A_k" if fraction else "whose error is not stated"
+        identification.notes.append(
+            f"sensorless: A_k has the relative error of J_l, which comes from {knowledge.source}, {error}; {SENSORLESS_BIAS}"
+        )
     shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
     identification.notes += [miss.sentence for miss in shown]
     if not estimate.is_spring and not estimate.is_bent:
@@ -450,7 +452,7 @@ def as_part(
     errors = standard_errors(estimate) | {"arm_hz": estimate.arm_error.resonance_hz, "damping": estimate.arm_error.damping}
     if not request.sensorless:
         errors["accelerometer_delay_s"] = delay.standard_error
-    reacts = reaction.believed if reaction is not None and reaction.is_seen else None
+    reacts = reaction.posterior if reaction is not None and reaction.is_seen else None
     if reacts is not None:
         errors["gear_reaction"] = reacts.standard_error
     return IdentifiedError(

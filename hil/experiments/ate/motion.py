@@ -288,8 +288,8 @@ def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float,
     taken_at = f"{taken:.1f} rev at {acceleration_rps_s:g} rev/s²"
     if _is_held_by_arm(bench, axis):
         within = f"within ±{bench.travel_deg:g}° of the joint"
-        return f"{head}: that takes {taken_at}, {within} are {room:.1f}; {remedy}raise identification_travel_deg"
-    return f"{head}: that takes {taken_at}, between its position limits are {room:.1f}; {remedy}widen them"
+        return f"{head}: that takes {taken_at}, {within} there are {room:.1f} rev; {remedy}raise identification_travel_deg"
+    return f"{head}: that takes {taken_at}, between its position limits there are {room:.1f} rev; {remedy}widen them"
 
 
 def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, end_rps: float, period_s: float) -> Ramps:

@@ -114,7 +114,7 @@ class AteRequest:
 
 
 GEAR_FRACTION_ERROR = 0.15
-"""Standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is believed: 0.6 to 1."""
+"""Standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is known: 0.6 to 1."""
 LARGEST_FRACTION_ERROR = 0.29
 """Standard deviation of a number of which nothing is known but that it lies between 0 and 1."""
 FARTHEST_DELAY_S, TOLD_SIGMAS = 0.010, 3.0
@@ -128,7 +128,7 @@ class AxisKnowledge:
     Attributes:
         start: Arm from which the fit starts; None to search for it.
         plant: Plant for the sensorless variant.
-        arm_inertia_fraction: Standard error of J_l as a fraction of J_l; 0 if J_l is only believed.
+        arm_inertia_fraction: Standard error of J_l as a fraction of J_l; 0 if the error of J_l is not known.
         source: Source of this knowledge, in words.
         resonance_error_hz: Standard error of the arm's resonance; None if it is not known.
         damping_error: Standard error of the arm's damping ratio, likewise.

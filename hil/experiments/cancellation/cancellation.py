@@ -33,7 +33,7 @@ from hil.results.acted import CancelledOrder
 LOAD_ROOM = 1.5
 """Largest gear torque that counts, over that of gravity and of the motion's largest acceleration."""
 LAG_SIGMAS = 2.0
-"""Standard errors from which a lag of the current loop is believed."""
+"""Standard errors from which a lag of the current loop counts."""
 FOLLOWING_PART = 0.05
 """Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`."""
 
@@ -411,15 +411,15 @@ def treated_model(bench: Bench, identified: Identified | None, number: int) -> M
     if identified is not None:
         identified.check_robot(bench.name)
     if number not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {number}")
+        raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
     model = (bench if identified is None else with_identified(bench, identified)).axis[number].model
     known = None if identified is None else identified.axis.get(number)
     if model is None and known is not None and known.ate is not None:
-        model = believed_model(bench.axis[number], known.ate)
+        model = model_of_error(bench.axis[number], known.ate)
     return model if model is not None and amplitudes_rad(model.ate) else None
 
 
-def believed_model(table: AxisTable, error: IdentifiedError) -> Model | None:
+def model_of_error(table: AxisTable, error: IdentifiedError) -> Model | None:
     """Model of an axis with known J_m and error only.
 
     None without a J_m.

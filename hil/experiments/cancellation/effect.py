@@ -45,7 +45,7 @@ LEAK = 0.03
 TOP_FRACTION = 0.4
 """Highest frequency of a band as a fraction of the sampling rate."""
 LIKELY = (0.04, 0.4, 0.003)
-"""Standard deviations that are believed of a model: of ln f, of ln ζ, and of the sensor's delay in s."""
+"""Standard deviations of a model before the fit: of ln f, of ln ζ, and of the sensor's delay in s."""
 REFINED_EVALUATIONS = 120
 
 
@@ -296,7 +296,7 @@ def refined(
 
     The axes are refined one after the other.
 
-    Each recording has amplitudes of its own, so a cancellation in it, right or wrong, does not matter. What is believed of a
+    Each recording has amplitudes of its own, so a cancellation in it, right or wrong, does not matter. What is known of a
     model (`LIKELY`) counts as much as the noise allows.
 
     Args:

@@ -34,7 +34,7 @@ LITTLE = 0.05
 """Part of the largest fall up to which a rise that may be noise is taken for noise."""
 MOST_BEGIN = 0.6
 """Part of an order, |d|, above which an order that begins there would follow nothing that a gear does: 35°."""
-TITLES = ("trial of the cancellation that follows: the cancellation alone", "trial of the cancellation that follows: following")
+TITLES = ("trial of the cancellation that follows: w_k fixed", "trial of the cancellation that follows: w_k adapts")
 
 BeginParts = Mapping[tuple[int, float], float]
 """Part of each order, by axis and order, from which on it is followed."""

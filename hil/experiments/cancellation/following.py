@@ -1,6 +1,6 @@
 """Motor motion of a cancellation: its factor and delay.
 
-The module also decides which delay learning believes.
+The module also decides which delay learning uses.
 
 A ramp's own start, friction and the gear's pull on the motor are in the band too, the more so the lower f_al is. So a delay
 counts only beyond its standard error, where the motor has made the motion, and as long as the next pass vibrates less with it.
@@ -23,7 +23,7 @@ LEAST_DELAY_S = 1e-4
 LEAST_PERIODS = 0.1
 """Least delay of it in SYNC periods: the angle is known once in a period, and what it does in between is not."""
 DELAY_SIGMAS = 3.0
-"""Standard errors from which a delay is believed."""
+"""Standard errors from which a delay counts."""
 LEAST_FACTOR = 0.1
 """Factor up to which the motor has not moved as it was asked to."""
 MADE = (0.8, 1.25)
@@ -54,7 +54,7 @@ class Following(NamedTuple):
     late_error_s: float
     least_s: float = LEAST_DELAY_S
 
-    def is_believed(self, helped_s: float) -> bool:
+    def is_significant(self, helped_s: float) -> bool:
         """True if the delay is significant and the motor follows.
 
         Args:
@@ -84,7 +84,7 @@ class DelaySearch:
         Args:
             following: Motor's motion in the pass; None if it was not measured.
             vibration_m_s2: Vibration of the tip in it.
-            is_last: True after the last pass: a delay that no pass will try is believed only as the rest of one that has helped.
+            is_last: True after the last pass: a delay that no pass will try counts only as the rest of one that has helped.
 
         Returns:
             Factor of the motor's motion; None if it was not measured.
@@ -96,8 +96,8 @@ class DelaySearch:
             else:
                 self.delay_s, self._is_over = self._before[0], True
         self._before = None
-        is_believed = following is not None and following.is_believed(helped_s) and not self._is_over
-        if following is not None and is_believed and (not is_last or abs(following.late_s) < REST * helped_s):
+        is_significant = following is not None and following.is_significant(helped_s) and not self._is_over
+        if following is not None and is_significant and (not is_last or abs(following.late_s) < REST * helped_s):
             self._before = self.delay_s, vibration_m_s2
             self.delay_s += following.late_s
         return None if following is None else following.factor

@@ -208,7 +208,7 @@ class KnownOrders:
                 elif order not in self.values or (order, "known") in self.refused:
                     left_out[order] = verdict
                 else:
-                    self.decided[order] = ("known", "the passes do not show what its cancellation does")
+                    self.decided[order] = ("known", "the passes do not show the effect of its cancellation")
             elif is_last and acted.source == "learnt" and other is not None and not acted.agrees(other):
                 left, of_other = (_left(each, acted, verdict) for each in (acted, other))
                 if left is None or of_other is None or of_other <= left:

@@ -146,7 +146,7 @@ class AxisLearning:
     def kept(self) -> tuple[str, ...]:
         """Orders that were known before, and are kept, in words."""
         return tuple(
-            f"order {order:g} is kept as it was known, {value.words(order)}: {value.why}"
+            f"order {order:g} keeps its known values, {value.words(order)}: {value.why}"
             for order, value in self.values().items()
             if value.source == "known"
         )
@@ -165,7 +165,7 @@ class AxisLearning:
                 errors.pop(key, None)
                 errors |= {} if error is None else {key: error}
         kept = [f"{order:g}" for order, value in values.items() if value.source == "known"]
-        before = f"order {', '.join(kept)} as known before" if kept else ""
+        before = f"order {', '.join(kept)} with its known values" if kept else ""
         wrong = sorted(order for order, verdict in self.left_out.items() if verdict.verdict == "refused")
         without = f"without order {', '.join(f'{order:g}' for order in wrong)}" if wrong else ""
         for order in self.left_out:  # of it nothing is stated: its amplitude is 0 because it is not cancelled
@@ -376,7 +376,7 @@ def _leave_out_wrong(learning: AxisLearning, number: int, recording: Recording, 
     verdicts = learning.passes[-1].verdicts
     learning.left_out |= learning.known.judged(verdicts, learning.estimate, learning.passed, is_last=is_last)
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
-        raise CancellationRefusedError(f"what pass {number - 1} has learnt of axis {learning.axis}", verdicts)
+        raise CancellationRefusedError(f"the result of pass {number - 1} for axis {learning.axis}", verdicts)
     if learning.passes[-1].gain == 1.0 and learning.reaction is not None:
         learning.reaction.take(recording, error_of(learning.values()))
 

@@ -64,14 +64,14 @@ def verify_on_line(bench: Bench, parts: Sequence[Part], gain: float, run: LineRu
         trials.append(made)
         return made
 
-    without, part_of = [add("without", 0.0)], add(f"{100.0 * gain:g} % of it", gain)
+    without, part_of = [add("untreated", 0.0)], add(f"{100.0 * gain:g} % of the cancellation", gain)
     tried = _changes(bench, without, [part_of])
     if any(each.exceeds(RISE_SIGMAS) for each in tried):
         return _judged(bench, gain, trials, parts, tried)
-    whole = [add("the whole of it", 1.0)]
+    whole = [add("the whole cancellation", 1.0)]
     while any(each.is_open for each in _changes(bench, without, whole)) and len(whole) < MOST_PAIRS:
-        without.append(add("without, once more", 0.0))
-        whole.append(add("the whole of it, once more", 1.0))
+        without.append(add("untreated, once more", 0.0))
+        whole.append(add("the whole cancellation, once more", 1.0))
     return _judged(bench, gain, trials, parts, _changes(bench, without, whole))
 
 

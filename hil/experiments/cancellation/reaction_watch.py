@@ -23,7 +23,7 @@ class ReactionWatch:
     Attributes:
         axis: Axis number.
         side: Motor and arm as identified; None without a plant: then what was known stays.
-        value: r as it is believed.
+        value: r as estimated.
         standard_error: Its standard error; None if none is known.
         turnings: Motions of the passes.
     """
@@ -62,10 +62,10 @@ class ReactionWatch:
         self.turnings.append(Turning(angle, torque, recording.period_s))
         found = gear_reaction(self.turnings, self.side, error)
         if found is not None:
-            self._believe(found)
+            self._take(found)
 
-    def _believe(self, found: Reaction) -> None:
+    def _take(self, found: Reaction) -> None:
         if found.is_seen:
-            self.value, self.standard_error = found.believed.value, found.believed.standard_error
+            self.value, self.standard_error = found.posterior.value, found.posterior.standard_error
         elif found.is_absent:
             self.value, self.standard_error = 0.0, found.standard_error

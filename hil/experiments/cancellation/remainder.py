@@ -53,10 +53,10 @@ UNKNOWN: frozenset[RemainderCause] = frozenset({"sensor noise", "not explained"}
 
 REMEDIES: Mapping[RemainderCause, str] = {
     "speed limit": "raise limits.speed_rps if the axis allows it, or move more slowly",
-    "frequency limit": "the cancellation ends at a highest frequency: move more slowly, or shorten the SYNC period if that sets "
-    "the frequency",
+    "frequency limit": "part of the vibration is above the cancellation's highest frequency: move more slowly, or shorten the "
+    "SYNC period if it sets that frequency",
     "order left out": "repeat the identification of that order: hil identify ate, hil learn",
-    "gear reaction": "reduce the load or the acceleration, since it grows with the gear's torque",
+    "gear reaction": "reduce the load or the acceleration: the reaction of the gear grows with its torque",
     "estimate": "repeat hil identify ate or hil learn with --plant, with the robot warm and at its working load",
     "sensor noise": "take a better accelerometer, or repeat the run with --repeat",
     "not explained": "the measurements do not show why",

@@ -94,10 +94,10 @@ class _Protocol:
         alone = alone if len(alone) > 1 else []
         least, most = 3 + len(alone), 1 + len(alone) + 2 * MOST_WHOLE
         self._reporter.step(
-            f"trial of the cancellation: without; {least} runs of {self._motion.time_s[-1]:.1f} s in all, at most {most}"
+            f"trial of the cancellation: untreated; {least} runs of {self._motion.time_s[-1]:.1f} s in all, at most {most}"
         )
-        self._add("without", 0.0)
-        percent = f"{100.0 * self._gain:g} % of it"
+        self._add("untreated", 0.0)
+        percent = f"{100.0 * self._gain:g} % of the cancellation"
         for only, what in ((None, percent), *((axis, f"{percent} on axis {axis} alone") for axis in alone)):
             self._reporter.step(f"trial of the cancellation: {what}")
             self._add(what, self._gain, only)
@@ -108,9 +108,9 @@ class _Protocol:
             if len(wrong) == len(self._parts):
                 break
             if number > 1 and _open(verdicts, number - 1):
-                self._reporter.step("trial of the cancellation: without, once more, for the mean")
-                self._add("without, once more", 0.0)
-            what = "the whole of it" + (f" but {', '.join(part.words for part in sorted(wrong))}" if wrong else "")
+                self._reporter.step("trial of the cancellation: untreated, once more, for the mean")
+                self._add("untreated, once more", 0.0)
+            what = "the whole cancellation" + (f" but {', '.join(part.words for part in sorted(wrong))}" if wrong else "")
             self._reporter.step(f"trial of the cancellation: {what}")
             self._add(what, 1.0, None, wrong)
             verdicts = judged(self._gain, self._sights)
@@ -142,7 +142,7 @@ class _Protocol:
             return {}
         if not alike(self._looks, passed):
             self._reporter.step("trial of the cancellation: the accepted orders")
-            self._add("what passes", 1.0, None, frozenset(self._parts) - set(passed))
+            self._add("the accepted orders", 1.0, None, frozenset(self._parts) - set(passed))
         fall = windows.gain(self._looks, passed, [*passed, *unseen])
         return {} if fall is None else {part: replace(verdicts[part], verdict="accepted", rise=fall.words) for part in unseen}
 
@@ -166,7 +166,7 @@ class _Protocol:
         Rises that the noise may hide are run again.
         """
         without = frozenset(self._parts) - set(used)
-        what = "what passes" if without else "the whole of it"
+        what = "the accepted orders" if without else "the whole cancellation"
         while True:
             rise, runs = windows.rise(self._looks, used), len(alike(self._looks, used))
             if rise is not None:
@@ -177,8 +177,8 @@ class _Protocol:
                 if is_over or part is None:
                     return None if part is None else (part, rise)
             if runs and len(alike(self._looks, ())) <= runs:
-                self._reporter.step("trial of the cancellation: without, once more, for the tip's peak")
-                self._add("without, once more", 0.0)
+                self._reporter.step("trial of the cancellation: untreated, once more, for the tip's peak")
+                self._add("untreated, once more", 0.0)
             self._reporter.step(f"trial of the cancellation: {what}, for the tip's peak")
             self._add(f"{what}, for the tip's peak", 1.0, None, without)
 

@@ -113,14 +113,17 @@ class PartVerdict:
         """The verdict as a line of text."""
         change = f"{'fell' if self.fall >= 0.0 else 'rose'} by {100.0 * abs(self.fall):.0f} ± {100.0 * self.fall_error:.0f} %"
         if self.rise:
-            return f"{self.part.words}: {'cannot be seen' if self.verdict == 'accepted' else 'falls'}, but with it {self.rise}"
-        head = f"{self.part.words}: with {100.0 * self.gain:g} % of it {change} ({100.0 * self.gain:g} % expected)"
+            own = "its effect is within the noise" if self.verdict == "accepted" else "it falls"
+            return f"{self.part.words}: {own}, but with its cancellation {self.rise}"
+        head = (
+            f"{self.part.words}: with {100.0 * self.gain:g} % of its cancellation it {change} ({100.0 * self.gain:g} % expected)"
+        )
         if self.verdict == "not judged":
-            return f"{self.part.words}: has too small an effect to be seen above the sensor noise ({change})"
+            return f"{self.part.words}: its effect is too small to be seen above the sensor noise ({change})"
         if self.factor is None or self.turn_deg is None:
             return head
         turn = f"{self.turn_deg:+.0f}° ± {self.turn_error_deg:.0f}°".replace("-", "−")
-        return f"{head}, the cancellation should be × {self.factor:.2f} ± {self.factor_error:.2f} ∠ {turn}"
+        return f"{head}; the correct cancellation is {self.factor:.2f} ± {self.factor_error:.2f} times as large, turned by {turn}"
 
 
 def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
@@ -173,7 +176,9 @@ def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndar
     """
     gains = {each.gain for each in seen}
     if len(gains) < 2:
-        raise ValueError(f"{part.words} was seen with {sorted(gains)} of its cancellation only: there is nothing to compare")
+        raise ValueError(
+            f"{part.words} was recorded with the gains {sorted(gains)} of its cancellation only; at least 2 gains are needed"
+        )
     rows = np.array([[1.0, -each.gain] for each in seen]) / np.sqrt([[each.variance] for each in seen])
     wanted = np.array([each.amplitude for each in seen]) / np.sqrt([each.variance for each in seen])
     covariance = np.linalg.inv(rows.T @ rows)

@@ -243,7 +243,8 @@ def _check_files(kinds: Iterable[Sequence[Identified | Designs]], names: Sequenc
         seen: set[str] = set()
         for file in files:
             if file.robot not in names:
-                raise NotPossibleError(f"a file is of {file.robot!r}; the robots here are {', '.join(map(repr, names))}")
+                robots = ", ".join(map(repr, names))
+                raise NotPossibleError(f"a model or design file is of {file.robot!r}; the robots compared are {robots}")
             if file.robot in seen:
                 raise NotPossibleError(f"two files of the same kind are of {file.robot!r}; give only one of them")
             seen.add(file.robot)

@@ -24,8 +24,8 @@ PART = {
 }
 """Parts of the difference between pilot and main run that go into the standard error: the motion that matters turns the gear by
 more than the pilot did, and its stiffness lies nearer to the main run's."""
-BELIEVED_LOSS = 0.2
-"""Part that hysteresis has in ζ at the torsion of a main run, as believed of a gear that has any: as likely as not it has."""
+PRIOR_LOSS = 0.2
+"""Prior part of hysteresis in ζ at the torsion of a main run, for a gear that has any: half of all gears do."""
 OF_ARM = 0.002
 """Relative error of f_a on such a gear: gravity winds it up to another point of its curve in each stretch of arm angle."""
 OF_LOSS = {
@@ -74,15 +74,15 @@ def loss_error(main: PlantEstimate, pilot: PlantEstimate) -> float:
     It applies to the torsion of the main run.
 
     The loss of hysteresis is in inverse proportion to the torsion, so that x = (ζ' − ζ)/(ρ − 1) with the main run's torsion over
-    the pilot's, ρ. What an inexact pilot, or one at nearly the same torsion, cannot exclude is as likely as it is believed to be.
+    the pilot's, ρ. What an inexact pilot, or one at nearly the same torsion, cannot exclude keeps its prior probability.
     """
     one, other = main.parameters["damping"], pilot.parameters["damping"]
     lever = main.torsion_rad / max(pilot.torsion_rad, 1e-30) - 1.0
     lever = math.copysign(max(abs(lever), 1e-3), lever)
     loss = (other.value - one.value) / lever
     noise = (one.standard_error**2 + other.standard_error**2) / lever**2
-    believed = (BELIEVED_LOSS * one.value) ** 2
-    weight = believed / max(believed + noise, 1e-300)
+    prior = (PRIOR_LOSS * one.value) ** 2
+    weight = prior / max(prior + noise, 1e-300)
     odds = math.sqrt(1.0 - weight) * math.exp(min(300.0, 0.5 * loss**2 * weight / max(noise, 1e-300)))
     return math.sqrt(odds / (1.0 + odds) * weight * (weight * loss**2 + noise))
 

@@ -96,8 +96,8 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
         f"D_m cannot be separated from friction that grows with the speed: D_m + D_l/N² together are "
         f"{_shown(parameters['viscous_damping_nm_s_rad'])} N·m·s/rad in the frequency response, and the slow turns show "
         f"{_shown(friction.viscous_nm_s_rad)}; at standstill Coulomb friction hides them altogether",
-        f"D_l is {_shown(parameters['arm_damping_nm_s_rad'])} N·m·s/rad, told only by how the damping differs between f_a "
-        f"and f_r; D_g + D_l is known well, from ζ",
+        f"D_l is {_shown(parameters['arm_damping_nm_s_rad'])} N·m·s/rad, and follows only from the difference in damping "
+        f"between f_a and f_r; D_g + D_l is well known, from ζ",
         f"hysteresis of the gear looks like damping and stiffness: f_a, K_g and ζ hold for a torsion of "
         f"{estimate.torsion_rad / ARCSEC:.0f} arcsec, the amplitude of this run; take ζ for the notch from the transmission "
         "error's ramp where both are known",

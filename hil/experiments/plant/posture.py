@@ -27,7 +27,9 @@ def check_posture(bench: Bench, posture_deg: Mapping[int, float]) -> None:
     if not posture_deg:
         return
     if bench.arm is None:
-        raise NotPossibleError(f"bench {bench.name!r} has no [arm]: a single axis is the same plant in every posture")
+        raise NotPossibleError(
+            f"bench {bench.name!r} has no [arm], and a single axis has one plant in all postures; leave --posture-deg out"
+        )
     for number, angle in posture_deg.items():
         if number not in bench.axis:
             raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")

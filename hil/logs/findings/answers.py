@@ -47,7 +47,7 @@ def _process_data(trace: Trace, node: Node, pdo: Pdo) -> Iterator[Said]:
             yield Finding(
                 "answers-missing", Severity.FAULT if len(gone) > FEW_FRACTION * len(rhythm.counts) else Severity.WARNING,
                 f"{pdo.name} is missing or late in {len(gone)} of {len(rhythm.counts)} cycles",
-                "a full bus, a node that is too slow for the period, or a receiver that loses frames; check the bus load first",
+                "check the bus load first, then whether the node is too slow for the period or the receiver loses frames",
                 stamps_of(stream.stamp_ns, rows), len(gone), node.number,
                 picture_of(stream.stamp_ns * 1e-9, rhythm.late_ns * 1e-6, ("time [s]", "off its place [ms]")),
             )  # fmt: skip
@@ -83,9 +83,9 @@ def _process_data(trace: Trace, node: Node, pdo: Pdo) -> Iterator[Said]:
         if jump:
             yield Finding(
                 "answers-old", Severity.FAULT,
-                f"the position in {pdo.name} does not change {len(jump)} times while the motor turns, and then jumps: "
-                f"the PDO has old values",
-                "a transmission type with SYNC (1), an inhibit time of 0, and no event timer slower than the loop",
+                f"the position in {pdo.name} stays the same {len(jump)} times while the motor turns, then jumps: "
+                f"the PDO carries old values",
+                "set a transmission type with SYNC (1), an inhibit time of 0, and no event timer slower than the loop",
                 stamps_of(stream.stamp_ns, np.array(jump)), len(jump), node.number,
                 picture_of(stream.stamp_ns * 1e-9, position.astype(float),
                     ("time [s]", f"position of node {node.number} [counts]"), is_line=True),
@@ -102,7 +102,7 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
         yield Finding(
             "node-restarted", Severity.FAULT,
             f"node {node.number} restarts {len(worked)} times although it was operational",
-            "supply, watchdog or a reset by NMT; check the frames before it in the log",
+            "check supply and watchdog, and look for a reset by NMT in the frames before the restart",
             stamps_of(stream.stamp_ns, np.array(worked)), len(worked), node.number,
         )  # fmt: skip
     gaps = np.diff(stream.stamp_ns)
@@ -116,14 +116,14 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
             "heartbeat-lost", Severity.FAULT,
             f"node {node.number} was silent {len(lost)} times for {np.max(gaps) * 1e-6:.3g} ms at worst; "
             f"otherwise its heartbeat comes every {usual * 1e-6:.3g} ms",
-            "a node that hung, or a bus that was off; check the error frames, and the node's next frames",
+            "check the error frames and the node's next frames: the node hung, or the bus was off",
             stamps_of(stream.stamp_ns, lost), len(lost), node.number,
         )  # fmt: skip
     double = np.flatnonzero((gaps < 0.6 * usual) & (states[1:] == states[:-1]))
     if len(double) > 0.3 * len(gaps):
         yield Finding(
             "two-nodes", Severity.FAULT,
-            f"heartbeats of node {node.number} come {len(double)} times less than {0.6 * usual * 1e-6:.3g} ms after another: "
+            f"{len(double)} heartbeats of node {node.number} come less than {0.6 * usual * 1e-6:.3g} ms after the one before: "
             f"two nodes have "
             f"the node-ID {node.number}",
             "give each node an ID of its own, and disconnect one of them to see which is which",
@@ -142,7 +142,7 @@ def _emergencies(trace: Trace, node: Node) -> Iterator[Said]:
     said = "; ".join(f"{code:04X}h {count} ×: {error_text(code, own)}" for code, count in counted.most_common(MOST_STAMPS))
     yield Finding(
         "emergency", Severity.FAULT, f"node {node.number} sends {len(rows)} emergencies: {said}",
-        "the first of them is the cause; later ones often follow from it",
+        "find the cause of the first of them; later ones often follow from it",
         stamps_of(stream.stamp_ns, rows), len(rows), node.number,
     )  # fmt: skip
 
@@ -170,7 +170,7 @@ def _transfers(trace: Trace) -> Iterator[Said]:
             continue  # a scan asks everybody
         yield Finding(
             "sdo-unanswered", Severity.WARNING, f"node {number} does not answer {len(requests)} SDO requests",
-            "a node that restarts, an SDO client that does not wait for the answer, or frames that are lost",
+            "check whether the node restarts, the SDO client waits too short a time, or frames are lost",
             tuple(event.stamp_ns * 1e-9 for event in requests[:MOST_STAMPS]), len(requests), number,
         )  # fmt: skip
     overlaps = [event for event in trace.events if isinstance(event, OverlappingRequest)]

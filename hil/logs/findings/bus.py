@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from drive_profiles.address import BIT_RATES
 from drive_profiles.standard.cia301 import RPDO_BASES, FunctionCode
-from hil.can.bits import NOMINAL_BITS, STANDARD_RATES
+from hil.can.bits import NOMINAL_BITS
 from hil.can.errors_frame import decode
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
@@ -48,7 +49,8 @@ def _damage(trace: Trace) -> Iterator[Said]:
         yield Finding(
             "log-damaged", Severity.NOTE,
             f"{damage.unreadable} lines are not frames, the first is line {damage.first_unreadable}; they are left out",
-            "cut or mixed while it was written; missing lines may look like frames that were not sent", (), damage.unreadable,
+            "record the log again: it was cut or mixed while written, and missing lines look like frames that were not sent",
+            (), damage.unreadable,
         )  # fmt: skip
     if damage.ended:
         yield Finding("log-damaged", Severity.NOTE, f"the log is cut off: {damage.ended}", "the part before is judged")
@@ -57,7 +59,7 @@ def _damage(trace: Trace) -> Iterator[Said]:
         yield Finding(
             "log-backwards", Severity.WARNING,
             f"{damage.backwards} stamps decrease, the first at frame {row + 1}: rhythms are uncertain around them",
-            "two adapters in one log, or a clock that was set; log with the adapter's own stamps",
+            "log one adapter with its own time stamps: two adapters share the log, or the clock was set",
             (), damage.backwards,
         )  # fmt: skip
     if damage.elsewhere:
@@ -97,9 +99,9 @@ def _load(trace: Trace, bitrate: int | None) -> Iterator[Said]:
         bits[:begin], bits[end:] = 0.0, 0.0
     peak = float(np.max(bits)) / (WINDOW_NS * 1e-9)
     if bitrate is None:
-        least = min((rate for rate in STANDARD_RATES if peak <= TOLERANT * rate), default=STANDARD_RATES[-1])
-        yield Untold("bus-load", f"the bit rate is not in a log: {peak / 1e3:.0f} kbit/s at most, so at least {least // 1000} "
-            "kbit/s; give --bitrate")  # fmt: skip
+        least = min((rate for rate in BIT_RATES if peak <= TOLERANT * rate), default=BIT_RATES[-1])
+        yield Untold("bus-load", f"a log does not contain the bit rate; the frames need up to {peak / 1e3:.0f} kbit/s, so it is "
+            f"{least // 1000} kbit/s or more; give --bitrate")  # fmt: skip
         return
     load = bits / (WINDOW_NS * 1e-9) / bitrate
     if peak <= BUSY * bitrate:
@@ -113,10 +115,10 @@ def _load(trace: Trace, bitrate: int | None) -> Iterator[Said]:
     worst = int(np.argmax(load))
     yield Finding(
         "bus-load", Severity.FAULT if peak > CROWDED * bitrate else Severity.WARNING,
-        f"the bus is full to {100.0 * peak / bitrate:.0f} % in its worst tenth of a second, "
-        f"{100.0 * float(np.mean(load[load > 0.0])):.0f} % in the mean; "
+        f"the bus load is {100.0 * peak / bitrate:.0f} % in the worst tenth of a second, "
+        f"{100.0 * float(np.mean(load[load > 0.0])):.0f} % on average; "
         f"most frames: {names}",
-        "frames of low priority wait: a higher bit rate, a longer period, fewer PDOs, or event-driven ones with an inhibit time",
+        "raise the bit rate, lengthen the period, send fewer PDOs, or send them on events with an inhibit time",
         (worst * WINDOW_NS * 1e-9,), int(np.count_nonzero(load > BUSY)), None,
         picture_of(
             np.arange(len(load)) * WINDOW_NS * 1e-9, 100.0 * load, ("time [s]", "bus load [%]"), (("full", 100.0),), is_line=True
@@ -138,7 +140,7 @@ def _error_frames(trace: Trace) -> Iterator[Said]:
     said = "; ".join(f"{count} × {words}" for words, count in sorted(seen.items(), key=lambda each: -each[1])[:MOST_SPEAKERS])
     yield Finding(
         "error-frames", Severity.FAULT, f"{len(stamps)} error frames of the controller: {said or 'without a known class'}",
-        "wires, termination (120 Ω at both ends), ground, bit rate and sample point",
+        "check wires, termination (120 Ω at both ends), ground, bit rate and sample point",
         stamps_of(stamps, np.arange(len(stamps))), len(stamps),
     )  # fmt: skip
 
@@ -176,7 +178,7 @@ def _set_point_senders(trace: Trace) -> Iterator[Said]:
 
 
 def _is_master(trace: Trace, number: int) -> bool:
-    """A node that beats, and neither answers SDOs nor sends process data."""
+    """A node that sends heartbeats, but neither answers SDOs nor sends process data."""
     log = trace.log
     if log.count(FunctionCode.HEARTBEAT + number) < LEAST_FRAMES:
         return False

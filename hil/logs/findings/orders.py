@@ -119,24 +119,28 @@ def _of_stretch(node: Node, stamp_s: Real, turned: Real, error: Real) -> Said | 
         is_gear = order < GEAR_ORDERS
         return Finding(
             "order-line", Severity.WARNING,
-            f"the following error of node {node.number} swings by {360.0 * amplitude:.2g}° of the motor "
-            f"{round(order, 1):g} times in each of its revolutions, at every speed: {100.0 * of_angle:.0f} % of it; "
+            f"the following error of node {node.number} swings by {360.0 * amplitude:.2g}° of the motor, order "
+            f"{round(order, 1):g} at every speed: {100.0 * of_angle:.0f} % of the error; "
             + ("that is the gear (a harmonic drive has orders 1, 2 and 4), or an encoder that is not centred" if is_gear
                else "that is cogging, or the currents of the motor's phases"),
             "measure it (hil identify ate) and cancel it, or keep its frequency off the resonance" if is_gear
-            else "cogging compensation of the drive, current offsets, commutation angle",
+            else "set the drive's cogging compensation, current offsets and commutation angle",
             where, 1, node.number, drawn,
         )  # fmt: skip
     if varies and of_time >= CLEARER * of_angle:
         return Finding(
             "loop-rings", Severity.WARNING,
             f"the following error of node {node.number} swings by {360.0 * swing:.2g}° of the motor at {frequency:.0f} Hz, "
-            f"whatever the speed: {100.0 * of_time:.0f} % of it; no rotating part does so",
-            "the loop is near the edge of its stability, or a resonance is excited: lower gains, a filter at that frequency",
+            f"at any speed: {100.0 * of_time:.0f} % of the error; no rotating part causes this",
+            "lower the gains, or set a filter at that frequency: the loop is nearly unstable, or a resonance is excited",
             where, 1, node.number, drawn,
         )  # fmt: skip
-    tells = "with more turns, the two differ" if varies else "record a log with changing speed, which distinguishes gear and loop"
+    tells = (
+        "record more revolutions, which separate the two"
+        if varies
+        else "record a log with changing speed, which separates gear and loop"
+    )
     return Untold(
-        "what-swings", f"its following error swings by {360.0 * max(amplitude, swing):.2g}°, {round(order, 1):g} times in each "
-        f"revolution or at {frequency:.0f} Hz: {tells}", node.number,
+        "what-swings", f"its following error swings by {360.0 * max(amplitude, swing):.2g}°, as order {round(order, 1):g} "
+        f"or at {frequency:.0f} Hz: {tells}", node.number,
     )  # fmt: skip

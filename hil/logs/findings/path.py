@@ -60,7 +60,7 @@ def _limits(trace: Trace, node: Node, stamp_ns: NDArray[np.int64], target: NDArr
                 "beyond-limits", Severity.FAULT,
                 f"{len(beyond)} target positions of node {node.number} are beyond its software limits of {low} to {high} counts "
                 "(607Dh): the drive stops at them, or faults",
-                "a path within them, or wider limits if the robot allows them",
+                "plan a path within the limits, or widen them if the robot allows it",
                 stamps_of(stamp_ns, beyond), len(beyond), node.number,
                 picture_of(stamp_ns * 1e-9, target.astype(float), ("time [s]", f"target position of node {node.number} [counts]"),
                     (("607Dh:1", float(low)), ("607Dh:2", float(high))), is_line=True),
@@ -77,7 +77,7 @@ def _limits(trace: Trace, node: Node, stamp_ns: NDArray[np.int64], target: NDArr
                 "too-fast", Severity.FAULT,
                 f"the target position of node {node.number} runs up to {np.max(np.abs(step[fast])) / allowed * most:.0f} rev/min "
                 f"in {len(fast)} cycles, and 6080h allows {most}; the motor falls behind",
-                "a slower path, or a higher limit if motor and gear allow it",
+                "plan a slower path, or raise the limit if motor and gear allow it",
                 stamps_of(stamp_ns, fast), len(fast), node.number,
             )  # fmt: skip
     window, placed = node.value(0x6065), node.pdo_with("tpdo", 0x60F4)
@@ -90,7 +90,7 @@ def _limits(trace: Trace, node: Node, stamp_ns: NDArray[np.int64], target: NDArr
                 "following-error-near-limit", Severity.WARNING,
                 f"the following error of node {node.number} reaches {np.max(np.abs(error))} of the {window} counts at which the "
                 "drive stops (6065h)",
-                "speed feed-forward, less acceleration, higher gains, or a wider window if the machine allows it",
+                "add speed feed-forward, accelerate less, raise the gains, or widen the window if the machine allows it",
                 stamps_of(stream.stamp_ns, near), len(near), node.number,
             )  # fmt: skip
 
@@ -114,7 +114,7 @@ def _coarse(stamp_ns: NDArray[np.int64], position: NDArray[np.int64], node: Node
         f"every {name} of node {node.number} is a multiple of {grain} counts away from the first: speed steps of {grain} counts "
         f"per cycle, which cause noise and excite resonances",
         "let the planner calculate with a finer resolution than the encoder's" if is_target
-        else "the encoder has fewer steps than 608Fh; filter the measured speed, or lower the speed gain",
+        else "filter the measured speed, or lower the speed gain: the encoder has fewer steps than 608Fh",
         stamps_of(stamp_ns, np.array([0])), 1, node.number,
         picture_of(stamp_ns[1:] * 1e-9, step.astype(float), ("time [s]", f"step of the {name} of node {node.number} [counts]")),
     )  # fmt: skip
@@ -142,7 +142,7 @@ def _blows(stamp_ns: NDArray[np.int64], target: NDArray[np.int64], node: Node) -
         "acceleration-jump", Severity.WARNING,
         f"the acceleration of node {node.number}'s target position jumps {len(blow)} times within one cycle, by "
         f"{float(np.max(change[blow])):.0f} counts per cycle² at worst: each excites every resonance of the arm",
-        "a path whose acceleration changes over at least a period of the lowest resonance (limited jerk)",
+        "limit the jerk: let the acceleration change over at least one period of the lowest resonance",
         stamps_of(stamp_ns, blow + 4), len(blow), node.number,
         picture_of(stamp_ns[2:] * 1e-9, acceleration,
             ("time [s]", f"acceleration of node {node.number}'s target [counts/cycle²]"), is_line=True),

@@ -79,7 +79,7 @@ def _against_sync(stream: Stream, rhythm: Rhythm, period_ns: float, node: Node, 
         yield Finding(
             "set-points-doubled", Severity.FAULT,
             f"two or more {name}s for node {node.number} in {len(several)} of {len(cycles)} cycles: all but the last are lost",
-            "one set-point per SYNC: a sender with its own clock drifts against SYNC, and two senders conflict",
+            "send one set-point per SYNC: a sender with its own clock drifts against SYNC, and two senders conflict",
             stamps_of(stream.stamp_ns, rows), len(several), node.number, place,
         )  # fmt: skip
     # the side of SYNC decides in which cycle a synchronous PDO acts
@@ -89,7 +89,7 @@ def _against_sync(stream: Stream, rhythm: Rhythm, period_ns: float, node: Node, 
     if is_synchronous and len(across) > LATE_FRACTION * len(stream):
         yield Finding(
             "set-points-stale", Severity.FAULT,
-            f"{len(across)} of {len(stream)} {name}s for node {node.number} come on the other side of SYNC than most; "
+            f"{len(across)} of {len(stream)} {name}s for node {node.number} arrive on the other side of SYNC than the rest; "
             f"they act a cycle "
             "later or earlier, and the drive repeats or skips one",
             "send them in the middle between two SYNCs, from the same clock",
@@ -103,7 +103,7 @@ def _against_sync(stream: Stream, rhythm: Rhythm, period_ns: float, node: Node, 
             f"{len(late)} of {len(stream)} {name}s for node {node.number} deviate from their place in the cycle by more than "
             f"{100 * LATE:.0f} % of it, by {np.max(np.abs(rhythm.late_ns)) * 1e-6:.3g} ms at worst"
             + ("" if is_all else "; they act on arrival, so the motion is equally late"),
-            "real-time priority for the sender" + ("" if is_all else f", or a synchronous {pdo.name} (transmission type 1)"),
+            "give the sender real-time priority" + ("" if is_all else f", or make {pdo.name} synchronous (transmission type 1)"),
             stamps_of(stream.stamp_ns, late), len(late), node.number, place,
         )  # fmt: skip
 
@@ -132,7 +132,7 @@ def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]
             "set-point-beat", Severity.FAULT,
             f"a {name} for node {node.number} comes every {sent_s * 1e3:.4g} ms, and 60C2h is {held_s * 1e3:.4g} "
             f"ms: the motor {effect}, "
-            f"which shakes at {1.0 / sent_s:.4g} Hz and at the beat of {difference_hz:.3g} Hz",
+            f"which excites vibration at {1.0 / sent_s:.4g} Hz and at the beat frequency of {difference_hz:.3g} Hz",
             f"set 60C2h to {sent_s * 1e3:.4g} ms, or send with its period",
             stamps_of(stream.stamp_ns, np.array([0])), 1, node.number, step,
         )  # fmt: skip
@@ -155,8 +155,8 @@ def _steps(stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> 
     if len(still) > MISSING_FRACTION * len(step):
         yield Finding(
             "set-points-repeated", Severity.FAULT,
-            f"{len(still)} {name}s of node {node.number} repeat the one before while the motor moves: it stops for a "
-            f"cycle, and catches up",
+            f"{len(still)} {name}s of node {node.number} repeat the one before while the motor moves: the motor stops for a "
+            f"cycle, then catches up",
             "calculate a new set-point for every cycle: a planner that is slower than the bus needs interpolation, or "
             "a longer period",
             stamps_of(stream.stamp_ns, still + 1), len(still), node.number, drawn,
@@ -173,9 +173,8 @@ def _steps(stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> 
         worst = float(np.max(np.abs(change[pulse])))
         yield Finding(
             "set-point-jump", Severity.FAULT,
-            f"the {name} of node {node.number} jumps {len(pulse)} times, by {worst:.0f} counts at worst, where steps otherwise "
-            f"change by {usual:.0f} "
-            "at most else",
+            f"the {name} of node {node.number} jumps {len(pulse)} times, by up to {worst:.0f} counts; "
+            f"other steps change by at most {usual:.0f}",
             "a jump of the position is a torque pulse; make the path continuous in position and speed, also where "
             "one path follows another",
             stamps_of(stream.stamp_ns, pulse + 2), len(pulse), node.number, drawn,

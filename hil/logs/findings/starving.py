@@ -44,8 +44,8 @@ def starving_findings(trace: Trace) -> Iterator[Said]:
                 "starved", Severity.WARNING,
                 f"{pdo.name} comes up to {np.max(rhythm.late_ns[late]) * 1e-6:.3g} ms late in {len(late)} cycles, in which "
                 f"{culprit:03X}h is sent {more:.1f} times more than usual: its priority is higher, and {pdo.can_id:03X}h waits",
-                f"spread what {culprit:03X}h sends (inhibit time, fewer at once), give it an identifier above {pdo.can_id:03X}h, "
-                "or a higher bit rate",
+                f"spread the frames of {culprit:03X}h (inhibit time, fewer at once), give it an identifier above "
+                f"{pdo.can_id:03X}h, or raise the bit rate",
                 stamps_of(stream.stamp_ns, late), len(late), node.number,
                 picture_of(stream.stamp_ns * 1e-9, rhythm.late_ns * 1e-6, ("time [s]", f"{pdo.name} off its place [ms]")),
             )  # fmt: skip

@@ -54,13 +54,14 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
         yield Finding(
             "drive-fault", Severity.FAULT,
             f"the drive of node {node.number} falls from operation enabled into fault {len(fell)} times",
-            "its emergency message or 603Fh names the cause", stamps_of(stream.stamp_ns, np.array(fell)), len(fell), node.number,
+            "read its emergency message or 603Fh, which names the cause",
+            stamps_of(stream.stamp_ns, np.array(fell)), len(fell), node.number,
         )  # fmt: skip
     stopped = [row for row in ends if states[row] == list(State).index(State.QUICK_STOP_ACTIVE)]
     if stopped:
         yield Finding(
             "quick-stop", Severity.WARNING, f"the drive of node {node.number} makes {len(stopped)} quick stops",
-            "commanded by bit 2 of 6040h, or caused by a limit switch or a lost heartbeat",
+            "check bit 2 of 6040h, which commands it, the limit switches and the heartbeat",
             stamps_of(stream.stamp_ns, np.array(stopped)),
             len(stopped), node.number,
         )  # fmt: skip
@@ -69,8 +70,7 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
         yield Finding(
             "internal-limit", Severity.WARNING,
             f"the drive of node {node.number} reports in {len(limited)} frames that an internal limit acts (6041h bit 11)",
-            "a set-point, speed or torque beyond the drive's limits; compare 607Dh, 607Fh, 6080h and 6072h with "
-            "the commands",
+            "compare the commands with the drive's limits 607Dh, 607Fh, 6080h and 6072h",
             stamps_of(stream.stamp_ns, limited), len(limited), node.number,
         )  # fmt: skip
     mode = node.value(0x6060)
@@ -82,7 +82,7 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
                 "not-following", Severity.WARNING,
                 f"the drive of node {node.number} is enabled and does not follow its set-points in {len(left)} frames "
                 f"(6041h bit 12)",
-                "a halt, an ending mode, or missing set-points; check 6040h bit 8, 6061h and the set-points' rhythm",
+                "check for a halt (6040h bit 8), a mode that ends (6061h), and missing set-points",
                 stamps_of(stream.stamp_ns, left), len(left), node.number,
             )  # fmt: skip
         behind = np.flatnonzero(enabled & (words & FOLLOWING_ERROR != 0))
@@ -108,7 +108,7 @@ def _torque(trace: Trace, node: Node) -> Iterator[Said]:
             "torque-saturated", Severity.FAULT,
             f"the torque of node {node.number} is at its limit of {limit} ‰ (6072h) in {len(full)} frames: the loop "
             f"is open there",
-            "less acceleration, less load, or more torque if the motor allows it; an integrator winds up meanwhile",
+            "accelerate less, reduce the load, or raise the limit if the motor allows it; an integrator winds up meanwhile",
             stamps_of(stream.stamp_ns, full), len(full), node.number,
             picture_of(stream.stamp_ns * 1e-9, torque.astype(float), ("time [s]", f"torque of node {node.number} [‰]"),
                 (("6072h", float(limit)), ("−6072h", -float(limit)))),
@@ -130,7 +130,7 @@ def _commands(trace: Trace) -> Iterator[Said]:
         yield Finding(
             "nmt-while-working", Severity.FAULT,
             f"{len(rows)} NMT commands ({names}) come while a drive is enabled",
-            "disable drives first; check for a second master, or a program that ends without its tear-down",
+            "disable drives first; check for a second master, or a program that ends without disabling them",
             stamps_of(stream.stamp_ns, rows), len(rows),
         )  # fmt: skip
 

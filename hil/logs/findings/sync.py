@@ -42,12 +42,12 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
     if len(close) > UNEVEN_FRACTION * len(gaps) and len(close) >= len(missing) + 2:
         yield Finding(
             "sync-doubled", Severity.FAULT,
-            f"{len(close)} SYNCs come less than {TOO_CLOSE * period * 1e-6:.3g} ms after another: two nodes send them",
+            f"{len(close)} SYNCs come less than {TOO_CLOSE * period * 1e-6:.3g} ms after the one before: two nodes send them",
             "let only one node send SYNC: bit 30 of 1005h is 0 in all others",
             stamps_of(cycles.stamp_ns, close), len(close), None, drawn,
         )  # fmt: skip
-    beats = (gaps > 1.0 + JITTER) & (gaps <= GAP) | (gaps >= TOO_CLOSE) & (gaps < 1.0 - JITTER)
-    uneven = np.flatnonzero(beats)
+    rough = (gaps > 1.0 + JITTER) & (gaps <= GAP) | (gaps >= TOO_CLOSE) & (gaps < 1.0 - JITTER)
+    uneven = np.flatnonzero(rough)
     if len(uneven) > max(UNEVEN_FRACTION * len(gaps), 2):
         yield Finding(
             "sync-jitter", Severity.WARNING,

@@ -39,10 +39,10 @@ class Need(NamedTuple):
         return f"{address_text(self.address)} {self.name}: {self.purpose}"
 
 
-STATUS = Need((Object.STATUS_WORD, 0), "status word", "it has the state of the drive")
+STATUS = Need((Object.STATUS_WORD, 0), "status word", "it shows the state of the drive")
 VELOCITY = Need((Object.VELOCITY_ACTUAL, 0), "velocity actual value", "it shows standstill before anything is written")
 
-ERROR_CODE = Need((Object.ERROR_CODE, 0), "error code", "it has the fault of the drive")
+ERROR_CODE = Need((Object.ERROR_CODE, 0), "error code", "it shows the fault of the drive")
 CYCLE_PERIOD = Need((0x1006, 0), "communication cycle period", "it sets the SYNC period, in drives that have it")
 
 _SUPERVISION = (

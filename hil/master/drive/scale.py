@@ -100,7 +100,7 @@ def read_scaling(asked: Questions, number: int, table: StatedScale, profile: Pro
     try:
         return Scaling(counts, torque_nm, **feed)
     except DriveProfileError as error:
-        raise NodeError(asked.node, f"its units make no sense: {error}") from error
+        raise NodeError(asked.node, f"its units are invalid: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -186,9 +186,12 @@ def _counts_per_rev(asked: Questions, number: int, table: StatedScale, profile: 
         try:
             found = counts_per_rev(facts.increments, increments, revolutions)
         except DriveProfileError as error:
-            raise NodeError(asked.node, f"its units make no sense: {error}") from error
+            raise NodeError(asked.node, f"its units are invalid: {error}") from error
     if stated is not None and found is not None and found != stated:
-        raise NodeError(asked.node, f"axis {number} counts {found} increments per revolution, {key} is {stated}")
+        raise NodeError(
+            asked.node,
+            f"axis {number} counts {found} increments per revolution, but {key} = {stated}; check drive and bench file",
+        )
     return stated if found is None else found
 
 
@@ -206,7 +209,9 @@ def _rated_torque_nm(asked: Questions, number: int, table: StatedScale, profile:
         return stated
     found = steps * facts.rated_torque_step_nm
     if stated is not None and not math.isclose(found, stated, rel_tol=0.0, abs_tol=facts.rated_torque_step_nm):
-        raise NodeError(asked.node, f"axis {number} has a rated torque of {found:g} N·m, {key} is {stated:g}")
+        raise NodeError(
+            asked.node, f"axis {number} has a rated torque of {found:g} N·m, but {key} = {stated:g}; check drive and bench file"
+        )
     return found
 
 

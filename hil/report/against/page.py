@@ -176,7 +176,7 @@ def _origin_notes(new: MeasuredResult, old: MeasuredResult) -> tuple[str, ...]:
     unknown = [name for name, each in (("new", new), ("old", old)) if each.emulated is None]
     if not unknown or len({new.emulated, old.emulated}) == 1:
         return ()
-    return (f"Of the {unknown[0]} result it is not recorded whether its robot was emulated.",)
+    return (f"The {unknown[0]} result does not record whether its robot was emulated.",)
 
 
 def verdict(numbers: Sequence[NumberPair], settings: Sequence[Setting]) -> PageVerdict:

@@ -63,7 +63,7 @@ def arm_along_line(material: Material, key: str = "arm-line") -> Drawing | None:
     if loops is not None:
         loops.draw(panels)
     style.legend_above(figure, *panels.values(), columns=5)
-    title = "The arm along its line" + ("" if loops is None else f", and its tip's error {loops.magnification:g} times as large")
+    title = "The arm along its line" + ("" if loops is None else f", its tip error drawn {loops.magnification:g} times as large")
     return Drawing(key, title, "", "measured", _caption(material, loops), style.to_svg(figure, key))
 
 

@@ -113,7 +113,10 @@ def known_modes(bench: Bench, known: IdentifiedArm | None, angles_rad: Real, mov
         joints[others] = np.radians(known.joints_deg)[others]
         matrix = np.asarray(regressor(Kinematics.of(arm), joints) @ np.array(known.masses))
         stiffness = dict(zip(known.axes, known.stiffness_nm_rad, strict=True))
-        shapes, source = mode_shapes(arm, joints, stiffness, matrix), f"what was identified in {known.postures} postures"
+        shapes, source = (
+            mode_shapes(arm, joints, stiffness, matrix),
+            f"the masses and stiffness identified in {known.postures} postures",
+        )
     else:
         return None
     return KnownModes(shapes[:MOST_SWINGS], source, tuple(axis for axis in sorted(arm.axes) if axis not in stiffness))

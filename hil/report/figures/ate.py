@@ -356,8 +356,8 @@ def arm(material: AteMaterial) -> ReportTable | None:
         ("", "Unit", "Found", "Standard error"),
         rows,
         frozenset({0, 1}),
-        f"The gear is assumed to cause {100.0 * fit.gear_fraction:.0f} % of the damping. Ten percent more or less change only "
-        "the delay, by 0.2 ζ/ω, about 0.1 ms.",
+        f"The gear is assumed to cause {100.0 * fit.gear_fraction:.0f} % of the damping. A change of this fraction by 0.1 "
+        "changes only the delay, by 0.2 ζ/ω, about 0.1 ms.",
     )
 
 

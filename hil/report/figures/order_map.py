@@ -104,7 +104,7 @@ def order_maps(
         "Amplitude of the vertical tip acceleration at k times the motor's angle, in windows of two turns. An error of order k "
         f"shows at that height and grows where it crosses the resonance. {dashed} Dotted: other frequencies. "
         f"{below}"
-        "The window of two turns widens an order to about ±1.",
+        "Because of the window of two turns an order appears about ±1 wide.",
         style.to_svg(figure, key, is_zoomable=True),
     )
 

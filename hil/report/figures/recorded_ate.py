@@ -32,9 +32,9 @@ TURNS = {1: "forwards", -1: "backwards"}
 
 _THROUGH = {False: "", True: ", in arcsec of the joint, through the arm to the sensor"}
 _SIGNAL: dict[Form, str] = {
-    "two encoders": "joint's angle less the motor's through the gear",
-    "tip acceleration": "acceleration less that of the motor's own motion, up to three times the arm's resonance,",
-    "motor torque": "torque less that of the motor's own motion, up to three times the arm's resonance,",
+    "two encoders": "joint angle minus motor angle over N",
+    "tip acceleration": "acceleration without that of the motor's own motion, up to three times the arm's resonance,",
+    "motor torque": "torque without that of the motor's own motion, up to three times the arm's resonance,",
 }
 
 
@@ -201,8 +201,8 @@ def fit(material: RecordedMaterial) -> Drawing | None:
         "",
         "measured and computed",
         f"{stretch.turns:.1f} revolutions of the motor {TURNS[stretch.direction]}, about {stretch.speed_rps:.1f} rev/s. Above: "
-        f"the {_SIGNAL[material.result.form]} with its slow part, a polynomial of degree {stretch.degree}, which blocks that "
-        "were left out have chosen. Below: what is beside it, with the orders that were fitted, and the rest.",
+        f"the {_SIGNAL[material.result.form]} with its slow part, a polynomial of degree {stretch.degree}, chosen by "
+        "cross-validation. Below: the signal less its slow part, the fitted orders, and the residual.",
         style.to_svg(figure, key),
     )
 

@@ -19,7 +19,7 @@ SHOWN_S = 0.5
 BEFORE_S = 0.08
 """Time before it."""
 RATIOS = np.linspace(0.5, 1.6, 441)
-"""Frequencies, in parts of the believed one."""
+"""Frequencies, relative to the assumed one."""
 LINES: tuple[style.Line, ...] = (
     {"color": style.BLUE, "linestyle": "-", "linewidth": 1.3},
     {"color": style.VERMILLION, "linestyle": (0, (5, 1.5)), "linewidth": 1.3},
@@ -64,8 +64,8 @@ def after_stop(material: Material, axis: int, experiment: str, key: str, title: 
     style.legend_above(figure, panels[0, 0], columns=2)
     return Drawing(
         key, title, "", material.word,
-        "As recorded, less its mean at rest. Dotted line: the set-points stop. The smooth decay after it is the motor that "
-        "follows; the oscillation is the arm. In millimetres: the oscillation at that instant, separated from the rest by the "
+        "As recorded, less its mean at rest. Dotted line: the set-points stop. The smooth decay after it is the motor settling; "
+        "the oscillation is the arm. In millimetres: the oscillation at that instant, separated from the rest by the "
         "closed loop's poles.",
         style.to_svg(figure, key),
     )  # fmt: skip

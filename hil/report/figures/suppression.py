@@ -69,8 +69,8 @@ def _ramp(material: Material, axis: int, runs: list[PlottedRun], key: str) -> Dr
         paper,
         "measured",
         f"{direction_words(material, axis).capitalize()} of the constant-acceleration runs, band-passed {band[0]:.3g} to "
-        f"{band[1]:.3g} Hz without phase, "
-        f"which is what the run is judged by{_scale_words(f_al)}. {window_words(material, axis)} {limit_words(material, axis)} "
+        f"{band[1]:.3g} Hz with zero phase, "
+        f"as the run is judged{_scale_words(f_al)}. {window_words(material, axis)} {limit_words(material, axis)} "
         "Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are those of the "
         f"bins).{_changes(material, runs)}",
         style.to_svg(figure, key, is_zoomable=True),
@@ -115,7 +115,7 @@ def _line(material: Material, runs: list[PlottedRun], key: str) -> Drawing:
         "measured",
         f"Straight line of the tip with axes {', '.join(map(str, material.bench.chain_axes))}. Above: "
         f"{direction_words(material, None)}, "
-        f"band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase; shaded: {line_words(material)}, in which it is judged. "
+        f"band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase; shaded: {line_words(material)}, in which it is judged. "
         "Below: amplitude spectrum of the unfiltered acceleration over the whole motion (rectangular window); "
         f"{_area_words(material)} "
         f"50 Hz is compared.{' The paper has −26 %.' if material.bench.is_paper else ''}"

@@ -110,8 +110,8 @@ def estimates(result: LearningResult) -> ReportTable | None:
     ]
     header = ("", "After pass", *symbols, "Set-point delay (ms)")
     caption = (
-        "Each estimate uses all passes so far and the measured motor angle: it finds the whole transmission error, not what the "
-        "cancellation leaves of it. Set-point delay: lag of the motor beyond its SYNC period and its interpolation."
+        "Each estimate uses all passes so far and the measured motor angle: it finds the whole error, not only the part "
+        "that remains under cancellation. Set-point delay: lag of the motor beyond its SYNC period and its interpolation."
     )
     return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)
 
@@ -146,7 +146,7 @@ def passes(result: LearningResult) -> ReportTable | None:
         "Recording",
     )
     caption = (
-        "The first pass has no cancellation, the second half of it, every later one all of it. Vibration: root mean "
+        "Pass 1 has no cancellation, pass 2 half of the cancellation, later passes all of it. Vibration: root mean "
         "square of the tip's vertical acceleration, around f_al, at the speeds that excite the arm. Followed: share of the "
         "cancellation's motion that the motor has made."
     )

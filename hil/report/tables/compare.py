@@ -250,8 +250,8 @@ def revealed(result: TreatmentTable) -> ReportTable | None:
     caption = Markup(
         "The robot of seed {seed}, read only after the last step: <a href='{file}'>{file}</a>. Off: difference between estimate "
         "and truth, in standard errors. A gear with hysteresis or a soft wind-up has no single stiffness: "
-        "f<sub>a</sub> and K<sub>g</sub> are then those of the motion that identified them, the truth that of a large torsion. "
-        "No command identifies a number that has no estimate."
+        "f<sub>a</sub> and K<sub>g</sub> then hold for the motion that identified them, the true values for a large torsion. "
+        "Rows without an estimate: no command identifies them."
     ).format(seed=part.seed, file=part.robot_file)
     header = ("", "quantity", "", "unit", "truth", "found", "off")
     return ReportTable("revealed", "Truth and estimate", "", header, rows, frozenset({0, 1, 2, 3}), caption)

@@ -154,10 +154,10 @@ def transmission_errors(material: Material) -> ReportTable | None:
     rows: list[list[Cell]] = []
     is_paper = material.bench.is_paper
     for axis in material.model_axes:
-        believed, estimate, paper = material.transmission_error(axis), material.estimate(axis), TABLE_2.get(axis)
-        if believed is None:
+        stated, estimate, paper = material.transmission_error(axis), material.estimate(axis), TABLE_2.get(axis)
+        if stated is None:
             continue
-        known = believed.amplitude_arcsec.keys() | (set() if estimate is None else estimate.error.amplitude_arcsec.keys())
+        known = stated.amplitude_arcsec.keys() | (set() if estimate is None else estimate.error.amplitude_arcsec.keys())
         for order in sorted(known):
             for column in range(2):
                 name, unit = ("A", "arcsec") if column == 0 else ("φ", "°")
@@ -172,7 +172,7 @@ def transmission_errors(material: Material) -> ReportTable | None:
                         Markup("{}<sub>{:g}</sub>").format(name, order),
                         unit,
                         *([number(None if paper is None else paper.of(order)[column], "{:g}")] if is_paper else []),
-                        number((believed.amplitude_arcsec, believed.phase_deg)[column].get(order), "{:g}"),
+                        number((stated.amplitude_arcsec, stated.phase_deg)[column].get(order), "{:g}"),
                         identified,
                     ]
                 )

@@ -61,7 +61,7 @@ class Follower(Protocol):
 
 
 @dataclass(frozen=True)
-class Believed:
+class Assumed:
     """Assumed values of the axis, relative to the true ones.
 
     Attributes:
@@ -79,8 +79,8 @@ class Believed:
     delay_s: float = 0.0
 
 
-RIGHT = Believed()
-AS_IDENTIFIED = Believed(1.01, 1.0, 1.01, 1.15, 0.5e-3)
+RIGHT = Assumed()
+AS_IDENTIFIED = Assumed(1.01, 1.0, 1.01, 1.15, 0.5e-3)
 """Off as `hil identify` leaves it."""
 
 
@@ -115,13 +115,13 @@ class Rig:
 
     Args:
         robot: The robot.
-        believed: What is believed of it.
+        assumed: What the follower assumes of it.
         number: Axis; the first unless given.
         bench: The bench file, for its gains; the robot's blank one unless given.
     """
 
-    def __init__(self, robot: Robot, believed: Believed = RIGHT, number: int | None = None, bench: Bench | None = None) -> None:
-        self.robot, self.number, self.believed = robot, min(robot.axis) if number is None else number, believed
+    def __init__(self, robot: Robot, assumed: Assumed = RIGHT, number: int | None = None, bench: Bench | None = None) -> None:
+        self.robot, self.number, self.assumed = robot, min(robot.axis) if number is None else number, assumed
         self.axis = robot.axis[self.number]
         self.bench = loads(blank_bench(robot), Bench) if bench is None else bench
         plant = {name: getattr(self.axis, name) for name in PlantTable.model_fields}
@@ -132,8 +132,8 @@ class Rig:
         loop = true.loop(robot.control_period_s, with_notch=False)
         assert loop is not None  # noqa: S101 - the model has just been put in
         self.f_al_hz, self.resonance = loop.peak_hz(), resonance_of(loop.arm_per_transmission_error, loop.peak_hz())
-        sizes = {order: believed.amplitude * size for order, size in self.axis.ate.amplitudes_arcsec().items()}
-        phases = {order: phase + believed.turn_deg for order, phase in self.axis.ate.phases_deg().items()}
+        sizes = {order: assumed.amplitude * size for order, size in self.axis.ate.amplitudes_arcsec().items()}
+        phases = {order: phase + assumed.turn_deg for order, phase in self.axis.ate.phases_deg().items()}
         self.error = TransmissionErrorTable.of(sizes, {order: phase % 360.0 for order, phase in phases.items()})
         model = Model(**plant, ate=self.error)
         self.bench = self.bench.model_copy(
@@ -151,14 +151,14 @@ class Rig:
 
     def known_arm(self) -> Resonance:
         """Return the arm as it is assumed to be."""
-        r, b = self.resonance, self.believed
+        r, b = self.resonance, self.assumed
         return Resonance(
             r.b0 * b.stretch**2, r.b1 * b.damping, r.a1 * b.damping * b.stretch, r.a0 * b.stretch**2, r.f_al_hz * b.stretch
         )
 
     def known_model(self) -> ArmModel:
         """Return the arm's model for the laws."""
-        delay_s = self.robot.accelerometer.delay_s + self.believed.delay_s
+        delay_s = self.robot.accelerometer.delay_s + self.assumed.delay_s
         return arm_model(self.known_arm(), self.axis.reduction_ratio, self.sync_s, delay_s)
 
     def band(self) -> tuple[float, float, float, float, float]:

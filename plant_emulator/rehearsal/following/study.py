@@ -19,14 +19,14 @@ from hil.experiments.cancellation.follow import NEVER
 from hil.experiments.cancellation.follow_trial import LOUDER_MM, FollowRun, HeardOrder, try_following
 from hil.experiments.judge import vibration_scale
 from plant_emulator.rehearsal.following.laws import FilteredLms, Repetition
-from plant_emulator.rehearsal.following.rig import NO_BEGINS, Believed, Follower, Rig, RigRun
+from plant_emulator.rehearsal.following.rig import NO_BEGINS, Assumed, Follower, Rig, RigRun
 from plant_emulator.robots.fleet import draw
 
 Real = NDArray[np.float64]
 
 LAWS = ("observer", "filtered-x LMS", "repetition")
 SPREAD = (0.01, 1.0, 0.01, 0.15, 0.5e-3)
-"""Standard deviations of what is believed: of A_k, φ_k in degrees, ln f_al, ln ζ, and the sensor's delay in s."""
+"""Standard deviations of what is assumed: of A_k, φ_k in degrees, ln f_al, ln ζ, and the sensor's delay in s."""
 STEP_DEG, STEP_AT = 30.0, 0.5
 """Step of all φ_k, and when, as a part of the time at constant speed."""
 CONSTANT_REV = 40.0
@@ -74,16 +74,16 @@ class Outcome:
     bound_rev: float = math.nan
 
 
-def believed(seed: int) -> Believed:
+def assumed(seed: int) -> Assumed:
     """Draw, by seed, the errors of an identification."""
     random = np.random.default_rng((seed, 15))
     a, phi, f, damping, delay = (float(each) * spread for each, spread in zip(random.standard_normal(5), SPREAD, strict=True))
-    return Believed(1.0 + a, phi, math.exp(f), math.exp(damping), delay)
+    return Assumed(1.0 + a, phi, math.exp(f), math.exp(damping), delay)
 
 
-def rig_of(seed: int, off: Believed | None = None) -> Rig:
+def rig_of(seed: int, off: Assumed | None = None) -> Rig:
     """Return a drawn robot of any kind, with assumed values."""
-    return Rig(draw(seed), believed(seed) if off is None else off)
+    return Rig(draw(seed), assumed(seed) if off is None else off)
 
 
 def law_of(name: str, rig: Rig, begins: Mapping[float, float] = NO_BEGINS) -> Follower:

@@ -63,7 +63,7 @@ def _is_loaded(row: Row) -> bool:
 
 NOT_EXPLAINED = "not explained"
 """A run's text about the remaining tip if it knows no cause."""
-NOT_IN_FLEET = "the robot is not one of the fleet"
+NOT_IN_FLEET = "no robot of the fleet"
 
 CAUSES: tuple[Cause, ...] = (
     Cause("nothing to cancel", "tip within the goal without a treatment", _is_quiet_already),

@@ -78,10 +78,10 @@ def _never_worse(rows: Sequence[Row]) -> RehearsalClaim:
     floor = sum(bool(row.get("raised_to_floor")) for row in treated)
     words = (
         "Never worse: no accepted treatment raises the true tip of any order by more than 5 % or 0.002 mm (whichever is more) "
-        "over that without it and over the floor"
+        "above its value without it and above the floor"
     )
     measured = f"{len(worse)} of {len(treated)} robots, with {count} accepted treatments"
-    measured += f"; of {floor} more the tip rises to the floor" if floor else ""
+    measured += f"; in {floor} more the tip rises, but only to the floor" if floor else ""
     return RehearsalClaim("never_worse", "never worse", words, "0", measured, not worse if treated else None)
 
 

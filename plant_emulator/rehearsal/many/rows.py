@@ -112,7 +112,7 @@ class Kept:
             raise _bad(self.folder / SETTINGS_FILE, f"has the keys {sorted(document)}", "kind and over_bus")
         kind, over_bus = document["kind"], document["over_bus"]
         if not isinstance(kind, str) or not isinstance(over_bus, bool):
-            raise _bad(self.folder / SETTINGS_FILE, f"says {document}", "a text and a truth value")
+            raise _bad(self.folder / SETTINGS_FILE, f"says {document}", "a text for kind, and true or false for over_bus")
         return RehearsalSettings(kind, over_bus)
 
     def keep(self, row: Row) -> None:

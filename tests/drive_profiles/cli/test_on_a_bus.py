@@ -121,6 +121,15 @@ def test_two_sets_are_compared_without_a_bus(robot):
     assert run("diff", "axis2.toml", "--node", "2").stderr == f"bus {robot}, from HIL_BUS\n"
 
 
+def test_a_set_of_another_family_is_not_compared_with_a_drive():
+    """Its first object would end the command with an abort that names neither file nor device."""
+    run("realise", "emulated_drive", "--order", "2", "--speed-rps", "5.92", "--out", "notch.toml")
+    for command in (("verify", "notch.toml"), ("diff", "notch.toml")):
+        said = " ".join(run(*command, "--node", "5", code=5).stderr.split())
+        assert "node 5: notch.toml is for another device: its vendor (1018h:1) is 0xFB, profile emulated_drive says 0x" in said
+        assert "check node-ID and file" in said
+
+
 def test_info_says_who_a_node_is_and_in_which_state():
     facts = json.loads(run("info", "--node", "5", "--json").stdout)
     assert facts["vendor_id"] == 0xFB
@@ -327,7 +336,7 @@ def test_a_snapshot_goes_to_another_device_only_if_that_is_forced(folder):
 def test_the_newest_journal_of_a_folder_is_the_snapshot(folder):
     before = held("position_gain_per_s")
     first = run("set", "position_gain_per_s=5.5", "--node", "2", "--yes")
-    assert f"what it held before is in {folder}/drive-journals/node2-" in first.stderr, "whole, for another day elsewhere"
+    assert f"its previous values are in {folder}/drive-journals/node2-" in first.stderr, "whole, for another day elsewhere"
     run("set", "position_gain_per_s=6.5", "--node", "2", "--yes")
     run("restore", "--snapshot", "drive-journals", "--node", "3", code=3)
     run("restore", "--snapshot", "drive-journals", "--node", "2", "--yes")

@@ -146,14 +146,14 @@ def test_an_eds_has_no_keys_of_a_dcf_and_that_is_said(master):
     }
     assert "objflags=0x3" in as_text(master, "eds").lower()
     said = [problem.message for problem in lost(master, "eds")]
-    assert any("commissioning, UploadFile, DownloadFile and Denotation left out" in each for each in said)
+    assert any("left out: commissioning, UploadFile, DownloadFile and Denotation" in each for each in said)
     assert not any("commissioning" in problem.message for problem in lost(master, "dcf"))
 
 
 def test_what_cia_306_does_not_have_is_left_out_and_said(master):
     said = "\n".join(problem.message for problem in lost(master, "dcf"))
-    assert "1 keys that CiA 306 does not have left out: [2001] SetPoint" in said
-    assert "1 sections that CiA 306 does not have left out: [OurOwn]" in said
+    assert "left out, as CiA 306 has no such keys (1): [2001] SetPoint" in said
+    assert "left out, as CiA 306 has no such sections (1): [OurOwn]" in said
 
 
 def test_flags_of_a_head_are_those_of_its_sub_objects(master):

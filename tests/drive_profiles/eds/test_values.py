@@ -61,7 +61,7 @@ def test_what_the_standard_has_is_read_without_a_remark(text, data_type, wanted)
         ("4294967296", U32, None, "out of the range"),
         ("010", U16, 8, "octal; read as 8, not 10"),
         ("-010", I16, -8, "octal; read as -8"),
-        ("019", U16, 19, "cannot be; read as 19"),
+        ("019", U16, 19, "8 and 9 are not octal digits; read as 19"),
         ("5u", U16, 5, "suffix u"),
         ("0x10LL", U16, 16, "suffix LL"),
         ("7ULL", U16, 7, "suffix ULL"),

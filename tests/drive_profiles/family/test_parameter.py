@@ -58,7 +58,7 @@ def test_both_ends_of_an_integer_type_cross_the_bus_exactly_and_the_next_numbers
         assert entry.decoded(data) == value
         assert type(entry.decoded(data)) is int
     for value in (limits[0] - 1, limits[1] + 1):
-        with pytest.raises(OutOfRangeError, match=f"2147:1 {value}: is outside what {data_type} holds"):
+        with pytest.raises(OutOfRangeError, match=f"2147:1 {value}: is outside the range of {data_type}"):
             entry.encoded(value)
 
 
@@ -169,12 +169,12 @@ def test_strings_and_bytes_cross_the_bus_as_they_are(data_type, text, data):
     ("data_type", "value", "words"),
     [
         ("VISIBLE_STRING", "5 €", "'5 €' is not a value of VISIBLE_STRING"),
-        ("VISIBLE_STRING", 5, "is a VISIBLE_STRING: 5 is not a value for it"),
+        ("VISIBLE_STRING", 5, "5 is not a value of VISIBLE_STRING"),
         ("OCTET_STRING", "0g", "non-hexadecimal"),
-        ("DOMAIN", 1.5, "is a DOMAIN: 1.5 is not a value for it"),
-        ("REAL32", "1.5", "is a REAL32: '1.5' is not a value for it"),
-        ("UNSIGNED8", "1", "is a UNSIGNED8: '1' is not a value for it"),
-        ("BOOLEAN", 2, "is outside what BOOLEAN holds"),
+        ("DOMAIN", 1.5, "1.5 is not a value of DOMAIN"),
+        ("REAL32", "1.5", "'1.5' is not a value of REAL32"),
+        ("UNSIGNED8", "1", "'1' is not a value of UNSIGNED8"),
+        ("BOOLEAN", 2, "is outside the range of BOOLEAN"),
     ],
 )
 def test_a_value_of_another_type_is_refused_with_the_object(data_type, value, words):

@@ -155,7 +155,7 @@ def test_a_product_is_loaded_by_its_name(tmp_path, monkeypatch):
     with pytest.raises(UnknownProductError):
         Profile.load("emulated_drive/emulated_drive")
     for text in ("maxon", "maxon/70-15"):
-        with pytest.raises(ProfileNotFoundError, match="no drive profile 'maxon'; available: copley_plus"):
+        with pytest.raises(ProfileNotFoundError, match=r"no drive profile 'maxon', did you mean maxon_epos4\? available: "):
             Profile.load(text)
     for text in ("maxon/70-15.toml", "./maxon/70-15", "none.toml/x"):
         with pytest.raises(FileError):

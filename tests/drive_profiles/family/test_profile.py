@@ -173,7 +173,7 @@ def good():
     [
         ("vendor_id = 0x4849_4C01", "vendor_id = 0", r":\d+: identity\.vendor_id: found 0; expected at least 1"),
         ("subindex = 2\n", "subindex = 1\n", r"velocity_gain_nm_s_rad and velocity_integral_gain_nm_rad are both in"),
-        ('unit = "Hz"', 'unit = "1/s"', "lowpass_hz says Hz, its unit says 1/s"),
+        ('unit = "Hz"', 'unit = "1/s"', "lowpass_hz ends in a unit, Hz, but states unit = '1/s'"),
         ('structure = "P-PI"', 'structure = "PPI"', "loop.structure: found 'PPI'; expected one of 'P-PI'"),
         ('parameter = "lowpass_hz"', 'parameter = "low_pass_hz"', "name parameters that are not there: low_pass_hz"),
         ('mode = "notch_1.mode"', 'mode = "notch_3.mode"', r"loop or notch name parameters that are not there: notch_3\.mode"),
@@ -200,7 +200,7 @@ def test_a_profile_that_contradicts_itself_is_refused_with_the_line(tmp_path, ol
 def test_a_drive_states_all_that_the_master_needs_of_a_drive(table):
     document = tomllib.loads(good())
     del document[table]
-    with pytest.raises(ValidationError, match="a drive states modes, capabilities, loop, torque and encoder"):
+    with pytest.raises(ValidationError, match="a drive profile needs modes, capabilities, loop, torque and encoder"):
         Profile.model_validate_json(json.dumps(document))
 
 

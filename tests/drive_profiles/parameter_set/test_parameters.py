@@ -299,28 +299,28 @@ def test_classes_that_are_not_wanted_are_left_out_whatever_is_wrong_in_them():
 
 WRONG = [
     ("tuning", "position_gain", (25.0, "1/s"), "no object 'position_gain'"),
-    ("tuning", "a_real32x", (25.0, "", "REAL32"), "a line with a type names its object as 0x2147:1"),
+    ("tuning", "a_real32x", (25.0, "", "REAL32"), "a line with a type needs the address of its object, such as 0x2147:1"),
     ("tuning", "0x5000:1", (1, ""), "its data type is not known; give an EDS, or the type"),
-    ("tuning", "time_s", (1.0, "ms"), "says ms, its unit is s"),
-    ("tuning", "angle_rad", (1.0, ""), "says no unit, its unit is rad"),
-    ("tuning", "a_real32", (1.0, "s"), "says s, its unit is none"),
+    ("tuning", "time_s", (1.0, "ms"), "has the unit ms; expected s"),
+    ("tuning", "angle_rad", (1.0, ""), "has no unit; expected rad"),
+    ("tuning", "a_real32", (1.0, "s"), "has the unit s; expected no unit"),
     ("limits", "level", (6, ""), "2005:0 6: is outside 2 to 5"),
     ("limits", "0x2005:0", (1, "", "UNSIGNED8"), "2005:0 1: is outside 2 to 5"),
-    ("tuning", "a_unsigned8", (256, ""), "is outside what UNSIGNED8 holds"),
-    ("tuning", "a_integer8", (-129, ""), "is outside what INTEGER8 holds"),
-    ("tuning", "a_boolean", (2, ""), "is outside what BOOLEAN holds"),
-    ("tuning", "0x5000:2", (2, "", "BOOLEAN"), "is outside what BOOLEAN holds"),
-    ("tuning", "0x5000:3", (1e39, "", "REAL32"), "is outside what REAL32 holds"),
+    ("tuning", "a_unsigned8", (256, ""), "is outside the range of UNSIGNED8"),
+    ("tuning", "a_integer8", (-129, ""), "is outside the range of INTEGER8"),
+    ("tuning", "a_boolean", (2, ""), "is outside the range of BOOLEAN"),
+    ("tuning", "0x5000:2", (2, "", "BOOLEAN"), "is outside the range of BOOLEAN"),
+    ("tuning", "0x5000:3", (1e39, "", "REAL32"), "is outside the range of REAL32"),
     ("tuning", "a_real64", (10**400, ""), "is outside"),
-    ("tuning", "0x5000:4", (10**400, "", "REAL64"), "is outside what REAL64 holds"),
-    ("tuning", "0x5000:5", ("5 €", "", "VISIBLE_STRING"), "not in ISO 8859-1"),
+    ("tuning", "0x5000:4", (10**400, "", "REAL64"), "is outside the range of REAL64"),
+    ("tuning", "0x5000:5", ("5 €", "", "VISIBLE_STRING"), "outside ISO 8859-1"),
     ("tuning", "0x5000:6", (1.5, "", "UNSIGNED8"), "is not a whole number"),
-    ("tuning", "a_visible_string", (1, ""), "is a VISIBLE_STRING: 1 is not a value for it"),
+    ("tuning", "a_visible_string", (1, ""), "1 is not a value of VISIBLE_STRING"),
     ("tuning", "a_domain", ("0g", ""), "non-hexadecimal"),
-    ("tuning", "a_unsigned16", ("1", ""), "is a UNSIGNED16: '1' is not a value for it"),
+    ("tuning", "a_unsigned16", ("1", ""), "'1' is not a value of UNSIGNED16"),
     ("tuning", "0x2000:5", (1, "", "UNSIGNED64"), "the set says UNSIGNED64"),
     ("tuning", "held", (1, ""), "2003:0 (held) is read only"),
-    ("tuning", "key", (1, ""), "2004:0 (key) is write only and cannot be checked"),
+    ("tuning", "key", (1, ""), "2004:0 (key) is write-only, so it cannot be read back"),
     ("communication", "vendor_id", (1, ""), "1018:1 (vendor_id) is read only"),
     ("tuning", "0x6040:0", (15, "", "UNSIGNED16"), "6040:0 (control_word) is a command; a parameter set cannot contain commands"),
     ("tuning", "target_position", (0, ""), "607A:0 (target_position) is a command"),
@@ -516,10 +516,10 @@ def test_what_is_no_finite_number_has_no_line():
     for value in (math.nan, math.inf, -math.inf):
         for kind in (DataType.REAL32, DataType.REAL64):
             for entry in (CatalogueEntry((0x2000, 0), "x", kind), DEVICE.find(f"a_{kind.name}")):
-                with pytest.raises(ValueError, match="is no finite number"):
+                with pytest.raises(ValueError, match="is not a finite number"):
                     item_of(entry, encode(kind, value), None)
     (reason,) = from_values(DEVICE, {(0x2006, 0): math.nan}).header.not_read
-    assert reason == "2006:0 (offset_rad): nan is no finite number"
+    assert reason == "2006:0 (offset_rad): nan is not a finite number"
 
 
 # Concise DCF
@@ -542,14 +542,14 @@ def test_a_concise_dcf_is_laid_out_as_the_standard_says():
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        ("", "begins with a count of 4 bytes, this one has 0 bytes"),
-        ("010000", "begins with a count of 4 bytes, this one has 3 bytes"),
+        ("", "begins with a count of 4 bytes, but the file has only 0 bytes"),
+        ("010000", "begins with a count of 4 bytes, but the file has only 3 bytes"),
         ("01000000", "entry 1 of 1 of the concise DCF is cut off at byte 4"),
         ("ffffffff 1710 00 00000000", "entry 2 of 4294967295 of the concise DCF is cut off at byte 11"),
-        ("01000000 1710 00 02000000 e8", "entry 1, 1017:0, says 2 bytes, 1 are left"),
-        ("01000000 1710 00 ffffffff e803", "says 4294967295 bytes, 2 are left"),
-        ("01000000 1710 00 02000000 e803 00", "1 bytes follow the 1 entries of the concise DCF"),
-        ("00000000 00", "1 bytes follow the 0 entries"),
+        ("01000000 1710 00 02000000 e8", "entry 1, 1017:0, states 2 bytes, but only 1 are left"),
+        ("01000000 1710 00 ffffffff e803", "states 4294967295 bytes, but only 2 are left"),
+        ("01000000 1710 00 02000000 e803 00", "1 bytes follow the last of 1 entries of the concise DCF"),
+        ("00000000 00", "1 bytes follow the last of 0 entries"),
     ],
 )
 def test_a_concise_dcf_that_does_not_add_up_is_refused(data, words):

@@ -77,7 +77,7 @@ def test_bytes_that_are_no_value_are_refused_each_with_its_object():
     with pytest.raises(RefusedError) as caught:
         as_set(snapshot({**OLD, GAIN: struct.pack("<f", math.nan), LIMIT: b"\1\2\3\4"}), DRIVE)
     assert caught.value.reasons == (
-        "2100:1: the drive's previous value cannot be restored: nan is no finite number",
+        "2100:1: the drive's previous value cannot be restored: nan is not a finite number",
         "6072:0: the drive's previous value cannot be restored: UNSIGNED16 takes 2 bytes, not 4",
     )
 

@@ -46,6 +46,23 @@ def test_an_absolute_path_of_a_profile_stays(tmp_path):
     assert load_bench(written(tmp_path, (PROFILE, f'profile = "{own}"'))).axis[2].profile == str(own)
 
 
+@pytest.mark.parametrize(
+    ("profile", "words"),
+    [
+        (
+            "maxon_epso4",
+            r"\.toml:\d+: axis\.2\.profile: no drive profile 'maxon_epso4', did you mean maxon_epos4\? available: copley",
+        ),
+        ("quite_other", r"no drive profile 'quite_other'; available: copley_plus, .*; drive-profiles list describes them$"),
+        ("maxon_epos4/70-99", r"\.toml:\d+: axis\.2\.profile: profile maxon_epos4 has no product '70-99'; it has .*70-15"),
+        ("mine/epos.toml", r"axis\.2\.profile: no file 'mine/epos\.toml'; expected a drive profile's path from this folder"),
+    ],
+)
+def test_a_profile_that_there_is_not_is_named_with_file_key_and_those_that_there_are(tmp_path, profile, words):
+    with pytest.raises(FileError, match=words):
+        load_bench(written(tmp_path, (PROFILE, f'profile = "{profile}"')))
+
+
 def test_gains_may_be_as_found(tmp_path):
     bench = load_bench(written(tmp_path, (CONTROL, f'control = "{AS_FOUND}"')))
     assert bench.axis[2].control == AS_FOUND

@@ -165,7 +165,11 @@ def sagging() -> Callable[[TamperedChannel], None]:
 
 DEFECTS = {
     "the encoder counts backwards": (feedback(lambda s, p, t: (s, -p, t)), "encoder sign", r"stopped|along"),
-    "the motor's phases are swapped": (at_each_sync(swapped_phases), "stands enabled", r"stopped while it had to be at rest"),
+    "the motor's phases are swapped": (
+        at_each_sync(swapped_phases),
+        "stands enabled",
+        r"stopped although it was commanded to rest",
+    ),
     "the torque is told with the wrong sign": (feedback(lambda s, p, t: (s, p, -t)), "torque sign", r"pushed against the motion"),
     "the drive says twice the counts": (twice_the_counts, "accelerometer", r"\+2\.\d\d ± .* scale of the encoder"),
     "the sensor is turned": (sensor(lambda x, y, z: (z, y, x)), "accelerometer", r"along x: the sensor is turned"),
@@ -191,7 +195,7 @@ def test_each_defect_fails_the_check_that_is_made_for_it_and_ends_what_depends_o
     assert re.search(words, found[name][1]), found[name]
     step = next(i for i, (_, _, names) in enumerate(STEPS) if name in names)
     behind = [each for _, _, names in STEPS[step + 1 :] for each in names]
-    assert all(found[each] == ("NOT TOLD", f"not made: {name} failed") for each in behind)
+    assert all(found[each] == ("NOT JUDGED", f"not made: {name} failed") for each in behind)
 
 
 def test_a_brake_that_does_not_open_is_found_by_the_first_turn(tmp_path):
@@ -261,9 +265,9 @@ def test_an_axis_that_stands_at_its_limit_is_not_moved(tmp_path):
     bench = bench.model_copy(update={"axis": {**bench.axis, AXIS: table}})
     outcome = check_axes(bench, (AXIS,), tmp_path, channel=InProcessChannel(World(load_robot("reference"))))
     found = {each.name: each for each in outcome.result.checks}
-    assert found["encoder sign"].verdict == "NOT TOLD"
+    assert found["encoder sign"].verdict == "NOT JUDGED"
     assert "move it away from them with hil move --axis 2 --to REV" in found["encoder sign"].seen
-    assert found["quick stop, moving"].verdict == found["upper limit"].verdict == "NOT TOLD"
+    assert found["quick stop, moving"].verdict == found["upper limit"].verdict == "NOT JUDGED"
     assert {each.name for each in outcome.result.not_made} >= {"brake opens", "encoder sign", "upper limit", "accelerometer"}
     assert not outcome.result.failed
 
@@ -324,7 +328,7 @@ def test_a_drive_that_falls_silent_because_it_has_stopped_has_noticed(tmp_path):
     assert found["heartbeat loss"].verdict == "PASS", found["heartbeat loss"].seen
 
 
-@pytest.mark.parametrize(("is_masters_fault", "verdict"), [(True, "NOT TOLD"), (False, "FAIL")])
+@pytest.mark.parametrize(("is_masters_fault", "verdict"), [(True, "NOT JUDGED"), (False, "FAIL")])
 def test_a_stop_that_lies_in_the_master_says_nothing_of_the_robot(is_masters_fault, verdict):
     held = SimpleNamespace(stopped="a reason", is_masters_fault=is_masters_fault)
     of = Checked(None, AXIS, lambda recording, name: name)  # type: ignore[arg-type]

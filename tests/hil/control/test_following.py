@@ -116,7 +116,7 @@ def test_the_noise_of_counts_is_what_the_band_lets_through():
 
 
 def test_there_is_something_to_follow():
-    with pytest.raises(ValueError, match="nothing to follow"):
+    with pytest.raises(ValueError, match="expected one set of at least 1 order for each arm"):
         FollowingLaw([], [], band_pass(F_AL, F_AL, PERIOD), PERIOD)
 
 

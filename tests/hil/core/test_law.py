@@ -138,10 +138,21 @@ def test_the_observer_that_follows_is_that_of_the_specification_to_the_last_bit(
     filters, states = np.zeros((1 + 2 * n_axes * n_orders + n_axes, CORE.call.BAND_MEMORY)), np.zeros(size)
     covariance, factors = np.diag([0.0] * 2 * n_axes + [0.01] * (size - 2 * n_axes)), np.zeros((n_axes, n_orders, 2))
     factors[:, :, 0] = 1.0
-    standings, samples, heard = np.zeros((n_axes, n_orders), CORE.dtype("following_standing")), np.zeros((3, n_axes)), np.zeros(2)
+    order_states, samples, heard = (
+        np.zeros((n_axes, n_orders), CORE.dtype("following_order_state")),
+        np.zeros((3, n_axes)),
+        np.zeros(2),
+    )
     of = CORE.new("following")
-    records = {"config": config, "arms": arms, "orders": orders, "axes": axes, "common": common, "standings": standings}
-    kinds = {"config": "config", "arms": "arm", "orders": "order", "axes": "axis", "common": "common", "standings": "standing"}
+    records = {"config": config, "arms": arms, "orders": orders, "axes": axes, "common": common, "order_states": order_states}
+    kinds = {
+        "config": "config",
+        "arms": "arm",
+        "orders": "order",
+        "axes": "axis",
+        "common": "common",
+        "order_states": "order_state",
+    }
     arrays = {"band": band, "filters": filters, "states": states, "covariance": covariance, "factors": factors}
     arrays["room"] = np.zeros(CORE.call.following_room(n_axes, n_orders))
     kept = {name: CORE.pointer(array, f"following_{kinds[name]}") for name, array in records.items()}
@@ -155,7 +166,7 @@ def test_the_observer_that_follows_is_that_of_the_specification_to_the_last_bit(
 
     spec = [as_numbers(each) for each in (config, arms, orders)]
     spec = [spec[0][0], spec[1], spec[2], band.copy(), as_numbers(axes), as_numbers(common)[0], filters.copy(), states.copy()]
-    spec += [covariance.copy(), factors.copy(), as_numbers(standings)]
+    spec += [covariance.copy(), factors.copy(), as_numbers(order_states)]
     angle, moved = np.zeros(n_axes), set()
     for i in range(2500):
         speed = 2.0 * math.pi * min(8.0, max(0.0, 0.004 * (i - 300)))
@@ -169,4 +180,4 @@ def test_the_observer_that_follows_is_that_of_the_specification_to_the_last_bit(
     assert len(moved) > 10
     for mine, theirs in ((states, spec[7]), (covariance, spec[8]), (factors, spec[9]), (filters, spec[6])):
         assert np.array_equal(mine, theirs)
-    assert np.array_equal(as_numbers(standings), spec[10])
+    assert np.array_equal(as_numbers(order_states), spec[10])

@@ -146,7 +146,7 @@ def test_what_cannot_be_fitted_is_refused():
         fit_transmission_error(angle, np.zeros(499), PERIOD, model(2), 0.7)
     with pytest.raises(ValueError, match="rows have shape"):
         fit_transmission_error(angle, angle, PERIOD, model(2), 0.7, rows=np.ones(3, dtype=bool))
-    with pytest.raises(ValueError, match="10 samples cannot give 6 numbers"):
+    with pytest.raises(ValueError, match="10 samples are too few to identify 6 values"):
         fit_transmission_error(angle, angle, PERIOD, model(2), 0.7, rows=np.arange(500) < 10)
 
 

@@ -35,8 +35,9 @@ def test_a_stop_says_where_each_axis_stands_and_brings_back_only_what_is_away() 
     found = [Whereabouts(2, 10.987, 0.0), Whereabouts(3, 4.0, 4.001), Whereabouts(5, None, 0.0)]
     assert stop_text(found) == (
         "axis 2 is at 10.99 rev, axis 3 is at 4 rev, the position of axis 5 is not known; "
-        "to bring it back: hil move --axis 2 --to 0"
+        "to bring it back: hil move --axis 2 --to 0; once the bus answers again: hil move --axis 5 --back"
     )
+    assert stop_text([]) == ""
     assert stop_text([Whereabouts(2, 0.0, None)]) == "axis 2 is at 0 rev"
     assert stop_text([Whereabouts(2, 1.0, 0.5), Whereabouts(3, 2.0, 1.0)]).endswith(
         "; to bring them back: hil move --axis 2 --to 0.5 and hil move --axis 3 --to 1"

@@ -95,7 +95,7 @@ def test_a_run_with_a_date_that_cannot_be_is_left_out_and_named(tmp_path: Path):
     done = called(tmp_path)
     assert done.exit_code == 0, done.output
     assert "1 new runs, 1 in all" in done.stderr
-    assert "dated 2199-01-01, which is in the future: a clock was wrong" in done.stderr
+    assert "dated 2199-01-01, which is in the future: the clock of that computer was wrong" in done.stderr
     assert "dated 1970-01-01, which is before 2000" in done.stderr
 
 

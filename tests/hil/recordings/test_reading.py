@@ -63,7 +63,7 @@ def test_parquet_says_the_same_with_stamps_of_its_own_type(tmp_path):
 def test_parquet_with_words_in_a_column_is_refused(tmp_path):
     path = tmp_path / "a.parquet"
     parquet.write_table(pyarrow.table({"time_s": TIME, "motor_rad": ["x"] * ROWS}), path)
-    with pytest.raises(RecordingFileError, match="'motor_rad' holds string, no numbers"):
+    with pytest.raises(RecordingFileError, match="'motor_rad' holds string; expected numbers"):
         read_recording(path, Said(), 1)
 
 

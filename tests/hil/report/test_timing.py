@@ -12,7 +12,7 @@ from tests.hil.results.made import measured_bench, run_entry, written
 
 SPREAD = {"count": 500, "p50_s": 2.1e-5, "p99_s": 4e-4, "p999_s": 9e-4, "max_s": 0.0123, "histogram": [[1e-4, 490], [None, 10]]}
 TIMING = {
-    "dropped_cycles": 3, "period_s": 0.002, "limit_s": 0.001, "beats": 500, "dropped": 4, "late": 0, "missed": 1,
+    "dropped_cycles": 3, "period_s": 0.002, "limit_s": 0.001, "cycles": 500, "dropped": 4, "late": 0, "missed": 1,
     "lateness": SPREAD, "arrivals": SPREAD, "bus_bits": 12345, "duration_s": 1.0, "bitrate": 1_000_000, "bus_load": 0.4321,
     "receive_overflows": None,
     "measures": [{"name": "SCHED_FIFO", "is_granted": False, "detail": "Operation not permitted; 'ulimit -r 80'"}],

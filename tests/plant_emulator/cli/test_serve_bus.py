@@ -45,13 +45,19 @@ def test_one_axis_is_served_alone_with_a_drive_that_holds_its_gains(tmp_path: Pa
     [
         (("--axis", "4"), 2, "robot 'reference' has no axis 4; it has 2, 3, 5"),
         (("--axis", "2", "--drive", "3=maxon_epos2"), 2, "the robot has no axis 3; it has 2"),
-        (("--robot", "reference-arm", "--axis", "2"), 2, "the links of this robot couple its axes"),
+        (("--robot", "reference-arm", "--axis", "2"), 2, "the links of this robot couple all axes"),
         (("--tuning", "nowhere.toml"), 3, "nowhere.toml"),
     ],
 )
 def test_what_cannot_be_served_is_said_before_a_bus_is_there(options: tuple[str, ...], status: int, said: str) -> None:
     ended = CliRunner().invoke(app, ["serve", *options, "--bus", "local:/nowhere/at/all.sock"])
     assert (ended.exit_code, said in " ".join(ended.output.split())) == (status, True), ended.output
+
+
+def test_a_bit_rate_that_can_cannot_have_is_refused_with_those_that_it_can() -> None:
+    ended = CliRunner().invoke(app, ["serve", "--bus", "local:/nowhere/at/all.sock@7k"])
+    assert ended.exit_code == 2
+    assert "'7k' is not a bit rate of classic CAN; expected 10k, 20k, 50k, " in " ".join(ended.output.split())
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from plant_emulator.rehearsal.many.running import crashed
 from plant_emulator.rehearsal.many.summary import fraction_text, percentiles, quantities
 from tests.plant_emulator.rehearsal.made import CURED, refused, row
 
-NOISE = "not identified: the largest amplitude over its standard error: 3.8 (at least 5)"
+NOISE = "not identified: the ratio of the largest amplitude, A_2, to its standard error: 3.8 (at least 5)"
 
 
 def judged(rows):

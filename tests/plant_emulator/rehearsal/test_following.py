@@ -9,16 +9,16 @@ from typer.testing import CliRunner
 
 from hil.bench.bench import load_bench
 from plant_emulator.cli.main import app
-from plant_emulator.rehearsal.following.rig import Believed, Rig
+from plant_emulator.rehearsal.following.rig import Assumed, Rig
 from plant_emulator.rehearsal.following.study import LAWS, constant, law_of, ramp, rig_of
 from plant_emulator.robots.robot import load_robot
 
-OFF = Believed(1.01, 1.0, 1.01, 1.15, 0.5e-3)
+OFF = Assumed(1.01, 1.0, 1.01, 1.15, 0.5e-3)
 """Off as an identification leaves it."""
 STEP_S = 5.0
 
 
-def reference(off: Believed = OFF) -> Rig:
+def reference(off: Assumed = OFF) -> Rig:
     return Rig(load_robot("reference"), off, 2, load_bench("reference"))
 
 
@@ -39,7 +39,7 @@ def test_a_step_of_thirty_degrees_at_resonance_is_followed_within_five_revolutio
 
 
 def test_where_nothing_is_wrong_nothing_is_added():
-    rig = reference(Believed())
+    rig = reference(Assumed())
     for motion in (ramp(rig), constant(rig)):
         alone, follows = rig.run(motion, None), rig.run(motion, rig.follower())
         assert abs(np.max(np.abs(follows.tip_mm)) - np.max(np.abs(alone.tip_mm))) < 1e-6
@@ -48,7 +48,7 @@ def test_where_nothing_is_wrong_nothing_is_added():
 
 @pytest.mark.slow
 def test_a_drift_never_leaves_more_than_a_tenth():
-    rig = reference(Believed())
+    rig = reference(Assumed())
     motion = constant(rig, revolutions=330.0)
     drift = lambda now: 10.0 / 60.0 * now  # noqa: E731
     nothing, follows = rig.run(motion, None, drift, cancels=False), rig.run(motion, rig.follower(), drift)
@@ -58,7 +58,7 @@ def test_a_drift_never_leaves_more_than_a_tenth():
 
 
 def test_a_model_that_is_thirty_degrees_off_is_put_right_on_a_ramp():
-    rig = reference(Believed(turn_deg=-30.0))
+    rig = reference(Assumed(turn_deg=-30.0))
     alone, follows = (rig.run(ramp(rig), follower) for follower in (None, rig.follower()))
     assert math.degrees(np.angle(follows.factors[2][-1])) == pytest.approx(30.0, abs=5.0)
     rows = (alone.speed_rps > 4.5) & (alone.speed_rps < 7.5)
@@ -67,7 +67,7 @@ def test_a_model_that_is_thirty_degrees_off_is_put_right_on_a_ramp():
 
 @pytest.mark.slow
 def test_the_laws_it_is_compared_with_follow_a_step_as_well():
-    rig = rig_of(5, Believed())
+    rig = rig_of(5, Assumed())
     for name in LAWS:
         run = rig.run(constant(rig), law_of(name, rig), lambda now: 30.0 if now >= 3.0 else 0.0, only=2)
         assert math.degrees(np.angle(run.factors[2][-1])) == pytest.approx(30.0, abs=12.0)

@@ -57,7 +57,7 @@ def test_a_gear_that_is_a_spring_has_its_constants_at_any_torsion() -> None:
 
 
 def test_without_an_amplitude_there_is_no_gear_at_it() -> None:
-    with pytest.raises(ValueError, match="no amplitude"):
+    with pytest.raises(ValueError, match="expected an amplitude above 0"):
         gear_at(next(iter(REAL.axis.values())), 0.0)
 
 

@@ -97,9 +97,9 @@ class _Prepared:
         return self.sensed.section(recorded, stretch, self.refined.arm)
 
     def moved(self, recorded: Recorded, stretch: MotionStretch) -> list[AngleSection]:
-        """Sections of a stretch, each with one belief moved.
+        """Sections of a stretch, each with one prior moved.
 
-        A belief about arm or joint is off by its standard error.
+        A prior about arm or joint is off by its standard error.
         """
         if self.sensed is not None and self.refined is not None:
             return [self.sensed.section(recorded, stretch, arm) for arm in self.refined.steps]

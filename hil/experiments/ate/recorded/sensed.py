@@ -15,7 +15,7 @@ from hil.design.ate.model import Arm
 from hil.design.recorded.clock import SampledInstants, clock_of
 from hil.design.recorded.fit import AngleSection
 from hil.design.recorded.stretches import MotionStretch
-from hil.design.recorded.through_arm import ArmBelief, RefinedArm, ThroughArm, arm_section, refined_arm
+from hil.design.recorded.through_arm import ArmPrior, RefinedArm, ThroughArm, arm_section, refined_arm
 from hil.experiments.ate.recorded.request import MOST_SAMPLES, ContradictedError, RecordedRequest
 from hil.experiments.ate.request import axis_knowledge, sensing_of
 from hil.recordings.reading import Recorded
@@ -23,9 +23,9 @@ from hil.results.recorded_ate import Form
 from hil.robot_tables import PlantTable
 
 RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S = 0.03, 0.3, 0.002
-"""Standard errors of what is believed and has none: resonance and damping by their size, and the delay of a sensor."""
+"""Standard errors of values that state none: resonance and damping as fractions, and the delay of a sensor."""
 LEAST_RESONANCE_FRACTION, LEAST_DAMPING_FRACTION = 0.002, 0.03
-"""Least standard errors that are believed of an identified plant: load and temperature are others on another day."""
+"""Least standard errors of an identified plant: load and temperature differ from day to day."""
 STEADY_S = 0.5
 """Time at the beginning of a recording that starts in motion, which is left out: nobody knows how the arm rang before."""
 
@@ -38,14 +38,14 @@ class SensedFiles:
         files: Recordings on an even grid.
         through: The same, through the arm.
         clocks: Instants that were taken.
-        belief: Beliefs about the arm.
+        prior: What is known of the arm beforehand.
         source: Source of it, in words.
     """
 
     files: list[Recorded]
     through: list[ThroughArm]
     clocks: list[SampledInstants]
-    belief: ArmBelief
+    prior: ArmPrior
     source: str
 
     def rows(self, found: Sequence[tuple[int, MotionStretch]]) -> list[tuple[ThroughArm, slice]]:
@@ -54,7 +54,7 @@ class SensedFiles:
 
     def refine(self, found: Sequence[tuple[int, MotionStretch]], orders: Sequence[float]) -> RefinedArm:
         """Refine the arm on some stretches."""
-        return refined_arm(self.rows(found), orders, self.belief)
+        return refined_arm(self.rows(found), orders, self.prior)
 
     def section(self, recorded: Recorded, stretch: MotionStretch, arm: Arm) -> AngleSection:
         """Section of a stretch for the fit with an arm."""
@@ -67,7 +67,7 @@ def sensed_files(
 ) -> SensedFiles:
     """Put recordings of a sensor on an even grid.
 
-    The result also has the beliefs about the arm.
+    The result also has the prior of the arm.
 
     Args:
         files: The recordings.
@@ -88,7 +88,7 @@ def sensed_files(
     is_torque = form == "motor torque"
     knowledge = axis_knowledge(bench, request.axis, identified, sensorless=is_torque)
     table = bench.axis[request.axis]
-    belief, source = _belief(bench, request.axis, identified, is_torque=is_torque)
+    prior, source = _prior(bench, request.axis, identified, is_torque=is_torque)
     given = request.said.reduction_ratio
     if given is not None and not math.isclose(given, table.reduction_ratio, rel_tol=1e-6):
         raise ContradictedError(
@@ -100,13 +100,13 @@ def sensed_files(
         clock = clock_of(each.time_s, each.motor_rad)
         values = each.value["torque" if is_torque else "acceleration"]
         try:
-            made = ThroughArm(clock.time_s, each.motor_rad, values, table.reduction_ratio, sensing, belief.arm.resonance_hz)
+            made = ThroughArm(clock.time_s, each.motor_rad, values, table.reduction_ratio, sensing, prior.arm.resonance_hz)
         except ValueError as error:
             raise ContradictedError(f"{each.path}: {error}") from error
         through.append(made)
         clocks.append(clock)
         even.append(replace(each, value={"time": made.time_s - made.time_s[0], "motor": made.motor_rad}))
-    return SensedFiles(even, through, clocks, belief, source)
+    return SensedFiles(even, through, clocks, prior, source)
 
 
 def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | None:
@@ -124,7 +124,7 @@ def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | No
     return replace(each, rows=slice(start, each.rows.stop), turns=turns, from_s=float(recorded.time_s[start]))
 
 
-def _belief(bench: Bench, axis: int, identified: Identified | None, *, is_torque: bool) -> tuple[ArmBelief, str]:
+def _prior(bench: Bench, axis: int, identified: Identified | None, *, is_torque: bool) -> tuple[ArmPrior, str]:
     """Arm and delay from the model file, else the bench file."""
     part = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
     knowledge = axis_knowledge(bench, axis, identified, sensorless=is_torque)
@@ -134,19 +134,19 @@ def _belief(bench: Bench, axis: int, identified: Identified | None, *, is_torque
         damping = errors.get("damping", 0.0) / part.damping
         delay = part.torque_lag_s if is_torque else part.accelerometer_delay_s
         arm = replace(knowledge.start, delay_s=delay or 0.0)
-        believed = ArmBelief(
+        found = ArmPrior(
             arm,
             max(resonance, LEAST_RESONANCE_FRACTION),
             max(damping, LEAST_DAMPING_FRACTION),
             DELAY_ERROR_S if delay is None else 0.5 * DELAY_ERROR_S,
         )
-        return believed, "the model file"
+        return found, "the model file"
     model = bench.axis[axis].model
     if model is None:
         raise ContradictedError(
             f"no plant of axis {axis} is known, neither in the model file nor in the bench file; find it with hil identify plant"
         )
-    return ArmBelief(arm_of(model), RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"
+    return ArmPrior(arm_of(model), RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"
 
 
 def arm_of(plant: PlantTable) -> Arm:

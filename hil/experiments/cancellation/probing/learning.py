@@ -277,7 +277,7 @@ def _with_reactions(bench: Bench, known: Identified, learning: MotionLearning, l
     A reaction counts if the motors' torque shows it.
     """
     shown = shown_reactions(bench, known, learning, led.parts, led.vector, led.step.settings, runs)
-    learning.reactions |= {number: each.believed for number, each in shown.items()}
+    learning.reactions |= {number: each.estimate for number, each in shown.items()}
     change = sum((each.change for each in shown.values() if each.is_seen), np.zeros(len(led.vector)))
     return replace(led, vector=led.vector + led.step.settings + change)
 
@@ -360,6 +360,6 @@ def _check_quieter(learning: MotionLearning, run: MotionRun) -> None:
     noise = learning.noise_mm
     if peak_with >= peak or rms**2 - rms_with**2 <= BETTER_SIGMAS * noise.power_error(rms):
         raise MotionNotLearntError(
-            f"nothing is kept: the tip is not quieter with what was learnt: peak {peak:.4f} mm without and {peak_with:.4f} mm "
+            f"nothing is kept: the learnt cancellation does not help: peak {peak:.4f} mm without and {peak_with:.4f} mm "
             f"with it, root mean square {rms:.4f} and {rms_with:.4f} mm, noise {noise.rms:.4f} mm"
         )

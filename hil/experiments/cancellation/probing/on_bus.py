@@ -259,7 +259,9 @@ def motion_summary(outcome: MotionLearningOutcome) -> Sequence[str]:
     ]
     kept = next((run for run in result.runs if run.is_kept), None)
     if result.base_peak_mm is not None:
-        lines.append(f"tip without: peak {result.base_peak_mm:.4f} mm, root mean square {result.base_rms_mm:.4f} mm")
+        lines.append(f"tip untreated: peak {result.base_peak_mm:.4f} mm, root mean square {result.base_rms_mm:.4f} mm")
     if kept is not None:
-        lines.append(f"tip with what is learnt: peak {kept.tip_peak_mm:.4f} mm, root mean square {kept.tip_rms_mm:.4f} mm")
+        lines.append(
+            f"tip with the learnt cancellation: peak {kept.tip_peak_mm:.4f} mm, root mean square {kept.tip_rms_mm:.4f} mm"
+        )
     return lines

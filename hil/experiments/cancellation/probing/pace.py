@@ -91,7 +91,7 @@ def paced_line(bench: Bench, pace: float) -> Motion:
         most = SPEED_ROOM * bench.axis[number].limits.speed_rps
         if speed > most:
             remedy = (
-                "vibration needs the rest of the limit; choose --pace "
+                "the rest of the limit is kept for vibration; choose --pace "
                 f"{math.ceil(100.0 * pace * speed / most) / 100.0:.2f} or more"
             )
             raise UnsafeRequestError(f"axis {number} in {pace:g} times the line's time", speed, most, "rev/s", remedy)

@@ -39,9 +39,9 @@ Complex = NDArray[np.complex128]
 LOAD_HZ = 1.5
 """Frequency up to which a gear's load is that of gravity and of the motion."""
 REACTS_SIGMAS, REACTS_POWER, REACTS_LOAD = 4.0, 0.4, 0.3
-"""Standard errors from which a reaction is believed; fraction of the load's power in the band that it explains; least load."""
+"""Standard errors from which a reaction counts as seen; fraction of the load's power in the band that it explains; least load."""
 LEAST_FRICTION = -0.3
-"""Least friction that a believed reaction may leave, over the slow torque: friction opposes the motion."""
+"""Least friction that a seen reaction may leave, over the slow torque: friction opposes the motion."""
 
 
 class ShownReaction(NamedTuple):
@@ -74,7 +74,7 @@ class ShownReaction(NamedTuple):
         return (1.0 - self.load) * self.turned_nm
 
     @property
-    def believed(self) -> GearReaction:
+    def estimate(self) -> GearReaction:
         """R and the friction."""
         return GearReaction(1.0, max(self.friction_nm, 0.0)) if self.is_seen else GearReaction(0.0, 0.0)
 

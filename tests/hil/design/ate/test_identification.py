@@ -219,5 +219,5 @@ def test_what_cannot_be_fitted_is_refused() -> None:
     with pytest.raises(ValueError, match="shapes"):
         identify([replace(data, signal=data.signal[:-1])], RATIO, Sensing(LEVER))
     forwards = np.where(data.direction > 0, data.direction, 0).astype(np.int8)
-    with pytest.raises(ValueError, match=r"0\.00 s of ramps backwards cannot give 7 numbers"):
+    with pytest.raises(ValueError, match=r"0\.00 s of ramps backwards are too short for 7 values"):
         identify([replace(data, direction=forwards)], RATIO, Sensing(LEVER))

@@ -80,9 +80,9 @@ def test_what_is_no_reaction_of_a_gear_is_not_believed() -> None:
 
 
 def test_a_reaction_that_is_hardly_measured_is_taken_for_that_of_a_gear_without_losses() -> None:
-    assert Reaction(1.4, 0.3).believed.value == pytest.approx(1.04, abs=0.01)
-    assert Reaction(0.9, 0.001).believed.value == pytest.approx(0.9, abs=0.001)
-    assert Reaction(1.2, 0.1).believed.standard_error == pytest.approx(0.1 / math.sqrt(2.0))
+    assert Reaction(1.4, 0.3).posterior.value == pytest.approx(1.04, abs=0.01)
+    assert Reaction(0.9, 0.001).posterior.value == pytest.approx(0.9, abs=0.001)
+    assert Reaction(1.2, 0.1).posterior.standard_error == pytest.approx(0.1 / math.sqrt(2.0))
 
 
 def test_a_motor_that_never_turns_tells_nothing() -> None:

@@ -68,7 +68,7 @@ def test_too_little_travel_is_said_with_what_is_needed() -> None:
         NotPossibleError, match=r"to pass f_m2 = 6\.00 rev/s, 6\.90 rev/s are needed: that takes 7\.1 rev at 4 rev/s²"
     ) as error:
         end_speed(narrow, 2, 4.0, 12.0)
-    assert "between its position limits are 5.0; accelerate with 6.25 rev/s² or more" in str(error.value)
+    assert "between its position limits there are 5.0 rev; accelerate with 6.25 rev/s² or more" in str(error.value)
     least = slowest(narrow, 2, 6.9)
     assert travel_rev(least, 20.0, 6.9) == pytest.approx(room_rev(narrow, 2))
     assert end_speed(narrow, 2, 1.001 * least, 12.0) >= 6.9
@@ -109,7 +109,7 @@ def test_on_an_arm_a_ramp_turns_the_joint_by_ten_degrees_at_most_and_ends_where_
 
 def test_an_arm_that_may_turn_too_little_is_told_what_is_needed() -> None:
     narrow = ARM.model_copy(update={"identification_travel_deg": 3.0})
-    with pytest.raises(NotPossibleError, match=r"within ±3° of the joint are 2\.0; .*raise identification_travel_deg"):
+    with pytest.raises(NotPossibleError, match=r"within ±3° of the joint there are 2\.0 rev; .*raise identification_travel_deg"):
         end_speed(narrow, 2, 7.0, 10.4)
     wide = ARM.model_copy(update={"identification_travel_deg": 60.0})
     assert binding_limit(wide, 2, 7.0, 7.0) == ""

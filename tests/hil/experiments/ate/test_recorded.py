@@ -202,7 +202,7 @@ def test_a_scan_through_the_arm_names_the_orders_and_takes_no_resonance_for_a_li
     assert not scan.lines
     page = write_report_of(tmp_path / "out").read_text(encoding="utf-8")
     assert "through the arm to the sensor" in page
-    assert "torque less that of the motor&#39;s own motion" in page
+    assert "torque without that of the motor&#39;s own motion" in page
 
 
 @pytest.mark.ci

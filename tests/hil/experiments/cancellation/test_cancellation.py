@@ -261,7 +261,9 @@ def test_a_trial_in_which_nothing_passes_is_refused_with_its_numbers() -> None:
     assert [part.verdict for part in entry.parts] == ["accepted", "refused"]
     assert [part.order for part in entry.refused] == [4]
     assert entry.trials[0].reduction_fraction == pytest.approx(0.4)
-    with pytest.raises(CancellationRefusedError, match=r"axis 3, order 4: with 30 % of it rose by 30 .*∠ .180°") as caught:
+    with pytest.raises(
+        CancellationRefusedError, match=r"axis 3, order 4: with 30 % of its cancellation it rose by 30 .*turned by .180°"
+    ) as caught:
         Verification(0.3, (trial,), (bad,)).demand()
     assert caught.value.exit_code == 9
     assert "the notch stays" in str(caught.value)

@@ -13,8 +13,8 @@ def shown(load: float, error: float = 0.02, power: float = 0.9, turned_nm: float
 
 def test_a_reaction_that_explains_the_load_is_believed_with_the_friction_that_it_leaves() -> None:
     """A motor that is driven by its load carries it and friction less: τ_g is larger than its torque."""
-    assert shown(0.8).believed == GearReaction(1.0, pytest.approx(0.06))
-    assert shown(1.4, turned_nm=-0.55).believed == GearReaction(1.0, pytest.approx(0.22))
+    assert shown(0.8).estimate == GearReaction(1.0, pytest.approx(0.06))
+    assert shown(1.4, turned_nm=-0.55).estimate == GearReaction(1.0, pytest.approx(0.22))
 
 
 @pytest.mark.parametrize(
@@ -23,4 +23,4 @@ def test_a_reaction_that_explains_the_load_is_believed_with_the_friction_that_it
     ids=["noise", "something else", "hardly any", "the wrong way", "friction that pushes"],
 )
 def test_what_is_no_reaction_for_certain_is_not_allowed_for(doubtful: ShownReaction) -> None:
-    assert doubtful.believed == GearReaction(0.0, 0.0)
+    assert doubtful.estimate == GearReaction(0.0, 0.0)

@@ -60,7 +60,7 @@ def test_an_order_below_the_noise_is_not_judged_and_more_runs_can_only_help_wher
     far, near = judged(1.0, 0.0, 6.0, 3), judged(1.0, 0.0, 0.9, 2)
     assert far.verdict == "not judged"
     assert not replace(far, left_error=4.0).could_be_judged(4.0)
-    assert "has too small an effect" in far.words
+    assert "its effect is too small" in far.words
     assert near.verdict == "not judged"
     assert near.could_be_judged(4.0)
 
@@ -77,7 +77,7 @@ def test_the_factor_says_how_the_cancellation_should_be_multiplied() -> None:
         turns.append((found.turn_deg + 20.0) / found.turn_error_deg)
     assert 0.5 < float(np.sqrt(np.mean(np.square(factors)))) < 1.4
     assert 0.5 < float(np.sqrt(np.mean(np.square(turns)))) < 1.4
-    assert "should be × 1.2" in found.words
+    assert "the correct cancellation is 1.2" in found.words
 
 
 def test_an_unknown_delay_is_seen_though_the_directions_cancel_in_the_mean() -> None:
@@ -91,5 +91,5 @@ def test_an_unknown_delay_is_seen_though_the_directions_cancel_in_the_mean() -> 
 
 
 def test_a_part_that_was_never_without_is_no_comparison() -> None:
-    with pytest.raises(ValueError, match="axis 2, order 4 was seen with"):
+    with pytest.raises(ValueError, match="axis 2, order 4 was recorded with"):
         judge(PART, GAIN, [Seen(1, 0.3, THERE, 1.0), Seen(1, 0.3, THERE, 1.0)])

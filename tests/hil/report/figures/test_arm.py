@@ -135,7 +135,7 @@ def test_the_arm_stands_where_its_motors_were_and_its_tip_on_the_line(known, alo
 
 def test_the_error_is_as_many_times_as_large_as_the_title_says_and_around_its_point_of_the_path(known, along):
     drawing, figure = along
-    magnification = float(re.search(r"error ([\d.]+) times", drawing.title)[1])
+    magnification = float(re.search(r"error drawn ([\d.]+) times", drawing.title)[1])
     assert f"{magnification:g} times as large" in drawing.caption
     first = moved_arms(known)[0]
     upwards, sideways = panel(figure, "Upwards (mm)"), panel(figure, "Sideways (mm)")
