@@ -8,6 +8,7 @@ from plant_emulator.bus.faults import FaultsFile
 from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
 from plant_emulator.robots.behaviour import Behaviour, Switches
 from plant_emulator.robots.gear_change import ErrorChange, GearTemperature
+from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import SDO_DOWNLOAD_BYTES, RobotAccelerometer, load_robot
 from plant_emulator.world import World
 from tests.plant_emulator.many_axes import robot_file
@@ -29,8 +30,8 @@ OF_AN_ARM = {"mounting"}
 
 
 def test_the_tables_of_options_make_a_robot_and_hold_every_key(tmp_path):
-    switches, sdo, behaviour, sensor, gear = tables_of("emulated-drive-options.md")
-    text = robot_file([2], more=switches + behaviour + gear).replace("[accelerometer]\n", sensor)
+    switches, sdo, behaviour, sensor, encoder, gear = tables_of("emulated-drive-options.md")
+    text = robot_file([2], more=switches + behaviour + encoder + gear).replace("[accelerometer]\n", sensor)
     assert sdo.startswith("[axis.2]\n")
     (tmp_path / "robot.toml").write_text(text.replace("[axis.2]\n", sdo))
     robot = load_robot(tmp_path / "robot.toml")
@@ -38,6 +39,7 @@ def test_the_tables_of_options_make_a_robot_and_hold_every_key(tmp_path):
     assert axis.switches is not None
     assert axis.switches.model_fields_set == set(Switches.model_fields)
     assert set(axis.behaviour.given) == set(Behaviour.model_fields)
+    assert axis.encoder.model_fields_set == set(MotorEncoder.model_fields)
     [change] = axis.ate_change
     assert change.model_fields_set == set(ErrorChange.model_fields)
     assert axis.temperature.model_fields_set == set(GearTemperature.model_fields)
