@@ -128,7 +128,8 @@ class ErrorFreeBus:
     def longest_ns(self) -> int:
         """Time in ns that no data frame with an 11-bit identifier exceeds, its intermission included."""
         kind = self._kinds.get((CAN_SFF_MASK, MAX_DATA_LENGTH)) or self._learn(CAN_SFF_MASK, MAX_DATA_LENGTH)
-        return kind.ns + MOST_STUFF_BITS * (kind.step_ns + self._rates.bit_ns)
+        of_the_head = MOST_STUFF_BITS if self._rates.is_fd(CAN_SFF_MASK) else 0  # which differ with the identifier
+        return kind.ns + MOST_STUFF_BITS * kind.step_ns + of_the_head * self._rates.bit_ns
 
     @property
     def is_empty(self) -> bool:
