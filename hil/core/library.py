@@ -105,6 +105,10 @@ class Library:
             raise ValueError(f"array of shape {array.shape} is read-only or not contiguous; give a contiguous copy of it")
         return self._ffi.from_buffer(f"{name}[]" if name in _NUMBERS else f"struct {name}[]", array)
 
+    def integers(self, count: int) -> Any:
+        """Room for whole numbers, all zero."""
+        return self._ffi.new("int64_t[]", count)
+
     def new(self, name: str) -> Any:
         """A struct of the core's own, all zero."""
         return self._ffi.new(f"struct {name} *")

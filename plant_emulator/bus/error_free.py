@@ -12,15 +12,13 @@ from heapq import heappop, heappush, heapreplace
 from typing import NamedTuple
 
 from hil.can.bits import Head, arbitration_key, fd_head, fd_stuffed_by, head, stuffed_by
-from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_SFF_MASK, MAX_DATA_LENGTH, Frame
+from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, Frame
 from plant_emulator.bus.attempt import Port
 from plant_emulator.bus.rates import INTERMISSION_BITS, Rates
 from plant_emulator.bus.traffic import Passed, Traffic
 
 NO_PORT = 1 << 62
 """Number above every port: it stops nothing."""
-MOST_STUFF_BITS = 24
-"""Stuff bits of a classic frame of 8 bytes: one behind each four of its 98 bits from SOF to the CRC (ISO 11898-1:2015, 10.5)."""
 MAX_KINDS = 4096
 """Kinds of frames that are remembered."""
 
@@ -55,12 +53,21 @@ class ErrorFreeBus:
     Attributes:
         idle: Time from which the bus is idle, after the frame that is on it.
         flight: The frame on the bus, or None.
-        intermission_ns: Time between two frames.
     """
 
     __slots__ = (
-        "_counts", "_heads", "_kinds", "_lines", "_ports", "_rates", "_room", "_start", "_traffic",
-        "flight", "idle", "intermission_ns",
+        "_counts",
+        "_heads",
+        "_intermission_ns",
+        "_kinds",
+        "_lines",
+        "_ports",
+        "_rates",
+        "_room",
+        "_start",
+        "_traffic",
+        "flight",
+        "idle",
     )  # fmt: skip
 
     def __init__(self, ports: dict[int, Port], rates: Rates, traffic: Traffic, room: int) -> None:
@@ -74,7 +81,7 @@ class ErrorFreeBus:
         """
         self._ports, self._rates, self._traffic, self._room = ports, rates, traffic, room
         self._counts = traffic.counts
-        self.intermission_ns = rates.ns(INTERMISSION_BITS)
+        self._intermission_ns = rates.ns(INTERMISSION_BITS)
         self._kinds: dict[tuple[int, int], _Kind] = {}
         self._lines: dict[int, deque[_Waiting]] = {}
         self._heads: list[_Waiting] = []
@@ -118,19 +125,6 @@ class ErrorFreeBus:
             heappush(self._heads, entry)
         return True
 
-    def duration(self, can_id: int, data: bytes) -> tuple[int, int]:
-        """Return the time in ns that a frame takes with its intermission, and its bits."""
-        kind = self._kinds.get((can_id, len(data))) or self._learn(can_id, len(data))
-        inserted = kind.counter(kind.head, data)
-        return kind.ns + inserted * kind.step_ns, kind.bits + inserted
-
-    @property
-    def longest_ns(self) -> int:
-        """Time in ns that no data frame with an 11-bit identifier exceeds, its intermission included."""
-        kind = self._kinds.get((CAN_SFF_MASK, MAX_DATA_LENGTH)) or self._learn(CAN_SFF_MASK, MAX_DATA_LENGTH)
-        of_the_head = MOST_STUFF_BITS if self._rates.is_fd(CAN_SFF_MASK) else 0  # which differ with the identifier
-        return kind.ns + MOST_STUFF_BITS * kind.step_ns + of_the_head * self._rates.bit_ns
-
     @property
     def is_empty(self) -> bool:
         """True if no frame waits or is on the bus."""
@@ -159,7 +153,7 @@ class ErrorFreeBus:
         if not self._heads:
             return None
         _, _, _, frame, kind = self._heads[0]
-        return self._start + kind.ns + kind.counter(kind.head, frame[1]) * kind.step_ns - self.intermission_ns
+        return self._start + kind.ns + kind.counter(kind.head, frame[1]) * kind.step_ns - self._intermission_ns
 
     def advance(self, until: int, stop_port: int, passed: list[Passed]) -> int | None:
         """Let time pass; return the time reached.
@@ -172,7 +166,7 @@ class ErrorFreeBus:
             passed: The frames that have ended are appended.
         """
         heads, ports, before = self._heads, self._ports, len(passed)
-        flight, idle, intermission_ns = self.flight, self.idle, self.intermission_ns
+        flight, idle, _intermission_ns = self.flight, self.idle, self._intermission_ns
         bits, longest_ns, busy_from, busy_to = 0, 0, idle, idle
         reached: int | None = until
         while True:
@@ -209,7 +203,7 @@ class ErrorFreeBus:
             _, shared_bits, shared_ns, step_ns, counter, known = kind
             inserted = counter(known, frame[1])
             idle = start + shared_ns + inserted * step_ns
-            flight = (frame, number, start, idle - intermission_ns, shared_bits + inserted, at)
+            flight = (frame, number, start, idle - _intermission_ns, shared_bits + inserted, at)
         self.flight, self.idle = flight, idle
         if len(passed) > before:
             self._start = idle  # of the last of them; where another one is on the bus, nobody asks

@@ -6,12 +6,15 @@ Every frame takes its time there, and is received when it has ended.
 import contextlib
 from collections.abc import Callable
 
-from hil.can.frame import Frame, frames_of, pack
+from hil.can.bits import NOMINAL_BITS
+from hil.can.frame import MAX_DATA_LENGTH, Frame, frames_of, pack
 from plant_emulator.bus.burst import Burst
 from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.world import FREE_STEP_NS, World
 
+MOST_BITS = 8 * MAX_DATA_LENGTH + NOMINAL_BITS + (8 * MAX_DATA_LENGTH + 34 - 1) // 4
+"""A classic data frame with an 11-bit identifier at most: one stuff bit behind each four of its bits from SOF to the CRC."""
 DRAIN_NS = 100_000_000
 """Longest wait of a frame outside of a SYNC cycle for a bus that others keep busy, in ns."""
 
@@ -145,32 +148,32 @@ class TimedBus:
         fast = wire.undisturbed()
         if senders is None or fast is None or self._latency_ns or wire.now != world.now or (due is not None and due <= until):
             return None
-        burst = Burst(fast, frames_of(message), world.now)
-        if burst.idle + len(senders) * fast.longest_ns > until:
+        burst = Burst(fast, message, world.now, bit_ns := wire.rates.bit_ns)
+        if burst.idle + len(senders) * MOST_BITS * bit_ns > until:
             return None
         self._cycle_end_ns = until
         *rpdos, sync = burst.ends
         for ended, end in enumerate(rpdos, start=1):
             sent = world.move(end)
             if sent:
-                return self._go_on(port, burst, ended, sent)
+                return self._go_on(port, burst, message, ended, sent)
         sent = world.move(sync)
         answers = None if sent else world.hear_all(message)
         if answers is None:
-            return self._go_on(port, burst, len(burst.ends), sent)
-        burst.send(frames_of(answers), senders)
-        burst.count()
+            return self._go_on(port, burst, message, len(burst.ends), sent)
+        burst.answer(answers, senders)
         wire.pass_to(until)
         for node, frame in world.move(until):
             wire.offer(node, frame, until)
         return answers
 
-    def _go_on(self, port: int, burst: Burst, ended: int, sent: list[tuple[int, Frame]]) -> bytes:
+    def _go_on(self, port: int, burst: Burst, message: bytes, ended: int, sent: list[tuple[int, Frame]]) -> bytes:
         """Go on frame by frame with a burst of which some frames have ended.
 
         Args:
             port: Port of the client.
-            burst: The client's frames.
+            burst: The client's frames on the bus.
+            message: Their records.
             ended: How many of them have ended, the last at this instant.
             sent: What the nodes send now.
 
@@ -179,10 +182,11 @@ class TimedBus:
         """
         now = burst.ends[ended - 1]
         self.wire.pass_to(now)
-        waiting = burst.stop(ended, port)
-        for frame in burst.frames[:ended]:
+        burst.stop(ended)
+        frames = frames_of(message)
+        for frame in frames[:ended]:
             sent += self.world.hear(frame)
-        for frame in waiting:
+        for frame in frames[ended:]:
             burst.bus.offer(port, frame, burst.begin)
         for node, frame in sent:
             self.wire.offer(node, frame, now)

@@ -293,8 +293,8 @@ class EmulatedWire:
         self.now = now
 
     def undisturbed(self) -> ErrorFreeBus | None:
-        """Return the error-free bus if it is empty, and nothing but new offers can happen to it; else None."""
-        if self._faults is not None or self._queues.later:
+        """Return the error-free bus if it is classic and empty, and nothing but new offers can happen to it; else None."""
+        if self._faults is not None or self._queues.later or self.rates.data_bitrate is not None:
             return None
         fast = self._fast or self._handed_over()
         return fast if fast is not None and fast.is_empty else None

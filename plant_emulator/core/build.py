@@ -11,6 +11,7 @@ PLANT = Core(
         "plant_emulator/physics",
         "plant_emulator/motion",
         "plant_emulator/image",
+        "plant_emulator/bus",
         "plant_emulator/studies",
         "hil/control",
         "hil/core",

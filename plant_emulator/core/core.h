@@ -2,6 +2,7 @@
 #ifndef PLANT_CORE_H
 #define PLANT_CORE_H
 
+#include "plant_emulator/bus/frame_bits.h"
 #include "plant_emulator/image/image.h"
 #include "plant_emulator/motion/period.h"
 #include "plant_emulator/motion/supervision.h"
