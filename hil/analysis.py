@@ -163,10 +163,14 @@ def motor_speed_rps(recording: Recording, axis: int) -> Real:
 
     From the recorded motor angle, low-passed without phase.
     """
-    period = recording.period_s
-    speed = np.gradient(recording.axis(axis, "position_rad"), period) / (2.0 * math.pi)
-    corner = min(SPEED_LOWPASS_HZ, 0.2 / period)
-    return np.asarray(scipy.signal.sosfiltfilt(scipy.signal.butter(2, corner, fs=1.0 / period, output="sos"), speed))
+    return speed_of(recording.axis(axis, "position_rad") / (2.0 * math.pi), recording.period_s)
+
+
+def speed_of(revolutions: Real, period_s: float) -> Real:
+    """Compute the speed of a sampled angle, low-passed without phase, in rev/s; shape (n,)."""
+    corner = min(SPEED_LOWPASS_HZ, 0.2 / period_s)
+    sections = scipy.signal.butter(2, corner, fs=1.0 / period_s, output="sos")
+    return np.asarray(scipy.signal.sosfiltfilt(sections, np.gradient(revolutions, period_s)))
 
 
 SHOWN_FRACTION = 0.45
@@ -249,11 +253,15 @@ def speed_window(recording: Recording, axis: int, window_rps: tuple[float, float
     Shape (n,). Only the rising part of a constant-acceleration run counts. If the ramp ends within the window, the rows end
     before its braking.
     """
+    return rising_within(np.abs(motor_speed_rps(recording, axis)), recording.period_s, window_rps)
+
+
+def rising_within(speed_rps: Real, period_s: float, window_rps: tuple[float, float]) -> NDArray[np.bool_]:
+    """Return the rows of a ramp with its speed in a window; see `speed_window`."""
     low, high = window_rps
-    speed = np.abs(motor_speed_rps(recording, axis))
-    top = int(np.argmax(speed))
-    end = top if speed[top] >= high else top - round(BRAKING_S / recording.period_s)
-    return np.asarray((speed >= low) & (speed <= high) & (np.arange(len(speed)) < end))
+    top = int(np.argmax(speed_rps))
+    end = top if speed_rps[top] >= high else top - round(BRAKING_S / period_s)
+    return np.asarray((speed_rps >= low) & (speed_rps <= high) & (np.arange(len(speed_rps)) < end))
 
 
 def ramp_rows(recording: Recording, axis: int) -> NDArray[np.bool_]:

@@ -1,61 +1,30 @@
 """One axis and its loop, linearised.
 
-The module finds the peak of |G_al|, and the decay or growth of the slowest motion of the closed loop.
+The module finds the decay or growth of the slowest motion of the closed loop. `hil.design.frequency` has the paper's axis; here
+are soft wind-up, hysteresis and the lag of the current loop, and many speeds at once.
 """
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
 from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch, notch_coefficients, notch_weight
+from hil.design.frequency import TwoInertia
 from plant_emulator.robots.robot import RobotAxis
 
 Real = NDArray[np.float64]
 Block = tuple[Real, Real, Real, float]
 """A (n × n), b (n,), c (n,) and d of a discrete block with one input and one output."""
 
-PEAK_RANGE_HZ = (2.0, 48.0)
-"""Band in which the peak of |G_al| is looked for."""
 
-
-def arm_peak_hz(axis: RobotAxis, cascade: Cascade, period_s: float) -> float:
-    """Return f_al in Hz, the peak frequency without a filter.
-
-    |G_al| = |s² θ_l/θ_sync| peaks there.
-
-        G_al = s² c M/(M (B + c) + B c),  A = J_m s² + D_m s,  B = J_l s² + D_l s,  c = D_g s + K_g,  M = N² (A + C),
-        C = (K_vp + K_vi/s')(K_pp + s' w/(s' + w)) (1 − z⁻¹)/(s T),  s' = 2/T (1 − z⁻¹)/(1 + z⁻¹)
-
-    Source: the paper, eq. (4); bilinear law with its hold.
-    """
-
-    def gain(frequency_hz: Real) -> Real:
-        s = 2j * math.pi * frequency_hz
-        delay = np.exp(-s * period_s)
-        bilinear = 2.0 / period_s * (1.0 - delay) / (1.0 + delay)
-        corner = 2.0 * math.pi * cascade.lowpass_hz
-        law = cascade.velocity_gain_nm_s_rad + cascade.velocity_integral_gain_nm_rad / bilinear
-        law = law * (cascade.position_gain_per_s + corner * bilinear / (bilinear + corner)) * (1.0 - delay) / (s * period_s)
-        motor = axis.reduction_ratio**2 * (axis.motor_inertia_kg_m2 * s**2 + axis.motor_damping_nm_s_rad * s + law)
-        arm = axis.arm_inertia_kg_m2 * s**2 + axis.arm_damping_nm_s_rad * s
-        gear = axis.gear_damping_nm_s_rad * s + axis.gear_stiffness_nm_rad
-        return np.asarray(np.abs(s**2 * gear * motor / (motor * (arm + gear) + arm * gear)))
-
-    grid = np.linspace(*PEAK_RANGE_HZ, 2601)
-    level = gain(grid)
-    # the inertia line rises with ω², so only an inner maximum is a resonance
-    inner = np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] >= level[2:])) + 1
-    top = grid[inner[np.argmax(level[inner])]] if inner.size else grid[np.argmax(level)]
-    found = scipy.optimize.minimize_scalar(
-        lambda f: -float(gain(np.array([f]))[0]), bounds=(top - 0.02, top + 0.02), method="bounded", options={"xatol": 1e-6}
-    )
-    return float(found.x)
+def linear_plant(axis: RobotAxis) -> TwoInertia:
+    """Return the linear part of an axis."""
+    return TwoInertia(**{each.name: getattr(axis, each.name) for each in fields(TwoInertia)})
 
 
 @dataclass(frozen=True)

@@ -9,18 +9,31 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from drive_profiles.standard.units import real32
+from hil.analysis import (
+    LINE_BAND_HZ,
+    amplitude_spectrum,
+    area,
+    line_window_s,
+    order_window_rps,
+    rising_within,
+    speed_of,
+    tip_displacement_mm,
+    tip_scale,
+)
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
+from hil.design.frequency import Loop
 from hil.robot_tables import Control
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
 from plant_emulator.physics.axis import hang_at_rest
 from plant_emulator.physics.tip import MovedTip
 from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
-from plant_emulator.studies.closed_loop import Law, arm_peak_hz, frozen_law, growth_per_s
+from plant_emulator.studies.closed_loop import Law, frozen_law, growth_per_s, linear_plant
 from plant_emulator.studies.follow import ARM_ACCELERATION, ARM_ANGLE, ARM_SPEED, COUNTS, TORQUE, follow
 from plant_emulator.studies.simulate import as_uploaded, references
 from plant_emulator.studies.spread import (
@@ -33,14 +46,6 @@ from plant_emulator.studies.spread import (
     drawn_sensor,
     nominal,
 )
-from plant_emulator.studies.tip_metrics import (
-    LINE_WINDOW_S,
-    above_band,
-    band_hz,
-    spectrum_area,
-    speed_window,
-    tip_displacement_mm,
-)
 
 Real = NDArray[np.float64]
 
@@ -52,6 +57,8 @@ HIGHEST_F_AL = 1.3
 
 SETTLE_S = 0.5
 """Rest of the axes before the motion in s, as in `simulate`."""
+JUDGED_ORDER = 2
+"""Order of the transmission error by whose crossing of f_al a ramp is judged."""
 TAIL_S = 0.5
 """Rest of the axes after it in s: in its second half the residual vibration must be decaying."""
 FOLLOWING_REACH = 2.0
@@ -174,7 +181,7 @@ class Study:
             softness = self.robot.axis[number].wind_up_softness + self.spread.wind_up_softness
             if softness >= 1.0:
                 raise ValueError(f"axis {number}: wind_up_softness {softness:g} leaves no stiffness; expected less than 1")
-        top_hz = band_hz(HIGHEST_F_AL * self.f_al_hz)[1]
+        top_hz = tip_scale(HIGHEST_F_AL * self.f_al_hz).band_hz[1]
         if 0.5 / self.robot.sync_period_s <= top_hz:
             raise ValueError(f"a SYNC period of {self.robot.sync_period_s} s does not show vibrations up to {top_hz:.3g} Hz")
 
@@ -262,7 +269,7 @@ class Study:
 
     def _f_al_of(self, robot: Robot) -> float:
         number = self.axes[0]
-        return arm_peak_hz(robot.axis[number], self.cascades[number], robot.control_period_s)
+        return Loop(linear_plant(robot.axis[number]), self.cascades[number], (), robot.control_period_s).peak_hz()
 
     @cached_property
     def _laws(self) -> dict[int, Law]:
@@ -389,7 +396,8 @@ class Study:
 
         They are those in the window of the judgement.
         """
-        displacement = tip_displacement_mm(trace.measured_m_s2, self.robot.sync_period_s, trace.f_al_hz)[self._window(trace)]
+        scale = tip_scale(trace.f_al_hz)
+        displacement = tip_displacement_mm(trace.measured_m_s2, self.robot.sync_period_s, scale)[self._window(trace)]
         if len(displacement) < WINDOW_SAMPLES:
             return math.inf, math.inf
         return float(np.max(np.abs(displacement))), float(np.sqrt(np.mean(displacement**2)))
@@ -397,20 +405,25 @@ class Study:
     def _window(self, trace: SimulatedMotion) -> NDArray[np.bool_]:
         """Return the rows in which the tip is judged."""
         if self.axis is None:
-            start = self._line_start_s()
-            return np.asarray((self.times >= start + LINE_WINDOW_S[0]) & (self.times <= start + LINE_WINDOW_S[1]))
-        angle = trace.columns[:, 0, COUNTS] / self.robot.axis[self.axis].encoder_counts_per_rev
-        return speed_window(angle, self.robot.sync_period_s, trace.f_al_hz)
+            start, (begin_s, end_s) = self._line_start_s(), line_window_s(self._line_s())
+            return np.asarray((self.times >= start + begin_s) & (self.times <= start + end_s))
+        angle, period_s = (
+            trace.columns[:, 0, COUNTS] / self.robot.axis[self.axis].encoder_counts_per_rev,
+            self.robot.sync_period_s,
+        )
+        return rising_within(np.abs(speed_of(angle, period_s)), period_s, order_window_rps(trace.f_al_hz, JUDGED_ORDER))
 
     def _line_start_s(self) -> float:
         return 0.0 if self.robot.line_motion is None else self.robot.line_motion.dwell_s
 
+    def _line_s(self) -> float:
+        return 0.0 if self.robot.line_motion is None else self.robot.line_motion.duration_s
+
     def _area(self, trace: SimulatedMotion) -> float:
         """Return the area of a line motion's amplitude spectrum."""
         start = self._line_start_s()
-        duration = 0.0 if self.robot.line_motion is None else self.robot.line_motion.duration_s
-        inside = (self.times >= start) & (self.times <= start + duration)
-        return spectrum_area(trace.measured_m_s2[inside], self.robot.sync_period_s)
+        inside = (self.times >= start) & (self.times <= start + self._line_s())
+        return area(*amplitude_spectrum(trace.measured_m_s2[inside], self.robot.sync_period_s, "boxcar"), LINE_BAND_HZ)
 
     def _following_error_rev(self, trace: SimulatedMotion) -> Real:
         """Return each motor's largest distance from its set-point, shape (axes,).
@@ -427,8 +440,9 @@ class Study:
         Signs of an unstable loop are added to the faults.
         """
         quarter = round(0.5 * TAIL_S / self.robot.sync_period_s)
-        f_al = trace.f_al_hz
-        swing = 1e3 * above_band(trace.tip_m_s2, self.robot.sync_period_s, f_al) / (2.0 * math.pi * f_al) ** 2
+        f_al, period_s = trace.f_al_hz, self.robot.sync_period_s
+        above = scipy.signal.butter(2, tip_scale(f_al).band_hz[0], "highpass", fs=1.0 / period_s, output="sos")
+        swing = 1e3 * scipy.signal.sosfiltfilt(above, trace.tip_m_s2) / (2.0 * math.pi * f_al) ** 2
         before, last = swing[-2 * quarter : -quarter], swing[-quarter:]
         residual = float(np.max(np.abs(last)))
         if residual > SEEN_FRACTION * self.tip_mm and np.std(last) > DECAY * np.std(before):

@@ -16,11 +16,11 @@ import pytest
 from typer.testing import CliRunner
 
 from drive_profiles.files.toml import FileError, load, loads
-from hil.analysis import constant_acceleration_metrics, line_motion_metrics, tip_scale
+from hil.analysis import constant_acceleration_metrics, line_motion_metrics, tip_displacement_mm, tip_scale
 from hil.bench.bench import load_bench
 from hil.bench.design import DesignedAxis, Designs, notch_table
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
-from hil.design.frequency import Loop, TwoInertia, margins
+from hil.design.frequency import Loop, margins
 from hil.recording import Recording
 from hil.robot_tables import Control
 from plant_emulator.cli.main import app
@@ -28,8 +28,7 @@ from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import REFERENCE, load_robot
 from plant_emulator.robots.tuning import REFERENCE_TUNING, Tuning, load_tuning, robot_tuning
 from plant_emulator.studies import summary as robustness_summary
-from plant_emulator.studies import tip_metrics
-from plant_emulator.studies.closed_loop import arm_peak_hz, frozen_law, growth_per_s
+from plant_emulator.studies.closed_loop import frozen_law, growth_per_s, linear_plant
 from plant_emulator.studies.figure import figure_svg
 from plant_emulator.studies.robustness import PlantRunResult, Study
 from plant_emulator.studies.simulate import simulate
@@ -98,8 +97,8 @@ def test_an_encoder_error_of_the_2nd_order_moves_the_arm_like_a_transmission_err
     bare = made.run(dataclasses.replace(plant, robot=quiet), source)
     other = made.run(dataclasses.replace(plant, robot=quiet.model_copy(update={"axis": {2: wrong}})), source)
     inside = made._window(bare)
-    apart = tip_metrics.tip_displacement_mm(other.tip_m_s2 - bare.tip_m_s2, 0.002, bare.f_al_hz)[inside]
-    own = tip_metrics.tip_displacement_mm(bare.tip_m_s2, 0.002, bare.f_al_hz)[inside]
+    apart = tip_displacement_mm(other.tip_m_s2 - bare.tip_m_s2, 0.002, tip_scale(bare.f_al_hz))[inside]
+    own = tip_displacement_mm(bare.tip_m_s2, 0.002, tip_scale(bare.f_al_hz))[inside]
     assert 0.1 < np.max(np.abs(apart)) / np.max(np.abs(own)) < 0.3
     assert other.columns[0, 0, 0] == bare.columns[0, 0, 0]
 
@@ -139,18 +138,12 @@ def test_the_line_motions_metrics_are_those_of_the_report():
     assert study(None, {}).judge(0).area_reduction_percent is None
 
 
-@pytest.mark.parametrize("number", [2, 3])
-def test_f_al_is_the_designers(number):
-    known = BENCH.axis[number].loop(250e-6)
-    assert arm_peak_hz(ROBOT.axis[number], known.cascade, 250e-6) == pytest.approx(known.peak_hz(), abs=1e-4)
-
-
 @pytest.mark.parametrize("notches", [(), NOTCHES[2], (Notch(mode=NOTCH_TRAPEZOID), Notch(order=4, start_rps=2.0, end_rps=4.0))])
 @pytest.mark.parametrize("gain", [1.0, 12.0])
 def test_the_slowest_pole_is_the_designers(notches, gain):
     """At a gain twelve times too high the loop is unstable; both say so, and how fast it grows."""
     axis = ROBOT.axis[2]
-    plant = TwoInertia(**{f.name: getattr(axis, f.name) for f in dataclasses.fields(TwoInertia)})
+    plant = linear_plant(axis)
     cascade = dataclasses.replace(CONTROLS[2].cascade(), velocity_gain_nm_s_rad=gain * 0.196)
     speeds = (0.0, 3.0, 4.5, 6.0, 8.5)
     loop = Loop(plant, cascade, notches)
