@@ -4,7 +4,7 @@ Every page states it.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.results.arm import ArmResult
@@ -36,7 +36,12 @@ def origin_of(result: MeasuredResult) -> Origin:
     bench = result.bench.file
     parts = [f"axis {number}" for number in bench.axis]
     parts += ["accelerometer"] if bench.accelerometer.node_id is not None else []
-    return _origin(result.emulated, result.emulated_parts, parts)
+    origin = _origin(result.emulated, result.emulated_parts, parts)
+    if not result.unknown_keys:
+        return origin
+    keys = ", ".join(result.unknown_keys)
+    words = f"Another version wrote this result; this one does not know these keys of its bench file: {keys}."
+    return replace(origin, band=f"{origin.band} {words}".strip())
 
 
 def origin_of_table(result: TreatmentTable) -> Origin:

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
 from drive_profiles.files.safefile import naming
 from drive_profiles.version import DISTRIBUTION, version_text
@@ -193,6 +193,16 @@ class MeasuredResult(Result):
     all_disabled: bool | None = None
     not_restored: tuple[str, ...] | None = None
     drive_remarks: tuple[str, ...] | None = None
+    _unknown_keys: tuple[str, ...] = PrivateAttr(default=())
+
+    @property
+    def unknown_keys(self) -> tuple[str, ...]:
+        """Keys of the bench file that this version does not know, where another one has written the result."""
+        return self._unknown_keys
+
+    def leave_out(self, keys: Iterable[str]) -> None:
+        """Note keys of the bench file that this version does not know."""
+        self._unknown_keys = tuple(keys)
 
     def note_emulation(self, answers: Mapping[str, bool | None]) -> None:
         """Note which parts of the bench are emulated.

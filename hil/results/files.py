@@ -10,7 +10,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from hil.errors import HilError
 from hil.results.arm import ArmResult
 from hil.results.ate import AteResult
-from hil.results.base import RESULT_FILE, SCHEMA, Result
+from hil.results.base import RESULT_FILE, SCHEMA, MeasuredResult, Result
 from hil.results.comparison import ComparisonResult, TourResult
 from hil.results.learning import LearningResult, MotionLearningResult
 from hil.results.notch_design import NotchDesignResult
@@ -77,10 +77,42 @@ def load_any(path: Path) -> AnyResult:
     kinds = [kind.model_fields["kind"].default for kind in get_args(get_args(AnyResult)[0])]
     if value.get("kind") not in kinds:
         raise ResultFileError(path, f"its kind is {value.get('kind')!r}; expected one of {', '.join(kinds)}")
+    text = _with_orders(value) if value.get("kind") in {"learn", "identify-ate"} else text
     try:
-        return _ANY.validate_json(_with_orders(value) if value.get("kind") in {"learn", "identify-ate"} else text)
+        return _ANY.validate_json(text)
+    except ValidationError as error:
+        unknown = _unknown_bench_keys(error)
+        if not unknown:
+            raise ResultFileError(path, _problems(error)) from error
+    return _without(unknown, json.loads(text), path)
+
+
+def _unknown_bench_keys(error: ValidationError) -> list[tuple[str, ...]]:
+    """Return the places of keys in a result's bench file that this version does not know.
+
+    The result is empty if anything else is wrong too.
+    """
+    places = [
+        tuple(str(each) for each in problem["loc"][1:]) for problem in error.errors() if problem["type"] == "extra_forbidden"
+    ]
+    only = len(places) == error.error_count() and all(place[:2] == ("bench", "file") for place in places)
+    return places if only else []
+
+
+def _without(unknown: list[tuple[str, ...]], value: dict[str, Any], path: Path) -> AnyResult:
+    """Read a result of another version, whose bench file has keys that this one does not know."""
+    for place in unknown:
+        table = value
+        for key in place[:-1]:
+            table = table[int(key)] if isinstance(table, list) else table[key]
+        table.pop(place[-1])
+    try:
+        result = _ANY.validate_json(json.dumps(value))
     except ValidationError as error:
         raise ResultFileError(path, _problems(error)) from error
+    if isinstance(result, MeasuredResult):
+        result.leave_out(".".join(place[2:]) for place in unknown)
+    return result
 
 
 def _with_orders(value: dict[str, Any]) -> str:

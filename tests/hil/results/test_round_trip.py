@@ -15,6 +15,7 @@ from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedArm, IdentifiedError, IdentifiedPlant
 from hil.design.notch_problem import Requirements
 from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.report.origin import origin_of
 from hil.results.ate import AteResult
 from hil.results.base import SCHEMA, MeasuredBench, Result
 from hil.results.comparison import ComparisonResult, TourResult
@@ -196,4 +197,20 @@ def test_an_unknown_key_is_a_mistake_and_not_left_alone(tmp_path):
     value = json.loads(ExperimentsResult(bench=measured_bench()).dumps()) | {"runz": []}
     (tmp_path / "result.json").write_text(json.dumps(value), encoding="utf-8")
     with pytest.raises(ResultFileError, match="runz: Extra inputs are not permitted"):
+        load_any(tmp_path / "result.json")
+
+
+def test_a_result_of_a_version_whose_bench_file_had_other_keys_is_read_and_says_which(tmp_path):
+    value = json.loads(ExperimentsResult(bench=measured_bench(), runs=[run_entry()], emulated=True).dumps())
+    value["bench"]["file"]["axis"]["2"]["limits"]["jerk_rps_s2"] = 5.0
+    value["bench"]["file"]["colour"] = "red"
+    (tmp_path / "result.json").write_text(json.dumps(value), encoding="utf-8")
+    result = load_any(tmp_path / "result.json")
+    assert result.bench.file == BENCH
+    assert sorted(result.unknown_keys) == ["axis.2.limits.jerk_rps_s2", "colour"]
+    assert origin_of(result).band.endswith("does not know these keys of its bench file: axis.2.limits.jerk_rps_s2, colour.")
+    assert origin_of(result).is_emulated
+    del value["bench"]["file"]["axis"]["2"]["reduction_ratio"]
+    (tmp_path / "result.json").write_text(json.dumps(value), encoding="utf-8")
+    with pytest.raises(ResultFileError, match=r"axis\.2\.reduction_ratio: Field required"):
         load_any(tmp_path / "result.json")
