@@ -9,7 +9,6 @@ import os
 import re
 import threading
 import time
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -48,7 +47,7 @@ from hil.report.tables.paper_runs import value_and_error
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
 from hil.results.comparison import TourPart, TourResult, TourStep
-from hil.results.revealed import facts_of
+from hil.results.revealed import facts_of, load_truth
 
 T = TypeVar("T")
 Step = Callable[[], tuple[str, str]]
@@ -396,13 +395,9 @@ def _told(runner: _TourRunner, request: ComparisonRequest, comparisons: list[Com
 def _revealed(robot: DrawnRobot, runner: _TourRunner) -> dict[str, Any]:
     """True numbers of the drawn robot, beside the identified ones."""
     (runner.out / ROBOT_FILE).write_bytes(robot.robot_file.read_bytes())
-    truth: dict[str, Any] = tomllib.loads(robot.robot_file.read_text(encoding="utf-8"))
+    truth = load_truth(robot.robot_file)
     known = load_identified(runner.model).axis if runner.model.is_file() else {}
-    facts = [
-        fact
-        for number in runner.axes
-        for fact in facts_of(number, truth["axis"][str(number)], known.get(number, IdentifiedAxis()))
-    ]
+    facts = [fact for number in runner.axes for fact in facts_of(number, truth.axis[number], known.get(number, IdentifiedAxis()))]
     return {"robot_file": ROBOT_FILE, "seed": robot.seed, "facts": tuple(facts)}
 
 
