@@ -318,9 +318,7 @@ class Run:
         if found == CORE.call.OFFSET_BEYOND_LIMIT:
             limit = slot.axis.table.limits.torque_nm
             return f"axis {slot.axis.number}: a torque offset of {data.value:.3g} N·m, the limit is {limit:g} N·m"
-        return guard.words(
-            found, slot.status_word, slot.position_rad, self._references[row], slot.torque_nm, slot.missing
-        )
+        return guard.words(found, slot.status_word, slot.position_rad, self._references[row], slot.torque_nm, slot.missing)
 
     def _tell(self, row: int | None) -> None:
         """Pass the last cycle's measurements to a sensing adder."""
