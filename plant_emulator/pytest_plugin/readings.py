@@ -25,8 +25,7 @@ class AccelerometerReadings:
         """
         session = self._session
         if session.held is not None:
-            x, y, z = session.sensor.acceleration_m_s2
-            return x, y, z
+            return session.held.tip_m_s2
         node, network = session.bench.accelerometer.node_id, session.network
         if node is None:
             raise NotPossibleError("an accelerometer on a serial port is read in a run; see the columns of its recording")
