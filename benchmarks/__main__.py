@@ -30,10 +30,10 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         "master": [(
             "The master's path",
             "Cycles per second of SYNC, N answers of 8 bytes, the servo law and N set-points. The N nodes only echo, in a "
-            "process of their own on the same core. Ours: `CyclicExchange.exchange`, the law, and the scaling before and after "
-            "it. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, as threads of one process. Bare: "
-            "the same records, packed beforehand, written to and read from the same kind of socket, without law or checks; no "
-            "master in Python can be faster on this path.",
+            "process of their own on the same core. Ours is `Run.step`: the exchange, the checks of every axis, its law, and a "
+            "row of the recording. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, as threads of "
+            "one process. Bare: the same records, packed beforehand, written to and read from the same kind of socket, without "
+            "law or checks; no master in Python can be faster on this path.",
             master_path,
         )],
         "bench": [(

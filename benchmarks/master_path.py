@@ -30,8 +30,11 @@ from hil.control.servo import Servo, ServoConfig
 from hil.control.servo_bank import ServoBank
 from hil.master.cyclic import FEEDBACK, POSITION_COMMAND, CyclicExchange
 from hil.master.drive.axis import DriveAxis
+from hil.master.motion import Motion
 from hil.master.network import Network
+from hil.master.run import Run, RunLimits
 from hil.master.sensor import JointsOnly
+from hil.master.supervision import Supervisor
 from hil.recording import BusLog
 
 SHARE_S = 0.25
@@ -39,6 +42,8 @@ SHARE_S = 0.25
 PERIOD_S = 250e-6
 CHECKED, SWING = 100, 10.0
 """Cycles that are compared before any is timed, and how far the first node's position swings in them, in counts."""
+SILENCE_S = 1e6
+"""Heartbeats of the bench, since the nodes send none."""
 VCAN = "vcan0"
 
 
@@ -100,7 +105,7 @@ def rate(cycle: Callable[[], object]) -> float:
 
 
 def ours(channel: Channel, count: int) -> Contender:
-    """A cycle of the shipped master: `CyclicExchange.exchange` and the servo law, in SI through the axes' scaling."""
+    """A cycle of the shipped master: `Run.step`, which exchanges, checks the axes and closes their loops."""
     bench = bench_of(1)
     network = Network(channel, BusLog(None), 1.0, PERIOD_S)
     axes = [DriveAxis(network, n + 1, bench.axis[SINGLE]) for n in range(count)]
@@ -108,16 +113,16 @@ def ours(channel: Channel, count: int) -> Contender:
         axis.scaling = scale()
     exchange = EchoExchange(network, axes, JointsOnly(), PERIOD_S, loop="drive", with_notch_state=False, max_lateness_s=1.0)
     exchange.configure()
-    configs = [law.config for law in laws(count)]
-    bank, references = ServoBank(configs, PERIOD_S), [0.0] * count
+    supervisor = Supervisor(network, bench.bus.model_copy(update={"heartbeat_s": SILENCE_S}))
+    supervisor.begin(axis.number for axis in axes)
+    rest = Motion(tuple(axis.number for axis in axes), PERIOD_S * np.arange(2), np.zeros((2, count)), starts_at_home=True)
+    bank, references = ServoBank([law.config for law in laws(count)], PERIOD_S), [0.0] * count
+    run = Run(rest, axes, exchange, RunLimits.of(bench), supervisor, references, bank=bank)
 
     def cycle() -> None:
-        exchange.exchange()
+        run.step(references, 0)
         if exchange.missing_answers:
             raise RuntimeError("a node has not answered")
-        torques = bank.step(references, [slot.position_rad for slot in exchange.slots])
-        for slot, torque in zip(exchange.slots, torques, strict=True):
-            slot.target = slot.axis.scaling.torque_per_mille(torque)
 
     def put(targets: list[int]) -> None:
         for slot, target in zip(exchange.slots, targets, strict=True):

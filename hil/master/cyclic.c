@@ -1,7 +1,5 @@
 #include "cyclic.h"
 
-#include <string.h>
-
 /* Bytes of each content. */
 static const integer lengths[] = {8, 5, 4, 6};
 
@@ -21,12 +19,24 @@ static integer integer32(const uint8_t *data)
 /* A REAL32 of the bus. */
 static real real32(const uint8_t *data)
 {
-    const uint32_t bits = (uint32_t)data[0] | (uint32_t)data[1] << 8 | (uint32_t)data[2] << 16 | (uint32_t)data[3] << 24;
-    float value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
+    const union {
+        uint32_t bits;
+        float value;
+    } number = {(uint32_t)data[0] | (uint32_t)data[1] << 8 | (uint32_t)data[2] << 16 | (uint32_t)data[3] << 24};
+    return number.value;
 }
 
+/* Identifier of a record, in the byte order of this machine. */
+static integer identifier(const uint8_t *record)
+{
+    const union {
+        uint8_t bytes[4];
+        uint32_t value;
+    } number = {{record[0], record[1], record[2], record[3]}};
+    return number.value;
+}
+
+/* Write the lowest bytes of a number; returns what is behind them. */
 static uint8_t *put(uint8_t *data, integer value, int bytes)
 {
     for (int i = 0; i < bytes; i++) {
@@ -62,16 +72,17 @@ integer take_answer(struct exchange *e, integer which, const uint8_t *data, inte
     if (length != lengths[answer->content]) {
         return 0;
     }
-    struct axis_data *axis = &e->axes[answer->row];
     switch (answer->content) {
-    case FEEDBACK:
+    case FEEDBACK: {
+        struct axis_data *axis = &e->axes[answer->row];
         axis->status_word = data[0] | data[1] << 8;
         axis->position_counts = integer32(data + 2);
         axis->torque_per_mille = integer16(data + 6);
         break;
+    }
     case FILTER_STATE: {
         const real frequency_hz = real32(data + 1);
-        axis->notch_hz = data[0] != 0 && isfinite(frequency_hz) ? frequency_hz : 0.0;
+        e->axes[answer->row].notch_hz = data[0] != 0 && isfinite(frequency_hz) ? frequency_hz : 0.0;
         break;
     }
     case JOINT_POSITION:
@@ -100,9 +111,7 @@ integer take_message(struct exchange *e, const uint8_t *message, integer size)
     for (integer which = 0; which < e->answer_count; which++) {
         const struct answer *answer = &e->answers[which];
         const uint8_t *record = message + which * RECORD_BYTES;
-        uint32_t can_id;
-        memcpy(&can_id, record, sizeof can_id);
-        if (can_id != answer->can_id || (answer->content == FEEDBACK && record[LENGTH_AT] != lengths[FEEDBACK])) {
+        if (identifier(record) != answer->can_id || (answer->content == FEEDBACK && record[LENGTH_AT] != lengths[FEEDBACK])) {
             return 0;
         }
     }

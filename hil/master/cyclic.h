@@ -17,16 +17,16 @@ enum { POSITION_COMMAND, TORQUE_COMMAND, OFFSET_COMMAND };
 
 /* Process data of one axis; the newest value wins. */
 struct axis_data {
-    integer command;          /* content of its RPDO */
-    integer control_word;     /* for the next cycle, as the two below */
-    integer target;           /* set-point: counts, or per mille of the rated torque */
-    integer torque_offset;    /* per mille of the rated torque */
-    integer status_word;      /* as of the last answer, as the three below */
+    integer command;       /* content of its RPDO */
+    integer control_word;  /* of the next cycle, as the two below */
+    integer target;        /* set-point: counts, or per mille of the rated torque */
+    integer torque_offset; /* per mille of the rated torque */
+    integer status_word;   /* of the last answer, as the three below */
     integer position_counts;
     integer torque_per_mille;
-    real notch_hz;            /* zero frequency of the first filter, 0 while it is out */
-    integer missing;          /* cycles in a row without an answer */
-    real counts_per_rad;      /* with the sign of the polarity */
+    real notch_hz;       /* zero frequency of the first filter, 0 while it is out */
+    integer missing;     /* cycles in a row without an answer */
+    real counts_per_rad; /* with the sign of the polarity */
     real rad_per_count;
     real per_mille_per_nm;
     real nm_per_mille;
@@ -63,7 +63,7 @@ struct exchange {
     integer answer_count;
     integer pending; /* answers that have not come in this cycle */
     integer lowest;  /* the first of them */
-    integer tip;     /* how it is measured */
+    integer tip;     /* TIP_ELSEWHERE, TIP_BY_NODE or TIP_BY_JOINTS */
     integer tip_has_come;
     real tip_scale; /* m/s^2 per step */
     real tip_m_s2[3];

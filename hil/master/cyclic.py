@@ -241,6 +241,8 @@ class CyclicExchange:
         heads = [Frame(slot.command_id, bytes(_COMMAND_BYTES[slot.data.command])) for slot in self.slots]
         self._message = bytearray(b"".join(map(pack, (*heads, SYNC))))
         self._message_data = CORE.pointer(np.frombuffer(self._message, np.uint8), "uint8_t")
+        places = range(_DATA, len(self._message), _RECORD)
+        self._contents = [(can_id, slice(at, at + len(data))) for (can_id, data), at in zip(heads, places, strict=False)]
         self._fits_message = len(heads) < MAX_RECORDS
 
     def command(self) -> bytes:
@@ -250,11 +252,8 @@ class CyclicExchange:
 
     def commands(self) -> list[Frame]:
         """The frames of this cycle's RPDOs."""
-        message, starts = self.command(), range(_DATA, len(self._message), _RECORD)
-        return [
-            Frame(slot.command_id, message[start : start + _COMMAND_BYTES[slot.data.command]])
-            for slot, start in zip(self.slots, starts, strict=False)
-        ]
+        message = self.command()
+        return [Frame(can_id, message[content]) for can_id, content in self._contents]
 
     def restore(self, nodes: set[int]) -> list[str]:
         """Restore the former PDOs of the sensor and of these nodes.

@@ -13,22 +13,22 @@ enum { IN_ORDER, SILENT, NOT_IN_OPERATION, TOO_FAST, BEYOND_LIMITS, TOO_MUCH_TOR
 
 /* Limits of an axis in the units of its measurements, and what is known from the cycles before. */
 struct guard {
-    integer missing_limit; /* answers in a row that may be missing, less one */
+    integer missing_limit; /* missing answers in a row that stop a run */
     real period_s;
     real reach_rad; /* the largest turn within a period */
     real low_rad;
     real high_rad;
     real torque_nm;
-    real window_rad;    /* following error */
-    real window_s;      /* how long it may last */
-    integer discarded;  /* impossible positions so far */
-    integer has_last;   /* 1 if last_rad is a position */
+    real window_rad;     /* following error */
+    real window_s;       /* time that it may last */
+    integer discarded;   /* impossible positions so far */
+    integer has_last;    /* 1 if last_rad is a position */
     real last_rad;
-    integer cycles;     /* since that position */
+    integer cycles;      /* since that position */
     integer may_be_late; /* positions to come that may be a period older than they seem */
-    integer wild;       /* impossible positions in a row */
-    real wild_rps;      /* speed by the last of them */
-    real beyond_s;      /* how long the following error has lasted */
+    integer wild;        /* impossible positions in a row */
+    real wild_rps;       /* speed by the last of them */
+    real beyond_s;       /* time that the following error has lasted */
 };
 
 /* 1 if the axis can be at a position, by the motor's speed limit and the time since the last position.

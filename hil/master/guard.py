@@ -1,6 +1,6 @@
 """The master's checks of limits and of the drives' health.
 
-Pure: values in, reasons to stop out. The checks of an axis are those of `guard.h`; their words are here.
+Pure: values in, reasons to stop out. `guard.h` has the checks of an axis, this module their words.
 """
 
 import math
@@ -14,7 +14,7 @@ GUARD = CORE.dtype("guard")
 
 
 class AxisGuard:
-    """Watches one axis, cycle by cycle: first `accepts`, then `check`.
+    """Limits of one axis for the core's checks, and the words of what they find.
 
     Args:
         number: Axis number.
@@ -41,33 +41,19 @@ class AxisGuard:
         """Number of impossible positions so far."""
         return int(self.data.discarded)
 
-    def accepts(self, position_rad: float, missing: int) -> bool:
-        """True if the axis can be at a position; see `guard_accepts`.
+    def words(
+        self, found: int, status_word: int, position_rad: float, reference_rad: float, torque_nm: float, missing: int
+    ) -> str:
+        """Return what `guard_check` has found, in words.
 
         Args:
-            position_rad: Motor angle received in this cycle.
-            missing: Cycles in a row without an answer.
-        """
-        return bool(CORE.call.guard_accepts(self.data, position_rad, missing))
-
-    def check(self, status_word: int, position_rad: float, reference_rad: float, torque_nm: float, missing: int) -> str | None:
-        """The reason to stop, or None.
-
-        Args:
+            found: Its result, which is not `IN_ORDER`; the other values are those that it was given.
             status_word: Status word received in this cycle.
             position_rad: Motor angle received in this cycle.
             reference_rad: Wanted motor angle.
             torque_nm: Motor torque received in this cycle.
-            missing: Cycles in a row without an answer; above 0 the other values are not checked.
+            missing: Cycles in a row without an answer.
         """
-        values = status_word, position_rad, reference_rad, torque_nm, missing
-        found = CORE.call.guard_check(self.data, *values)
-        return self.words(found, *values) if found else None
-
-    def words(
-        self, found: int, status_word: int, position_rad: float, reference_rad: float, torque_nm: float, missing: int
-    ) -> str:
-        """What `guard_check` has found, in words; its values are those of `check`."""
         name, limits, turn = f"axis {self.number}", self.table.limits, 2.0 * math.pi
         if found == CORE.call.SILENT:
             return f"{name} has not answered for {missing} cycles"
@@ -84,13 +70,6 @@ class AxisGuard:
             return f"{name} gives {torque_nm:.3g} N·m, the limit is {limits.torque_nm:g} N·m"
         behind, limit = f"{abs(position_rad - reference_rad) / turn:.3f}", f"{limits.following_error_rev:g}"
         return f"{name} is {behind} rev behind its set-point, the limit is {limit} rev"
-
-    def skip(self) -> None:
-        """Note a cycle without a measurement.
-
-        The next position is more than a period away from the last.
-        """
-        CORE.call.guard_skip(self.data)
 
 
 def heartbeat_fault(node: int, last_s: float | None, now_s: float, since_s: float, heartbeat_s: float) -> str | None:

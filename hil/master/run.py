@@ -127,8 +127,10 @@ class Run:
         rows = [CORE.pointer(each) for each in self._values]
         self._references, self._additions, self._offsets = rows[: call.POSITION_ROW]
         self._all = slice(0, count)
-        offsets = motion.torque_offset_nm
-        self._motion_offsets = None if offsets is None else CORE.pointer(np.array(offsets, np.float64, order="C"))
+        self._motion_offsets = None
+        if motion.torque_offset_nm is not None:
+            offsets = np.broadcast_to(motion.torque_offset_nm, (len(motion.time_s), count))
+            self._motion_offsets = CORE.pointer(np.array(offsets, np.float64, order="C"))
         self._rows = CORE.pointer(self.table.values)
         data = self.data = CORE.new("run")
         data.exchange, data.guards, data.axes, data.values = self.exchange.data, self._guard_data, self._records, rows[0]
@@ -268,15 +270,14 @@ class Run:
         It is recorded if a row is given. Host-closed, the laws run on the values just received, and their torques are
         sent with the next cycle.
         """
+        place = -1 if row is None else self.table.place(row)
         self._references[self._all] = references
         if self.bank is None:
             self._set_points(references, row)
         self._cycle()
-        if row is None:
-            found = _end_cycle(self.data, -1, self.exchange.was_dropped)
-        else:
-            self.table.begin(row)
-            found = _end_cycle(self.data, row, self.exchange.was_dropped)
+        found = _end_cycle(self.data, place, self.exchange.was_dropped)
+        if row is not None:
+            self.table.rows = row + 1
         if found:
             raise RunStopError(self._own_fault() or self.supervisor.fault() or self._with_bus_errors(self._words(found)))
         reason = self.supervisor.fault()

@@ -34,15 +34,15 @@ class RunTable:
         self.values = np.full((len(time_s), _COMMON + _PER_AXIS * axes + encoders), 0.0)
         self.values[:, 0] = time_s
 
-    def begin(self, row: int) -> None:
-        """Let a row be the last one.
+    def place(self, row: int) -> int:
+        """Return a row that the core may fill.
 
         Raises:
             IndexError: The motion has no such row.
         """
         if not 0 <= row < len(self.values):
             raise IndexError(f"row {row} of a motion of {len(self.values)} rows")
-        self.rows = row + 1
+        return row
 
     def recording(self, axes: Sequence[int], *, with_notch: bool, encoders: Sequence[int] = ()) -> Recording:
         """The rows that are kept, as columns.

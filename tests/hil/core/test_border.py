@@ -96,6 +96,24 @@ def test_any_number_goes_through_the_cancellation(rows, step_rps, lowpass_hz):
         CORE.call.cancel(*shared, CORE.pointer(waves), CORE.pointer(table), 1, 2, 4, 1e-3, CORE.pointer(values))
 
 
+@given(st.lists(st.tuples(st.integers(0, 3), st.binary(max_size=8)), max_size=8), st.binary(max_size=64), st.booleans())
+@settings(max_examples=300)
+def test_any_bytes_go_through_the_taking_of_answers(frames, message, is_whole):
+    axes, joints = np.zeros(1, CORE.dtype("axis_data")), np.zeros(1, CORE.dtype("joint_data"))
+    answers, exchange = np.zeros(4, CORE.dtype("answer")), CORE.new("exchange")
+    answers["content"] = range(4)
+    kept = [CORE.pointer(axes, "axis_data"), CORE.pointer(joints, "joint_data"), CORE.pointer(answers, "answer")]
+    exchange.axes, exchange.joints, exchange.answers = kept
+    exchange.axis_count, exchange.joint_count, exchange.answer_count = 1, 1, 4
+    CORE.call.await_answers(exchange)
+    message = b"".join(bytes(4) + message[i : i + 1] + message[i : i + 11].ljust(11) for i in range(4)) if is_whole else message
+    CORE.call.take_message(exchange, message, len(message))
+    for which, data in frames:
+        CORE.call.take_answer(exchange, which, data, len(data))
+    CORE.call.count_answers(exchange)
+    assert exchange.missing_answers == exchange.pending == 4 - np.count_nonzero(answers["has_come"])
+
+
 @given(st.binary(max_size=400), st.integers(0, 5))
 @settings(max_examples=300)
 def test_any_bytes_go_through_the_reader_of_logs_within_their_room(text, room):

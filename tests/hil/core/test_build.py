@@ -129,6 +129,8 @@ def test_the_property_tests_pass_on_a_core_that_watches_its_memory_and_its_arith
         "no:cacheprovider",
         "tests/hil/core/test_law.py",
         "tests/hil/core/test_border.py",
+        "tests/hil/master/test_guard.py",
+        "tests/hil/master/test_run.py",
     ]
     words += ["tests/plant_emulator/core", "-m", "not slow"]
     environment = os.environ | {"LD_PRELOAD": " ".join(preload), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONPATH": str(folder)}

@@ -19,11 +19,25 @@ STEP_RAD = AXIS.limits.speed_rps * TURN * PERIOD_S
 ENABLED = 0x0637
 
 
-def guard() -> AxisGuard:
-    return AxisGuard(2, AXIS, BENCH.bus.missing_limit, PERIOD_S)
+class Watch(AxisGuard):
+    """The checks of the core with the words of Python."""
+
+    def accepts(self, position_rad: float, missing: int) -> bool:
+        return bool(CORE.call.guard_accepts(self.data, position_rad, missing))
+
+    def check(self, *values: float) -> str | None:
+        found = CORE.call.guard_check(self.data, *values)
+        return self.words(found, *values) if found else None  # type: ignore[arg-type]
+
+    def skip(self) -> None:
+        CORE.call.guard_skip(self.data)
 
 
-def reason(watch: AxisGuard, position: float, *, missing: int = 0, word: int = ENABLED, torque: float = 0.0) -> str | None:
+def guard() -> Watch:
+    return Watch(2, AXIS, BENCH.bus.missing_limit, PERIOD_S)
+
+
+def reason(watch: Watch, position: float, *, missing: int = 0, word: int = ENABLED, torque: float = 0.0) -> str | None:
     return watch.check(word, position, position, torque, missing)
 
 
@@ -145,7 +159,7 @@ def test_the_guard_is_its_specification(
     cycles: list[tuple[float | tuple[float], float, float, int, str]], missing_limit: int, period_s: float
 ) -> None:
     """Every verdict and all that is kept, to the last bit: steps and limits just reached, too far by one bit, and anything."""
-    watch = AxisGuard(2, AXIS, missing_limit, period_s)
+    watch = Watch(2, AXIS, missing_limit, period_s)
     plain = specification.Guard(AXIS, missing_limit, period_s)
     position, missing = 0.0, 0
     for step, behind, torque, word, kind in cycles:
