@@ -163,7 +163,7 @@ def claims(entries: list[RunEntry], limit_mm: float) -> tuple[TourClaim, ...]:
             claim=f"learnt: within ±{limit_mm:g} mm in the worst direction", asked=limit_mm, found=after.get("worst"), unit="mm"
         ),
         TourClaim(
-            claim="learnt: along each of them at most as much as with no treatment, except for the sensor's noise",
+            claim="learnt: in no direction more than with no treatment, except for the sensor's noise",
             asked=noise_mm,
             found=max(rises) if len(rises) == len(ALONG) else None,
             unit="mm",

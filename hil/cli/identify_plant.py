@@ -200,7 +200,7 @@ def _summary(result: "PlantResult") -> None:
     for name, symbol, unit in ROWS:
         if name in parameters:
             found = measured(parameters[name].value, parameters[name].standard_error)
-            typer.echo(f"  {symbol:<26}{found} {unit}".rstrip())
+            typer.echo(f"  {symbol:<30}{found} {unit}".rstrip())
     for remark in result.remarks:
         typer.echo(f"  note: {remark}")
     for line in result.cannot_tell or ():

@@ -95,7 +95,7 @@ class Treatment:
 
 
 TABLE: tuple[Treatment, ...] = (
-    Treatment("none", "nothing"),
+    Treatment("none", "untreated"),
     Treatment("low-gains", "gains halved", gain_factor=0.5),  # about what an engineer takes back until the arm is quiet
     Treatment("fixed-notch", "fixed notch", filters="fixed", loops=("host",), needs="model"),
     Treatment("notch", "notch", filters="variable"),

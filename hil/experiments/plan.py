@@ -67,7 +67,7 @@ class Experiment:
     def title(self) -> str:
         """Experiment in words."""
         where = "" if self.axis is None else f"axis {self.axis}, "
-        with_ = {"none": "without", "notch": "with the notch"}.get(self.treatment, TITLES[self.treatment])
+        with_ = "with the notch" if self.treatment == "notch" else TITLES[self.treatment]
         return f"{self.name}, {where}{self.loop}-closed, {with_}"
 
     @property

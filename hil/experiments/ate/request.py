@@ -73,8 +73,8 @@ class Goal:
             error, goal = estimate.amplitude_error_arcsec[order] / size, self.amplitude_fraction.get(order, AMPLITUDE_FRACTION)
             if error > goal:
                 name = f"A_{order:g}"
-                words = f"{name} has a standard error of {100.0 * error:.2g} %, {100.0 * goal:.2g} % is required"
-                words += f" of {size:.2g}″" if size > amplitude else ""
+                words = f"{name} has a standard error of {100.0 * error:.2g} %, {100.0 * goal:.2g} %"
+                words += f" of {size:.2g}″ is required" if size > amplitude else " is required"
                 most = GEAR_FRACTION_AT_MOST if is_gears else NEARLY * goal
                 missed.append(Miss(name, order, words, error / goal, error <= most))
             error_deg, goal_deg = estimate.phase_error_deg[order] * amplitude / size, self.phase_deg.get(order, PHASE_DEG)

@@ -230,7 +230,7 @@ def _multiples(
         panel = panels[number // 2, number % 2]
         behind = plain.get(row.loop)
         if behind is not None:
-            draw_vibration(panel, PlottedRun(behind.entry, behind.recording, "nothing", BEHIND), band, with_peak=False)
+            draw_vibration(panel, PlottedRun(behind.entry, behind.recording, "untreated", BEHIND), band, with_peak=False)
         draw_vibration(panel, PlottedRun(run.entry, run.recording, "with the treatment", style.WITH), band, with_peak=False)
         _shade(material, panel, axis, run.recording)
         reach = max(reach, finish_vibration(material, panel, f_al, with_name=False, with_scale=False))

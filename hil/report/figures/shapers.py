@@ -52,7 +52,7 @@ def after_stop(material: Material, axis: int, experiment: str, key: str, title: 
     figure, panels = style.panels(count, 2, 0.6 + 1.6 * count, sharex=True, sharey=True)
     for number, (run, recording) in enumerate(treated):
         panel = panels[number // 2, number % 2]
-        panel.plot(*_after(plain[1], axis), label="nothing", **style.WITHOUT)
+        panel.plot(*_after(plain[1], axis), label="untreated", **style.WITHOUT)
         panel.plot(*_after(recording, axis), label="with the shaper", **style.WITH)
         panel.axvline(0.0, **style.MARK)
         panel.set_title(_label(run, plain[0].tip_peak_mm))

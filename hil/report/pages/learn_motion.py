@@ -11,7 +11,7 @@ from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
 from hil.results.files import load_result
 from hil.results.learning import MotionLearningResult, ProbedPart, ProbingRun
 
-RUN_WORDS = {"base": "without", "probe": "probing", "applied": "with what follows"}
+RUN_WORDS = {"base": "untreated", "probe": "probing", "applied": "with the cancellation"}
 
 
 def write_motion_learning_report(directory: Path, *, is_interactive: bool = False) -> Path:

@@ -126,7 +126,7 @@ def test_the_demo_shows_the_tour_and_links_to_it(full_directory, tmp_path):
     out = demo_with(tour(robot(ROWS)), full_directory, tmp_path)
     table = page._own_robot(Material(out))
     assert "href='tour/report.html'" in table.caption
-    assert [cells[0] for cells in table.rows] == ["nothing", "gains halved", "notch"]
+    assert [cells[0] for cells in table.rows] == ["untreated", "gains halved", "notch"]
     assert typeset(table.caption) == table.caption
     own = write_compare_report(out / "tour").read_text()
     assert '<a href="x/report.html">report</a>' in own
