@@ -358,17 +358,11 @@ class World:
             ValueError: `until` lies before now.
         """
         if until < self.now:
-            raise self._backwards(until)
-        due = self.due
-        return self._move(until, is_due=due is not None and due <= until)
-
-    def _backwards(self, until: int) -> ValueError:
-        return ValueError(f"the world's time is {self.now} ns and does not go back to {until} ns")
-
-    def _move(self, until: int, *, is_due: bool) -> list[tuple[int, Frame]]:
-        """Do as `move` does, given whether a node is due then."""
+            raise ValueError(f"the world's time is {self.now} ns and does not go back to {until} ns")
         periods = (until - self._mechanics_ns) // self._control_period_ns
+        due = self.due
         self.now = until
+        is_due = due is not None and due <= until
         if periods <= 0 and not is_due:
             return []  # nothing has moved, and no drive has anything new to look at
         frames: list[tuple[int, Frame]] = []
@@ -408,13 +402,11 @@ class World:
         Raises:
             ValueError: `until` lies before now.
         """
-        if until < self.now:
-            raise self._backwards(until)
         frames: list[Frame] = []
         while True:
             due = self.due
             stop = until if due is None or due > until else due
-            frames += [frame for _, frame in self._move(stop, is_due=due is not None and due <= until)]
+            frames += [frame for _, frame in self.move(stop)]
             if stop >= until:
                 return frames
 
