@@ -154,6 +154,7 @@ class Drive:
         }
         self.data.on_units = self._report_change
         self.inputs.on_sto = self._set_torque_off
+        self.inputs.on_forced = self._report_change
         self._faults.on_lack = self._set_status
         slave.on_nmt = self._on_nmt
         slave.on_heartbeat_lost = self._on_heartbeat_lost

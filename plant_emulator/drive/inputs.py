@@ -36,6 +36,7 @@ class DigitalInputs:
     Attributes:
         is_sto_active: True while safe torque off holds the power stage off.
         on_sto: Called when that changes.
+        on_forced: Called when inputs are forced or released.
     """
 
     def __init__(self, axes: Axes, number: int, dictionary: Dictionary) -> None:
@@ -49,6 +50,7 @@ class DigitalInputs:
         row = axes.row(number)
         self.is_sto_active = False
         self.on_sto: Callable[[bool], None] = lambda _: None
+        self.on_forced: Callable[[], None] = lambda: None
         self._motion: Any = axes.motion[row]
         self._row, self._levels = row, live(axes.motion, "inputs")
         self._listeners: dict[str, tuple[int, EdgeListener]] = {}
@@ -136,6 +138,7 @@ class DigitalInputs:
         motion["input_mask"] = int(motion["input_mask"]) | inputs
         forced = int(motion["forced_inputs"])
         motion["forced_inputs"] = forced | inputs if active else forced & ~inputs
+        self.on_forced()
 
     def set_sto(self, active: bool) -> None:
         """Close or open the contacts of safe torque off."""

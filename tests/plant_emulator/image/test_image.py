@@ -266,3 +266,14 @@ def test_a_message_that_is_refused_has_changed_nothing():
     twin.compare()
     assert twin.image.exchange(b"") is None
     assert twin.image.exchange(pack(twin.command(2))) is None, "no SYNC at its end"
+
+
+def test_a_switch_that_is_forced_after_a_cycle_stops_a_motor_that_goes_on_without_a_master():
+    twin = following((2,), Mode.CST)
+    for _ in range(40):
+        twin.cycle(twin.command(2, mode=Mode.CST, target=300))
+    for world in (twin.image, twin.slaves):
+        world.drives[2].inputs.force(POSITIVE_SWITCH)
+        world.free_step(world.now + 20_000_000)
+    twin.compare()
+    assert twin.image.drives[2].limit_switches.blocked
