@@ -30,10 +30,10 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         "master": [(
             "The master's path",
             "SYNC, N answers of 8 bytes, the servo law, N set-points: cycles per second against N nodes that only echo, a "
-            "process of their own on the same core. Ours is `Run.step`: the exchange, the checks of every axis, its law, "
-            "and a row of the recording. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, threads of one process. Bare: "
-            "the same records written and read on the same kind of socket, packed beforehand, nothing looked at, no law: no "
-            "master in Python on this path can be faster.",
+            "process of their own on the same core. Ours is `Run.step`: the exchange, the checks of every axis, its law, and a "
+            "row of the recording. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, threads of one "
+            "process. Bare: the same records written and read on the same kind of socket, packed beforehand, nothing looked at, "
+            "no law: no master in Python on this path can be faster.",
             master_path,
         )],
         "bench": [(
