@@ -90,7 +90,7 @@ class World:
         self._nodes_on: list[tuple[int, Slave]] = [(port, node.slave) for port, node in self._ports.items()]
         self._listeners: dict[int, list[tuple[int, Slave]]] = {}
         self._watches = False
-        self._image = ProcessImage(self.axes, self.accelerometer, self._sensor)
+        self._image = ProcessImage(self.axes, self.accelerometer, self._sensor, self.measure)
         self._is_laid_out = self._is_looked_at = self._can_be_plain = self._is_plain = False
         self._plain_period_ns = 0
         for slave in self._slaves:

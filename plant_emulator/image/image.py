@@ -4,7 +4,7 @@
 a drive that is being enabled or a mapping of other objects, is for the slaves; `look` decides it.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -51,18 +51,25 @@ class ProcessImage:
         is_in_order: True if each node's TPDOs have rising identifiers, so that a bus sends all in the order of these.
     """
 
-    def __init__(self, axes: Axes, accelerometer: AccelerometerNode, sensor: TipSensor) -> None:
+    def __init__(
+        self,
+        axes: Axes,
+        accelerometer: AccelerometerNode,
+        sensor: TipSensor,
+        measure: Callable[[], tuple[float, float, float]],
+    ) -> None:
         """Lay out what does not change.
 
         Args:
             axes: The mechanics, and the drives' process data.
             accelerometer: The node at the tip.
             sensor: Its sensor.
+            measure: Measurement of the node that the image replaces: by this sensor.
         """
         self.slaves: list[Slave] = []
         self.ports: list[int] = []
         self.is_in_order = False
-        self._sensor, self._accelerometer = sensor, accelerometer
+        self._sensor, self._accelerometer, self._measure = sensor, accelerometer, measure
         self._drives: list[Drive] = []
         self._idle: list[Drive] = []
         self._sampled: list[tuple[Tpdo, int]] = []
@@ -154,7 +161,8 @@ class ProcessImage:
             True if all drives only follow, and no frame waits for a SYNC.
         """
         is_plain = all(drive.write_process() for drive in self._drives) and all(drive.ignores_sync for drive in self._idle)
-        return is_plain and all(slave.is_settled for slave in self.slaves)
+        is_own = self._accelerometer.measure == self._measure
+        return is_plain and is_own and all(slave.is_settled for slave in self.slaves)
 
     def takes(self, message: bytes) -> bool:
         """Return True if `synchronise` takes these records now."""

@@ -122,6 +122,11 @@ class AccelerometerNode:
         """Start; return the boot-up frame."""
         return self.slave.power_on(now)
 
+    @property
+    def measure(self) -> Callable[[], tuple[float, float, float]]:
+        """Function that gives the sensor's output of this instant."""
+        return self._measure
+
     def sample(self) -> None:
         """Measure all channels.
 

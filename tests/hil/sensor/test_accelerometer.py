@@ -262,7 +262,7 @@ def test_both_tables_are_read():
         (BINARY_TOML, "<Hhhh", "<H999999999xhhh", "the limit is 256"),
         (BINARY_TOML, "<Hhhh", "<hhhh", "needs counter_modulo"),
         (BINARY_TOML, 'sync = "AA 55"', "", "needs sync and format"),
-        (BINARY_TOML, "460800", "115200", "need 120000 bit/s"),
+        (BINARY_TOML, "460800", "115200", "need baud_rate = 120000"),
         (BINARY_TOML, "[0.001, 0.001, 0.001]", "[0.001, 0, 0.001]", "has a 0"),
         (BINARY_TOML, "frame_bytes = 12", "max_age_s = 0.001", "less than two samples"),
     ],
@@ -446,7 +446,7 @@ def test_a_port_that_goes_is_told(terminal):
     ("port", "written", "says"),
     [
         ("/nonexistent", b"", "No such file"),
-        (None, b"", "nothing within 2 s; is it powered"),
+        (None, b"", "nothing within 2 s; check power and port"),
         (None, b"1,2,3\r\n" * 100, "700 bytes, 0 wrong checksums, 0 malformed"),
         (None, b"\xaa\x55" + bytes(50), "wrong checksums, 0 malformed frames; check baud_rate"),
     ],
