@@ -273,7 +273,7 @@ def test_learning_keeps_its_passes_and_stores_each_axis(tmp_path: Path) -> None:
     for asked, of, message in (
         (LearnRequest((4,)), bench, "has no axis 4"),
         (LearnRequest((3,), passes=1), bench, "2 are needed"),
-        (request, other, "is of 'reference'"),
+        (request, other, "is of robot 'reference'"),
     ):
         with pytest.raises(NotPossibleError, match=message):
             learn_on_bus(of, asked, tmp_path / "again", tmp_path / "model.toml", channel=InProcessChannel(world))

@@ -283,7 +283,7 @@ def aborting(place, code):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("code", "status", "words"), [
-    (0x0800_0022, 6, "present device state"), (0x0606_0000, 8, "not known"), (0, 8, "store again"),
+    (0x0800_0022, 6, "present device state"), (0x0606_0000, 8, "unknown"), (0, 8, "store again"),
 ])  # fmt: skip
 def test_a_store_is_judged_as_that_of_an_upload(code, status, words, monkeypatch):
     write = SdoPort.write
@@ -296,7 +296,7 @@ def test_a_store_is_judged_as_that_of_an_upload(code, status, words, monkeypatch
     assert ("drive-profiles restore --snapshot" in result.stderr) == (code == 0x0606_0000)
     assert held("position_gain_per_s") == (21 if code == 0 else before)
     monkeypatch.setattr(SdoPort, "write", aborting((0x1011, 1), code))
-    assert ("after the next reset are not known" in run("restore", "--defaults", "--node", "2", "--yes", code=status).stderr) == (
+    assert ("after the next reset are unknown" in run("restore", "--defaults", "--node", "2", "--yes", code=status).stderr) == (
         status == 8
     )
     monkeypatch.setattr(SdoPort, "write", write)
