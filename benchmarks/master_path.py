@@ -70,6 +70,10 @@ class Contender(NamedTuple):
         return found
 
 
+FAR = 1e6
+"""Limits of revolutions and of revolutions per second that no echo reaches."""
+
+
 class EchoExchange(CyclicExchange):
     """The exchange with nodes that need no configuration: their PDOs are what they are."""
 
@@ -108,7 +112,9 @@ def ours(channel: Channel, count: int) -> Contender:
     """A cycle of the shipped master: `Run.step`, which exchanges, checks the axes and closes their loops."""
     bench = bench_of(1)
     network = Network(channel, BusLog(None), 1.0, PERIOD_S)
-    axes = [DriveAxis(network, n + 1, bench.axis[SINGLE]) for n in range(count)]
+    table = bench.axis[SINGLE]  # an echo jumps: its limits are checked, and far away
+    far = table.limits.model_copy(update={"speed_rps": FAR, "position_min_rev": -FAR, "position_max_rev": FAR})
+    axes = [DriveAxis(network, n + 1, table.model_copy(update={"limits": far})) for n in range(count)]
     for axis in axes:
         axis.scaling = scale()
     exchange = EchoExchange(network, axes, JointsOnly(), PERIOD_S, loop="drive", with_notch_state=False, max_lateness_s=1.0)

@@ -68,7 +68,7 @@ def test_a_ramp_is_learnt_on_itself_and_the_tip_is_quieter_with_it(tmp_path: Pat
     assert result.base_rms_mm is not None
     assert kept[0].tip_rms_mm < 0.75 * result.base_rms_mm  # order 4 stays: it was not asked for
     assert [run.what for run in result.runs].count("base") == 3
-    assert any("with what is learnt" in line for line in motion_summary(outcome))
+    assert any("with the learnt cancellation" in line for line in motion_summary(outcome))
 
 
 @pytest.mark.slow
@@ -122,7 +122,7 @@ def test_a_probe_beyond_a_limit_is_refused_with_what_to_do(tmp_path: Path) -> No
         (
             0.78,
             UnsafeRequestError,
-            r"needs the rest of the limit; choose --pace 0\.8\d",
+            r"the rest of the limit is kept for vibration; choose --pace 0\.8\d",
         ),  # it can be followed, but without any room
     ],
 )

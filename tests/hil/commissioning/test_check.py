@@ -37,6 +37,8 @@ ALL = [name for _, _, names in STEPS for name in names]
 class TamperedChannel(InProcessChannel):
     """The bus in one process, with frames changed on their way to the nodes and to the master."""
 
+    takes_messages = False
+
     def __init__(self, world: World) -> None:
         super().__init__(world)
         self.outgoing: Callable[[Frame], Frame] = lambda frame: frame
@@ -178,9 +180,9 @@ DEFECTS = {
     "the sensor sits elsewhere": (sensor(lambda x, y, z: (x, y, z % 3)), "accelerometer", r"does not move with this axis"),
     "the drive does not miss its master": (at_each_sync(stranger_in_the_masters_name), "heartbeat loss", r"still enabled 500 ms"),
     "a quick stop is not heard": (deaf_to_quick_stop, "quick stop, standing", r"still in operation"),
-    "a quick stop takes its time": (at_each_sync(lazy_quick_stop), "quick stop, moving", r"in operation for 0\.5 s"),
+    "a quick stop takes its time": (at_each_sync(lazy_quick_stop), "quick stop, moving", r"still in operation 0\.5 s after"),
     "position limits have the wrong sign": (at_each_sync(inverted_limits), "upper limit", r"on the side that is free"),
-    "position limits do not act": (at_each_sync(no_limits), "upper limit", r"it came to \+0\.2"),
+    "position limits do not act": (at_each_sync(no_limits), "upper limit", r"the motor moved \+0\.2"),
     "the brake does not hold": (sagging(), "brake holds", r"after the torque ended"),
 }
 
