@@ -90,7 +90,7 @@ integer is_plain(const struct image *image, const uint8_t *message, integer reco
 void show_sample(struct tip_node *node, const real *sample)
 {
     for (integer channel = 0; channel < CHANNELS; channel++) {
-        node->shown[channel] = shown_whole(1000.0 * sample[channel], INT16_REACH);
+        node->shown[channel] = shown_whole(node->steps_per_m_s2 * sample[channel], INT16_REACH);
         node->status[channel] = !(-node->range_m_s2 < sample[channel] && sample[channel] < node->range_m_s2);
     }
 }

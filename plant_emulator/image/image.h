@@ -56,9 +56,10 @@ struct received {
     integer count;
 };
 
-/* What the accelerometer's node shows of the last sample: steps of mm/s^2, and 1 for a channel that is not valid. */
+/* What the accelerometer's node shows of the last sample, and 1 for a channel that is not valid. */
 struct tip_node {
-    real range_m_s2; /* where a channel ceases to be valid */
+    real range_m_s2;     /* where a channel ceases to be valid */
+    real steps_per_m_s2; /* of what it shows */
     integer shown[CHANNELS];
     integer status[CHANNELS];
 };

@@ -48,7 +48,8 @@ class ProcessImage:
     Attributes:
         slaves: The nodes for which it acts: those that listen to SYNC.
         ports: Node-IDs of the senders of the TPDOs, in the order of their identifiers.
-        is_in_order: True if each node's TPDOs have rising identifiers, so that a bus sends all in the order of these.
+        is_in_order: True if a bus sends all TPDOs in the order of their identifiers: these are all different, and those of each
+            node rise.
     """
 
     def __init__(
@@ -116,7 +117,8 @@ class ProcessImage:
         in_turn = [(node.node_id, tpdo.can_id) for tpdo, node in answers]
         answers.sort(key=lambda each: each[0].can_id)
         self.ports = [node.node_id for _, node in answers]
-        self.is_in_order = all(one[0] != other[0] or one[1] < other[1] for one, other in pairwise(in_turn))
+        is_rising = all(one[0] != other[0] or one[1] < other[1] for one, other in pairwise(in_turn))
+        self.is_in_order = is_rising and len({can_id for _, can_id in in_turn}) == len(in_turn)
         self._sampled.clear()
         for number, (tpdo, node) in enumerate(answers):
             place = number * RECORD.size + CORE.call.DATA_AT

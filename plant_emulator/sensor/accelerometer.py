@@ -98,7 +98,7 @@ class AccelerometerNode:
         """Make the node; it measures nothing before the first SYNC."""
         self._measure = measure
         rows = np.zeros(1, CORE.dtype("tip_node"))
-        rows["range_m_s2"] = range_m_s2
+        rows["range_m_s2"], rows["steps_per_m_s2"] = range_m_s2, 10.0**DIGITS
         self.shared = CORE.pointer(rows, "tip_node")
         dictionary = Dictionary(accelerometer_entries(node_id))
         for index, field in ((PROCESS_VALUE, "shown"), (STATUS, "status")):

@@ -232,22 +232,6 @@ class DriveData:
         """
         return self.counting.speed_rad_s(self._target_speed.value)
 
-    def take_cyclic_target(self, position: int, torque_offset: int | None = None) -> None:
-        """Apply a set-point of cyclic position mode.
-
-        SYNC does so with the data of an RPDO.
-
-        Args:
-            position: 607Ah.
-            torque_offset: 60B2h; None if it is not mapped.
-        """
-        if torque_offset is not None:
-            cell = self.dictionary.cell(Object.TORQUE_OFFSET)
-            cell.value = torque_offset
-            self.motion["torque_offset_nm"] = self.counting.torque_nm(torque_offset)
-        self._target.value = position
-        self.axes.set_point(self.row, self.cyclic_target_counts())
-
     # -- what the process image knows ----------------------------------------------------------------------------------
 
     def shares(self, cell: Cell) -> bool:

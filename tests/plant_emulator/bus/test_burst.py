@@ -142,6 +142,18 @@ def test_a_cycle_without_room_for_all_frames_goes_frame_by_frame():
     assert twin.plain == before
 
 
+def test_answers_with_one_identifier_collide_on_the_wire():
+    twin = following(nodes=(2, 3))
+    twin.cycle(twin.command(2), twin.command(3))
+    for step in ((0x1800, 1, 0x80000000 | 0x183, 4), (0x1800, 1, 0x182, 4)):
+        assert twin.write(3, *step) == [0x60]
+    before = twin.plain
+    for _ in range(5):
+        twin.cycle(twin.command(2), twin.command(3, offset=20))
+    assert twin.plain == before
+    assert twin.buses[0].wire.statistics.errors > 0
+
+
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=64))
 def test_the_bits_of_a_message_are_those_of_its_frames(frames):
     records = b"".join(pack(Frame(*each)) for each in frames)
