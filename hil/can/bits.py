@@ -31,8 +31,6 @@ from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG
 
 NOMINAL_BITS = 47
 """A classic frame without data and stuff bits, 11-bit identifier, with the intermission."""
-STANDARD_RATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
-"""Bit rates of CiA 301, 5.2, in bit/s."""
 
 CRC_POLYNOMIAL = 0x4599
 """x¹⁵ + x¹⁴ + x¹⁰ + x⁸ + x⁷ + x⁴ + x³ + 1, without its first term."""
