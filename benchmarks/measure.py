@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from drive_profiles.processors import usable_processors
+
 Row = tuple[object, ...]
 
 
@@ -124,7 +126,7 @@ def shown(cell: object) -> str:
 def machine() -> list[str]:
     """What this was measured on, as a Markdown list."""
     load = " ".join(f"{value:.2f}" for value in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown"
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    usable = usable_processors()
     versions = [f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "scipy", "canopen", "python-can")]
     facts = {
         "Processor": f"{_processor()}, {usable} of {os.cpu_count()} cores usable, governor {_governor()}",

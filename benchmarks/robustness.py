@@ -1,12 +1,12 @@
 """Monte Carlo over plants: how long a thousand closed-loop runs of one axis take."""
 
-import os
-
 from benchmarks.measure import Row, agreed, progress, seconds, table, turns
+from drive_profiles.processors import usable_processors
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.robots.tuning import load_tuning
+from plant_emulator.studies.many import judge_all
 from plant_emulator.studies.robustness import PlantRunResult, Study
-from plant_emulator.studies.workers import run_all
+from plant_emulator.trials.executors import LocalProcesses
 
 RUNS = 1000
 
@@ -20,13 +20,13 @@ def studies() -> dict[str, Study]:
 
 
 def robustness(runs: int = RUNS) -> list[str]:
-    """Seconds for a thousand plants, in this process and in one per core; processes' start and judgement included.
+    """Seconds for a thousand plants, in one process and in one per core; processes' start and judgement included.
 
     Raises:
         DisagreementError: The number of processes has changed what came out.
     """
     runs = turns(runs, least=4)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = usable_processors()
     rows: list[Row] = []
     for name, study in studies().items():
         first: list[PlantRunResult] = []
@@ -36,7 +36,7 @@ def robustness(runs: int = RUNS) -> list[str]:
             judged: list[list[PlantRunResult]] = []
 
             def run(jobs: int = jobs, study: Study = study, judged: list[list[PlantRunResult]] = judged) -> None:
-                judged[:] = run_all([study], runs, jobs)
+                judged[:] = judge_all([study], runs, LocalProcesses(jobs))
 
             took = seconds(run)
             first = first or judged[0]

@@ -5,7 +5,6 @@ It begins with a bench file without a model. Every step is that of a command (`h
 """
 
 import datetime
-import os
 import re
 import threading
 import time
@@ -19,6 +18,7 @@ from drive_profiles.cli.console import Interrupts
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.device.target import device_at
 from drive_profiles.parameter_set.parameters import ParameterSet
+from drive_profiles.processors import usable_processors
 from drive_profiles.upload import fleet
 from drive_profiles.upload.result import UploadOptions, UploadResult
 from drive_profiles.upload.upload import Upload
@@ -215,7 +215,7 @@ class _TourRunner:
         return ", ".join(values_in_words(outcome.part)), _ate_page(axis)
 
     def design_notch(self, axis: int) -> tuple[str, str]:
-        request = NotchDesignRequest(axis=axis, shapes=("switched",), effort=self.effort, jobs=_processors())
+        request = NotchDesignRequest(axis=axis, shapes=("switched",), effort=self.effort, jobs=usable_processors())
         outcome = notch_design.design(self.bench, request, load_identified(self.model))
         page = self.out / _design_page(axis)
         notch_design.result_of(outcome).write(page.parent / "design.json")
@@ -427,7 +427,3 @@ def run_side_by_side(
     if comparisons[-1].not_restored:
         raise NotPossibleError(not_restored_words("; ".join(comparisons[-1].not_restored)))
     return f"{len(planned.setups)} runs", "report.html"
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -5,7 +5,6 @@ It needs no robot.
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -16,6 +15,7 @@ import typer
 
 from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import epilog, fail, table
+from drive_profiles.processors import usable_processors
 from hil.cli.console import ExitStatus, exit_on_error, exit_with, result_directory, say
 from hil.cli.options import AXES, BenchOption, ForceOption, NewOutOption
 from hil.reporter import Reporter, SilentReporter
@@ -127,7 +127,7 @@ def notch(
                 period_s=period_s,
                 delay_samples=delay_samples,
                 effort=Effort.quick(seed) if quick else Effort(seed=seed),
-                jobs=jobs if jobs is not None else 0 if quick else _processors(),
+                jobs=jobs if jobs is not None else 0 if quick else usable_processors(),
                 is_given=given,
             )
             outcome = _design(bench, request, model)
@@ -182,10 +182,6 @@ def _requirements(
     return Requirements(
         max_sensitivity, phase_margin_deg, gain_margin_db, bench.specification.tip_mm if tip_mm is None else tip_mm
     )
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _design(bench: "Bench", request: "NotchDesignRequest", model: Path | None) -> "NotchDesignOutcome":

@@ -11,6 +11,8 @@ import warnings
 from collections.abc import Callable
 from typing import IO
 
+from drive_profiles.processors import usable_processors
+
 _BEGUN: list["LaterText"] = []
 """Texts whose processes have not been waited for."""
 
@@ -88,4 +90,4 @@ def _processors() -> int:
     """Processors on which copies of this process can run."""
     if sys.platform != "linux" or threading.active_count() > 1:
         return 1
-    return len(os.sched_getaffinity(0))
+    return usable_processors()

@@ -18,11 +18,12 @@ import typer
 from drive_profiles.cli.console import epilog, fail, print_json, table
 from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error, exit_on_value_error
 from plant_emulator.cli.fleet import KindName, KindOption, OutOption
+from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, exit_without_executors
 
 if TYPE_CHECKING:
     from plant_emulator.rehearsal.many.claims import RehearsalClaim
-    from plant_emulator.rehearsal.many.executors import Executors
     from plant_emulator.rehearsal.many.rows import Kept, Row
+    from plant_emulator.trials.executors import Executors
 
 EPILOG = epilog(
     (
@@ -55,10 +56,6 @@ ArmsOption = Annotated[
     bool, typer.Option("--arms", help="Whole arms: learn on their line, test on others; seed 0 is the reference arm.")
 ]
 OverBusOption = Annotated[bool, typer.Option("--over-bus", help="Use a bus: each robot is served, and each tool is a process.")]
-JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; default: one per processor.")]
-OnOption = Annotated[
-    str | None, typer.Option("--on", metavar="dask:tcp://HOST:PORT", help="Use the workers of a Dask scheduler (extra cluster).")
-]
 ResumeOption = Annotated[bool, typer.Option("--resume", help="Continue the folder's rehearsal with the missing robots.")]
 KeepOption = Annotated[bool, typer.Option("--keep", help="Keep all files of each robot, in files/SEED of the folder.")]
 CheckOption = Annotated[bool, typer.Option("--check", help="End with exit status 9 if a goal is not reached.")]
@@ -121,7 +118,9 @@ def rehearse(
         named = _seeds(seeds)
         if arms and over_bus:
             raise fail("--arms runs in this process; leave --over-bus out", EmulatorExitStatus.USAGE)
-        executors = _executors(on, jobs, keep=keep)
+        if on is not None and keep:
+            raise fail("--keep needs this machine's file system; leave --on out", EmulatorExitStatus.USAGE)
+        executors = executors_of(on, jobs)
         kept = Kept(out)
         kept.begin(RehearsalSettings(ARMS if arms else kind, over_bus), resume=resume)
         _run_missing(kept, named, executors, None if arms else kind, over_bus=over_bus, keep=keep)
@@ -137,25 +136,6 @@ def _seeds(text: str | None) -> tuple[int, ...]:
         return seeds_of(text)
 
 
-def _executors(on: str | None, jobs: int | None, *, keep: bool) -> "Executors":
-    """Return the executors that the options choose."""
-    from plant_emulator.rehearsal.many.cluster import DaskWorkers, scheduler_address
-    from plant_emulator.rehearsal.many.executors import LocalProcesses
-
-    if on is None:
-        return LocalProcesses(jobs or _processors())
-    if jobs is not None:
-        raise fail("--jobs cannot be combined with --on; the scheduler decides", EmulatorExitStatus.USAGE)
-    if keep:
-        raise fail("--keep cannot be combined with --on, whose workers may have another file system", EmulatorExitStatus.USAGE)
-    with exit_on_value_error():
-        return DaskWorkers(scheduler_address(on))
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _run_missing(
     kept: "Kept", seeds: Sequence[int], executors: "Executors", kind: KindName | None, *, over_bus: bool, keep: bool
 ) -> None:
@@ -164,9 +144,9 @@ def _run_missing(
     They are arms if there is no kind. Each row is saved at once.
     """
     from plant_emulator.rehearsal.arms.path import run_arm_seed
-    from plant_emulator.rehearsal.many.executors import ExecutorsLostError, ExecutorsRefusedError
     from plant_emulator.rehearsal.many.one import kind_of, run_seed
-    from plant_emulator.rehearsal.many.running import run_all
+    from plant_emulator.rehearsal.many.rows import crashed
+    from plant_emulator.trials.running import run_all
 
     there = kept.seeds()
     missing = [seed for seed in seeds if seed not in there]
@@ -176,8 +156,12 @@ def _run_missing(
         return
     done = 0
     files = str(kept.folder.resolve() / "files") if keep else None
+
+    def kept_words() -> str:
+        return f"{done} of {len(missing)} robots are done and kept; continue with --resume"
+
     try:
-        with executors, _progress(len(missing)) as step:
+        with exit_without_executors(kept_words), executors, _progress(len(missing)) as step:
 
             def on_row(row: "Row") -> None:
                 nonlocal done
@@ -187,17 +171,11 @@ def _run_missing(
                 step(row)
 
             if kind is None:
-                run_all(missing, run_arm_seed, (files,), executors, on_row)
+                run_all(missing, run_arm_seed, (files,), executors, on_row, crashed)
             else:
-                run_all(missing, run_seed, (kind, over_bus, files), executors, on_row)
-    except ExecutorsRefusedError as error:
-        raise fail(str(error), EmulatorExitStatus.BUS) from None
-    except (ExecutorsLostError, KeyboardInterrupt) as error:
-        is_lost = isinstance(error, ExecutorsLostError)
-        words = (
-            f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots are done and kept; continue with --resume"
-        )
-        raise fail(words, EmulatorExitStatus.BUS if is_lost else EmulatorExitStatus.INTERRUPTED) from None
+                run_all(missing, run_seed, (kind, over_bus, files), executors, on_row, crashed)
+    except KeyboardInterrupt:
+        raise fail(f"interrupted; {kept_words()}", EmulatorExitStatus.INTERRUPTED) from None
 
 
 @contextmanager

@@ -5,7 +5,6 @@ It states the fraction that meets the specification, and the unknowns that matte
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -25,6 +24,7 @@ from plant_emulator.cli.console import (
     exit_on_error,
     exit_on_value_error,
 )
+from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, exit_without_executors
 
 if TYPE_CHECKING:
     from hil.control.notch import Notch
@@ -33,12 +33,20 @@ if TYPE_CHECKING:
     from plant_emulator.studies.robustness import PlantRunResult, Study
     from plant_emulator.studies.spread import PlantSpread
     from plant_emulator.studies.summary import Influence, RunFraction, Summary
+    from plant_emulator.trials.executors import Executors
 
 ROBUSTNESS_EPILOG = epilog(
-    (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
+    (
+        EmulatorExitStatus.DONE,
+        EmulatorExitStatus.USAGE,
+        EmulatorExitStatus.FILE,
+        EmulatorExitStatus.BUS,
+        EmulatorExitStatus.INTERRUPTED,
+    ),
     {
         EmulatorExitStatus.DONE: "done, whatever the fractions",
         EmulatorExitStatus.FILE: "bad file, or a path that cannot be written",
+        EmulatorExitStatus.BUS: "no scheduler, or it is lost",
     },
 )
 SHOWN = 10
@@ -67,7 +75,6 @@ SpreadOption = Annotated[
 ]
 RunsOption = Annotated[int, typer.Option("--runs", min=1, max=100_000, help="Number of plants in each study.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Equal seeds give equal plants.")]
-JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; default: one per processor.")]
 TipOption = Annotated[float, typer.Option("--tip-mm", help="Specification: largest permitted tip peak.")]
 AreaOption = Annotated[
     float,
@@ -98,6 +105,7 @@ def robustness(
     runs: RunsOption = 1000,
     seed: SeedOption = 1,
     jobs: JobsOption = None,
+    on: OnOption = None,
     tip_mm: TipOption = 0.05,
     area_percent: AreaOption = 26.0,
     only: OnlyOption = None,
@@ -108,8 +116,8 @@ def robustness(
 
     The result is the fraction that meets the specification, and the unknowns that matter.
 
-    It runs one process per core and no bus. The drives' law, the set-points and the plant are those of `plant-emulator
-    simulate`.
+    It needs no bus, and runs one process per core or on the workers of a Dask scheduler. The drives' law, the set-points
+    and the plant are those of `plant-emulator simulate`.
 
     Examples:
         plant-emulator robustness --axis 2,3 --out robustness
@@ -143,7 +151,7 @@ def robustness(
         if only is not None:
             _one(studies, only, out, as_json=as_json)
         else:
-            _many(studies, runs, jobs or _processors(), out, as_json=as_json)
+            _many(studies, runs, executors_of(on, jobs), out, as_json=as_json)
 
 
 def _robot(
@@ -173,10 +181,6 @@ def _check_options(tip_mm: float, area_percent: float) -> None:
         raise fail(f"--tip-mm {tip_mm}: expected more than 0", EmulatorExitStatus.USAGE)
     if not area_percent < 100.0:  # NaN is not below either
         raise fail(f"--area-percent {area_percent}: expected less than 100", EmulatorExitStatus.USAGE)
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _tuned(name: str, model: "Robot", given: Path | None) -> dict[int, "TunedAxis"]:
@@ -229,18 +233,16 @@ def _studies(model: "Robot", numbers: Sequence[int | None], settings: Mapping[st
         return [Study(model, number, **options) for number in numbers]  # type: ignore[arg-type]
 
 
-def _many(studies: Sequence["Study"], runs: int, jobs: int, out: Path | None, *, as_json: bool) -> None:
-    from concurrent.futures.process import BrokenProcessPool
-
+def _many(studies: Sequence["Study"], runs: int, executors: "Executors", out: Path | None, *, as_json: bool) -> None:
+    from plant_emulator.studies.many import judge_all
     from plant_emulator.studies.summary import document, summarise
-    from plant_emulator.studies.workers import run_all
 
     begin = time.monotonic()
     try:
-        with progress("plants", runs * len(studies)) as step:
-            judged = run_all(studies, runs, jobs, step)
-    except BrokenProcessPool:
-        raise fail("a simulating process has died; try --jobs 1", EmulatorExitStatus.INTERNAL) from None
+        with exit_without_executors(), progress("plants", runs * len(studies)) as step:
+            judged = judge_all(studies, runs, executors, step)
+    except RuntimeError as error:
+        raise fail(f"{error}; run one of them alone with --only", EmulatorExitStatus.INTERNAL) from None
     took = time.monotonic() - begin
     summaries = [summarise(study, each, study.judge(-1)) for study, each in zip(studies, judged, strict=True)]
     whole = {"studies": [document(summary) for summary in summaries]}
@@ -251,7 +253,7 @@ def _many(studies: Sequence["Study"], runs: int, jobs: int, out: Path | None, *,
     else:
         for summary in summaries:
             _show(summary)
-    typer.echo(f"{runs * len(studies)} runs in {took:.1f} s, {jobs} {'process' if jobs == 1 else 'processes'}", err=True)
+    typer.echo(f"{runs * len(studies)} runs in {took:.1f} s, by {executors.name}", err=True)
 
 
 def _keep(out: Path, summaries: Sequence["Summary"], whole: Mapping[str, object]) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from drive_profiles.errors import FileError, Problem, RefusedError
 from drive_profiles.files.safefile import write_atomically
+from plant_emulator.trials.running import ATTEMPTS
 
 Value = str | int | float | bool | None
 Row = Mapping[str, Value]
@@ -42,6 +43,11 @@ def steady(row: Row) -> dict[str, Value]:
     Columns of processor time differ between machines and days, and are left out.
     """
     return {name: value for name, value in row.items() if not name.endswith("cpu_s")}
+
+
+def crashed(seed: int) -> Row:
+    """Return the row of a robot whose process died each time."""
+    return {"seed": seed, "walk": CRASHED, "walk_words": f"its process died {ATTEMPTS} times"}
 
 
 def plain(value: object) -> Value:

@@ -9,8 +9,7 @@ import pytest
 from hil.errors import RefusalCause
 from plant_emulator.rehearsal.many.causes import CAUSES, main_refusal, refusals
 from plant_emulator.rehearsal.many.claims import FEWEST_FAR, claims_of
-from plant_emulator.rehearsal.many.rows import CRASHED, WALKED
-from plant_emulator.rehearsal.many.running import crashed
+from plant_emulator.rehearsal.many.rows import CRASHED, WALKED, crashed
 from plant_emulator.rehearsal.many.summary import fraction_text, percentiles, quantities
 from tests.plant_emulator.rehearsal.made import CURED, refused, row
 

@@ -6,7 +6,7 @@ from hil.report import palette
 from plant_emulator.rehearsal.many import tables
 from plant_emulator.rehearsal.many.claims import claims_of
 from plant_emulator.rehearsal.many.page import write_page
-from plant_emulator.rehearsal.many.running import crashed
+from plant_emulator.rehearsal.many.rows import crashed
 from tests.plant_emulator.rehearsal.made import refused, row
 
 QUANTITIES = {"a2_arcsec": (20.0, 20.1, 0.1), "phi2_deg": (359.0, 1.0, 1.0)}

@@ -30,11 +30,12 @@ from plant_emulator.robots.tuning import REFERENCE_TUNING, Tuning, load_tuning, 
 from plant_emulator.studies import summary as robustness_summary
 from plant_emulator.studies.closed_loop import frozen_law, growth_per_s, linear_plant
 from plant_emulator.studies.figure import figure_svg
+from plant_emulator.studies.many import judge_all
 from plant_emulator.studies.robustness import PlantRunResult, Study
 from plant_emulator.studies.simulate import simulate
 from plant_emulator.studies.spread import AXIS_UNKNOWNS, SENSOR_UNKNOWNS, PlantSpread, drawn, drawn_axis, drawn_sensor, nominal
 from plant_emulator.studies.summary import document, draws_csv, influences, run_fraction, summarise
-from plant_emulator.studies.workers import run_all
+from plant_emulator.trials.executors import LocalProcesses
 
 ROBOT, BENCH, TUNING = load_robot("reference"), load_bench("reference"), load_tuning("reference")
 CONTROLS = {number: axis.control for number, axis in TUNING.axis.items()}
@@ -384,11 +385,11 @@ def command(*arguments):
 def test_equal_seeds_give_equal_runs_whatever_the_number_of_processes():
     studies = [study(axis, seed=5) for axis in (2, 3)]
     told = []
-    spread_out = run_all(studies, 7, 2, told.append)
+    spread_out = judge_all(studies, 7, LocalProcesses(2), told.append)
     assert spread_out == [[one.judge(index) for index in range(7)] for one in studies]
-    assert spread_out == run_all(studies, 7)
+    assert spread_out == judge_all(studies, 7, LocalProcesses(1))
     assert sum(told) == 14
-    assert spread_out[0] != run_all([study(seed=6)], 7)[0]
+    assert spread_out[0] != [study(seed=6).judge(index) for index in range(7)]
 
 
 @pytest.mark.slow
@@ -483,10 +484,9 @@ def test_a_place_that_cannot_be_written_is_told(tmp_path):
     assert "cannot be written" in found.stderr
 
 
-@pytest.mark.parametrize(("runs", "jobs"), [(0, 1), (1, 0)])
-def test_no_runs_and_no_processes_are_refused(runs, jobs):
+def test_no_runs_are_refused():
     with pytest.raises(ValueError, match="at least 1 is needed"):
-        run_all([study()], runs, jobs)
+        judge_all([study()], 0, LocalProcesses(1))
 
 
 @pytest.mark.wall
@@ -514,6 +514,19 @@ def test_ctrl_c_ends_the_command_and_its_workers(tmp_path):
     assert members(started.pid) == []
 
 
+class Mortal:
+    """A study whose process dies of it."""
+
+    def judge(self, index):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
+def test_plants_whose_process_dies_twice_end_the_study_and_are_named():
+    with pytest.raises(RuntimeError, match="plants 0 to 0 died twice"):
+        judge_all([Mortal()], 1, LocalProcesses(1))
+
+
 def members(group):
     """Living processes of a process group."""
     found = []
@@ -531,7 +544,7 @@ def members(group):
 
 @pytest.mark.slow
 def test_of_a_thousand_plants_most_keep_the_specification_with_table_3():
-    judged = run_all([study()], 1000, 2)[0]
+    judged = judge_all([study()], 1000, LocalProcesses(2))[0]
     found = robustness_summary.summarise(study(), judged, study().judge(-1))
     assert found.stable.count == 1000
     assert found.meeting.fraction > 0.7

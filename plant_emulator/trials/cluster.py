@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Self
 from urllib.parse import urlsplit
 
 from drive_profiles.version import version_text
-from plant_emulator.rehearsal.many.executors import ExecutorsRefusedError
-from plant_emulator.rehearsal.many.rows import Row
+from plant_emulator.trials.executors import ExecutorsRefusedError, Result
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -20,7 +19,7 @@ PATIENCE_S = 30.0
 CLOSING_S = 5.0
 """Longest wait for the goodbye to a scheduler."""
 AHEAD = 2
-"""Robots given out per thread of the workers, so that none waits for the next."""
+"""Tasks given out per thread of the workers, so that none waits for the next."""
 
 
 def scheduler_address(text: str) -> str:
@@ -48,7 +47,7 @@ class DaskWorkers:
 
     This class only connects to the scheduler: it starts nothing, and nothing listens here.
 
-    If a worker dies, the scheduler gives its robots to others, by default three times, before it reports the loss.
+    If a worker dies, the scheduler gives its tasks to others, by default three times, before it reports the loss.
 
     Args:
         address: Address of the scheduler, such as tcp://127.0.0.1:8786.
@@ -89,7 +88,7 @@ class DaskWorkers:
     def _look(self) -> None:
         """Refuse workers with several threads, or another version.
 
-        They would run two robots in one process, or give other results.
+        They would run two tasks in one process, or give other results.
         """
         client = self._connected()
         how = f"dask worker {self._address} --nworkers 4 --nthreads 1"
@@ -99,7 +98,7 @@ class DaskWorkers:
             raise ExecutorsRefusedError(f"{self._address}: the scheduler has no workers; start some: {how}") from None
         for worker, threads in client.nthreads().items():
             if threads != 1:
-                raise ExecutorsRefusedError(f"worker {worker} has {threads} threads; a robot needs a process of its own: {how}")
+                raise ExecutorsRefusedError(f"worker {worker} has {threads} threads; each task needs a process of its own: {how}")
         try:
             versions = client.run(version_text)
         except ImportError as error:
@@ -132,7 +131,7 @@ class DaskWorkers:
         except OSError:
             return 1
 
-    def submit(self, task: Callable[..., Row], *values: object) -> "Future[Row]":
+    def submit(self, task: Callable[..., Result], *values: object) -> "Future[Result]":
         """Submit a task to the scheduler.
 
         Raises:

@@ -14,12 +14,13 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 from plant_emulator.processes import deaf_children, one_thread
-from plant_emulator.rehearsal.many.rows import Row
 
 MOST_JOBS = 256
+
+Result = TypeVar("Result")
 
 
 class ExecutorsLostError(Exception):
@@ -61,28 +62,28 @@ class Executors(Protocol):
     def capacity(self) -> int:
         """Return the number of tasks that may be submitted at once."""
 
-    def submit(self, task: Callable[..., Row], *values: object) -> "Future[Row]":
+    def submit(self, task: Callable[..., Result], *values: object) -> "Future[Result]":
         """Submit a task: a function of a module, and plain values."""
 
 
 class LocalProcesses:
     """Processes of this machine, each an executor of its own.
 
-    A process that dies loses only its own robot.
+    A process that dies loses only its own task.
 
     Args:
         jobs: Number of processes.
     """
 
-    name = "the pool of processes"
     died: tuple[type[Exception], ...] = (BrokenProcessPool,)
 
     def __init__(self, jobs: int) -> None:
         if not 1 <= jobs <= MOST_JOBS:
             raise ValueError(f"{jobs} processes; expected 1 to {MOST_JOBS}")
+        self.name = f"{jobs} {'process' if jobs == 1 else 'processes'} of this machine"
         self._jobs = jobs
         self._free: list[ProcessPoolExecutor] = []
-        self._busy: dict[Future[Row], ProcessPoolExecutor] = {}
+        self._busy: dict[Future[Any], ProcessPoolExecutor] = {}
         self._settings = ExitStack()
 
     def __enter__(self) -> Self:
@@ -111,11 +112,11 @@ class LocalProcesses:
     def capacity(self) -> int:
         """Return the number of processes.
 
-        A free process runs a robot.
+        A free process runs a task.
         """
         return self._jobs
 
-    def submit(self, task: Callable[..., Row], *values: object) -> "Future[Row]":
+    def submit(self, task: Callable[..., Result], *values: object) -> "Future[Result]":
         """Submit a task to a free process.
 
         Raises:

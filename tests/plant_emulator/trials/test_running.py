@@ -12,13 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 from plant_emulator.cli.main import app
-from plant_emulator.rehearsal.many.cluster import DaskWorkers, scheduler_address
-from plant_emulator.rehearsal.many.executors import ExecutorsLostError, ExecutorsRefusedError, LocalProcesses
-from plant_emulator.rehearsal.many.rows import CRASHED
+from plant_emulator.rehearsal.many.rows import CRASHED, crashed
 from plant_emulator.rehearsal.many.rows import steady as steady_row
-from plant_emulator.rehearsal.many.running import ATTEMPTS, run_all
 from plant_emulator.rehearsal.many.table import csv_text
-from tests.plant_emulator.rehearsal import tasks
+from plant_emulator.trials.cluster import DaskWorkers, scheduler_address
+from plant_emulator.trials.executors import ExecutorsLostError, ExecutorsRefusedError, LocalProcesses
+from plant_emulator.trials.running import ATTEMPTS, run_all
+from tests.plant_emulator.trials import tasks
 
 PROJECT = Path(__file__).parents[3]
 PATIENCE_S = 60.0
@@ -46,7 +46,7 @@ def steady(rows):
 def rows_of(walk, values, executors, seeds=range(1, 7)):
     found = []
     with executors:
-        run_all(seeds, walk, values, executors, found.append)
+        run_all(seeds, walk, values, executors, found.append, crashed)
     return steady(found)
 
 
@@ -81,7 +81,7 @@ def test_no_process_is_left_when_one_that_walks_is_not_wanted_any_more(tmp_path)
         with LocalProcesses(2) as executors:
             executors.submit(tasks.sleeps, 1, str(tmp_path))
             wait_until(lambda: (tmp_path / "at-1").exists() and (tmp_path / "at-1").read_text())
-            run_all([2], tasks.squared, (), executors, interrupted)
+            run_all([2], tasks.squared, (), executors, interrupted, crashed)
 
     with pytest.raises(KeyboardInterrupt):
         walked()
@@ -114,12 +114,12 @@ def test_a_ctrl_c_while_a_robot_is_given_out_leaves_no_process(tmp_path):
 def test_the_processes_of_a_main_that_is_killed_end_with_it(tmp_path):
     code = (
         "import sys\n"
-        "from plant_emulator.rehearsal.many.executors import LocalProcesses\n"
-        "from plant_emulator.rehearsal.many.running import run_all\n"
-        "from tests.plant_emulator.rehearsal.tasks import sleeps\n"
+        "from plant_emulator.trials.executors import LocalProcesses\n"
+        "from plant_emulator.trials.running import run_all\n"
+        "from tests.plant_emulator.trials.tasks import sleeps\n"
         "if __name__ == '__main__':\n"
         "    with LocalProcesses(2) as executors:\n"
-        f"        run_all([1, 2], sleeps, ({str(tmp_path)!r},), executors, print)\n"
+        f"        run_all([1, 2], sleeps, ({str(tmp_path)!r},), executors, print, None)\n"
     )
     (tmp_path / "main.py").write_text(code)
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
@@ -194,11 +194,11 @@ def test_a_dask_scheduler_with_a_worker_that_is_killed_on_the_way_gives_the_tabl
             killed.append(doomed[0].pid)
 
     with DaskWorkers(cluster.address) as executors:
-        run_all(seeds, tasks.tells_and_waits, (str(tmp_path),), executors, kept)
+        run_all(seeds, tasks.tells_and_waits, (str(tmp_path),), executors, kept, crashed)
     assert killed
     local = []
     with LocalProcesses(1) as executors:
-        run_all(seeds, tasks.squared, (), executors, local.append)
+        run_all(seeds, tasks.squared, (), executors, local.append, crashed)
     assert csv_text(steady(found)) == csv_text(steady(local))
 
 
@@ -212,7 +212,7 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_words_and_what_was_walked_is_k
         cluster.scheduler.kill()
 
     with pytest.raises(ExecutorsLostError, match=cluster.address), DaskWorkers(cluster.address) as executors:
-        run_all(range(1, 9), tasks.tells_and_waits, (str(tmp_path),), executors, kept)
+        run_all(range(1, 9), tasks.tells_and_waits, (str(tmp_path),), executors, kept, crashed)
     assert [row["seed"] for row in found] == [1]
 
 
@@ -221,7 +221,7 @@ def test_workers_that_would_walk_two_robots_in_one_process_are_refused(cluster, 
     cluster.add(threads=2)
     done = CliRunner().invoke(app, ["rehearse", "--seeds", "1", "--on", f"dask:{cluster.address}", "--out", str(tmp_path / "r")])
     assert done.exit_code == 4
-    assert "has 2 threads; a robot needs a process of its own: dask worker" in done.output
+    assert "has 2 threads; each task needs a process of its own: dask worker" in done.output
 
 
 @pytest.mark.ci
