@@ -70,6 +70,15 @@ def test_nothing_of_the_help_is_cut(words, command, monkeypatch):
 
 
 @pytest.mark.parametrize(("words", "command"), LEAVES)
+def test_the_help_has_no_type_of_python_and_says_what_can_be_repeated(words, command, monkeypatch):
+    text = help_of(words, command, 80, monkeypatch)
+    assert not re.search(r"list\[|<[A-Z]|^  \w[\w=-]* <", text, re.MULTILINE)
+    for each in command.params:
+        if getattr(each, "multiple", False):
+            assert "repeat" in each.help or "Comma-separated" in each.help, each.name
+
+
+@pytest.mark.parametrize(("words", "command"), LEAVES)
 def test_a_command_ends_with_its_exit_statuses_and_shows_an_example(words, command, monkeypatch):
     text = help_of(words, command, 80, monkeypatch)
     assert text.count("Exit status: 0 ") == 1

@@ -27,6 +27,7 @@ from drive_profiles.python_can import postpone_mf4
 
 _WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
 _EXAMPLES = re.compile(r"^Examples?:[ \t]*", re.MULTILINE)
+_LIST = re.compile(r"<list\[(\w+)\]>")
 _UNCUT = 10_000
 _UNBROKEN = "\u2011"  # a hyphen after which no line ends
 NEW_OBJECTS = 10_000
@@ -67,6 +68,13 @@ def folded(command: str, width: int) -> list[str]:
     return lines
 
 
+def _without_types(left: str) -> str:
+    """Take Python's types out of an argument or option in the help: `SET <list[Path]>`, `--axis <list[int]>`."""
+    if not left.startswith("-"):
+        return left.partition(" <")[0]
+    return _LIST.sub(lambda found: f"<{found[1].lower()}>", left)
+
+
 class _Help:
     """Help of a command or a group.
 
@@ -83,7 +91,7 @@ class _Help:
         """
         write_rows = formatter.write_dl
         formatter.write_dl = lambda rows, *sizes: write_rows(
-            [(left, right.replace("-", _UNBROKEN)) for left, right in rows], *sizes
+            [(_without_types(left), right.replace("-", _UNBROKEN)) for left, right in rows], *sizes
         )
         super().format_help(ctx, formatter)  # type: ignore[misc]
         formatter.buffer[:] = [part.replace(_UNBROKEN, "-") for part in formatter.buffer]

@@ -66,13 +66,13 @@ ExperimentListOption = Annotated[
     list[str] | None,
     typer.Option(
         "--experiment",
-        help="constant-acceleration, line-motion or point-to-point; default: the first two.",
+        help="constant-acceleration, line-motion or point-to-point; repeatable; default: the first two.",
         autocompletion=complete_list(lambda: EXPERIMENTS),
     ),
 ]
 AxisListOption = Annotated[
     list[int] | None,
-    typer.Option("--axis", help="Axes that move alone; default: those with a filter or a model.", autocompletion=AXES.one),
+    typer.Option("--axis", help="Axis that moves alone; repeatable; default: those with a filter or a model.", autocompletion=AXES.one),
 ]
 
 
@@ -80,20 +80,20 @@ def compare(
     bench_file: Annotated[
         list[str],
         typer.Option(
-            "--bench", help="Bench file (TOML), or `reference`; again for more robots.", autocompletion=complete_reference
+            "--bench", help="Bench file (TOML), or `reference`; repeatable, for more robots.", autocompletion=complete_reference
         ),
     ],
     experiment: ExperimentListOption = None,
     axis: AxisListOption = None,
     treatment: TreatmentListOption = None,
-    model: Annotated[list[Path] | None, typer.Option(help="Model file of hil identify; one per robot.")] = None,
-    design: Annotated[list[Path] | None, typer.Option(help="Design file of hil design; one per robot.")] = None,
-    learnt: Annotated[list[Path] | None, typer.Option(help="Model file of hil learn; one per robot.")] = None,
+    model: Annotated[list[Path] | None, typer.Option(help="Model file of hil identify; repeatable, one per robot.")] = None,
+    design: Annotated[list[Path] | None, typer.Option(help="Design file of hil design; repeatable, one per robot.")] = None,
+    learnt: Annotated[list[Path] | None, typer.Option(help="Model file of hil learn; repeatable, one per robot.")] = None,
     bus: BusOption = None,
     emulate: Annotated[
         list[str] | None,
         typer.Option(
-            help="Start an emulated robot (its file, or `reference`) for each bench: one for all, or one each.",
+            help="Start an emulated robot (its file, or `reference`) for each bench; repeatable: one for all, or one each.",
             autocompletion=complete_reference,
         ),
     ] = None,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
 RecordingOption = Annotated[
     list[Path] | None,
     typer.Option(
-        "--recording", metavar="FILE", help="Recording to identify from; nothing moves. Several: --recording A --recording B."
+        "--recording", metavar="FILE", help="Recording to identify from, repeatable; nothing moves."
     ),
 ]
 ColumnOption = Annotated[
@@ -25,7 +25,7 @@ ColumnOption = Annotated[
     typer.Option(
         "--column",
         metavar="ROLE=NAME[,UNIT]",
-        help="Column of a recording; roles: time, motor, load, acceleration, torque; e.g. motor=enc_2,2^20/rev.",
+        help="Column of a recording; roles: time, motor, load, acceleration, torque; e.g. motor=enc_2,2^20/rev; repeatable.",
     ),
 ]
 LayoutOption = Annotated[Path | None, typer.Option("--layout", help="Columns, units and ratio of recordings (TOML).")]

@@ -78,7 +78,7 @@ def learn(
     model: Annotated[Path, typer.Option("--model", help="Model file: read if it exists, for the motor's inertia, and written.")],
     axis: Annotated[
         list[int] | None,
-        typer.Option("--axis", help="The axis that is moved; several, one after the other.", autocompletion=AXES.one),
+        typer.Option("--axis", help="Axis that moves; repeatable, one after the other.", autocompletion=AXES.one),
     ] = None,
     motion: Annotated[
         LearnedMotion | None,
@@ -97,7 +97,7 @@ def learn(
         typer.Option(
             "--motor-inertia-kg-m2",
             metavar="[AXIS=]VALUE",
-            help="J_m of the motor's data sheet, if no file has a plant; for several axes one each: 2=2.6e-4.",
+            help="J_m of the motor's data sheet, if no file has a plant; repeatable for several axes: 2=2.6e-4.",
         ),
     ] = None,
     bus: BusOption = None,

@@ -114,7 +114,8 @@ def fleet(
         there = sorted(str(path) for path in files if path.exists())
         if there:
             more = f" and {len(there) - 1} more" if len(there) > 1 else ""
-            what = f"{there[0]}{more} already exists; nothing was written; choose other seeds or another folder"
+            exist = "exist" if more else "exists"
+            what = f"{there[0]}{more} already {exist}; nothing was written; choose other seeds or another folder"
             raise fail(what, EmulatorExitStatus.FILE)
         before = _listed(out)
         rows: list[Row] = []

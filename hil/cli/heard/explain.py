@@ -40,7 +40,7 @@ def explain(
         typer.Option(
             "--description",
             metavar="FILE[:NODE]",
-            help="EDS, DCF or XDD of a node: drive.eds:2. Not needed if the log contains the drive's set-up.",
+            help="EDS, DCF or XDD of a node: drive.eds:2; repeatable. Not needed if the log contains the drive's set-up.",
         ),
     ] = None,
     bitrate: Annotated[str | None, typer.Option(metavar="RATE", help="Bit rate, which a log does not contain: 1M, 500k.")] = None,

@@ -70,7 +70,7 @@ def test_a_second_seed_joins_the_robots_of_a_folder(tmp_path):
     assert len({(tmp_path / folder / "robots.csv").read_text() for folder in ("apart", "joined")}) == 1
     again = invoke("fleet", "--seeds", "2-3", "--out", tmp_path / "joined")
     assert again.exit_code == 3
-    assert "bench-2.toml and 1 more already exists; nothing was written; choose other seeds or another folder" in again.output
+    assert "bench-2.toml and 1 more already exist; nothing was written; choose other seeds or another folder" in again.output
     assert not (tmp_path / "joined" / "robot-3.toml").exists()
 
 
