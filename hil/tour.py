@@ -137,13 +137,11 @@ def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
     order = outcome.designed.peaks[0].order
     designed_mm, given_mm = outcome.designed.peak(order).rising_mm, given.peak(order).rising_mm
     if given_mm >= designed_mm:
-        return outcome, f", the bench file's notch {given_mm:.3f} mm"
+        return outcome, f"; the bench file's notch: {given_mm:.3f} mm"
     if given.is_harmless:
-        return replace(
-            outcome, designed=None
-        ), f", with the bench file's notch, which is kept; designed notch: {designed_mm:.3f} mm"
+        return replace(outcome, designed=None), f"; the bench file's notch is kept; the designed notch: {designed_mm:.3f} mm"
     margins = "; ".join(str(check) for check in given.missed if not check.is_tip_limit)
-    return outcome, f", the bench file's notch {given_mm:.3f} mm, which is not used because it misses {margins}"
+    return outcome, f"; the bench file's notch is not used: {given_mm:.3f} mm, but it misses {margins}"
 
 
 @dataclass
@@ -228,7 +226,7 @@ class _TourRunner:
         made.save(self.parameter_set(axis), force=True)
         (peak, *_), m_s = outcome.best.peaks, outcome.best.worst("M_s")
         missed = "" if outcome.failure is None else f"; missed: {'; '.join(map(str, outcome.failure.missed))}"
-        what = f"predicted tip peak {peak.rising_mm:.3f} mm{before}; M_s {m_s:.2f} at every speed and plant{missed}"
+        what = f"predicted tip peak {peak.rising_mm:.3f} mm; M_s {m_s:.2f} at every speed and plant{missed}{before}"
         return what, _design_page(axis)
 
     def upload(self) -> tuple[str, str]:

@@ -72,7 +72,9 @@ ExperimentListOption = Annotated[
 ]
 AxisListOption = Annotated[
     list[int] | None,
-    typer.Option("--axis", help="Axis that moves alone; repeatable; default: those with a filter or a model.", autocompletion=AXES.one),
+    typer.Option(
+        "--axis", help="Axis that moves alone; repeatable; default: those with a filter or a model.", autocompletion=AXES.one
+    ),
 ]
 
 

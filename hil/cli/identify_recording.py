@@ -16,9 +16,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
 
 RecordingOption = Annotated[
     list[Path] | None,
-    typer.Option(
-        "--recording", metavar="FILE", help="Recording to identify from, repeatable; nothing moves."
-    ),
+    typer.Option("--recording", metavar="FILE", help="Recording to identify from, repeatable; nothing moves."),
 ]
 ColumnOption = Annotated[
     list[str] | None,

@@ -52,7 +52,9 @@ def passport(
     pole_pairs: Annotated[
         list[str] | None, typer.Option("--pole-pairs", metavar="AXIS=P", help="Pole pairs of an axis' motor: 2=5; repeatable.")
     ] = None,
-    slots: Annotated[list[str] | None, typer.Option("--slots", metavar="AXIS=Z", help="Slots of an axis' motor: 2=12; repeatable.")] = None,
+    slots: Annotated[
+        list[str] | None, typer.Option("--slots", metavar="AXIS=Z", help="Slots of an axis' motor: 2=12; repeatable.")
+    ] = None,
     note: Annotated[str, typer.Option(help="Conditions of new runs whose own notes have none: 22 °C, 3 kg, forwards.")] = "",
     as_json: JsonOption = False,
 ) -> None:

@@ -35,7 +35,9 @@ def following(
     robots: Annotated[
         int, typer.Option("--robots", min=1, max=MOST_ROBOTS, help="Number of robots, one for each seed from the first on.")
     ] = 10,
-    law: Annotated[list[str] | None, typer.Option("--law", help="observer, filtered-x LMS or repetition; repeatable; default: all.")] = None,
+    law: Annotated[
+        list[str] | None, typer.Option("--law", help="observer, filtered-x LMS or repetition; repeatable; default: all.")
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="CSV file for every law on every motion of every robot.")] = None,
     as_json: JsonOption = False,
 ) -> None:

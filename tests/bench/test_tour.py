@@ -100,9 +100,9 @@ def verdict(peak_mm: float, m_s: float) -> NotchVerdict:
 @pytest.mark.parametrize(
     ("given", "kept_mm", "said"),
     [
-        (verdict(0.066, 1.5), 0.066, "which is kept"),
-        (verdict(0.066, 1.9), 0.084, "0.066 mm, which is not used because it misses M_s 1.9"),
-        (verdict(0.090, 1.5), 0.084, "the bench file's notch 0.090 mm"),
+        (verdict(0.066, 1.5), 0.066, "the bench file's notch is kept"),
+        (verdict(0.066, 1.9), 0.084, "the bench file's notch is not used: 0.066 mm, but it misses M_s 1.9"),
+        (verdict(0.090, 1.5), 0.084, "the bench file's notch: 0.090 mm"),
         (None, 0.084, ""),
     ],
 )

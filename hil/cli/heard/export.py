@@ -42,7 +42,8 @@ def export(
         Path, typer.Argument(metavar="SOURCE", help="Directory of a run, one of its CSV files, or a log of a bus.")
     ],
     to: Annotated[
-        list[Path] | None, typer.Option("--to", metavar="FILE", help="File to write, by its suffix: .dbc, .mf4, .mcap, .parquet; repeatable.")
+        list[Path] | None,
+        typer.Option("--to", metavar="FILE", help="File to write, by its suffix: .dbc, .mf4, .mcap, .parquet; repeatable."),
     ] = None,
     run: Annotated[
         str | None, typer.Option("--run", metavar="NAME", help="Name of a recording in a directory of several.")
@@ -50,7 +51,9 @@ def export(
     bench_file: OptionalBenchOption = None,
     description: Annotated[
         list[str] | None,
-        typer.Option("--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node whose set-up is not in the log; repeatable."),
+        typer.Option(
+            "--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node whose set-up is not in the log; repeatable."
+        ),
     ] = None,
     interface: Annotated[str | None, typer.Option(metavar="NAME", help="Interface to read if the log has several: can1.")] = None,
     plotjuggler: Annotated[

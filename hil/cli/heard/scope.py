@@ -48,7 +48,9 @@ def scope(
     bench_file: OptionalBenchOption = None,
     description: Annotated[
         list[str] | None,
-        typer.Option("--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node, for its mapping: drive.eds:2; repeatable."),
+        typer.Option(
+            "--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node, for its mapping: drive.eds:2; repeatable."
+        ),
     ] = None,
     ask: Annotated[
         str,

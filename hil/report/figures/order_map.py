@@ -148,6 +148,7 @@ def _longest_rise(speed_rps: Real) -> tuple[int, int]:
 
 def _draw(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance) -> None:
     amplitude = np.ma.masked_invalid(found.amplitude.T)
+    panel.grid(visible=False)  # the lowest colour would cover it in parts
     panel.contourf(found.speed_rps, found.orders, amplitude, levels=levels, colors=_colours())
     keep_map(panel, found.speed_rps, found.orders, found.amplitude, float(levels[-1]), tuple(_colours()))
     low, high = float(found.speed_rps[0]), float(found.speed_rps[-1])
@@ -169,6 +170,7 @@ def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, resonance: Mar
     """
     speeds, orders = np.meshgrid(found.speed_rps, found.orders, indexing="ij")
     amplitude = np.ma.masked_invalid(found.amplitude)
+    panel.grid(visible=False)
     panel.contourf(speeds, orders * speeds, amplitude, levels=levels, colors=_colours())
     keep_map(panel, found.speed_rps, orders * speeds, found.amplitude, float(levels[-1]), tuple(_colours()))
     low, high = float(found.speed_rps[0]), float(found.speed_rps[-1])

@@ -185,7 +185,13 @@ def _sentence(name: str, rows: list[tuple[str, ComparisonRow]], count: int) -> s
     """A treatment in a sentence."""
     within = sum(bool(row.within_spec) for _, row in rows if row.loop == "drive" or name != "none")
     rows = [(robot, row) for robot, row in rows if row.loop == "drive" or name != "none"]
-    text = f"{_title(name)}: within the specification in {within} of {count}"
+    if count > 1:
+        where = f"within the specification in {within} of {count}"
+    elif any(row.within_spec is not None for _, row in rows):
+        where = f"{'within' if within else 'outside'} the specification"
+    else:
+        where = "not judged"
+    text = f"{_title(name)}: {where}"
     changes = [row.tip_peak_change_pct for _, row in rows if row.tip_peak_change_pct is not None]
     if changes:
         low, high = min(changes), max(changes)

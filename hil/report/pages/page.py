@@ -114,18 +114,20 @@ class Card:
 _SYMBOL = re.compile(r"(?<!\w)([A-Za-zα-ωΑ-Ω])_([A-Za-z0-9]+)(?!\w)")
 
 
+_QUANTITY = re.compile(r"(?<=\d) (?=(?:%|mm|Hz|rev/s|m/s²|ms|s|rad|k?N·m|arcsec|dB|°)(?![\w·]))")
+"""The gap between a number and its unit, at which no line ends."""
 _CODE = re.compile(r"`([^`]+)`")
 
 
 def typeset(text: str) -> Markup:
     """Format text as HTML.
 
-    Symbols such as f_al have an index; text between backticks is code.
+    Symbols such as f_al have an index; text between backticks is code; a number stays with its unit.
     """
     if isinstance(text, Markup):
         return text
     parts = _CODE.split(str(escape(text)))
-    parts[::2] = [_SYMBOL.sub(r"\1<sub>\2</sub>", plain) for plain in parts[::2]]
+    parts[::2] = [_QUANTITY.sub("&nbsp;", _SYMBOL.sub(r"\1<sub>\2</sub>", plain)) for plain in parts[::2]]
     parts[1::2] = [f"<code>{code}</code>" for code in parts[1::2]]
     return Markup("".join(parts))  # noqa: S704 - escaped before
 

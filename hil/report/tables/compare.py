@@ -45,7 +45,7 @@ def overview(result: TreatmentTable, key: str = "overview", caption: str | Marku
             own = {(row.experiment, row.axis): row for row in robot.rows if (row.treatment, row.loop) == treatment}
             name = treatment_words(next(iter(own.values())))
             rows.append([*([robot.name] if several else []), name, *(_peak(own.get(case)) for case in columns)])
-    head = ("robot", "treatment") if several else ("what acts",)
+    head = ("robot", "treatment") if several else ("treatment",)
     header = (*head, *(f"{case_name(*case)} (mm)" for case in columns))
     limits = {robot.tip_mm for robot in result.robots}
     limit_text = f" Allowed: ±{limits.pop():g} mm." if len(limits) == 1 else ""
@@ -71,7 +71,7 @@ def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | No
         for claim in result.tour.claims
     ]
     header = ("Claim", "Asked", "Found", "Unit", "Holds")
-    return ReportTable(key, "Claim", "", header, rows, frozenset({0, 1, 3, 4}), is_prose=True)
+    return ReportTable(key, "Claims", "", header, rows, frozenset({0, 1, 3, 4}), is_prose=True)
 
 
 def _peak(row: ComparisonRow | None) -> Cell:

@@ -61,6 +61,9 @@ class ReportTable:
     groups: Mapping[int, str] = field(default_factory=dict)
 
 
+_NEGATIVE_ZERO = re.compile(r"-0(\.0*)?(?![\d.])")
+
+
 def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
     """Format a number for a cell.
 
@@ -76,7 +79,8 @@ def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
         return NONE
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"
-    return form.format(value).replace("-", "−")
+    text = form.format(value)
+    return (text[1:] if _NEGATIVE_ZERO.match(text) else text).replace("-", "−")
 
 
 def value_and_error(value: float, error: float) -> tuple[str, str]:
@@ -86,6 +90,8 @@ def value_and_error(value: float, error: float) -> tuple[str, str]:
 
     >>> value_and_error(48.9745, 0.0432), value_and_error(-0.00067115, 0.00008), value_and_error(12.5, 0.0)
     (('48.97', '0.04'), ('−0.00067', '0.00008'), ('12.5', '0'))
+    >>> value_and_error(-0.2, 5.0)
+    ('0', '5')
     """
     if not error > 0.0 or not math.isfinite(error) or not math.isfinite(value):
         return number(value, "{:.4g}"), number(error)

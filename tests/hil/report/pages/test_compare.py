@@ -78,6 +78,12 @@ def test_the_verdict_names_the_treatment_that_keeps_the_specification_everywhere
     )
 
 
+def test_a_single_experiment_is_not_counted():
+    details = verdict(comparison(robot([row(*RAMP, "none", 0.075), row(*RAMP, "notch", 0.046)]))).details
+    assert any(line.startswith("Notch: within the specification") for line in details)
+    assert not any(" of 1" in line for line in details)
+
+
 def test_a_treatment_that_was_not_run_everywhere_keeps_nothing_everywhere():
     found = verdict(comparison(robot([*ROWS, row(*RAMP, "cancellation", 0.003)])))
     assert (found.kind, found.headline) == ("open", "No single treatment keeps the tip within ±0.05 mm in all 2 experiments")

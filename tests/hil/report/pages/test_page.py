@@ -16,6 +16,8 @@ from hil.report.pages.page import moment_text, typeset
         ("<b> & f_a", "&lt;b&gt; &amp; f<sub>a</sub>"),
         ("axis2_position_rad", "axis2_position_rad"),
         (Markup("<i>f_a</i>"), "<i>f_a</i>"),
+        ("0.064 mm, −49 % peak, at 5.92 rev/s", "0.064&nbsp;mm, −49&nbsp;% peak, at 5.92&nbsp;rev/s"),
+        ("in 3 steps, 2 mmm", "in 3 steps, 2 mmm"),
     ],
 )
 def test_symbols_and_code_are_set_and_nothing_else(text, html):
