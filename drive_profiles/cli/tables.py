@@ -76,11 +76,11 @@ def _row(row: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> li
 def _blocks(header: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[str]:
     """Return each row as a block.
 
-    Its first cell comes first, then the others after their columns' names, as many on a line as fit.
+    Its first cell comes first, a number with its column's name, then the others after theirs, as many on a line as fit.
     """
     shown = []
     for row in rows:
-        shown += _wrap(row[0], width)
+        shown += _wrap(f"{header[0]} {row[0]}".lstrip() if row[0].isdecimal() else row[0], width)
         line = ""
         for name, cell in zip(header[1:], row[1:], strict=True):
             part = f"{name}: {cell}" if name else cell

@@ -224,7 +224,7 @@ class RunProgress(SpokenReporter):
 
         self._console = Console(stderr=True)
         self._is_live = is_live and self._console.is_terminal
-        title = Column(no_wrap=True, overflow="ellipsis", max_width=max(20, self._console.width - 36))  # the time is never cut
+        title = Column(overflow="fold", max_width=max(20, self._console.width - 36))  # the time is never cut
         self._bar = Progress(
             TextColumn("{task.description}", table_column=title), BarColumn(bar_width=16),
             TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), console=self._console, disable=not self._is_live,

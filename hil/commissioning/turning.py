@@ -82,7 +82,7 @@ def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path
     wanted, moved = planned.bias_rad, angle - angle[0]
     along = float(np.dot(moved, wanted) / np.dot(wanted, wanted))
     friction, _ = slow_torque(angle, torque, planned)
-    seen = f"the motor's angle showed {along:.0%} of {np.ptp(wanted) / TURN:.2g} rev"
+    seen = f"the motor's angle showed {100.0 * along:.0f} % of {np.ptp(wanted) / TURN:.2g} rev"
     checks = [
         of.passed("brake opens", True, f"{seen} at up to {np.max(np.abs(torque)):.3g} N·m", path),
         of.passed("encoder sign", SHOWN_TRAVEL[0] <= along <= SHOWN_TRAVEL[1], f"{seen}, along the set-point", path),

@@ -197,7 +197,7 @@ class Adviser:
              "in every cycle today", [position_only(cycle)], self.wire),
             (True, "control word out of the cyclic RPDO", "an RPDO of its own, sent when it changes",
              [without_control_word(cycle)], self.wire),
-            (True, "no notch state TPDO", "the report no longer shows what the filter does",
+            (True, "no notch state TPDO", "a report without the state of the filter",
              [without_notch_state(cycle)], self.wire),
             (count > 1, f"{count} set-points in one RPDO", "control word apart" + entries, [shared_commands(cycle)], self.wire),
             (True, "all of these together", apart + entries, [packed(cycle)], self.wire),

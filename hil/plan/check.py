@@ -247,7 +247,7 @@ def _axis_stability(
     if table.control == AS_FOUND:
         return AxisStability(number, period, delay, reason="its gains are as found in the drive")
     if model is None:
-        return AxisStability(number, period, delay, reason="the bench file has no model of the axis")
+        return AxisStability(number, period, delay, reason="no model")
     return worst_margins(number, model)
 
 

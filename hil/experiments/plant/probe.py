@@ -83,7 +83,7 @@ def probe_trouble(
     if travelled < STILL_FRACTION:
         return ProbeTrouble(
             "brake",
-            f"the motor angle showed {travelled:.0%} of a motion of {np.ptp(motion.bias_rad) / TURN:.2g} rev at "
+            f"the motor angle showed {100.0 * travelled:.0f} % of a motion of {np.ptp(motion.bias_rad) / TURN:.2g} rev at "
             f"up to {largest:.3g} N·m; check that the brake is open, the arm free, and the encoder the axis' own",
         )
     friction, slope = slow_torque(angle, torque, motion)

@@ -59,7 +59,9 @@ def directions_of(material: Material, drawn: list[PlottedRun], axis: int | None,
         else:
             shade_speeds(material, axis, runs[-1].recording, panel, with_names=False)
         panel.set_ylabel(f"Tip along {name} (mm)")
-        panel.legend(loc="upper right")
+        panel.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=min(len(runs), 3), borderaxespad=0.1
+        )  # above: curves fill the panel
     panels[-1, 0].set_xlabel("Time (s)")
     shaded = f"Shaded: {line_words(material)}, in which it is judged." if axis is None else window_words(material, axis)
     return Drawing(
