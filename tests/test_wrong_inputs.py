@@ -65,6 +65,12 @@ COMMANDS = {
     "a folder that is missing": (hil, (*IDENTIFY, "--model", "/no/m.toml"), 3, "/no/m.toml: cannot be written: there is no"),
     "an option that is no number": (hil, (*IDENTIFY, "--bias-rps", "nan"), 2, "--bias-rps: 'nan': expected a finite number"),
     "an order of 0": (hil, ("identify", "ate", "--axis", "2", "--bench", "reference", "--orders", "0"), 2, "must be above 0"),
+    "a folder as a log": (hil, ("explain", "old"), 3, "old: is a folder; expected a log of a bus"),
+    "a file as a bus": (hil, (*RUN, "--bus", "local:x.log"), 4, "x.log is a file; expected the socket of an emulator"),
+    "a folder as a bus": (hil, (*RUN, "--bus", "local:old"), 4, "old is a folder; expected the socket of an emulator"),
+    "no adapter": (
+        hil, (*RUN, "--bus", "slcan:/dev/no@1M"), 4, "no bus at slcan:/dev/no@1M: could not open port /dev/no: No such file",
+    ),
     "no log": (hil, ("explain", "x.log"), 3, "x.log: no frame in it: none of its 2 lines is one of candump's"),
     "a design file to write": (
         hil, ("design", "notch", "--axis", "2", "--bench", "reference", "--design", "bench.toml"), 3, "unknown key 'geometry'",
@@ -90,6 +96,14 @@ COMMANDS = {
     ),
     "a set that is none": (drive_profiles, ("upload", "bench.toml", "--node", "2", *NOWHERE), 3, "unknown key 'geometry'"),
     "an assignment that is none": (plant_emulator, ("serve", "--drive", "3:x"), 2, "--drive 3:x: expected AXIS=VALUE, such as"),
+    "a file to serve on": (
+        plant_emulator, ("serve", "--bus", "local:x.log"), 4, "cannot serve local:x.log: x.log is a file; choose another path",
+    ),
+    "a folder to serve on": (plant_emulator, ("serve", "--bus", "local:old"), 4, "old is a folder; choose another path"),
+    "no folder to serve in": (
+        plant_emulator, ("serve", "--bus", "local:/no/x.sock"), 4, "there is no folder /no; make it first, or",
+    ),
+    "a file for EDS files": (plant_emulator, ("eds", "--out", "x.log"), 3, "x.log: is a file; expected a folder"),
     "seeds backwards": (plant_emulator, ("fleet", "--seeds", "3-1", "--out", "q"), 2, "3-1 ends before it begins"),
     "a robot that is a bench": (plant_emulator, ("serve", "--robot", "bench.toml"), 3, "axis.2.limits: unknown key 'limits'"),
 }  # fmt: skip

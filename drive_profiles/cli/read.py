@@ -188,13 +188,16 @@ def pull(
     """
     from drive_profiles.address import parse_address
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.device.target import device_at
+    from drive_profiles.device.device import identity_at
+    from drive_profiles.device.target import device_at, doubt_of_profile
 
     wanted = class_names(classes)
     if out == Path("-"):
         out = None
     with exit_on_error(), SdoBus(bus, timeout_s) as opened:
         device = device_at(opened, node, profile, eds)
+        if profile is not None and (doubt := doubt_of_profile(identity_at(opened.port(node)), profile)):
+            typer.echo(doubt, err=True)
         with progress("reading", len(device.catalogue)) as step:
             pulled = device.pull(wanted, lambda done, total: step(1))
         header = pulled.header.model_copy(update={"bitrate_bit_s": parse_address(bus).bitrate})

@@ -112,6 +112,22 @@ def catalogue_of(
     return Catalogue(_of_product(known, product_code, revision), description)
 
 
+def doubt_of_profile(identity: DeviceIdentity, name: str) -> str | None:
+    """Return a warning if a named profile is of another vendor's devices.
+
+    Args:
+        identity: Identity of the device.
+        name: Name or path of a drive profile.
+    """
+    vendor = Profile.load(name).identity.vendor_id
+    if vendor is None or identity.vendor_id in {None, vendor}:
+        return None
+    return (
+        f"node {identity.node}: profile {name} is of vendor 0x{vendor:08X}, the device is not ({_who(identity)}); "
+        "its objects may mean something else: is the profile right?"
+    )
+
+
 def _of_product(known: Profile, product_code: int | None, revision: int | None) -> Profile:
     """Return the profile of the device's product.
 

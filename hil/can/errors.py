@@ -1,6 +1,11 @@
 """Errors of a bus."""
 
+import re
+
 from drive_profiles.address import Address
+
+_ERRNO = re.compile(r"\[Errno \d+\] ")
+"""The number that Python puts before the words of an error of the system."""
 
 
 class ChannelError(Exception):
@@ -12,8 +17,8 @@ class BusUnavailableError(ChannelError):
 
     def __init__(self, address: Address, reason: str) -> None:
         """Keep address and reason."""
-        self.address, self.reason = address, reason
-        super().__init__(f"no bus at {address}: {reason}")
+        self.address, self.reason = address, _ERRNO.sub("", reason)
+        super().__init__(f"no bus at {address}: {self.reason}")
 
 
 class BusLostError(ChannelError):

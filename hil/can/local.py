@@ -57,6 +57,10 @@ def connect_local(address: Address) -> socket.socket:
                 continue
             break
         return sock
+    path = Path(address.channel)
+    if path.exists() and not path.is_socket():
+        found = "a folder" if path.is_dir() else "a file"
+        raise BusUnavailableError(address, f"{path} is {found}; expected the socket of an emulator")
     raise BusUnavailableError(address, f"{reason}; start it with: plant-emulator serve --bus {address}")
 
 

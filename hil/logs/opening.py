@@ -43,7 +43,7 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
     """
     suffix = path.suffix.lower()
     if not path.is_file():
-        raise LogError(path, "no such file")
+        raise LogError(path, "is a folder; expected a log of a bus, such as its bus.log" if path.is_dir() else "no such file")
     counters = np.zeros(candump.COUNTED, np.int64)
     ended: list[str] = []
     if suffix in FOREIGN:

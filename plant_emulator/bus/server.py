@@ -363,7 +363,9 @@ def _listen(path: str, *, stream: bool) -> socket.socket:
             raise AddressInUseError(path)
         Path(path).unlink()
     if Path(path).exists():
-        raise OSError(errno.EADDRINUSE, os.strerror(errno.EADDRINUSE), path)
+        raise OSError(errno.EEXIST, f"{path} is a {'folder' if Path(path).is_dir() else 'file'}; choose another path")
+    if not (folder := Path(path).absolute().parent).is_dir():
+        raise OSError(errno.ENOENT, f"there is no folder {folder}; make it first, or choose another path")
     unfinished = path[:-1] + ("~" if path[-1] != "~" else "-")  # as long as the path, whose length is limited
     if Path(unfinished).is_socket() and not _answers(unfinished):
         Path(unfinished).unlink()

@@ -56,7 +56,8 @@ def exit_on_error() -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        raise fail(f"{error.filename or 'output'}: {error.strerror or error}", EmulatorExitStatus.FILE) from None
+        words = "is a file; expected a folder" if isinstance(error, FileExistsError) else error.strerror or error
+        raise fail(f"{error.filename or 'output'}: {words}", EmulatorExitStatus.FILE) from None
 
 
 @contextmanager

@@ -324,7 +324,8 @@ def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) ->
     except BusUnavailableError as error:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
     except (AddressInUseError, OSError) as error:
-        raise fail(f"cannot serve {address}: {error}", EmulatorExitStatus.BUS) from None
+        words = getattr(error, "strerror", None) or error
+        raise fail(f"cannot serve {address}: {words}", EmulatorExitStatus.BUS) from None
 
 
 def _world(robot: str, model: "Robot", sensor: "EmulatedSerialAccelerometer | None") -> "World":

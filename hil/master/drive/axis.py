@@ -157,7 +157,7 @@ def check_identity(network: Network, node: int, profile: Profile, serial_number:
 
 
 def _check_number(network: Network, node: int, what: str, address: ObjectAddress, expected: int) -> None:
-    value = network.read(node, *address, U32, what)
+    value = network.read(node, *address, U32, what.partition(" (")[0])
     if value != expected:
         raise WrongIdentityError(node, what, expected, value)
 

@@ -121,6 +121,12 @@ def test_two_sets_are_compared_without_a_bus(robot):
     assert run("diff", "axis2.toml", "--node", "2").stderr == f"bus {robot}, from HIL_BUS\n"
 
 
+def test_a_profile_of_another_vendor_is_doubted_aloud():
+    said = run("pull", "--node", "2", "--profile", "kollmorgen_akd", "--out", "odd.toml").stderr
+    assert "node 2: profile kollmorgen_akd is of vendor 0x0000006A, the device is not (vendor 0x48494C01" in said
+    assert "is of vendor" not in run("pull", "--node", "2", "--profile", "emulated_drive", "--out", "even.toml").stderr
+
+
 def test_a_set_of_another_family_is_not_compared_with_a_drive():
     """Its first object would end the command with an abort that names neither file nor device."""
     run("realise", "emulated_drive", "--order", "2", "--speed-rps", "5.92", "--out", "notch.toml")

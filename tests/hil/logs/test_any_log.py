@@ -81,5 +81,5 @@ def test_bytes_of_any_kind_in_a_foreign_format_are_read_or_refused(kind, content
 
 
 def test_a_directory_is_no_log(tmp_path):
-    with pytest.raises(LogError, match="no such file"):
+    with pytest.raises(LogError, match="is a folder; expected a log of a bus"):
         open_log(tmp_path)

@@ -393,7 +393,7 @@ def test_a_path_where_another_server_answers_is_refused(start_server, stream, se
 def test_a_file_that_is_no_socket_is_left_alone(tmp_path):
     path = tmp_path / "notes.txt"
     path.write_text("keep me")
-    with pytest.raises(OSError, match="in use"):
+    with pytest.raises(OSError, match="is a file; choose another path"):
         Server(World(ONE_AXIS), str(path))
     assert path.read_text() == "keep me"
 
