@@ -274,9 +274,7 @@ def _in_range(reading: ValueReading, data_type: int) -> ValueReading:
             and 1 << (width - 1) <= content < 1 << width
             and negative >= limits[0]
         ):
-            return reading._replace(
-                value=negative, remark=_joined(reading.remark, f"read as {negative}, whose bit pattern it is")
-            )
+            return reading._replace(value=negative, remark=_joined(reading.remark, f"read as {negative}, which has these bits"))
     return reading._replace(value=None, remark=_joined(reading.remark, "out of the range of its type; dropped"))
 
 

@@ -103,7 +103,7 @@ class ArmTable(Table):
         if self.urdf is not None:
             return self
         if self.tip_link is not None:
-            raise ValueError("tip_link names a link of a URDF file; with links of its own an arm has tip_m")
+            raise ValueError("tip_link needs a URDF file; an arm with its own links takes tip_m")
         axes = self.axes
         twice = sorted({axis for axis in axes if axes.count(axis) > 1})
         if twice:

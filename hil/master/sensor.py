@@ -132,7 +132,7 @@ class CanopenSensor:
         for sub in (1, 2, 3):
             unit = self._network.read(node, UNIT_OBJECT, sub, U32, "physical unit")
             if unit != METRE_PER_SECOND_SQUARED:
-                raise NodeError(node, f"channel {sub} measures in unit 0x{unit:08X}, m/s² is 0x{METRE_PER_SECOND_SQUARED:08X}")
+                raise NodeError(node, f"channel {sub} measures in unit 0x{unit:08X}; expected 0x{METRE_PER_SECOND_SQUARED:08X}")
             scales.add(10.0 ** -self._network.read(node, DIGITS_OBJECT, sub, U8, "decimal digits"))
         if len(scales) != 1:
             raise NodeError(node, f"its channels have different scales: {sorted(scales)} m/s² per step")

@@ -116,7 +116,7 @@ class ParameterStore:
         volatile: frozenset[int] = VOLATILE,
     ) -> None:
         if time_ns < 0:
-            raise ValueError(f"storing cannot take {time_ns} ns")
+            raise ValueError(f"storing takes {time_ns} ns; expected 0 or more")
         self.time_ns = time_ns
         self.fails = False
         self.may_store: Callable[[], SdoAbortCode | None] = _always

@@ -27,7 +27,7 @@ def run(tmp_path: Path, hil_local_bus: ServedBus, text: str, treatment: str, *mo
         "--bus", hil_local_bus.address, "--out", str(out), *more,
     ])  # fmt: skip
     assert (out / "result.json").is_file(), done.output
-    return done.exit_code, done.output, (out / "report.html").read_text(encoding="utf-8")
+    return done.exit_code, done.output, (out / "report.html").read_text(encoding="utf-8").replace("&nbsp;", " ")
 
 
 @pytest.mark.slow

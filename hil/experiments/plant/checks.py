@@ -218,11 +218,11 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
             causes = ("noise", "cycle")
             more = f"the band ends at {high:.3g} Hz, below f_r = {f_r:.3g} Hz: {wider}"
         elif request.amplitude_nm is not None:
-            more = f"leave out --amplitude-nm, or raise --periods by {times**2:.2g} times"
+            more = f"leave out --amplitude-nm, or multiply --periods by {times**2:.2g}"
         else:
             causes = ("noise", "encoder")
             more = (
-                f"the {limited_by} allows no amplitude above {amplitude_nm:.2g} N·m: raise --periods by {times**2:.2g} times, or "
+                f"the {limited_by} allows no amplitude above {amplitude_nm:.2g} N·m: multiply --periods by {times**2:.2g}, or "
                 "take a finer encoder or a shorter SYNC period"
             )
         checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed, more, causes))

@@ -12,6 +12,7 @@ from drive_profiles.device.target import fault_texts_of
 from drive_profiles.standard.cia301 import EmergencyCode, FunctionCode, NmtState, abort_text
 from drive_profiles.standard.error_codes import error_text
 from drive_profiles.standard.object_address import address_text
+from hil.logs.findings.counting import counted, times
 from hil.logs.findings.finding import MOST_STAMPS, Finding, Said, Severity, picture_of, stamps_of
 from hil.logs.nodes import WITH_SYNC, Node, Pdo
 from hil.logs.overheard import AbortedTransfer, OverlappingRequest, UnansweredRequest
@@ -83,7 +84,7 @@ def _process_data(trace: Trace, node: Node, pdo: Pdo) -> Iterator[Said]:
         if jump:
             yield Finding(
                 "answers-old", Severity.FAULT,
-                f"the position in {pdo.name} stays the same {len(jump)} times while the motor turns, then jumps: "
+                f"the position in {pdo.name} stays the same {times(len(jump))} while the motor turns, then jumps: "
                 f"the PDO carries old values",
                 "set a transmission type with SYNC (1), an inhibit time of 0, and no event timer slower than the loop",
                 stamps_of(stream.stamp_ns, np.array(jump)), len(jump), node.number,
@@ -101,7 +102,7 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
     if worked:
         yield Finding(
             "node-restarted", Severity.FAULT,
-            f"node {node.number} restarts {len(worked)} times although it was operational",
+            f"node {node.number} restarts {times(len(worked))} although it was operational",
             "check supply and watchdog, and look for a reset by NMT in the frames before the restart",
             stamps_of(stream.stamp_ns, np.array(worked)), len(worked), node.number,
         )  # fmt: skip
@@ -114,7 +115,7 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
     if len(lost):
         yield Finding(
             "heartbeat-lost", Severity.FAULT,
-            f"node {node.number} was silent {len(lost)} times for {np.max(gaps) * 1e-6:.3g} ms at worst; "
+            f"node {node.number} was silent {times(len(lost))} for {np.max(gaps) * 1e-6:.3g} ms at worst; "
             f"otherwise its heartbeat comes every {usual * 1e-6:.3g} ms",
             "check the error frames and the node's next frames: the node hung, or the bus was off",
             stamps_of(stream.stamp_ns, lost), len(lost), node.number,
@@ -137,11 +138,11 @@ def _emergencies(trace: Trace, node: Node) -> Iterator[Said]:
     rows = np.flatnonzero((codes != EmergencyCode.NO_ERROR) & (stream.length >= 3))
     if not len(rows):
         return
-    counted = Counter(codes[rows].tolist())
+    by_code = Counter(codes[rows].tolist())
     own = fault_texts_of(*(node.value(0x1018, subindex) for subindex in (1, 2, 3)))
-    said = "; ".join(f"{code:04X}h {count} ×: {error_text(code, own)}" for code, count in counted.most_common(MOST_STAMPS))
+    said = "; ".join(f"{code:04X}h {count} ×: {error_text(code, own)}" for code, count in by_code.most_common(MOST_STAMPS))
     yield Finding(
-        "emergency", Severity.FAULT, f"node {node.number} sends {len(rows)} emergencies: {said}",
+        "emergency", Severity.FAULT, f"node {node.number} sends {counted(len(rows), 'emergency', 'emergencies')}: {said}",
         "find the cause of the first of them; later ones often follow from it",
         stamps_of(stream.stamp_ns, rows), len(rows), node.number,
     )  # fmt: skip
@@ -151,10 +152,10 @@ def _transfers(trace: Trace) -> Iterator[Said]:
     for number in trace.nodes:
         refusals = [event for event in trace.events if isinstance(event, AbortedTransfer) and event.node == number]
         if refusals:
-            counted = Counter((event.address, event.code) for event in refusals)
+            by_code = Counter((event.address, event.code) for event in refusals)
             said = "; ".join(
                 f"{address_text(address)} {count} ×: {abort_text(code)}"
-                for (address, code), count in counted.most_common(MOST_STAMPS)
+                for (address, code), count in by_code.most_common(MOST_STAMPS)
             )
             yield Finding(
                 "sdo-aborts", Severity.WARNING, f"node {number} refuses {len(refusals)} SDO transfers: {said}",

@@ -13,6 +13,7 @@ from drive_profiles.standard.cia301 import RPDO_BASES, FunctionCode
 from hil.can.bits import NOMINAL_BITS
 from hil.can.errors_frame import decode
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
+from hil.logs.findings.counting import counted
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
 from hil.logs.trace import LEAST_FRAMES, Trace
 
@@ -163,8 +164,8 @@ def _set_point_senders(trace: Trace) -> Iterator[Said]:
         if len(torn) > LEAST_FRAMES:
             yield Finding(
                 "two-masters", Severity.FAULT,
-                f"the target position of node {node.number} alternates between two paths in {len(torn)} frames, by up to "
-                f"{float(np.max(once[torn])):.0f} counts: two masters send it",
+                f"the target position of node {node.number} alternates between two paths in {counted(len(torn), 'frame')}, "
+                f"by up to {float(np.max(once[torn])):.0f} counts: two masters send it",
                 "stop one of them", stamps_of(stream.stamp_ns, torn), len(torn), node.number,
                 picture_of(stream.stamp_ns * 1e-9, values.astype(float),
                     ("time [s]", f"target position of node {node.number} [counts]")),

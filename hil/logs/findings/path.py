@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.logs.findings.counting import counted, times
 from hil.logs.findings.finding import Finding, Said, Severity, picture_of, stamps_of
 from hil.logs.nodes import Node
 from hil.logs.trace import LEAST_FRAMES, MOVES_COUNTS, Trace
@@ -76,7 +77,7 @@ def _limits(trace: Trace, node: Node, stamp_ns: NDArray[np.int64], target: NDArr
             yield Finding(
                 "too-fast", Severity.FAULT,
                 f"the target position of node {node.number} runs up to {np.max(np.abs(step[fast])) / allowed * most:.0f} rev/min "
-                f"in {len(fast)} cycles, and 6080h allows {most}; the motor falls behind",
+                f"in {counted(len(fast), 'cycle')}, and 6080h allows {most}; the motor falls behind",
                 "plan a slower path, or raise the limit if motor and gear allow it",
                 stamps_of(stamp_ns, fast), len(fast), node.number,
             )  # fmt: skip
@@ -140,7 +141,7 @@ def _blows(stamp_ns: NDArray[np.int64], target: NDArray[np.int64], node: Node) -
         return
     yield Finding(
         "acceleration-jump", Severity.WARNING,
-        f"the acceleration of node {node.number}'s target position jumps {len(blow)} times within one cycle, by "
+        f"the acceleration of node {node.number}'s target position jumps {times(len(blow))} within one cycle, by "
         f"{float(np.max(change[blow])):.0f} counts per cycle² at worst: each excites every resonance of the arm",
         "limit the jerk: let the acceleration change over at least one period of the lowest resonance",
         stamps_of(stamp_ns, blow + 4), len(blow), node.number,

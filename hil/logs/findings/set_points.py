@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drive_profiles.standard.units import interpolation_period_s
+from hil.logs.findings.counting import times
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
 from hil.logs.log import Stream
 from hil.logs.nodes import WITH_SYNC, MappedNumber, Node, Pdo
@@ -173,7 +174,7 @@ def _steps(stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> 
         worst = float(np.max(np.abs(change[pulse])))
         yield Finding(
             "set-point-jump", Severity.FAULT,
-            f"the {name} of node {node.number} jumps {len(pulse)} times, by up to {worst:.0f} counts; "
+            f"the {name} of node {node.number} jumps {times(len(pulse))}, by up to {worst:.0f} counts; "
             f"other steps change by at most {usual:.0f}",
             "a jump of the position is a torque pulse; make the path continuous in position and speed, also where "
             "one path follows another",

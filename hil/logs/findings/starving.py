@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drive_profiles.standard.cia301 import FunctionCode
+from hil.logs.findings.counting import counted
 from hil.logs.findings.finding import Finding, Said, Severity, picture_of, stamps_of
 from hil.logs.trace import FEW_FRACTION, LEAST_FRAMES, Trace
 
@@ -42,8 +43,9 @@ def starving_findings(trace: Trace) -> Iterator[Said]:
                 continue
             yield Finding(
                 "starved", Severity.WARNING,
-                f"{pdo.name} comes up to {np.max(rhythm.late_ns[late]) * 1e-6:.3g} ms late in {len(late)} cycles, in which "
-                f"{culprit:03X}h is sent {more:.1f} times more than usual: its priority is higher, and {pdo.can_id:03X}h waits",
+                f"{pdo.name} comes up to {np.max(rhythm.late_ns[late]) * 1e-6:.3g} ms late in {counted(len(late), 'cycle')}, "
+                f"in which {culprit:03X}h is sent {more:.1f} times more than usual: its priority is higher, "
+                f"and {pdo.can_id:03X}h waits",
                 f"spread the frames of {culprit:03X}h (inhibit time, fewer at once), give it an identifier above "
                 f"{pdo.can_id:03X}h, or raise the bit rate",
                 stamps_of(stream.stamp_ns, late), len(late), node.number,

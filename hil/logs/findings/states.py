@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from drive_profiles.standard.cia301 import FunctionCode, NmtCommand
 from drive_profiles.standard.cia402 import FOLLOWING_ERROR, FOLLOWS_COMMAND, INTERNAL_LIMIT, Mode, State, state_of
+from hil.logs.findings.counting import counted, times
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
 from hil.logs.log import Stream
 from hil.logs.nodes import Node
@@ -53,7 +54,7 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
     if fell:
         yield Finding(
             "drive-fault", Severity.FAULT,
-            f"the drive of node {node.number} falls from operation enabled into fault {len(fell)} times",
+            f"the drive of node {node.number} falls from operation enabled into fault {times(len(fell))}",
             "read its emergency message or 603Fh, which names the cause",
             stamps_of(stream.stamp_ns, np.array(fell)), len(fell), node.number,
         )  # fmt: skip
@@ -69,7 +70,7 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
     if len(limited):
         yield Finding(
             "internal-limit", Severity.WARNING,
-            f"the drive of node {node.number} reports in {len(limited)} frames that an internal limit acts (6041h bit 11)",
+            f"the drive of node {node.number} reports an active limit in {counted(len(limited), 'frame')} (6041h bit 11)",
             "compare the commands with the drive's limits 607Dh, 607Fh, 6080h and 6072h",
             stamps_of(stream.stamp_ns, limited), len(limited), node.number,
         )  # fmt: skip
@@ -80,7 +81,7 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
         if len(left):
             yield Finding(
                 "not-following", Severity.WARNING,
-                f"the drive of node {node.number} is enabled and does not follow its set-points in {len(left)} frames "
+                f"the drive of node {node.number} is enabled and does not follow its set-points in {counted(len(left), 'frame')} "
                 f"(6041h bit 12)",
                 "check for a halt (6040h bit 8), a mode that ends (6061h), and missing set-points",
                 stamps_of(stream.stamp_ns, left), len(left), node.number,
@@ -89,7 +90,7 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
         if mode == Mode.CSP and len(behind):
             yield Finding(
                 "following-error", Severity.WARNING,
-                f"the drive of node {node.number} reports a following error in {len(behind)} frames (6041h bit 13)",
+                f"the drive of node {node.number} reports a following error in {counted(len(behind), 'frame')} (6041h bit 13)",
                 "compare 6065h with gains, feed-forward and acceleration",
                 stamps_of(stream.stamp_ns, behind), len(behind), node.number,
             )  # fmt: skip
@@ -106,7 +107,7 @@ def _torque(trace: Trace, node: Node) -> Iterator[Said]:
     if len(full) > 1:
         yield Finding(
             "torque-saturated", Severity.FAULT,
-            f"the torque of node {node.number} is at its limit of {limit} ‰ (6072h) in {len(full)} frames: the loop "
+            f"the torque of node {node.number} is at its limit of {limit} ‰ (6072h) in {counted(len(full), 'frame')}: the loop "
             f"is open there",
             "accelerate less, reduce the load, or raise the limit if the motor allows it; an integrator winds up meanwhile",
             stamps_of(stream.stamp_ns, full), len(full), node.number,

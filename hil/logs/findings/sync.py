@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hil.logs.findings.counting import counted
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
 from hil.logs.trace import Trace
 
@@ -33,7 +34,7 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
         lost = int(np.sum(np.round(gaps[missing]) - 1))
         yield Finding(
             "sync-missing", Severity.FAULT,
-            f"{lost} SYNCs are missing in {len(missing)} gaps, the longest {np.max(gaps) * period * 1e-6:.3g} ms; "
+            f"{lost} SYNCs are missing in {counted(len(missing), 'gap')}, the longest {np.max(gaps) * period * 1e-6:.3g} ms; "
             f"they otherwise come every {period * 1e-6:.4g} ms",
             "the sender of SYNC paused; give it real-time priority, fewer other programs, or a longer period",
             stamps_of(cycles.stamp_ns, missing), len(missing), None, drawn,

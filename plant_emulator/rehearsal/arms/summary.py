@@ -39,15 +39,15 @@ def arm_claims(rows: Sequence[Row]) -> list[RehearsalClaim]:
     asked = "at most 0.010 mm along x, y and z, or 1.3 × that without transmission errors, whichever is more"
     return [
         RehearsalClaim(
-            "never_worse", "never worse", "Never worse: in no condition the true tip rises in any direction, by more than 5 % or "
-            "0.002 mm, whichever is more", "0", f"{len(worse)} of {len(rows)} arms", not worse,
+            "never_worse", "never worse", "Never worse: in no condition does the true tip rise in any direction by more "
+            "than 5 % or 0.002 mm, whichever is more", "0", f"{len(worse)} of {len(rows)} arms", not worse,
         ),
         RehearsalClaim(
-            "quiet_line", "quiet on the learnt line", f"On the line on which it is learnt: {asked}",
+            "quiet_line", "quiet on the learnt line", f"On the line that the cancellation was learnt on: {asked}",
             f"{100.0 * QUIET_FRACTION:g} %", fraction_text(on_line, len(rows)), on_line >= QUIET_FRACTION * len(rows),
         ),
         RehearsalClaim(
-            "quiet_all", "quiet in all conditions", f"There and, unchanged, in all other conditions: {asked}",
+            "quiet_all", "quiet in all conditions", f"On that line and, unchanged, in all other conditions: {asked}",
             f"{100.0 * QUIET_FRACTION:g} %", fraction_text(quiet, len(rows)), quiet >= QUIET_FRACTION * len(rows),
         ),
         RehearsalClaim(

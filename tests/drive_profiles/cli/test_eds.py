@@ -35,7 +35,7 @@ def test_check_names_file_line_key_and_what_was_made_of_it():
     result = run("check", NUMBERS)
     assert result.exit_code == 0
     lines = [re.sub(r" for every CANopen device; expected .*", "", line) for line in result.stdout.splitlines()]
-    wanted = f"{NUMBERS}:39: [2000] DefaultValue: '0xFD' read as -3, whose bit pattern it is; expected INTEGER8, -128 to 127"
+    wanted = f"{NUMBERS}:39: [2000] DefaultValue: '0xFD' read as -3, which has these bits; expected INTEGER8, -128 to 127"
     missing = [f"{NUMBERS}: [{index}]: missing: the {name} is mandatory" for index, name in MANDATORY]
     assert lines[:4] == [*missing, wanted]
     assert lines[-1] == f"{NUMBERS}: eds, 18 objects, 18 entries; {len(lines) - 4} warnings, 3 contradictions, 0 left out"

@@ -73,7 +73,7 @@ def test_a_warning_says_where_what_was_read_and_what_was_made_of_it(numbers):
         eds.load(numbers.path, strict=True)
     assert caught.value.problems == tuple(sorted((*numbers.warnings, *numbers.contradictions)))
     assert (
-        f"{numbers.path}:39: [2000] DefaultValue: '0xFD' read as -3, whose bit pattern it is; expected INTEGER8, -128 to 127"
+        f"{numbers.path}:39: [2000] DefaultValue: '0xFD' read as -3, which has these bits; expected INTEGER8, -128 to 127"
         in str(caught.value)
     )
 

@@ -48,13 +48,13 @@ def test_what_the_standard_has_is_read_without_a_remark(text, data_type, wanted)
 @pytest.mark.parametrize(
     ("text", "data_type", "wanted", "words"),
     [
-        ("0xFD", I8, -3, "read as -3, whose bit pattern it is"),
+        ("0xFD", I8, -3, "read as -3, which has these bits"),
         ("253", I8, -3, "read as -3"),
         ("0xFFFD", I8, -3, "read as -3"),
         ("0xFFFFFFFD", I8, -3, "read as -3"),
         ("0xFFFFFFFFFFFFFFFD", I16, -3, "read as -3"),
-        ("0x80000000", I32, -(2**31), "bit pattern"),
-        ("0xFFFFFF", 0x10, -1, "bit pattern"),
+        ("0x80000000", I32, -(2**31), "these bits"),
+        ("0xFFFFFF", 0x10, -1, "these bits"),
         ("0x1FF", I8, None, "out of the range"),
         ("65536", U16, None, "out of the range"),
         ("-1", U16, None, "out of the range"),

@@ -165,7 +165,7 @@ def test_identifications_are_compared_with_their_errors(tmp_path):
         written(tmp_path / name, each)
     found = CliRunner().invoke(app, ["report", str(tmp_path / "new"), "--against", str(tmp_path / "old")])
     assert found.exit_code == 0, found.output
-    text = (tmp_path / "new" / "against.html").read_text(encoding="utf-8")
+    text = (tmp_path / "new" / "against.html").read_text(encoding="utf-8").replace("&nbsp;", " ")
     assert "No setting differs; 1 of 2 numbers that have a standard error differ by more than chance" in text
     assert "yes: 7.1 standard errors" in text
     assert 'id="errors-by-order"' in text
@@ -180,7 +180,7 @@ def test_the_page_has_both_tips_in_one_figure_that_can_be_zoomed(full_directory,
     (old / "result.json").write_text(json.dumps(value), encoding="utf-8")
     found = CliRunner().invoke(app, ["report", str(new), "--against", str(old), "--interactive"])
     assert found.exit_code == 0, found.output
-    text = (new / "against.html").read_text(encoding="utf-8")
+    text = (new / "against.html").read_text(encoding="utf-8").replace("&nbsp;", " ")
     assert text.count('<figure id="tip-') == text.count('<div class="wide zoom"') == 2
     assert "Only in the new result: line motion, notch, drive-closed" in text
     assert not (new / "report.html").exists() or (new / "report.html").read_bytes() == (old / "report.html").read_bytes()
