@@ -14,9 +14,10 @@ from canopen.lss import LssError, LssMaster
 
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.errors import NoAnswerError, RefusedError
+from drive_profiles.standard.cia305 import BIT_TIMINGS
 
-BIT_RATES = {1_000_000: 0, 800_000: 1, 500_000: 2, 250_000: 3, 125_000: 4, 50_000: 6, 20_000: 7, 10_000: 8}
-"""Bit rates and their index in the standard's table of bit timings. Source: CiA 305."""
+BIT_RATES = {rate: index for index, rate in BIT_TIMINGS.items()}
+"""Bit rates and their index in the standard's table of bit timings."""
 UNCONFIGURED = 0xFF
 
 

@@ -92,7 +92,7 @@ def bridged(recording: Recording) -> tuple[dict[int, Real] | None, str | None]:
         if np.all(known):
             continue
         if np.count_nonzero(known) < LEAST_KNOWN_ROWS:
-            return None, f"the second encoder of axis {number} has not answered"
+            return None, f"the second encoder of axis {number} has not answered: check its cable and supply"
         rows, at = np.arange(len(values)), np.flatnonzero(known)
         longest = int(np.max(np.diff(np.concatenate([[-1], at, [len(values)]])))) - 1
         if longest > LONGEST_GAP_ROWS:

@@ -11,6 +11,19 @@ from hil.bench.bench import AxisTable
 from hil.core.library import CORE
 
 GUARD = CORE.dtype("guard")
+LATE_SHARE = 0.1
+"""Lateness of a SYNC, in periods, that shows as no impossible position.
+
+A drive takes its position at SYNC, and turns at `speed_rps` at most. Between a SYNC that is on time and one that is late by
+this share of a period T, it turns by at most speed_rps (T + 0.1 T). Real hosts stay well below (docs/realtime.md). One that is
+later shows as a single impossible position, which is ignored: only WILD_LIMIT of them in a row stop the run.
+"""
+TORQUE_SHARE = 0.02
+"""Share of the torque limit by which rounding may lift a torque that a drive keeps at its limit.
+
+6072h and 6077h count in 1/1000 of the rated torque (CiA 402-2). Half a step of each is 1/1000 of the rated torque together:
+at most 2 % of any limit from 5 % of the rated torque on.
+"""
 
 
 class AxisGuard:
@@ -29,9 +42,9 @@ class AxisGuard:
         self.data = guard = CORE.new("guard") if data is None else data
         turn, limits = 2.0 * math.pi, table.limits
         guard.missing_limit, guard.period_s = missing_limit, period_s
-        guard.reach_rad = 1.1 * limits.speed_rps * turn * period_s
+        guard.reach_rad = (1.0 + LATE_SHARE) * limits.speed_rps * turn * period_s
         guard.low_rad, guard.high_rad = limits.position_min_rev * turn, limits.position_max_rev * turn
-        guard.torque_nm = 1.02 * limits.torque_nm
+        guard.torque_nm = (1.0 + TORQUE_SHARE) * limits.torque_nm
         guard.window_rad = limits.following_error_rev * turn
         # the drive watches the same window; the master is the second line and lets it speak first
         guard.window_s = limits.following_error_timeout_s + 2.0 * period_s
@@ -56,7 +69,7 @@ class AxisGuard:
         """
         name, limits, turn = f"axis {self.number}", self.table.limits, 2.0 * math.pi
         if found == CORE.call.SILENT:
-            return f"{name} has not answered for {missing} cycles"
+            return f"{name} has not answered for {missing} cycles: check its supply, its cable and the bus load (hil plan)"
         if found == CORE.call.NOT_IN_OPERATION:
             state = state_of(status_word)
             shown = "an unknown state" if state is None else state.value

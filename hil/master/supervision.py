@@ -87,5 +87,6 @@ class Supervisor:
             if fault is not None:
                 return fault
         # what has been heard by now keeps until then, and what will be heard longer
-        self._silent_until_s = min((since if last is None else max(last, since)) for last in heard.values()) + 3.0 * period
+        known = ((since if last is None else max(last, since)) for last in heard.values())
+        self._silent_until_s = min(known, default=now) + 3.0 * period
         return None

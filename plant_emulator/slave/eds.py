@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from drive_profiles.standard.cia301 import DataType, Value, encode
+from drive_profiles.standard.cia305 import BIT_TIMINGS
 from plant_emulator.slave.dictionary import Dictionary, Entry, ObjectType
 from plant_emulator.slave.pdo.setup import RPDO_COMMUNICATION, TPDO_COMMUNICATION
 
-BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
+BIT_RATES = tuple(sorted(rate // 1000 for rate in BIT_TIMINGS.values()))
 """Bit rates in kbit/s for which an EDS has a key."""
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _MANUFACTURER = range(0x2000, 0x6000)

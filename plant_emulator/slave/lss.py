@@ -7,6 +7,7 @@ from collections.abc import Callable
 from enum import Enum, IntEnum
 
 from drive_profiles.standard.cia301 import MAX_NODE_ID
+from drive_profiles.standard.cia305 import BIT_TIMINGS
 from plant_emulator.slave.dictionary import Dictionary
 
 REQUEST_ID, RESPONSE_ID = 0x7E5, 0x7E4
@@ -14,9 +15,6 @@ REQUEST_ID, RESPONSE_ID = 0x7E5, 0x7E4
 
 UNCONFIGURED = 0xFF
 """Instead of a node-ID: the node has none, and answers LSS only."""
-
-BIT_RATES = {0: 1_000_000, 1: 800_000, 2: 500_000, 3: 250_000, 4: 125_000, 6: 50_000, 7: 20_000, 8: 10_000}
-"""CiA 305, standard table of the bit timings (selector 0) by index; 5 is reserved, 9 (find it out by itself) is not supported."""
 
 _LENGTH = 8
 _IDENTITY = 0x1018
@@ -169,9 +167,9 @@ class LssSlave:
 
     def _configure_bit_timing(self, data: bytes) -> tuple[int, ...]:
         selector, index = data[1], data[2]
-        if selector != 0 or index not in BIT_RATES:
+        if selector != 0 or index not in BIT_TIMINGS:
             return LssService.CONFIGURE_BIT_TIMING, LssResult.REFUSED
-        self.bit_rate = BIT_RATES[index]
+        self.bit_rate = BIT_TIMINGS[index]
         return LssService.CONFIGURE_BIT_TIMING, LssResult.DONE
 
     def _activate_bit_timing(self, data: bytes) -> None:

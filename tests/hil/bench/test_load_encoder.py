@@ -186,4 +186,4 @@ def test_an_encoder_that_is_silent_for_long_is_not_believed():
     _, gap = lossy(bench, 700, LONGEST_GAP_ROWS + 1)
     assert "axis 2 did not answer in 4 cycles in a row, allowed: 3" in with_load_encoders(bench, gap).doubt
     _, dead = lossy(bench, 0, 1500)
-    assert with_load_encoders(bench, dead).doubt == "the second encoder of axis 2 has not answered"
+    assert with_load_encoders(bench, dead).doubt == "the second encoder of axis 2 has not answered: check its cable and supply"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from hil.bench.bench import load_bench
 from hil.core.library import CORE
-from hil.master.guard import AxisGuard
+from hil.master.guard import TORQUE_SHARE, AxisGuard
 from tests.oracles import guard as specification
 
 BENCH = load_bench("reference")
@@ -105,7 +105,7 @@ def test_a_skipped_cycle_forgets_where_the_axis_was() -> None:
     [
         ({"word": 0x0618}, "left operation enabled: fault (status word 0618h)"),
         ({"torque": 1.03 * AXIS.limits.torque_nm}, "N·m, the limit is 7.1 N·m"),
-        ({"missing": 3}, "has not answered for 3 cycles"),
+        ({"missing": 3}, "has not answered for 3 cycles: check its supply, its cable and the bus load (hil plan)"),
     ],
 )
 def test_what_stops_a_run_is_named_with_its_numbers(change: dict[str, float], words: str) -> None:
@@ -182,3 +182,9 @@ def test_every_verdict_of_the_specification_has_its_number() -> None:
     names = ("IN_ORDER", "SILENT", "NOT_IN_OPERATION", "TOO_FAST", "BEYOND_LIMITS", "TOO_MUCH_TORQUE", "TOO_FAR_BEHIND")
     assert [getattr(specification, name) for name in names] == [getattr(CORE.call, name) for name in names]
     assert CORE.constants["WILD_LIMIT"] == specification.WILD_LIMIT
+
+
+@pytest.mark.parametrize("limit_per_mille", [50.0, 50.4, 123.5, 3000.0])
+def test_rounding_in_the_drive_is_no_torque_beyond_the_limit(limit_per_mille: float) -> None:
+    """6072h is rounded up by half a step, and the torque that comes of it once more in 6077h."""
+    assert (limit_per_mille + 0.5) + 0.5 <= (1.0 + TORQUE_SHARE) * limit_per_mille

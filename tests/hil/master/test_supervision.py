@@ -76,6 +76,13 @@ def test_nothing_is_wrong_at_first(supervisor: Supervisor) -> None:
     assert supervisor.fault() is None
 
 
+def test_without_nodes_no_heartbeat_is_missed(wire: Wire, supervisor: Supervisor) -> None:
+    supervisor.begin(())
+    for _ in range(10):
+        assert supervisor.fault() is None
+        wire.time_s += BUS.heartbeat_s
+
+
 def test_what_nodes_reported_before_does_not_count(wire: Wire, supervisor: Supervisor) -> None:
     wire.emergencies.append(Emergency(2, 0x8611, 0x21, b""))
     wire.boots.add(3)

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drive_profiles.standard.cia301 import DataType, NmtCommand, NmtState
+from drive_profiles.standard.cia305 import BIT_TIMINGS
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
-from plant_emulator.slave.lss import BIT_RATES, UNCONFIGURED, LssSlave, LssState
+from plant_emulator.slave.lss import UNCONFIGURED, LssSlave, LssState
 from plant_emulator.slave.objects import communication_entries
 from plant_emulator.slave.store import store_entries
 from tests.plant_emulator.slave.conftest import NODE, PumpedNetwork, device_entries
@@ -143,9 +144,9 @@ def test_a_bit_timing_of_the_standard_table_is_taken_and_activated(bench, index)
     switch(bench, 1)
     assert ask(bench, 0x15, 0x10, 0x27) == []
     assert told == []  # nothing has been configured yet
-    assert ask(bench, 0x13, 0, index) == answer(0x13, 0 if index in BIT_RATES else 1)
+    assert ask(bench, 0x13, 0, index) == answer(0x13, 0 if index in BIT_TIMINGS else 1)
     assert ask(bench, 0x15, 0x10, 0x27) == []
-    assert told == ([(BIT_RATES[index], 10_000)] if index in BIT_RATES else [])
+    assert told == ([(BIT_TIMINGS[index], 10_000)] if index in BIT_TIMINGS else [])
 
 
 def test_a_bit_timing_of_another_table_is_refused(bench):
