@@ -222,7 +222,7 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
     _say_directions(outcome, say)
     for run in {run.recording: run for run in outcome.result.runs}.values():
         for words, number in (run.bus_errors or {}).items():
-            say(f"{run.recording}: on the bus: {words} ({number} times)")
+            say(f"{run.recording}: on the bus: {words} ({'once' if number == 1 else f'{number} times'})")
         if run.discarded_positions is not None:
             say(f"{run.recording}: {run.discarded_positions} implausible position readings were discarded")
     for timing in {run.recording: run.timing for run in outcome.result.runs if run.timing is not None}.values():

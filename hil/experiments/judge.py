@@ -222,14 +222,14 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
             )
             continue
         text = (
-            f"axis {axis}: order {order} is not judged: it meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s, the "
-            f"ramp ends at {ramp.end_rps:g} rev/s, and from the middle of the travel the limits allow"
+            f"axis {axis}: order {order} is not judged: it meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s, but "
+            f"the ramp ends at {ramp.end_rps:g} rev/s. From the middle of the travel the limits allow"
         )
         last = last_rps(most_rps, ramp.acceleration_rps_s)
         if last >= resonant_rps:
             within.append(f"{text} {most_rps:.3g} rev/s; raise end_rps in [constant_acceleration]")
         else:
-            beyond.append(f"{text} no more than {most_rps:.3g} rev/s, and {last:.3g} rev/s {1e3 * BRAKING_S:g} ms before braking")
+            beyond.append(f"{text} no more than {most_rps:.3g} rev/s ({last:.3g} rev/s {1e3 * BRAKING_S:g} ms before braking)")
     return tuple(within), tuple(beyond)
 
 

@@ -36,7 +36,7 @@ def rates_of(bench: Bench, axis: int, identified: Identified | None) -> Complex:
     if loop is None:
         raise NotPossibleError(
             f"axis {axis} has no model or no gains, so its modes after a stop are not known; run hil identify plant --bench … "
-            f"--axis {axis} --model model.toml, then --model model.toml"
+            f"--axis {axis} --model model.toml, then give --model model.toml"
         )
     known = None if identified is None else identified.axis.get(axis)
     several = () if known is None or known.plant is None else known.plant.modes

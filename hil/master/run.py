@@ -366,7 +366,8 @@ class Run:
         They are those that the CAN controller reported.
         """
         errors = self.supervisor.network.bus_errors - self._bus_errors
-        reports = ", ".join(f"{words} ({number} times)" for words, number in errors.most_common(3))
+        seen = [(words, "once" if number == 1 else f"{number} times") for words, number in errors.most_common(3)]
+        reports = ", ".join(f"{words} ({times})" for words, times in seen)
         return f"{reason}; on the bus: {reports}" if reports else reason
 
     # -- the end -------------------------------------------------------------------------------------------------------

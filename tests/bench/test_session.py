@@ -603,7 +603,7 @@ def test_a_motion_that_misses_the_windows_is_run_and_not_judged(hil_session: Ben
     assert fourth.order == 4
     assert fourth.tip_peak_mm is not None
     missed = [*(fourth.unjudged_orders or ()), *(fourth.unreached_orders or ())]
-    begin = "axis 2: order 2 is not judged: it meets f_al = 11.84 Hz at 5.92 rev/s, the ramp ends at"
+    begin = "axis 2: order 2 is not judged: it meets f_al = 11.84 Hz at 5.92 rev/s, but the ramp ends at"
     assert [each for each in missed if each.startswith(begin)]
 
 

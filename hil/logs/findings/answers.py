@@ -124,7 +124,7 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
     if len(double) > 0.3 * len(gaps):
         yield Finding(
             "two-nodes", Severity.FAULT,
-            f"{len(double)} heartbeats of node {node.number} come less than {0.6 * usual * 1e-6:.3g} ms after the one before: "
+            f"a heartbeat of node {node.number} comes less than {0.6 * usual * 1e-6:.3g} ms after the one before, {times(len(double))}: "
             f"two nodes have "
             f"the node-ID {node.number}",
             "give each node an ID of its own, and disconnect one of them to see which is which",
@@ -158,7 +158,7 @@ def _transfers(trace: Trace) -> Iterator[Said]:
                 for (address, code), count in by_code.most_common(MOST_STAMPS)
             )
             yield Finding(
-                "sdo-aborts", Severity.WARNING, f"node {number} refuses {len(refusals)} SDO transfers: {said}",
+                "sdo-aborts", Severity.WARNING, f"node {number} refuses {counted(len(refusals), 'SDO transfer')}: {said}",
                 "compare the object with the device's EDS: access, type, range, and the state in which it may be written",
                 tuple(event.stamp_ns * 1e-9 for event in refusals[:MOST_STAMPS]), len(refusals), number,
             )  # fmt: skip
@@ -170,7 +170,7 @@ def _transfers(trace: Trace) -> Iterator[Said]:
         if number not in trace.nodes:
             continue  # a scan asks everybody
         yield Finding(
-            "sdo-unanswered", Severity.WARNING, f"node {number} does not answer {len(requests)} SDO requests",
+            "sdo-unanswered", Severity.WARNING, f"node {number} does not answer {counted(len(requests), 'SDO request')}",
             "check whether the node restarts, the SDO client waits too short a time, or frames are lost",
             tuple(event.stamp_ns * 1e-9 for event in requests[:MOST_STAMPS]), len(requests), number,
         )  # fmt: skip
@@ -178,7 +178,7 @@ def _transfers(trace: Trace) -> Iterator[Said]:
     if overlaps:
         yield Finding(
             "two-masters", Severity.FAULT,
-            f"{len(overlaps)} SDO requests begin while another of the same node is open: two clients use one channel",
+            f"an SDO request begins while another to the same node is open, {times(len(overlaps))}: two clients use one channel",
             "let only one program access a node by SDO: close configuration tools while a controller runs",
             tuple(event.stamp_ns * 1e-9 for event in overlaps[:MOST_STAMPS]), len(overlaps), overlaps[0].node,
         )  # fmt: skip

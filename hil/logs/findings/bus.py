@@ -140,7 +140,8 @@ def _error_frames(trace: Trace) -> Iterator[Said]:
     stamps = np.sort(np.concatenate([stream.stamp_ns for stream in streams]))
     said = "; ".join(f"{count} × {words}" for words, count in sorted(seen.items(), key=lambda each: -each[1])[:MOST_SPEAKERS])
     yield Finding(
-        "error-frames", Severity.FAULT, f"{len(stamps)} error frames of the controller: {said or 'without a known class'}",
+        "error-frames", Severity.FAULT,
+        f"{counted(len(stamps), 'error frame')} of the controller: {said or 'without a known class'}",
         "check wires, termination (120 Ω at both ends), ground, bit rate and sample point",
         stamps_of(stamps, np.arange(len(stamps))), len(stamps),
     )  # fmt: skip

@@ -61,7 +61,7 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
     stopped = [row for row in ends if states[row] == list(State).index(State.QUICK_STOP_ACTIVE)]
     if stopped:
         yield Finding(
-            "quick-stop", Severity.WARNING, f"the drive of node {node.number} makes {len(stopped)} quick stops",
+            "quick-stop", Severity.WARNING, f"the drive of node {node.number} makes {counted(len(stopped), 'quick stop')}",
             "check bit 2 of 6040h, which commands it, the limit switches and the heartbeat",
             stamps_of(stream.stamp_ns, np.array(stopped)),
             len(stopped), node.number,
@@ -130,7 +130,7 @@ def _commands(trace: Trace) -> Iterator[Said]:
         names = ", ".join(sorted({NmtCommand(int(commands[row])).name.lower().replace("_", " ") for row in rows}))
         yield Finding(
             "nmt-while-working", Severity.FAULT,
-            f"{len(rows)} NMT commands ({names}) come while a drive is enabled",
+            f"NMT commands ({names}) come while a drive is enabled, {times(len(rows))}",
             "disable drives first; check for a second master, or a program that ends without disabling them",
             stamps_of(stream.stamp_ns, rows), len(rows),
         )  # fmt: skip

@@ -303,5 +303,5 @@ def cost(rows: Sequence[Row]) -> Drawing | None:
     panel.set(xlabel="Processor time of one robot's path (s)", ylabel="Robots")
     panel.yaxis.set_major_locator(MaxNLocator(integer=True))
     style.legend_above(figure, panel)
-    caption = "From the drawn robot to the end of its path, without measuring the truth and trying wrong corrections."
+    caption = "Time of the whole path of a drawn robot. Measuring its true tip and trying wrong corrections is not included."
     return Drawing("cost-figure", "Processor time", "", COMPUTED, caption, style.to_svg(figure, "cost-figure"))
