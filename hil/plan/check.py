@@ -317,7 +317,7 @@ def check(
     levels = {axis.level for axis in loops}
     is_stable = False if levels & {"unstable", "at the edge"} else (None if levels == {"not known"} else True)
     lacking = (*run_gaps(bench, axes, loop, with_notch=with_notch), *_motion_gaps(bench, axes))
-    head = "" if fits is False or is_stable is not False else "not stable: "
+    head = "" if fits is False or is_stable is not False else "not stable; the bus "
     if lacking:
         head = f"not possible: {len(lacking)} {'need is' if len(lacking) == 1 else 'needs are'} not met; the bus "
     sentence = f"{head}{bus}; {_loop_words(loops, loop)}."

@@ -114,7 +114,7 @@ def try_following(
     worst = max(changes, key=lambda each: each.after_mm - each.before_mm)
     why = worst.words if is_louder else "the tip's peak does not fall in any window"
     if min(begins.values()) > MOST_BEGIN:
-        return _entry(changes, f"the cancellation does not follow, because with it {why}"), begins
+        return _entry(changes, f"the cancellation does not follow; in the trial of following, {why}"), begins
     return _entry(changes, begins=begins), begins
 
 

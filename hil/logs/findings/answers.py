@@ -124,9 +124,8 @@ def _heartbeats(trace: Trace, node: Node) -> Iterator[Said]:
     if len(double) > 0.3 * len(gaps):
         yield Finding(
             "two-nodes", Severity.FAULT,
-            f"a heartbeat of node {node.number} comes less than {0.6 * usual * 1e-6:.3g} ms after the one before, {times(len(double))}: "
-            f"two nodes have "
-            f"the node-ID {node.number}",
+            f"a heartbeat of node {node.number} comes less than {0.6 * usual * 1e-6:.3g} ms after the one before, "
+            f"{times(len(double))}: two nodes have the node-ID {node.number}",
             "give each node an ID of its own, and disconnect one of them to see which is which",
             stamps_of(stream.stamp_ns, double), len(double), node.number,
         )  # fmt: skip

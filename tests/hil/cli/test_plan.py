@@ -104,7 +104,7 @@ def test_gains_as_found_leave_the_loop_unknown_and_the_host_without(tmp_path: Pa
 def test_the_first_word_is_the_verdict():
     unstable = plan("--loop", "host", "--sync-period-s", "0.001")
     assert unstable.exit_code == 9
-    assert unstable.stdout.splitlines()[-1].startswith("Not stable: fits: 1 ms")
+    assert unstable.stdout.splitlines()[-1].startswith("Not stable; the bus fits: 1 ms")
 
 
 def test_a_limit_that_the_master_holds_alone_is_said(tmp_path: Path):

@@ -196,7 +196,7 @@ def test_the_travel_counts_wherever_its_zero_is(low_rev: float, high_rev: float)
     bench = with_axis(OWN, 2, axis.model_copy(update={"limits": axis.limits.model_copy(update=update)}))
     within, beyond = unreached(bench, 2, tip_scale(22.0))
     assert ([text.split("order ")[1][0] for text in within], [text.split("order ")[1][0] for text in beyond]) == (["2"], ["1"])
-    assert "from the middle of the travel the limits allow no more than 18.3" in beyond[0]
+    assert "From the middle of the travel the limits allow no more than 18.3" in beyond[0]
 
 
 def judged(peak_mm: float, found: FoundScale, noise_mm: float | None = None) -> JudgedWindow:
