@@ -91,7 +91,7 @@ def check_writable(path: Path) -> None:
             raise FileError(path, (Problem(0, "", "is not a file that could be replaced", "a file"),))
         folder = path.resolve().parent
         if not folder.is_dir():
-            raise FileError(path, (Problem(0, "", f"cannot be written: there is no folder {folder}", "a folder that is there"),))
+            raise FileError(path, (Problem(0, "", f"cannot be written: there is no folder {folder}", "an existing folder"),))
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(b" ")
             file.flush()

@@ -19,6 +19,6 @@ def check(data: bytes) -> None:
     """
     if len(data) > MAX_BYTES:
         raise RefusedError(
-            f"the set would be a file of {len(data)} bytes; expected at most {MAX_BYTES >> 20} MiB, which is all that is read; "
+            f"the set would be a file of {len(data)} bytes; expected at most {MAX_BYTES >> 20} MiB, the largest that is read; "
             "pull fewer classes into one file (--classes)"
         )

@@ -154,7 +154,7 @@ def effects_of(settings: Real, rows: Real) -> Effects:
     freedom = len(unknowns) - unknowns.shape[1]
     if np.linalg.matrix_rank(unknowns) < unknowns.shape[1] or freedom < 1:
         raise ValueError(
-            f"{len(unknowns)} runs cannot separate {settings.shape[1]} settings and the noise; repeat runs at the level"
+            f"{len(unknowns)} runs cannot separate {settings.shape[1]} settings and the noise; add runs without a setting"
         )
     inverse = np.linalg.inv(unknowns.T @ unknowns)
     solved = np.tensordot(inverse @ unknowns.T, rows, axes=1)

@@ -49,8 +49,8 @@ def nothing_known(bench: Bench, identified: Identified | None, axes: Sequence[in
         error = None if known is None or known.plant is not None or table.model is not None else known.ate
         if error is not None and error.motor_inertia_kg_m2 is None and table.motor_inertia_kg_m2 is None:
             return (
-                f"the motor inertia of axis {number} is not known, and a cancellation needs it; hil identify plant finds it, or "
-                f"take it from the motor's data sheet as motor_inertia_kg_m2 into [axis.{number}]"
+                f"the motor inertia of axis {number} is not known, and a cancellation needs it; run hil identify plant, or "
+                f"state motor_inertia_kg_m2 of its data sheet in [axis.{number}]"
             )
     names = " or ".join(map(str, axes))
     return f"no transmission error is known of axis {names}; hil identify ate finds it, or a model in the bench file states it"

@@ -177,7 +177,7 @@ def _check_loop(row: Treatment, loop: str) -> None:
     if loop in row.loops:
         return
     if row.shaper is not None:
-        raise NotPossibleError(f"{row.name} needs loops that the drives close, to which a shaper is fitted; choose --loop drive")
+        raise NotPossibleError(f"{row.name} is fitted to a loop that the drive closes; choose --loop drive")
     if row.cancels:
         raise NotPossibleError(f"{row.name}: a cancellation needs loops that the drives close; choose --loop drive")
     raise NotPossibleError(f"{row.name} acts in the loop that the host closes; choose --loop host")

@@ -49,7 +49,7 @@ def _damage(trace: Trace) -> Iterator[Said]:
     if damage.unreadable:
         yield Finding(
             "log-damaged", Severity.NOTE,
-            f"{damage.unreadable} lines are not frames, the first is line {damage.first_unreadable}; they are left out",
+            f"lines that hold no frame: {damage.unreadable}, the first is line {damage.first_unreadable}; they are left out",
             "record the log again: it was cut or mixed while written, and missing lines look like frames that were not sent",
             (), damage.unreadable,
         )  # fmt: skip
@@ -59,7 +59,7 @@ def _damage(trace: Trace) -> Iterator[Said]:
         row = damage.first_backwards
         yield Finding(
             "log-backwards", Severity.WARNING,
-            f"{damage.backwards} stamps decrease, the first at frame {row + 1}: rhythms are uncertain around them",
+            f"stamps decrease {times(damage.backwards)}, first at frame {row + 1}: rhythms are uncertain around them",
             "log one adapter with its own time stamps: two adapters share the log, or the clock was set",
             (), damage.backwards,
         )  # fmt: skip

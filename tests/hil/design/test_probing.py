@@ -121,9 +121,9 @@ def test_a_run_with_the_settings_leads_on_from_there() -> None:
 
 def test_runs_that_do_not_tell_settings_or_noise_are_refused() -> None:
     signs = balanced_signs(12)
-    with pytest.raises(ValueError, match="repeat runs at the level"):
+    with pytest.raises(ValueError, match="add runs without a setting"):
         effects_of(signs, np.zeros((12, 1, ROWS)))
-    with pytest.raises(ValueError, match="repeat runs at the level"):
+    with pytest.raises(ValueError, match="add runs without a setting"):
         effects_of(np.zeros((9, 2)), np.zeros((9, 1, ROWS)))
 
 
