@@ -68,7 +68,7 @@ def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) 
         ValueError: No bin lies in the band, or its ends are in the wrong order.
     """
     if not 0.0 < low_hz < high_hz:
-        raise ValueError(f"the band {low_hz:g} … {high_hz:g} Hz must rise from above 0")
+        raise ValueError(f"the band {low_hz:g} … {high_hz:g} Hz; expected a lower end above 0 and a higher upper end")
     if not high_hz < 0.5 / sample_s:
         raise ValueError(f"{high_hz:g} Hz is not below half the sampling rate, {0.5 / sample_s:g} Hz")
     lines = np.arange(math.ceil(low_hz * period_s - 1e-9), math.floor(high_hz * period_s + 1e-9) + 1, dtype=np.int64)

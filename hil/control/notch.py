@@ -67,7 +67,7 @@ class Notch:
         if not 1 <= self.order <= 8:
             raise ValueError(f"notch order {self.order} is not within 1 … 8")
         if not 0.0 < self.start_rps < self.end_rps:
-            raise ValueError(f"notch range {self.start_rps} … {self.end_rps} rev/s must rise from above 0")
+            raise ValueError(f"notch range {self.start_rps} … {self.end_rps} rev/s; expected a start above 0 and a larger end")
         for name in ("zeta_rn", "zeta_rdth", "speed_lowpass_hz", "ramp_rps"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"notch {name} = {getattr(self, name)} must be above 0")

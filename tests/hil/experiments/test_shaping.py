@@ -114,7 +114,7 @@ def test_what_acts_while_a_motor_turns_is_refused_for_a_stop(name):
 def test_a_stop_is_judged_in_the_drives_loop():
     with pytest.raises(NotPossibleError, match="--loop drive"):
         check_stop(is_stop=True, name="none", loop="host")
-    with pytest.raises(NotPossibleError, match="needs loops that the drives close"):
+    with pytest.raises(NotPossibleError, match="is fitted to a loop that the drive closes"):
         run_experiments(BENCH, [Experiment("line-motion", None, "shaper-zv", "host")], Path("nowhere"), knowledge=Knowledge())
 
 
