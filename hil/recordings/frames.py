@@ -127,7 +127,7 @@ class FrameFile:
         if damage.unreadable:
             raise RecordingFileError(
                 self.path,
-                f"not a log of frames: lines that hold no frame: {damage.unreadable}, the first is line {damage.first_unreadable}",
+                f"not a log of frames: lines without a frame: {damage.unreadable}, the first is line {damage.first_unreadable}",
             )
         if damage.elsewhere:
             raise RecordingFileError(self.path, f"{damage.elsewhere} frames are of another interface; keep only those of one")

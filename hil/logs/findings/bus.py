@@ -13,7 +13,7 @@ from drive_profiles.standard.cia301 import RPDO_BASES, FunctionCode
 from hil.can.bits import NOMINAL_BITS
 from hil.can.errors_frame import decode
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
-from hil.logs.findings.counting import counted
+from hil.logs.findings.counting import counted, times
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
 from hil.logs.trace import LEAST_FRAMES, Trace
 
@@ -49,7 +49,7 @@ def _damage(trace: Trace) -> Iterator[Said]:
     if damage.unreadable:
         yield Finding(
             "log-damaged", Severity.NOTE,
-            f"lines that hold no frame: {damage.unreadable}, the first is line {damage.first_unreadable}; they are left out",
+            f"lines without a frame: {damage.unreadable}, the first is line {damage.first_unreadable}; they are left out",
             "record the log again: it was cut or mixed while written, and missing lines look like frames that were not sent",
             (), damage.unreadable,
         )  # fmt: skip
