@@ -145,7 +145,7 @@ def _run_row(profile: Profile, run: FamilyRun) -> tuple[str, ...]:
         return "yes" if is_done else "no"
 
     tip = "" if run.tip_mm is None else f"{run.tip_mm:.4f}"
-    tip += "" if run.cancelled_tip_mm is None else f" → {run.cancelled_tip_mm:.4f}"
+    tip += "" if run.cancelled_tip_mm is None else f"\u00a0→\u00a0{run.cancelled_tip_mm:.4f}"  # on one line
     notch = "" if profile.capabilities is None else profile.capabilities.notch_inside.answer
     limits = (", ".join(f"`{key}`" for key in keys) for keys in (run.held_by_drive, run.held_by_master, run.kept_by_drive))
     return (
