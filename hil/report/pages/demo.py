@@ -407,7 +407,7 @@ def _missed(material: Material) -> list[str]:
     cycles = sum(run.cycles for run in by_recording.values())
     if not by_recording:
         return []
-    return [f"Missed cycles: {missed} of {cycles} in {len(by_recording)} motions."]
+    return [f"Missed cycles: {missed} of {cycles} in {len(by_recording)} motion{'s' * (len(by_recording) > 1)}."]
 
 
 def _with_unit(value: float | str | None, unit: str) -> str:

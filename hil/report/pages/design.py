@@ -54,7 +54,8 @@ def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
         headline = "The given filters miss a requirement" if outcome.request.is_given else "No filter meets all requirements"
         if outcome.is_usable and not outcome.request.is_given:
             headline = "The best filters within all margins do not meet the limits of the tip"
-        return PageVerdict("bad", "✘", headline, (failure.what, *(str(check) for check in failure.missed)))
+        said = () if failure.what.casefold() == headline.casefold() else (failure.what,)  # once is enough
+        return PageVerdict("bad", "✘", headline, (*said, *map(str, failure.missed)))
     best = outcome.best
     which = "The given filters meet" if outcome.request.is_given else "The designed filters meet"
     details = tuple(str(check) for check in best.checks)

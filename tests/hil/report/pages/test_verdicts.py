@@ -143,6 +143,7 @@ def test_without_a_wish_for_the_area_the_line_has_the_card_of_its_peak_alone(ful
 
 def test_a_single_run_leads_with_the_tips_number(full_directory: Path, tmp_path: Path) -> None:
     good = verdict(one(full_directory, tmp_path, tip_peak_mm=0.0474, within_spec=True))
+    assert any(line.endswith(" in 1 motion.") for line in good.details)
     assert (good.kind, good.headline) == ("good", "Tip 0.047 mm, allowed ≤ 0.05 mm")
     bad = verdict(one(full_directory, tmp_path, tip_peak_mm=0.0612, within_spec=False))
     assert (bad.kind, bad.headline) == ("bad", "Tip 0.061 mm, allowed ≤ 0.05 mm")
