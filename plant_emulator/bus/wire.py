@@ -323,13 +323,18 @@ class EmulatedWire:
             senders: Port of each of them.
             until: Time up to which time passes, in ns.
         """
-        gap = INTERMISSION_BITS * self.rates.bit_ns
-        asked, begin = ends[-1], max(self.now, self._idle)
-        starts = [begin, *[end + gap for end in (*ends, *self.ends(answers, asked + gap))]]
-        idle, last = starts.pop(), len(ends) - 1
-        self._traffic.passed(len(starts), (idle - begin) // self.rates.bit_ns, max(starts[last] - self.now, starts[-1] - asked))
+        bit_ns, counts = self.rates.bit_ns, self._counts
+        gap, begin, asked = INTERMISSION_BITS * bit_ns, max(self.now, self._idle), ends[-1]
+        last = ends[-2] + gap if len(ends) > 1 else begin  # SOF of the frame that waits longest
+        longest_ns, idle = last - self.now, asked + gap
+        if answers:
+            answered = self.ends(answers, idle)
+            last = answered[-2] + gap if len(answered) > 1 else idle
+            longest_ns, idle = max(longest_ns, last - asked), answered[-1] + gap
+        if counts.longest_queue < max(len(ends), len(senders)):
+            counts.longest_queue = max(counts.longest_queue, len(ends), *Counter(senders).values())
+        self._traffic.passed(len(ends) + len(senders), (idle - begin) // bit_ns, longest_ns)
         self._traffic.occupy(begin, idle)
-        self._counts.longest_queue = max(self._counts.longest_queue, len(ends), *Counter(senders).values())
         self._idle, self.now = idle, until
 
     # --- what it looks like ---
