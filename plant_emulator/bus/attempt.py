@@ -5,11 +5,10 @@ It has senders, winners, a duration, and errors that are counted.
 Clauses of ISO 11898-1:2015: 10.4 (frames), 10.7 (arbitration), 10.9 (error frames), 12.1.4 (fault confinement).
 """
 
-import heapq
 from collections import deque
 from collections.abc import Iterable
 
-from hil.can.bits import TAIL_BITS, arbitration_key, frame_bits
+from hil.can.bits import TAIL_BITS, arbitration_key
 from hil.can.frame import Frame
 from plant_emulator.bus.controller import Controller, ErrorState
 from plant_emulator.bus.rates import INTERMISSION_BITS, Rates
@@ -22,14 +21,17 @@ AFTER_ACK_BITS = TAIL_BITS - 2
 class QueuedFrame:
     """A frame that waits at a port.
 
-    At a port with mailboxes the lower frame goes first.
+    Attributes:
+        destroyed: Number of attempts that are to fail.
+        is_late: A fault keeps it from its queue for a while.
+        is_babble: Its port sends it without end.
+        was_overtaken: A copy of it went behind the frame that overtook it.
     """
 
-    __slots__ = (
-        "at", "bits", "destroyed", "fast_bits", "frame", "is_babble", "is_late", "key", "order", "port", "was_overtaken",
-    )  # fmt: skip
+    destroyed = 0
+    is_late = is_babble = was_overtaken = False
 
-    def __init__(self, frame: Frame, port: "Port", at: int, rates: Rates, destroyed: int = 0, *, is_late: bool = False) -> None:
+    def __init__(self, frame: Frame, port: "Port", at: int, rates: Rates) -> None:
         """Keep a frame.
 
         Args:
@@ -37,28 +39,13 @@ class QueuedFrame:
             port: The port that sends it.
             at: Earliest start, in ns.
             rates: Bit rates of the bus.
-            destroyed: Number of attempts that are to fail.
-            is_late: A fault keeps it from its queue for a while.
 
         Raises:
             ValueError: This is not a frame that can be on the wire.
         """
-        self.frame, self.port, self.at, self.destroyed, self.is_late = frame, port, at, destroyed, is_late
-        slow, self.fast_bits = rates.bits(frame)
-        self.bits = slow + self.fast_bits
-        self.key = arbitration_key(frame.can_id)
-        self.order = 0
-        self.is_babble = self.was_overtaken = False
-
-    def ns(self, rates: Rates, without: int = 0) -> int:
-        """Return the time on the bus in ns, intermission included.
-
-        `without` bits of its end are left out.
-        """
-        return rates.ns(self.bits - self.fast_bits - without, self.fast_bits)
-
-    def __lt__(self, other: "QueuedFrame") -> bool:
-        return (self.key, self.order) < (other.key, other.order)
+        self.frame, self.port, self.at = frame, port, at
+        self.key = arbitration_key(frame[0])
+        self.slow_bits, self.fast_bits = rates.bits(frame)
 
 
 class Port:
@@ -73,11 +60,11 @@ class Port:
 
     __slots__ = ("babble", "controller", "held", "is_gone", "is_muted", "not_before", "number", "queue", "waiting")
 
-    def __init__(self, number: int, has_mailboxes: bool = False) -> None:
+    def __init__(self, number: int) -> None:
         """Start with nothing to send."""
         self.number = number
         self.controller = Controller()
-        self.queue: deque[QueuedFrame] | list[QueuedFrame] = [] if has_mailboxes else deque()
+        self.queue: deque[QueuedFrame] = deque()
         self.held: list[QueuedFrame] = []
         self.babble: QueuedFrame | None = None
         self.is_gone = self.is_muted = False
@@ -91,36 +78,12 @@ class Port:
 
     @property
     def is_error_free(self) -> bool:
-        """True while the port sends from a queue without errors.
-
-        Its error counters are then 0.
-        """
-        if self.is_muted or self.is_gone or self.babble is not None or self.held or isinstance(self.queue, list):
-            return False
-        controller = self.controller
-        return controller.state is ErrorState.ACTIVE and not controller.tec and not controller.rec
-
-    def push(self, entry: QueuedFrame) -> None:
-        """Queue a frame."""
-        if isinstance(self.queue, list):
-            heapq.heappush(self.queue, entry)
-        else:
-            self.queue.append(entry)
-
-    def pop(self) -> QueuedFrame:
-        """Remove and return the frame that is sent first."""
-        return heapq.heappop(self.queue) if isinstance(self.queue, list) else self.queue.popleft()
-
-    def put_back(self, entry: QueuedFrame) -> None:
-        """Queue a failed frame before all others, to be sent again."""
-        if isinstance(self.queue, list):
-            heapq.heappush(self.queue, entry)
-        else:
-            self.queue.appendleft(entry)
+        """True while the port sends from a queue, with error counters at 0."""
+        return not (self.is_silent or self.babble is not None or self.controller.tec or self.controller.rec)
 
 
 class Attempt:
-    """Attempt to send, as planned, then on the bus.
+    """Attempt to send, from its first bit on.
 
     Attributes:
         start: SOF.
@@ -133,15 +96,44 @@ class Attempt:
         collided: True if two sent one identifier with different contents.
     """
 
-    __slots__ = ("collided", "dropped_out", "end", "failed", "idle", "senders", "start", "winners")
+    failed: tuple[QueuedFrame, ...] = ()
+    dropped_out: tuple[QueuedFrame, ...] = ()
+    collided = False
 
-    def __init__(self, start: int, senders: tuple[QueuedFrame, ...]) -> None:
-        """Start; `resolve` does the rest."""
-        self.start = self.end = self.idle = start
-        self.senders = self.winners = senders
-        self.dropped_out: tuple[QueuedFrame, ...] = ()
-        self.failed: tuple[QueuedFrame, ...] = ()
-        self.collided = False
+    def __init__(self, start: int, senders: tuple[QueuedFrame, ...], rates: Rates) -> None:
+        """Let the first of the senders win.
+
+        Args:
+            start: SOF, in ns.
+            senders: Frames that start together.
+            rates: Bit rates of the bus.
+        """
+        self.start, self.senders, self.winners = start, senders, senders
+        self.occupy(senders[0].slow_bits - INTERMISSION_BITS, senders[0].fast_bits, rates)
+
+    def occupy(self, slow: int, fast: int, rates: Rates) -> None:
+        """Set the end of the attempt after bits at either rate."""
+        if rates.is_exact:
+            self.end = self.start + slow * rates.bit_ns + fast * rates.fast_bit_ns
+            self.idle = self.end + INTERMISSION_BITS * rates.bit_ns
+        else:
+            self.end = self.start + rates.ns(slow, fast)
+            self.idle = self.start + rates.ns(slow + INTERMISSION_BITS, fast)
+
+    def disturb(self, ports: Iterable[Port], rates: Rates) -> None:
+        """Let errors change what happens at its end.
+
+        Args:
+            ports: All ports of the bus.
+            rates: Bit rates of the bus.
+        """
+        sending = {entry.port for entry in self.senders}
+        others = [port for port in ports if port not in sending and not port.is_silent]
+        _collide(self, others, rates)
+        if self.winners:
+            _acknowledge(self, others, rates)
+        if self.winners:
+            self.occupy(self.winners[0].slow_bits - INTERMISSION_BITS, self.winners[0].fast_bits, rates)
 
     def drop_out_bits(self, entry: QueuedFrame) -> int:
         """Return the extra bits before this sender's intermission ends.
@@ -152,72 +144,6 @@ class Attempt:
         if entry not in self.dropped_out:
             return 0
         return FLAG_BITS if self.winners else -2
-
-
-def check(frame: Frame) -> None:
-    """Refuse a frame that cannot be on the wire.
-
-    Raises:
-        ValueError: `hil.can.bits.frame_bits` refuses the frame.
-    """
-    frame_bits(frame, stuffed=False)
-
-
-def contend(waiting: Iterable[Port], idle: int) -> Attempt | None:
-    """Return the next attempt if no further frame is offered.
-
-    The lowest arbitration field wins among the ports that are ready first.
-
-    Args:
-        waiting: Ports that have something to send.
-        idle: Time from which the bus is idle, in ns.
-    """
-    start, best = 0, None
-    equal: tuple[QueuedFrame, ...] = ()
-    for port in waiting:
-        entry = port.babble or port.queue[0]
-        ready = entry.at if entry.at > idle else idle
-        ready = port.not_before if port.not_before > ready else ready
-        if best is None or ready < start:
-            start, best, equal = ready, entry, ()
-        elif ready == start:
-            if entry.key < best.key:
-                best, equal = entry, ()
-            elif entry.key == best.key:
-                equal += (entry,)
-    if best is None:
-        return None
-    senders = tuple(sorted((best, *equal), key=lambda entry: entry.port.number)) if equal else (best,)
-    return Attempt(start, senders)
-
-
-def resolve(attempt: Attempt, ports: Iterable[Port], rates: Rates) -> None:
-    """Work out the end of an attempt.
-
-    Args:
-        attempt: The attempt with its senders; all the rest is filled in.
-        ports: All ports of the bus.
-        rates: Bit rates of the bus.
-    """
-    first = attempt.senders[0]
-    if len(attempt.senders) > 1 or first.destroyed or not _is_heard(first.port, ports):
-        senders = {entry.port for entry in attempt.senders}
-        others = [port for port in ports if port not in senders and not port.is_silent]
-        _collide(attempt, others, rates)
-        if attempt.winners:
-            _acknowledge(attempt, others, rates)
-        if not attempt.winners:
-            return
-        first = attempt.winners[0]
-    attempt.end = attempt.start + first.ns(rates, INTERMISSION_BITS)
-    attempt.idle = attempt.start + first.ns(rates)
-
-
-def _is_heard(sender: Port, ports: Iterable[Port]) -> bool:
-    for port in ports:  # noqa: SIM110 - a loop, since this is asked for every frame and the first other one mostly is the answer
-        if port is not sender and not port.is_silent:
-            return True
-    return False
 
 
 def _acknowledge(attempt: Attempt, others: list[Port], rates: Rates) -> None:
@@ -234,7 +160,7 @@ def _acknowledge(attempt: Attempt, others: list[Port], rates: Rates) -> None:
     # 12.1.4.2 rule c, exception 1: an error-passive sender that sees no dominant bit during its flag does not count it
     attempt.failed += tuple(entry for entry in winners if echo or not entry.port.controller.is_passive)
     first = winners[0]
-    _fail(attempt, (first.bits - first.fast_bits - AFTER_ACK_BITS + echo, first.fast_bits), rates)
+    _fail(attempt, (first.slow_bits - AFTER_ACK_BITS + echo, first.fast_bits), rates)
 
 
 def _fail(attempt: Attempt, sent: tuple[int, int], rates: Rates) -> None:
@@ -242,10 +168,8 @@ def _fail(attempt: Attempt, sent: tuple[int, int], rates: Rates) -> None:
 
     `sent` is the number of bits at either rate, those of the echo included.
     """
-    slow, fast = sent
-    slow += FLAG_BITS + DELIMITER_BITS
     attempt.winners = ()
-    attempt.end, attempt.idle = attempt.start + rates.ns(slow, fast), attempt.start + rates.ns(slow + INTERMISSION_BITS, fast)
+    attempt.occupy(sent[0] + FLAG_BITS + DELIMITER_BITS, sent[1], rates)
 
 
 def _collide(attempt: Attempt, others: list[Port], rates: Rates) -> None:

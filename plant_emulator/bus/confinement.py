@@ -104,7 +104,6 @@ class Confinement:
             self._report(port, port.controller.restart(), at)
             self._switch(port, is_off=False)
             port.not_before = at + self._rates.ns(RECOVERY_BITS)
-            self._queues.plan = None
 
     def _listeners(self, senders: set[Port]) -> list[Port]:
         return [port for port in self._ports.values() if port.controller.state is not ErrorState.OFF and port not in senders]

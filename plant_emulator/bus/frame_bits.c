@@ -5,7 +5,7 @@ enum { LENGTH_PLACE = 4, DATA_PLACE = 8, BYTES_OF_RECORD = 16 };
 /* x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1, without its first term (ISO 11898-1:2015, 10.4.2.6). */
 enum { POLYNOMIAL = 0x4599, CHECK_BITS = 15 };
 /* CRC delimiter, ACK slot and delimiter, end of frame, intermission: they are not stuffed. */
-enum { UNSTUFFED_BITS = 1 + 1 + 1 + 7 + 3 };
+enum { INTERMISSION_BITS = 3, UNSTUFFED_BITS = 1 + 1 + 1 + 7 + INTERMISSION_BITS };
 /* After so many equal bits the sender inserts one of the other value, which itself counts for the next. */
 enum { EQUAL_BITS = 5 };
 
@@ -33,26 +33,31 @@ static void send_bits(struct wire_bits *w, uint32_t value, integer count)
     }
 }
 
-void frames_bits(const uint8_t *records, integer count, integer *bits)
+static integer frame_bits(const uint8_t *record)
 {
+    union {
+        uint8_t bytes[4];
+        uint32_t number;
+    } can_id = {{record[0], record[1], record[2], record[3]}};
+    const uint8_t length = record[LENGTH_PLACE];
+    if (can_id.number > 0x7FF || length > 8) {
+        return 0;
+    }
+    struct wire_bits w = {1, 0, 0, 0}; /* idle is recessive, and its bits do not count */
+    send_bits(&w, can_id.number << 3, 1 + 11 + 3); /* SOF, identifier; RTR, IDE and r0 are dominant */
+    send_bits(&w, length, 4);
+    for (integer byte = 0; byte < length; byte++) {
+        send_bits(&w, record[DATA_PLACE + byte], 8);
+    }
+    send_bits(&w, w.check, CHECK_BITS);
+    return w.sent + UNSTUFFED_BITS;
+}
+
+void frames_end(const uint8_t *records, integer count, integer start, integer bit_ns, integer *ends)
+{
+    integer idle = start;
     for (integer i = 0; i < count; i++) {
-        const uint8_t *record = records + BYTES_OF_RECORD * i;
-        union {
-            uint8_t bytes[4];
-            uint32_t number;
-        } can_id = {{record[0], record[1], record[2], record[3]}};
-        const uint8_t length = record[LENGTH_PLACE];
-        if (can_id.number > 0x7FF || length > 8) {
-            bits[i] = 0;
-            continue;
-        }
-        struct wire_bits w = {1, 0, 0, 0}; /* idle is recessive, and its bits do not count */
-        send_bits(&w, can_id.number << 3, 1 + 11 + 3); /* SOF, identifier; RTR, IDE and r0 are dominant */
-        send_bits(&w, length, 4);
-        for (integer byte = 0; byte < length; byte++) {
-            send_bits(&w, record[DATA_PLACE + byte], 8);
-        }
-        send_bits(&w, w.check, CHECK_BITS);
-        bits[i] = w.sent + UNSTUFFED_BITS;
+        idle += frame_bits(records + BYTES_OF_RECORD * i) * bit_ns;
+        ends[i] = idle - INTERMISSION_BITS * bit_ns;
     }
 }

@@ -4,10 +4,11 @@
 
 #include "hil/control/real.h"
 
-/* Bits of data frames with 11-bit identifiers, stuff bits and intermission included, from their records of 16 bytes as on a socket
- * of SocketCAN: identifier in the byte order of the machine, length, three bytes of padding, data.
+/* Ends of data frames with 11-bit identifiers that pass a bus one behind the other, from their records of 16 bytes as on a socket of
+ * SocketCAN: identifier in the byte order of the machine, length, three bytes of padding, data.
  *
- * bits becomes a number for each of count records; 0 for what is no such frame. */
-void frames_bits(const uint8_t *records, integer count, integer *bits);
+ * start is the first bit of the first frame, bit_ns the time of a bit. ends becomes the end of frame of each of count records, after
+ * which an intermission follows; what is no such frame takes no bits. */
+void frames_end(const uint8_t *records, integer count, integer start, integer bit_ns, integer *ends);
 
 #endif

@@ -15,8 +15,6 @@ if TYPE_CHECKING:  # a bus without bit times does not load them
     from plant_emulator.bus.faults import BusFaults
     from plant_emulator.bus.timed import TimedBus
 
-_PDOS, _HEARTBEATS = (0x180, 0x580), (0x700, 0x780)
-"""Identifiers in the predefined connection set (CiA 301, 7.3.3), the last one excluded: no node answers these."""
 NODES = 0
 """Port of all nodes together, where no bits are counted."""
 
@@ -56,8 +54,14 @@ class Medium(Protocol):
         """
         ...
 
-    def frame(self, port: int, frame: Frame) -> list[HeardFrame]:
-        """Send a client's frame that does not move the clock."""
+    def frame(self, port: int, frame: Frame, *, waits: bool) -> list[HeardFrame]:
+        """Send a client's frame that does not move the clock.
+
+        Args:
+            port: Port of the client.
+            frame: The frame.
+            waits: The client waits now: time may pass until the frame and its answers have ended.
+        """
         ...
 
     def idle(self) -> list[HeardFrame]:
@@ -119,7 +123,7 @@ class Instant:
         """Advance to the next whole second."""
         return self._heard(self._world.begin_lock_step())
 
-    def frame(self, port: int, frame: Frame) -> list[HeardFrame]:
+    def frame(self, port: int, frame: Frame, *, waits: bool) -> list[HeardFrame]:
         """Deliver the frame and its answers at once.
 
         A SYNC that does not move the clock is worth no time.
@@ -197,20 +201,15 @@ class Timed:
         self._bus.begin_cycles()
         return heard
 
-    def frame(self, port: int, frame: Frame) -> list[HeardFrame]:
+    def frame(self, port: int, frame: Frame, *, waits: bool) -> list[HeardFrame]:
         """Queue the frame.
 
-        In lock-step time passes until it and its answers have ended.
-
-        Frames without an answer, process data and heartbeats, wait for the next SYNC: all leave in the same cycle, one after
-        the other, and the cycles keep their times.
+        In lock-step time passes until it and its answers have ended, if the client waits; else it leaves with the next SYNC.
         """
         mark = self._bus.wire.mark
         self._bus.offer(port, frame)
         self._is_idle = False
-        can_id = frame[0]
-        is_answered = not (_PDOS[0] <= can_id < _PDOS[1] or _HEARTBEATS[0] <= can_id < _HEARTBEATS[1])
-        return self._drained(mark) if is_answered else []
+        return self._drained(mark) if waits else []
 
     def idle(self) -> list[HeardFrame]:
         """Let time pass until every waiting frame has been sent, answers included."""

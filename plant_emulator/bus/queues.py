@@ -1,14 +1,14 @@
 """Frames that wait at the ports of a bus.
 
-They are in the ports' queues or on their way into them; the next attempt is planned here, too.
+They are in the ports' queues or on their way into them.
 """
 
 import heapq
-from collections.abc import Callable
 
-from plant_emulator.bus.attempt import Attempt, Port, QueuedFrame, contend, resolve
+from hil.can.frame import Frame
+from plant_emulator.bus.attempt import Attempt, Port, QueuedFrame
 from plant_emulator.bus.controller import ErrorState
-from plant_emulator.bus.faults import BusEvent, Passage
+from plant_emulator.bus.faults import BusEvent
 from plant_emulator.bus.rates import Rates
 from plant_emulator.bus.traffic import Statistics
 
@@ -19,13 +19,10 @@ class Queues:
     Attributes:
         waiting: Ports that have something to send.
         later: Frames and events that are put off, a heap by time and order.
-        order: Number of the last thing that was queued or put off.
-        plan: The next attempt; it holds as long as nothing changes before its start.
+        order: Number of the last thing that was put off.
     """
 
-    def __init__(
-        self, ports: dict[int, Port], rates: Rates, counts: Statistics, room: int, taken_back: Callable[[], None]
-    ) -> None:
+    def __init__(self, ports: dict[int, Port], rates: Rates, counts: Statistics, room: int) -> None:
         """Start empty.
 
         Args:
@@ -33,42 +30,53 @@ class Queues:
             rates: Bit rates of the wire.
             counts: Counts of the wire.
             room: Frames that every port holds.
-            taken_back: Called before a frame is queued: the error-free bus has its own queues.
         """
-        self._ports, self._rates, self._counts, self._room, self._taken_back = ports, rates, counts, room, taken_back
+        self._ports, self._rates, self._counts, self._room = ports, rates, counts, room
         self.waiting: dict[int, Port] = {}
         self.later: list[tuple[int, int, QueuedFrame | BusEvent]] = []
         self.order = 0
-        self.plan: Attempt | None = None
 
     # --- in ---
 
-    def accept(self, port: Port, passage: Passage, at_ns: int, now: int) -> QueuedFrame | None:
-        """Make a new entry in the queue or on its way.
+    def accept(
+        self, port: Port, at: int, now: int, frame: Frame, delay_ns: int = 0, destroyed: int = 0, overtaken: bool = False
+    ) -> bool:
+        """Take a frame, into the queue or on its way; return False if full.
 
-        Returns None if there is no room.
+        Held frames that it overtakes are queued after it.
 
         Args:
             port: Port of the sender.
-            passage: The frame as the faults let it pass.
-            at_ns: Time of the offer.
+            at: Time of the offer.
             now: The time of the bus.
-        """
-        late_ns = passage.delay_ns
-        entry = QueuedFrame(passage.frame, port, at_ns + late_ns, self._rates, passage.destroyed, is_late=late_ns > 0)
-        if port.waiting >= self._room or port.controller.state is ErrorState.OFF:
-            return None
-        port.waiting += 1
-        self._counts.longest_queue = max(self._counts.longest_queue, port.waiting)
-        self._enter(entry, now)
-        return entry
+            frame: The frame; this and the rest are the fields of a `Passage`.
+            delay_ns: Time between the offer and the queue.
+            destroyed: Number of attempts that are to fail.
+            overtaken: Let the sender's next frame pass before.
 
-    def overtake(self, port: Port, entry: QueuedFrame, now: int) -> None:
-        """Queue held frames after the frame that overtakes them."""
-        held, port.held = port.held, []
-        for other in held:
-            other.was_overtaken = True
-            self._enter(QueuedFrame(other.frame, port, entry.at, self._rates, other.destroyed), now)
+        Raises:
+            ValueError: This is not a frame that can be on the wire.
+        """
+        entry = QueuedFrame(frame, port, at + delay_ns, self._rates)
+        waiting = port.waiting + 1
+        if waiting > self._room or port.controller.state is ErrorState.OFF:
+            return False
+        port.waiting = waiting
+        if waiting > self._counts.longest_queue:  # noqa: PLR1730 - for every frame, and max() costs more than all of this
+            self._counts.longest_queue = waiting
+        if delay_ns or destroyed:
+            entry.is_late, entry.destroyed = delay_ns > 0, destroyed
+        self._enter(entry, now)
+        if overtaken:
+            port.held.append(entry)
+        elif port.held:
+            held, port.held = port.held, []
+            for other in held:
+                other.was_overtaken = True
+                copy = QueuedFrame(other.frame, port, entry.at, self._rates)
+                copy.destroyed = other.destroyed
+                self._enter(copy, now)
+        return True
 
     def _enter(self, entry: QueuedFrame, now: int) -> None:
         if entry.at <= now and self._rates.bitrate is not None:
@@ -86,20 +94,12 @@ class Queues:
 
         A port that cannot send loses it.
         """
-        self._taken_back()
         port = entry.port
         if port.is_silent:
             self.lose(port)
             return
-        self.order += 1
-        entry.order = self.order
-        self.push(entry)
-
-    def push(self, entry: QueuedFrame) -> None:
-        """Queue a frame again without changing its order."""
-        entry.port.push(entry)
-        self.waiting[entry.port.number] = entry.port
-        self.plan = None
+        port.queue.append(entry)
+        self.waiting[port.number] = port
 
     def put_back(self, entry: QueuedFrame) -> None:
         """Queue an unsent frame before all others of its port."""
@@ -110,7 +110,7 @@ class Queues:
         if port.is_silent:
             self.lose(port)
             return
-        port.put_back(entry)
+        port.queue.appendleft(entry)
         self.waiting[port.number] = port
 
     def babble(self, port: Port, entry: QueuedFrame | None) -> None:
@@ -124,25 +124,12 @@ class Queues:
 
     # --- out ---
 
-    def planned(self, idle: int) -> Attempt | None:
-        """Plan the next attempt if nothing else is offered before.
-
-        Args:
-            idle: Time from which the bus is idle, in ns.
-        """
-        plan = contend(self.waiting.values(), idle) if self.waiting else None
-        if plan is not None:
-            resolve(plan, self._ports.values(), self._rates)
-        self.plan = plan
-        return plan
-
     def take(self, attempt: Attempt) -> None:
         """Remove the frames of a starting attempt from their queues."""
-        self.plan = None
         for entry in attempt.senders:
             port = entry.port
             if not entry.is_babble:
-                port.pop()
+                port.queue.popleft()
                 if not port.queue:
                     del self.waiting[port.number]
 
@@ -159,7 +146,6 @@ class Queues:
         self.lose(port, len(port.queue))
         port.queue.clear()
         self.waiting.pop(port.number, None)
-        self.plan = None
 
     # --- what it looks like ---
 

@@ -3,7 +3,7 @@
 Durations are integer nanoseconds, rounded up.
 """
 
-from hil.can.bits import TAIL_BITS, fd_bits, fd_sent_bits, frame_bits, sent_bits
+from hil.can.bits import TAIL_BITS, fd_head, fd_sent_bits, fd_stuffed_by, head, sent_bits, stuffed_by
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, Frame
 
 SECOND = 1_000_000_000
@@ -22,9 +22,10 @@ class Rates:
         data_bitrate: Rate of the data in CAN FD frames, in bit/s; None: classic CAN.
         bit_ns: One bit, where that is a whole number of nanoseconds; else 0.
         fast_bit_ns: The same at the data bit rate; 0 without.
+        is_exact: True if all bits take whole nanoseconds.
     """
 
-    __slots__ = ("bit_ns", "bitrate", "data_bitrate", "fast_bit_ns")
+    __slots__ = ("bit_ns", "bitrate", "data_bitrate", "fast_bit_ns", "is_exact")
 
     def __init__(self, bitrate: int | None, data_bitrate: int | None = None) -> None:
         """Keep the rates, and compute the bits' durations.
@@ -39,11 +40,7 @@ class Rates:
         self.bitrate, self.data_bitrate = bitrate, data_bitrate
         self.bit_ns = SECOND // bitrate if bitrate and SECOND % bitrate == 0 else 0
         self.fast_bit_ns = SECOND // data_bitrate if data_bitrate and SECOND % data_bitrate == 0 else 0
-
-    @property
-    def is_exact(self) -> bool:
-        """True if all bits take whole nanoseconds."""
-        return bool(self.bit_ns) and (self.data_bitrate is None or bool(self.fast_bit_ns))
+        self.is_exact = bool(self.bit_ns) and (data_bitrate is None or bool(self.fast_bit_ns))
 
     def is_fd(self, can_id: int) -> bool:
         """Return True if a frame with this identifier uses CAN FD."""
@@ -68,10 +65,14 @@ class Rates:
         Raises:
             ValueError: `hil.can.bits.frame_bits` refuses the frame.
         """
-        if not self.is_fd(frame.can_id):
-            return frame_bits(frame, stuffed=self.bitrate is not None), 0
-        frame_bits(frame, stuffed=False)  # refuses what is not a frame
-        return fd_bits(frame.can_id & CAN_EFF_MASK, frame.data, bool(frame.can_id & CAN_EFF_FLAG))
+        can_id, data = frame
+        known = head(can_id, len(data))  # refuses what is not a frame
+        if self.bitrate is None:
+            return known.bits, 0
+        if self.data_bitrate is None or not self.is_fd(can_id):
+            return known.bits + known.inserted + stuffed_by(known, data), 0
+        known = fd_head(can_id & CAN_EFF_MASK, len(data), bool(can_id & CAN_EFF_FLAG))
+        return known.bits + known.inserted - known.fast_bits, known.fast_bits + fd_stuffed_by(known, data)
 
     def sent_bits(self, frame: Frame) -> str:
         """Return the bits of a frame as sent.

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 from hil.can.bits import NOMINAL_BITS
 from hil.can.frame import MAX_DATA_LENGTH, Frame, frames_of, pack
-from plant_emulator.bus.burst import Burst
 from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
+from plant_emulator.bus.rates import INTERMISSION_BITS
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.world import FREE_STEP_NS, World
 
@@ -145,53 +145,51 @@ class TimedBus:
         world, wire = self.world, self.wire
         begin = world.now if self._cycle_end_ns is None else max(self._cycle_end_ns, world.now)
         until, due, senders = begin + period_ns, world.due, world.senders(message)
-        fast = wire.undisturbed()
-        if senders is None or fast is None or self._latency_ns or wire.now != world.now or (due is not None and due <= until):
+        if (
+            senders is None
+            or not wire.is_undisturbed
+            or self._latency_ns
+            or wire.now != world.now
+            or (due is not None and due <= until)
+        ):
             return None
-        burst = Burst(fast, message, world.now, bit_ns := wire.rates.bit_ns)
-        if burst.idle + len(senders) * MOST_BITS * bit_ns > until:
+        ends = wire.ends(message)
+        sync = ends[-1]
+        if sync + (INTERMISSION_BITS + len(senders) * MOST_BITS) * wire.rates.bit_ns > until:
             return None
         self._cycle_end_ns = until
-        *rpdos, sync = burst.ends
-        for ended, end in enumerate(rpdos, start=1):
+        for end in ends:
             sent = world.move(end)
             if sent:
-                return self._go_on(port, burst, message, ended, sent)
-        sent = world.move(sync)
-        answers = None if sent else world.hear_all(message)
+                return self._go_on(port, message, sent, until)
+        answers = world.hear_all(message)
         if answers is None:
-            return self._go_on(port, burst, message, len(burst.ends), sent)
-        burst.answer(answers, senders)
-        wire.pass_to(until)
+            return self._go_on(port, message, [], until)
+        wire.pass_at_once(ends, answers, senders, until)
         for node, frame in world.move(until):
             wire.offer(node, frame, until)
         return answers
 
-    def _go_on(self, port: int, burst: Burst, message: bytes, ended: int, sent: list[tuple[int, Frame]]) -> bytes:
-        """Go on frame by frame with a burst of which some frames have ended.
+    def _go_on(self, port: int, message: bytes, sent: list[tuple[int, Frame]], until: int) -> bytes:
+        """Let a message pass frame by frame whose first frames have ended in the world alone.
 
         Args:
             port: Port of the client.
-            burst: The client's frames on the bus.
-            message: Their records.
-            ended: How many of them have ended, the last at this instant.
+            message: Records of its frames, offered at the time of the wire.
             sent: What the nodes send now.
+            until: End of the time that passes, in ns.
 
         Returns:
             Records of what the client hears.
         """
-        now = burst.ends[ended - 1]
-        self.wire.pass_to(now)
-        burst.stop(ended)
-        frames = frames_of(message)
-        for frame in frames[:ended]:
-            sent += self.world.hear(frame)
-        for frame in frames[ended:]:
-            burst.bus.offer(port, frame, burst.begin)
+        world, wire = self.world, self.wire
+        for frame in frames_of(message):
+            wire.offer(port, frame, wire.now)
+        for frame, *_ in wire.advance(world.now):
+            sent += world.hear(frame)
         for node, frame in sent:
-            self.wire.offer(node, frame, now)
-        heard = self.run(now if self._cycle_end_ns is None else self._cycle_end_ns)
-        return b"".join(pack(frame) for frame, sender, _ in heard if sender != port)
+            wire.offer(node, frame, world.now)
+        return b"".join(pack(frame) for frame, sender, _ in self.run(until) if sender != port)
 
     def cycle(self, port: int, sync: Frame, period_ns: int) -> list[HeardFrame]:
         """Queue the clock holder's SYNC, and let a period pass.

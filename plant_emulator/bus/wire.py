@@ -11,24 +11,27 @@ it. A frame received at its end may be answered in time for the next start, thre
 
 `Delivered.end_ns` is the end of EOF (or of the error delimiter); the bus is busy until the end of the intermission.
 
-As long as nothing goes wrong `error_free` does the same at less cost; here is what holds always. Error counters and bus-off are
+The winner is chosen when time passes the start of frame; errors change what happens at its end. Error counters and bus-off are
 `confinement`'s, what waits is in `queues`.
 
 Clauses of ISO 11898-1:2015: 10.4 (frames), 10.5 (stuffing), 10.7 (arbitration), 10.9 and 12.1.4 (errors, see `confinement`).
 """
 
 import heapq
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
-from hil.can.frame import Frame
-from plant_emulator.bus.attempt import DELIMITER_BITS, Attempt, Port, QueuedFrame, check
+from hil.can.bits import frame_bits
+from hil.can.frame import RECORD, Frame
+from plant_emulator.bus.attempt import DELIMITER_BITS, Attempt, Port, QueuedFrame
 from plant_emulator.bus.confinement import Confinement
 from plant_emulator.bus.controller import Controller
-from plant_emulator.bus.error_free import NO_PORT, ErrorFreeBus
-from plant_emulator.bus.faults import BusEvent, FaultSource, Passage
+from plant_emulator.bus.faults import BusEvent, FaultSource
 from plant_emulator.bus.queues import Queues
 from plant_emulator.bus.rates import INTERMISSION_BITS, SECOND, Rates
 from plant_emulator.bus.traffic import ControllerMessage, Delivered, Passed, Statistics, Traffic
+from plant_emulator.core import CORE
 
 __all__ = ["ControllerMessage", "Delivered", "EmulatedWire", "Statistics"]
 
@@ -38,6 +41,8 @@ SocketCAN interface has 10 by default (txqueuelen), and lets its writer wait."""
 PATIENCE_NS = 20_000_000
 """A frame that waits longer means that the bus is overloaded."""
 MAX_PORTS = 1024
+NO_PORT = 1 << 62
+"""Number above every port: it stops nothing."""
 
 
 class EmulatedWire:
@@ -84,11 +89,10 @@ class EmulatedWire:
         self._flight: Attempt | None = None  # what is on the bus
         self._traffic = Traffic()
         self._counts = self._traffic.counts
-        self._queues = Queues(self._ports, self.rates, self._counts, queue_frames, self._take_back)
+        self._is_calm = True  # no port is silent, suspended or babbles, or has counted an error
+        self._queues = Queues(self._ports, self.rates, self._counts, queue_frames)
         self._confinement = Confinement(self._ports, self.rates, self._counts, self._queues)
         self.switched = self._confinement.switched
-        self._error_free = ErrorFreeBus(self._ports, self.rates, self._traffic, queue_frames) if self.rates.is_exact else None
-        self._fast: ErrorFreeBus | None = None  # `_error_free`, while it holds the queues
         self._refused_ns: int | None = None  # when an offer found no room
         self._faults = faults
         for event in faults.events if faults is not None else ():
@@ -103,12 +107,11 @@ class EmulatedWire:
 
     # --- ports ---
 
-    def attach(self, port: int | None = None, *, priority_queue: bool = False) -> int:
+    def attach(self, port: int | None = None) -> int:
         """Give a participant its port, and return the port's number.
 
         Args:
             port: Any number from 0 that is free; else the lowest one that is.
-            priority_queue: A controller with mailboxes, which sends its lowest identifier first, not its oldest frame.
 
         Raises:
             ValueError: The number is taken or negative, or there are too many ports.
@@ -117,12 +120,7 @@ class EmulatedWire:
             port = next(number for number in range(MAX_PORTS + 1) if number not in self._ports)
         if port in self._ports or port < 0 or len(self._ports) >= MAX_PORTS:
             raise ValueError(f"port {port} is not free")
-        self._ports[port] = Port(port, priority_queue)
-        self._queues.plan = None
-        if priority_queue:
-            self._take_back()
-        elif self._fast is not None:
-            self._fast.join(port)
+        self._ports[port] = Port(port)
         return port
 
     def detach(self, port: int) -> None:
@@ -134,7 +132,6 @@ class EmulatedWire:
             ValueError: There is no such port.
         """
         participant = self._port(port)
-        self._take_back()
         self._queues.clear(participant)
         participant.is_gone = True
         del self._ports[port]
@@ -153,7 +150,7 @@ class EmulatedWire:
         Raises:
             ValueError: There is no such port.
         """
-        self._take_back()
+        self._is_calm = False
         self._confinement.switch_off(self._port(port), self.now)
 
     def restart(self, port: int, at_ns: int | None = None) -> None:
@@ -169,6 +166,7 @@ class EmulatedWire:
             ValueError: There is no such port, or `at_ns` lies in the past.
         """
         participant = self._port(port)
+        self._is_calm = False
         if at_ns is None:
             self._confinement.restart(participant, self.now)
         elif at_ns < self.now:
@@ -199,25 +197,21 @@ class EmulatedWire:
         Raises:
             ValueError: There is no such port, `at_ns` lies in the past, or this is not a frame that can be on the wire.
         """
-        fast = self._fast
-        if fast is not None and self._faults is None and at_ns == self.now:
-            return fast.offer(port, frame, at_ns) or self._refuse()
-        return self._offer(port, frame, at_ns)
-
-    def _offer(self, port: int, frame: Frame, at_ns: int) -> bool:
-        """Offer a frame, subject to the faults."""
         participant = self._port(port)
         if at_ns < self.now:
             raise ValueError(f"the bus is at {self.now} ns and accepts no frame of {at_ns} ns")
         if self._faults is None:
-            return self._pass(participant, Passage(frame), at_ns)
-        check(frame)
+            is_taken = self._queues.accept(participant, at_ns, self.now, frame)
+            return is_taken or self._refuse()
+        frame_bits(frame, stuffed=False)  # refuses what cannot be on the wire, before a fault meets it
         passages = self._faults.apply(frame, port, at_ns)
-        fast = self._fast
-        if fast is not None and at_ns == self.now and len(passages) == 1 and passages[0].is_plain and not participant.held:
-            return fast.offer(port, passages[0].frame, at_ns) or self._refuse()
-        accepted = [self._pass(participant, passage, at_ns) for passage in passages]
+        accepted = [self._queues.accept(participant, at_ns, self.now, *passage) or self._refuse() for passage in passages]
         return all(accepted)
+
+    def _refuse(self) -> bool:
+        self._counts.refused += 1
+        self._refused_ns = self.now
+        return False
 
     @property
     def mark(self) -> int:
@@ -232,8 +226,6 @@ class EmulatedWire:
         Args:
             mark: Instant before which a fault's delays do not count; a fault to come does not count either.
         """
-        if self._fast is not None and self._fast.due is not None:
-            return True
         return self._flight is not None or self._queues.is_waiting(mark)
 
     @property
@@ -244,11 +236,8 @@ class EmulatedWire:
         """
         queues = self._queues
         later = queues.later[0][0] if queues.later else None
-        if self._fast is not None:
-            end = self._fast.due
-        else:
-            attempt = self._flight or queues.plan or queues.planned(self._idle)
-            end = None if attempt is None else attempt.end
+        attempt = self._flight or self._next()
+        end = None if attempt is None else attempt.end
         return later if end is None or (later is not None and later < end) else end
 
     def advance(self, until_ns: int) -> list[Delivered]:
@@ -275,88 +264,78 @@ class EmulatedWire:
         if until_ns < self.now:
             raise ValueError(f"the bus is at {self.now} ns and does not go back to {until_ns} ns")
         passed: list[Passed] = []
-        fast = self._fast or self._handed_over()
-        if fast is not None:
-            later = self._queues.later
-            limit = later[0][0] if later and later[0][0] < until_ns else until_ns
-            reached = fast.advance(limit, stop_port, passed)
-            if reached is not None:
-                self.now = reached
-                if reached < limit or not later or later[0][0] > until_ns or (passed and passed[-1][1] >= stop_port):
-                    return passed
-            self._take_back()
-        self._proceed(until_ns, stop_port, passed)
-        return passed
-
-    def pass_to(self, now: int) -> None:
-        """Note the time up to which frames have passed on the error-free bus without the wire."""
-        self.now = now
-
-    def undisturbed(self) -> ErrorFreeBus | None:
-        """Return the error-free bus if it is classic and empty, and nothing but new offers can happen to it; else None."""
-        if self._faults is not None or self._queues.later or self.rates.data_bitrate is not None:
-            return None
-        fast = self._fast or self._handed_over()
-        return fast if fast is not None and fast.is_empty else None
-
-    def _proceed(self, until_ns: int, stop_port: int, delivered: list[Passed]) -> None:
-        """Let time pass by attempts."""
         queues, confinement = self._queues, self._confinement
         later, confinement.has_switched = queues.later, False
         while True:
-            attempt = self._flight or queues.plan or queues.planned(self._idle)
+            attempt = self._flight or self._next()
             soon = until_ns + 1 if attempt is None else attempt.end if attempt is self._flight else attempt.start + 1
             if later and later[0][0] < soon:
                 at = later[0][0]
                 if at > until_ns:
                     break
-                self._release(delivered)
-            elif soon > until_ns:
+                self._release(passed)
+            elif attempt is None or soon > until_ns:
                 break
-            elif attempt is not None:
-                if attempt is self._flight:
-                    at = attempt.end
-                    self._land(attempt, delivered)
-                else:
-                    queues.take(attempt)
-                    self._flight = attempt  # its first bit is sent: from now on it stands
-                    continue
-            if delivered and delivered[-1][1] >= stop_port:
-                self.now = delivered[-1][3]
-                return
+            elif attempt is self._flight:
+                at = attempt.end
+                self._land(attempt, passed)
+            else:
+                queues.take(attempt)
+                self._flight = attempt  # its first bit is sent: from now on it stands
+                continue
+            if passed and passed[-1][1] >= stop_port:
+                self.now = passed[-1][3]
+                return passed
             if confinement.has_switched and stop_port != NO_PORT:
                 self.now = max(self.now, at)
-                return
+                return passed
         self.now = until_ns
+        return passed
 
-    def _handed_over(self) -> ErrorFreeBus | None:
-        """Pass the queues to the error-free bus as soon as possible.
+    # --- many frames at once ---
 
-        No error may be pending anywhere.
+    @property
+    def is_undisturbed(self) -> bool:
+        """True if the bus is classic and empty, all its ports are error-free, and nothing but new offers can happen to it."""
+        queues = self._queues
+        if self._faults is not None or self._flight is not None or queues.waiting or queues.later:
+            return False
+        return self.rates.is_exact and self.rates.data_bitrate is None and self._is_calm and len(self._ports) > 1
+
+    def ends(self, records: bytes, start: int | None = None) -> list[int]:
+        """Return the ends of data frames that pass one behind the other.
+
+        Args:
+            records: Records of the frames, with 11-bit identifiers.
+            start: SOF of the first, in ns; None: as soon as the bus is idle.
         """
-        fast = self._error_free
-        if fast is None or self._queues.waiting or self._flight is not None or self._confinement.is_troubled:
-            return None
-        if len(self._ports) < 2 or not all(port.is_error_free and port.not_before <= self.now for port in self._ports.values()):
-            return None
-        self._fast, self._queues.plan = fast, None
-        fast.begin(self._idle)
-        return fast
+        count, bit_ns = len(records) // RECORD.size, self.rates.bit_ns
+        found = CORE.integers(count)
+        CORE.call.frames_end(records, count, max(self.now, self._idle) if start is None else start, bit_ns, found)
+        return list(found)
 
-    def _take_back(self) -> None:
-        """Take queues and current frame back from the error-free bus."""
-        fast = self._fast
-        if fast is None:
-            return
-        self._fast, self._idle, flight = None, fast.idle, fast.flight
-        if flight is not None:
-            frame, number, start, end, _, at = flight
-            entry = QueuedFrame(frame, self._ports[number], at, self.rates)
-            self._flight, self._idle = Attempt(start, (entry,)), start
-            self._flight.end, self._flight.idle = end, fast.idle
-        for number, at, frame in fast.take():
-            self._queues.push(QueuedFrame(frame, self._ports[number], at, self.rates))
-        self._queues.plan = None
+    def pass_at_once(self, ends: Sequence[int], answers: bytes, senders: Sequence[int], until: int) -> None:
+        """Let frames pass that one port has offered now, and their answers; `is_undisturbed` must be true.
+
+        Args:
+            ends: Ends of the port's frames.
+            answers: Records of the frames that are offered at the last of these ends, in the order in which the bus sends them.
+            senders: Port of each of them.
+            until: Time up to which time passes, in ns.
+        """
+        bit_ns, counts = self.rates.bit_ns, self._counts
+        gap, begin, asked = INTERMISSION_BITS * bit_ns, max(self.now, self._idle), ends[-1]
+        last = ends[-2] + gap if len(ends) > 1 else begin  # SOF of the frame that waits longest
+        longest_ns, idle = last - self.now, asked + gap
+        if answers:
+            answered = self.ends(answers, idle)
+            last = answered[-2] + gap if len(answered) > 1 else idle
+            longest_ns, idle = max(longest_ns, last - asked), answered[-1] + gap
+        if counts.longest_queue < max(len(ends), len(senders)):
+            counts.longest_queue = max(counts.longest_queue, len(ends), *Counter(senders).values())
+        self._traffic.passed(len(ends) + len(senders), (idle - begin) // bit_ns, longest_ns)
+        self._traffic.occupy(begin, idle)
+        self._idle, self.now = idle, until
 
     # --- what it looks like ---
 
@@ -371,7 +350,7 @@ class EmulatedWire:
 
         It is 0 if none waits.
         """
-        oldest = self._queues.oldest if self._fast is None else self._fast.oldest
+        oldest = self._queues.oldest
         return 0 if oldest is None else self.now - oldest
 
     @property
@@ -394,11 +373,8 @@ class EmulatedWire:
         if window_ns <= 0:
             raise ValueError(f"a window of {window_ns} ns; expected more than 0")
         busy_ns = self._traffic.busy_ns(self.now - window_ns, self.now)
-        start = None if self._flight is None else self._flight.start
-        if self._fast is not None and self._fast.flight is not None:
-            start = self._fast.flight[2]
-        if start is not None:
-            busy_ns += self.now - max(start, self.now - window_ns)
+        if self._flight is not None:
+            busy_ns += self.now - max(self._flight.start, self.now - window_ns)
         return busy_ns / window_ns
 
     # --- how it works ---
@@ -409,24 +385,31 @@ class EmulatedWire:
             raise ValueError(f"there is no port {number}")
         return port
 
-    def _pass(self, port: Port, passage: Passage, at_ns: int) -> bool:
-        """Queue a frame, subject to the faults.
+    def _next(self) -> Attempt | None:
+        """Return the next attempt if no further frame is offered.
 
-        Held frames that it overtakes are queued after it.
+        The lowest arbitration field wins among the ports that are ready first.
         """
-        entry = self._queues.accept(port, passage, at_ns, self.now)
-        if entry is None:
-            return self._refuse()
-        if passage.overtaken:
-            port.held.append(entry)
-        else:
-            self._queues.overtake(port, entry, self.now)
-        return True
-
-    def _refuse(self) -> bool:
-        self._counts.refused += 1
-        self._refused_ns = self.now
-        return False
+        start, idle, best = 0, self._idle, None
+        equal: tuple[QueuedFrame, ...] = ()
+        for port in self._queues.waiting.values():
+            entry = port.babble or port.queue[0]
+            ready = entry.at if entry.at > idle else idle
+            ready = port.not_before if port.not_before > ready else ready
+            if best is None or ready < start:
+                start, best, equal = ready, entry, ()
+            elif ready == start:
+                if entry.key < best.key:
+                    best, equal = entry, ()
+                elif entry.key == best.key:
+                    equal += (entry,)
+        if best is None:
+            return None
+        senders = tuple(sorted((best, *equal), key=lambda entry: entry.port.number)) if equal else (best,)
+        attempt = Attempt(start, senders, self.rates)
+        if equal or best.destroyed or not self._is_calm or len(self._ports) < 2:
+            attempt.disturb(self._ports.values(), self.rates)
+        return attempt
 
     def _land(self, attempt: Attempt, delivered: list[Passed]) -> None:
         """End an attempt, as a frame or with an error frame."""
@@ -434,16 +417,21 @@ class EmulatedWire:
         self._traffic.occupy(attempt.start, attempt.idle)
         winners = attempt.winners
         if winners:
-            counts, start, first = self._counts, attempt.start, winners[0]
-            delivered.append((first.frame, first.port.number, start, attempt.end, first.bits, first.at))
+            start, first = attempt.start, winners[0]
+            bits = first.slow_bits + first.fast_bits
+            delivered.append((first.frame, first.port.number, start, attempt.end, bits, first.at))
+            counts = self._counts
             counts.frames += 1
-            counts.bits += first.bits
+            counts.bits += bits
             for entry in winners:
                 if not entry.is_babble:
                     entry.port.waiting -= 1
                 counts.longest_wait_ns = max(counts.longest_wait_ns, start - entry.at)
         if self._confinement.is_troubled or not winners or len(attempt.senders) > 1:
             self._confinement.judge(attempt)
+            self._is_calm = False
+        if not self._is_calm:
+            self._is_calm = all(port.is_error_free and port.not_before <= attempt.idle for port in self._ports.values())
 
     def _release(self, delivered: list[Passed]) -> None:
         """Process a held event or frame that is due."""
@@ -463,12 +451,12 @@ class EmulatedWire:
         else:
             port.waiting -= 1
             self._counts.frames += 1
-            delivered.append((what.frame, port.number, at, at, what.bits, at))
+            delivered.append((what.frame, port.number, at, at, what.slow_bits, at))
 
     def _happen(self, event: BusEvent) -> None:
         """Begin or end a fault."""
         queues = self._queues
-        queues.plan = None
+        self._is_calm = False
         if event.kind == "stuck":
             self._stick(event.at_ns, event.until_ns or event.at_ns)
             return

@@ -1,5 +1,6 @@
 """A cycle that passes a wire at once is the same, to the bit, as one whose frames are offered one by one."""
 
+import itertools
 import random
 
 import pytest
@@ -9,7 +10,6 @@ from hypothesis import strategies as st
 from drive_profiles.standard.cia402 import Mode
 from hil.can.bits import frame_bits
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, RECORD, Frame, frames_of, pack
-from plant_emulator.bus.burst import message_bits
 from plant_emulator.bus.faults import BusFaults
 from plant_emulator.bus.heard import FIRST_CLIENT
 from plant_emulator.bus.timed import TimedBus
@@ -113,7 +113,12 @@ def test_whatever_else_comes_the_wire_is_the_same(seed):
 def test_a_limit_that_breaks_while_the_frames_pass_ends_the_burst_and_not_the_cycle(monkeypatch):
     """The drive's emergency goes out between the client's frames, as it would without a burst."""
     seen, go_on = [], TimedBus._go_on
-    monkeypatch.setattr(TimedBus, "_go_on", lambda bus, *given: seen.append(given[3]) or go_on(bus, *given))
+
+    def counted(bus, port, message, sent, until):
+        seen.append(sum(end <= bus.world.now for end in bus.wire.ends(message)))
+        return go_on(bus, port, message, sent, until)
+
+    monkeypatch.setattr(TimedBus, "_go_on", counted)
     for step in range(200, 4000, 400):
         twin = following()
         for world in (twin.image, twin.slaves):
@@ -154,12 +159,18 @@ def test_answers_with_one_identifier_collide_on_the_wire():
     assert twin.buses[0].wire.statistics.errors > 0
 
 
+def bits_in_a_row(records):
+    """The bits of each frame of a message, intermission included."""
+    ends = EmulatedWire(1_000_000).ends(records)
+    return [(end - before) // 1000 for before, end in itertools.pairwise([-3000, *ends])]
+
+
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=64))
 def test_the_bits_of_a_message_are_those_of_its_frames(frames):
     records = b"".join(pack(Frame(*each)) for each in frames)
-    assert message_bits(records) == [frame_bits(Frame(*each)) for each in frames]
+    assert bits_in_a_row(records) == [frame_bits(Frame(*each)) for each in frames]
 
 
 def test_what_is_no_data_frame_with_a_short_identifier_has_no_bits_in_a_message():
     others = Frame(CAN_EFF_FLAG | 1, b""), Frame(CAN_RTR_FLAG | 0x181, b""), Frame(CAN_ERR_FLAG, bytes(8))
-    assert message_bits(b"".join(map(pack, others)) + RECORD.pack(1, 9, bytes(8))) == [0, 0, 0, 0]
+    assert bits_in_a_row(b"".join(map(pack, others)) + RECORD.pack(1, 9, bytes(8))) == [0, 0, 0, 0]

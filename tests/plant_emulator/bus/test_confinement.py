@@ -3,10 +3,9 @@
 import pytest
 
 from hil.can.frame import CAN_ERR_FLAG, Frame
-from plant_emulator.bus.attempt import Attempt, Port, QueuedFrame, resolve
+from plant_emulator.bus.attempt import Attempt, Port, QueuedFrame
 from plant_emulator.bus.confinement import RECOVERY_BITS, SUSPEND_BITS, Confinement
 from plant_emulator.bus.controller import ErrorState
-from plant_emulator.bus.faults import Passage
 from plant_emulator.bus.queues import Queues
 from plant_emulator.bus.rates import Rates
 from plant_emulator.bus.traffic import Statistics
@@ -22,22 +21,27 @@ class Bus:
     def __init__(self):
         self.ports = {number: Port(number) for number in (1, 2)}
         self.counts = Statistics()
-        self.queues = Queues(self.ports, RATES, self.counts, ROOM, lambda: None)
+        self.queues = Queues(self.ports, RATES, self.counts, ROOM)
         self.confinement = Confinement(self.ports, RATES, self.counts, self.queues)
 
     def offer(self, number, can_id=0x181):
-        return self.queues.accept(self.ports[number], Passage(Frame(can_id, b"\1")), 0, 0)
+        return self.queues.accept(self.ports[number], 0, 0, Frame(can_id, b"\1"))
 
     def counters(self, number):
         controller = self.ports[number].controller
         return controller.tec, controller.rec
 
+    def begun(self):
+        """An attempt of port 1's frame."""
+        attempt = Attempt(0, (self.ports[1].queue[0],), RATES)
+        self.queues.take(attempt)
+        return attempt
+
     def failed(self):
         """The attempt of port 1's frame, destroyed on its way."""
-        attempt = self.queues.planned(0)
+        attempt = self.begun()
         attempt.senders[0].destroyed = 1
-        resolve(attempt, self.ports.values(), RATES)
-        self.queues.take(attempt)
+        attempt.disturb(self.ports.values(), RATES)
         self.confinement.judge(attempt)
 
 
@@ -46,25 +50,9 @@ def bus():
     return Bus()
 
 
-def test_the_lowest_identifier_is_planned_first_and_taken_out_of_its_queue(bus):
-    bus.offer(1, 0x182)
-    bus.offer(2, 0x181)
-    plan = bus.queues.planned(0)
-    assert [entry.frame.can_id for entry in plan.senders] == [0x181]
-    bus.queues.take(plan)
-    assert set(bus.queues.waiting) == {1}
-
-
-def test_what_is_offered_makes_the_plan_void(bus):
-    bus.offer(1)
-    assert bus.queues.planned(0) is bus.queues.plan
-    bus.offer(2)
-    assert bus.queues.plan is None
-
-
 def test_a_full_queue_takes_no_more(bus):
     assert all(bus.offer(1) for _ in range(ROOM))
-    assert bus.offer(1) is None
+    assert not bus.offer(1)
     assert bus.counts.longest_queue == ROOM
 
 
@@ -81,10 +69,9 @@ def test_a_destroyed_frame_costs_its_sender_eight_and_its_hearer_one_and_goes_ba
 def test_a_passive_sender_waits_eight_bits_longer(bus):
     bus.ports[1].controller.transmit_failed(17)
     bus.offer(1)
-    plan = bus.queues.planned(0)
-    bus.queues.take(plan)
-    bus.confinement.judge(plan)
-    assert bus.ports[1].not_before == plan.idle + SUSPEND_BITS * BIT_NS
+    attempt = bus.begun()
+    bus.confinement.judge(attempt)
+    assert bus.ports[1].not_before == attempt.idle + SUSPEND_BITS * BIT_NS
 
 
 def test_bus_off_is_reported_and_loses_the_queue_and_a_restart_brings_the_port_back(bus):
@@ -95,7 +82,7 @@ def test_bus_off_is_reported_and_loses_the_queue_and_a_restart_brings_the_port_b
     assert not bus.queues.waiting
     assert bus.counts.lost == 2
     assert [*bus.confinement.switched] == [(1, True)]
-    assert bus.offer(1) is None
+    assert not bus.offer(1)
     bus.confinement.restart(bus.ports[1], 10)
     assert [*bus.confinement.switched] == [(1, True), (1, False)]
     assert bus.ports[1].not_before == 10 + RECOVERY_BITS * BIT_NS
@@ -110,7 +97,7 @@ def test_a_restart_of_a_port_that_is_not_off_does_nothing(bus):
 
 
 def test_a_stuck_bus_fails_the_frame_on_it_and_raises_all_counters(bus):
-    attempt = Attempt(0, (QueuedFrame(Frame(0x181, b""), bus.ports[1], 0, RATES),))
+    attempt = Attempt(0, (QueuedFrame(Frame(0x181, b""), bus.ports[1], 0, RATES),), RATES)
     bus.confinement.stick(attempt, 0, 30 * BIT_NS, 40 * BIT_NS)
     assert bus.counters(1) == (8 * (1 + 2), 0)  # at once, after the 14th dominant bit of the 29 that follow, and after eight more
     assert bus.counters(2) == (0, 1 + 8 * 2)

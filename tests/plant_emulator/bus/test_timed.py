@@ -166,7 +166,7 @@ def test_a_heartbeat_of_the_client_leaves_with_its_next_sync_and_does_not_move_t
         node.slave.dictionary.set(0x1006, 0, 2000)
     list(medium.cycle(CLIENT, SYNC))
     beat = made.world.now
-    assert medium.frame(CLIENT, Frame(0x701, b"\5")) == []
+    assert medium.frame(CLIENT, Frame(0x701, b"\5"), waits=False) == []
     assert made.world.now == beat
     [heard] = medium.cycle(CLIENT, SYNC)
     assert [h.frame.can_id for h in heard[:2]] == [0x701, 0x80]
@@ -190,10 +190,10 @@ def test_what_was_delayed_before_does_not_stretch_the_beats_and_what_is_asked_is
     medium = Timed(made, wall=False)
     list(medium.cycle(CLIENT, SYNC))
     beat = made.world.now
-    heard = medium.frame(CLIENT, SDO_READ_TYPE)
+    heard = medium.frame(CLIENT, SDO_READ_TYPE, waits=True)
     assert [h.frame.can_id for h in heard] == [0x602, 0x582]
     assert made.world.now < beat + 1_000_000
-    heard = medium.frame(CLIENT, Frame(0x603, SDO_READ_TYPE.data))
+    heard = medium.frame(CLIENT, Frame(0x603, SDO_READ_TYPE.data), waits=True)
     assert [h.frame.can_id for h in heard] == [0x603, 0x583]
     assert beat + 3_000_000 < made.world.now < beat + 4_000_000
     late = made.free(beat + 50_000_000)
@@ -212,7 +212,7 @@ def test_on_a_fd_bus_a_cycle_takes_less_time_than_on_a_classic_one():
             dictionary.write(0x1800, 1, (0x8000_0180 + node).to_bytes(4, "little"))
             dictionary.write(0x1800, 2, b"\1")
             dictionary.write(0x1800, 1, (0x180 + node).to_bytes(4, "little"))
-            medium.frame(CLIENT, Frame(0, bytes((NmtCommand.START, node))))
+            medium.frame(CLIENT, Frame(0, bytes((NmtCommand.START, node))), waits=True)
         medium.begin_cycles()
         began = world.now
         [heard] = medium.cycle(CLIENT, SYNC)
@@ -231,6 +231,6 @@ def test_an_sdo_block_sent_at_once_finds_room_on_a_slow_bus():
     medium.join(CLIENT)
     heard = []
     for number in range(127):  # the most segments of a block (CiA 301, 7.2.4.3.9)
-        heard += medium.frame(CLIENT, Frame(0x1FF, bytes((number,))))
+        heard += medium.frame(CLIENT, Frame(0x1FF, bytes((number,))), waits=False)
     heard += medium.idle()
     assert [frame.data[0] for frame, port, _ in heard if port == CLIENT] == list(range(127))
