@@ -12,6 +12,7 @@ import random
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -174,11 +175,18 @@ class Running:
         else:
             print(f"\n== {stage.name}: {' '.join(stage.command)}", flush=True)
             self._process = subprocess.Popen(command, cwd=ROOT, env=environment)
+        self._watch = threading.Thread(target=self._note_end, daemon=True)
+        self._watch.start()
+
+    def _note_end(self) -> None:
+        self._process.wait()
+        self._seconds = time.monotonic() - self._begin
 
     def end(self) -> Result:
-        """Wait for its end."""
-        status = self._process.wait()
-        result = Result(self.stage, time.monotonic() - self._begin, status)
+        """Wait for its end, which may have been long ago."""
+        self._watch.join()
+        status = self._process.returncode
+        result = Result(self.stage, self._seconds, status)
         if self.stage.is_beside:
             print(
                 f"\n== {self.stage.name}: {' '.join(self.stage.command)}\n{self._output.read_text(errors='replace')}", flush=True

@@ -63,6 +63,14 @@ def test_what_runs_beside_others_begins_with_them_and_ends_before_what_must_be_a
     assert said.index("quick ends") < said.index("slow ends") < said.index("alone ends")
 
 
+def test_the_time_of_what_ran_beside_others_ends_with_itself(tmp_path):
+    mark = f"import pathlib, time; mark = pathlib.Path({str(tmp_path / 'mark')!r})\n"
+    beside = stages.Stage("beside", python(mark + "mark.touch()"), is_beside=True)
+    longer = stages.Stage("longer", python(mark + "while not mark.exists():\n    time.sleep(0.01)\ntime.sleep(1)"))
+    seconds = {result.stage.name: result.seconds for result in stages.run_all((beside, longer), tmp_path)}
+    assert seconds["beside"] < seconds["longer"]
+
+
 def test_what_fails_beside_others_is_named(tier, capfd):
     assert tier("everyday", stages.Stage("beside", python("raise SystemExit(3)"), is_beside=True)) == 1
     assert "FAILED beside ended with 3" in capfd.readouterr().out

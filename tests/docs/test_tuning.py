@@ -52,6 +52,7 @@ def beginning(text, table):
     return next((begin for begin in table if text.startswith(begin)), None)
 
 
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_page_quiets_a_robot_that_nobody_has_tuned_for(seed, shell):
     drawn = "plant-emulator fleet --seeds 77 --kind real --out fleet"
