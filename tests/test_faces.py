@@ -29,7 +29,7 @@ PACKAGES = sorted(packages())
 ROOMS = [name for name in PACKAGES if name.count(".") <= 1]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("name", PACKAGES)
 def test_the_examples_of_a_face_run(name):
     assert doctest.testmod(importlib.import_module(name)).failed == 0, "the report is in the captured output"

@@ -24,7 +24,7 @@ Here a dictionary of objects stands for the SDO port of a drive:
 ...     }
 ...     def forget(self):
 ...         pass
-...     def read(self, address, name=""):
+...     def read(self, address, name="", in_blocks=False):
 ...         if address in self.objects:
 ...             return self.objects[address]
 ...         raise SdoAbortedError(2, *address, 0x0602_0000, "no such object")

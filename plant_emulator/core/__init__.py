@@ -4,7 +4,7 @@
 
 >>> from plant_emulator.core import CORE
 >>> CORE.dtype("axis").names
-('plant', 'plant_state', 'motion', 'law', 'change', 'past')
+('plant', 'plant_state', 'motion', 'law', 'change', 'past', 'encoder')
 """
 
 from hil.core.library import Library
