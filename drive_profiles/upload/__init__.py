@@ -28,7 +28,7 @@ Here a dictionary of objects stands for the SDO port of a drive:
 ...         if address in self.objects:
 ...             return self.objects[address]
 ...         raise SdoAbortedError(2, *address, 0x0602_0000, "no such object")
-...     def write(self, address, data, name="", value=None, timeout_s=None):
+...     def write(self, address, data, name="", value=None, timeout_s=None, in_blocks=False):
 ...         self.objects[address] = data
 >>> drive = Device(Port(), Catalogue(Profile.load("emulated_drive")))
 >>> gains = ParameterSet(tuning={"position_gain_per_s": Item(value=25.0, unit="1/s")})

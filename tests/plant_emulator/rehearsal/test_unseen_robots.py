@@ -6,6 +6,7 @@ from plant_emulator.rehearsal.many.claims import claims_of
 from plant_emulator.rehearsal.many.one import BOTH, run_seed
 from plant_emulator.rehearsal.many.page import write_page
 from plant_emulator.rehearsal.many.reading import accepted, is_quiet, of_kind
+from plant_emulator.rehearsal.many.rows import crashed
 from plant_emulator.rehearsal.many.table import csv_text
 from plant_emulator.trials.executors import LocalProcesses
 from plant_emulator.trials.running import run_all
@@ -40,7 +41,7 @@ def test_robots_that_nobody_has_seen_reach_the_numbers(tmp_path, seeds):
     """One test, since the robots are walked once; table and page of them lie in its folder."""
     rows = []
     with LocalProcesses(1) as executors:  # beside a worker that waits for it: two would be one too many for its processor
-        run_all(seeds, run_seed, (BOTH, False, None, PROBED_EVERY), executors, rows.append)
+        run_all(seeds, run_seed, (BOTH, False, None, PROBED_EVERY), executors, rows.append, crashed)
     rows.sort(key=lambda row: row["seed"])
     (tmp_path / "robots.csv").write_text(csv_text(rows), encoding="utf-8")
     write_page(tmp_path / "report.html", rows)
