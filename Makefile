@@ -2,8 +2,9 @@
 
 BIN := .venv/bin
 # The locks are complete, so pip resolves nothing: a release of anybody else's changes no installation, and any pip from 23.0 will do.
-# uv takes 8 s for the 117 packages of the tests where pip takes 53 (two cores). pip all the same: it comes with Python, it knows the
-# mirror and the proxy that a company has set up for it, and a file that uv could sync from names the hosts of its packages.
+# uv takes 8 s for the 117 packages of the tests where one pip takes 53 (two cores), hence two. pip all the same: it comes with
+# Python, it knows the mirror and the proxy that a company has set up for it, and a file that uv could sync from names the hosts
+# of its packages.
 # Byte code is written when a module is first imported, of those that are: writing it all at installation costs seconds for nothing.
 PIP := $(BIN)/python -m pip install --disable-pip-version-check -q --no-compile --no-deps --no-build-isolation
 # Not writing it at all, as some environments ask, makes every process compile numpy and scipy again: a fifth of the test run.
@@ -72,9 +73,13 @@ $(INSTALLED): .venv/locked pyproject.toml requirements-compiler.lock
 	@$(PIP) --editable .
 	@touch $@
 
+# pip works on one processor: two of them take every second package each.
 $(TESTABLE): $(INSTALLED) requirements-test.lock
-	@echo "Installing requirements-test.lock into .venv (about a minute, once)"
-	@$(PIP) --require-hashes -r requirements-test.lock
+	@echo "Installing requirements-test.lock into .venv (about half a minute, once)"
+	@for half in 0 1; do awk '/^[^ #]/ { n++ } n % 2 == '$$half requirements-test.lock >.venv/half-$$half.lock; done
+	@$(PIP) --require-hashes -r .venv/half-0.lock & first=$$!; \
+	$(PIP) --require-hashes -r .venv/half-1.lock; second=$$?; wait $$first && exit $$second
+	@rm .venv/half-0.lock .venv/half-1.lock
 	@touch $@
 
 # One lock for the demo and one for the tests, each for every supported Python; both hold the same version of what is in both.
