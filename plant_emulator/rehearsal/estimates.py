@@ -25,9 +25,7 @@ def facts_of(robot: Robot, bench: Bench, number: int) -> dict[str, Cell]:
         "antiresonance_hz": antiresonance_hz(axis),
         "f_al_hz": true_f_al_hz(bench, robot, number),
         "inertia_ratio": axis.arm_inertia_kg_m2 / (axis.reduction_ratio**2 * axis.motor_inertia_kg_m2),
-        "a1_arcsec": axis.ate.a1_arcsec,
-        "a2_arcsec": axis.ate.a2_arcsec,
-        "a4_arcsec": axis.ate.a4_arcsec,
+        **{amplitude_key(order): getattr(axis.apparent_ate, amplitude_key(order)) for order in ORDERS},
         "encoder_bits": math.log2(axis.encoder_counts_per_rev),
         "current_lag_s": axis.current_time_constant_s,
         "hysteresis_nm": axis.hysteresis_torque_nm,
@@ -116,5 +114,5 @@ def _error(axis: RobotAxis, error: IdentifiedError | None, prefix: str) -> dict[
         for name in (amplitude_key(order), phase_key(order)):
             estimate = getattr(error.values, name) if error is not None and order in estimated else None
             spread = None if error is None else error.standard_error.get(name)
-            found[f"{prefix}{name}"] = QuantityRecord(getattr(axis.ate, name), estimate, spread)
+            found[f"{prefix}{name}"] = QuantityRecord(getattr(axis.apparent_ate, name), estimate, spread)
     return found

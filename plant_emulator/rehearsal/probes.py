@@ -50,7 +50,7 @@ def probe(robot: Robot, bench: Bench, axis: int, survey: Survey, before: Mapping
             verdicts = choice.verification.verdicts
             used = {verdict.part.order for verdict in verdicts if verdict.verdict == "accepted"}
             words = "; ".join(verdict.words for verdict in verdicts)
-            if not used & wrong_orders(robot.axis[axis].ate, table):
+            if not used & wrong_orders(robot.axis[axis].apparent_ate, table):
                 found[name] = ProbeRecord(accepted=False, words=words)
                 continue
             left_out = [Part(axis, verdict.part.order) for verdict in verdicts if verdict.part.order not in used]
@@ -63,7 +63,7 @@ def wrong_corrections(robot: Robot, axis: int) -> dict[str, TransmissionErrorTab
 
     An order that the gear lacks has no wrong correction.
     """
-    true = robot.axis[axis].ate
+    true = robot.axis[axis].apparent_ate
     amplitudes, phases = true.amplitudes_arcsec(), true.phases_deg()
     made = {}
     for order in amplitudes.keys() & set(ORDERS):

@@ -15,6 +15,7 @@ from hil.design.order_map import order_track
 from hil.experiments.judge import peak_hz
 from hil.recording import Recording
 from hil.robot_tables import ORDERS, PlantTable, TransmissionErrorTable
+from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import Robot
 
 END_S = 0.15
@@ -33,9 +34,15 @@ def quiet(robot: Robot) -> Robot:
 
 
 def without_error(robot: Robot) -> Robot:
-    """Return the robot with perfect gears."""
+    """Return the robot with perfect gears and encoders.
+
+    The encoders keep their noise.
+    """
     none = TransmissionErrorTable.of({}, {})
-    axes = {number: axis.model_copy(update={"ate": none}) for number, axis in robot.axis.items()}
+    axes = {
+        number: axis.model_copy(update={"ate": none, "encoder": MotorEncoder(noise_counts=axis.encoder.noise_counts)})
+        for number, axis in robot.axis.items()
+    }
     return robot.model_copy(update={"axis": axes})
 
 

@@ -23,7 +23,16 @@ from hil.arm.bodies import Body, Inertia
 from hil.arm.masses import mass_matrix
 from hil.arm.tables import ArmLink, ArmTable
 from hil.arm.urdf import turning_joints, with_links
-from plant_emulator.robots.fleet import CONTROL_PERIOD_S, RANGES, Draws, Range, accelerometer, rounded, transmission_error
+from plant_emulator.robots.fleet import (
+    CONTROL_PERIOD_S,
+    RANGES,
+    Draws,
+    Range,
+    accelerometer,
+    motor_encoder,
+    rounded,
+    transmission_error,
+)
 from plant_emulator.robots.robot import SHIPPED, ArmAxis, ArmRobot, BusFacts, load_robot
 
 Real = NDArray[np.float64]
@@ -236,6 +245,7 @@ def _axis(
         stribeck_velocity_rad_s=draws.even("stribeck_velocity", RANGES.stribeck_velocity_rad_s),
         torque_limit_nm=rounded(9000.0 * (motor + 1.5 * inertia / ratio**2) + 1.2 * weight_nm / ratio + 3.0 * static),
         encoder_counts_per_rev=2 ** draws.whole("encoder_bits", RANGES.encoder_bits),
+        encoder=motor_encoder(draws, RANGES),
         ate=transmission_error(draws, RANGES),
         gear_reaction=draws.chance("gear_reaction"),
     )

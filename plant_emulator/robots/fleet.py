@@ -20,6 +20,7 @@ import numpy as np
 from hil.control.angles import ARCSEC
 from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phase_key
 from plant_emulator.robots.behaviour import Behaviour
+from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import BusFacts, Robot, RobotAccelerometer, RobotAxis
 
 Kind = Literal["linear", "real", "any"]
@@ -58,6 +59,9 @@ class Ranges:
         stribeck_velocity_rad_s: ω_s.
         gravity: Gravity's moment in units of that of the arm's mass at half the lever.
         encoder_bits: Counts per motor revolution as a power of 2, whole.
+        encoder_error_1_arcsec: Error of the motor's encoder once a revolution; any phase.
+        encoder_error_2_arcsec: The same, twice a revolution.
+        encoder_noise_counts: Standard deviation of its noise.
         current_lag_s: Time constant of the current loop.
         hysteresis_nm: Dahl torque on the gear, of gears from `SOFT_GEAR_NM_RAD` on.
         softness: Soft wind-up.
@@ -83,6 +87,9 @@ class Ranges:
     stribeck_velocity_rad_s: Range = (0.5, 2.0)
     gravity: Range = (0.0, 1.2)
     encoder_bits: Range = (13, 20)
+    encoder_error_1_arcsec: Range = (0.0, 30.0)
+    encoder_error_2_arcsec: Range = (0.0, 15.0)
+    encoder_noise_counts: Range = (0.0, 0.5)
     current_lag_s: Range = (0.0, 0.5e-3)
     hysteresis_nm: Range = (0.0, 5.0)
     softness: Range = (0.0, 0.3)
@@ -230,6 +237,7 @@ def _axis(draws: Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) -
         home_deg=draws.even("home_deg", (-180.0, 180.0)),
         torque_limit_nm=rounded(9000.0 * (motor + arm / ratio**2) + 1.5 * gravity / ratio + 3.0 * static),
         encoder_counts_per_rev=2 ** draws.whole("encoder_bits", ranges.encoder_bits),
+        encoder=motor_encoder(draws, ranges),
         tip_lever_m=lever,
         ate=transmission_error(draws, ranges),
         gear_reaction=draws.chance("gear_reaction"),
@@ -239,6 +247,17 @@ def _axis(draws: Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) -
         hysteresis_torsion_arcsec=20.0,
         current_time_constant_s=0.0 if is_linear or lag_s < 0.5 * step_s else lag_s,
         behaviour=Behaviour(tpdo_delay_us=late_us),
+    )
+
+
+def motor_encoder(draws: Draws, ranges: Ranges) -> MotorEncoder:
+    """Draw the errors of an encoder, which a data sheet bounds and whose phases are anything."""
+    return MotorEncoder(
+        error_1_arcsec=draws.even("encoder_error_1", ranges.encoder_error_1_arcsec),
+        phase_1_deg=draws.even("encoder_phase_1", (0.0, 360.0)),
+        error_2_arcsec=draws.even("encoder_error_2", ranges.encoder_error_2_arcsec),
+        phase_2_deg=draws.even("encoder_phase_2", (0.0, 360.0)),
+        noise_counts=draws.even("encoder_noise", ranges.encoder_noise_counts),
     )
 
 

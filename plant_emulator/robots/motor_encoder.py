@@ -1,5 +1,6 @@
 """The robot file's `[axis.N.encoder]`: errors of the encoder on the motor."""
 
+import cmath
 import math
 from typing import Any
 
@@ -28,6 +29,11 @@ class MotorEncoder(Table):
     error_2_arcsec: NotNegative = 0.0
     phase_2_deg: float = 0.0
     noise_counts: NotNegative = 0.0
+
+    def errors_arcsec(self) -> dict[float, complex]:
+        """E_k e^{jφ_k} of the orders that it has."""
+        named = {1.0: (self.error_1_arcsec, self.phase_1_deg), 2.0: (self.error_2_arcsec, self.phase_2_deg)}
+        return {order: cmath.rect(size, math.radians(phase)) for order, (size, phase) in named.items() if size > 0.0}
 
     def write(self, row: Any, counts_per_rev: int, seed: int) -> None:
         """Put the errors into a record of an `ENCODER` array.

@@ -3,6 +3,7 @@
 Units are in the names of the keys; SI inside.
 """
 
+import cmath
 import math
 import tomllib
 from collections.abc import Mapping
@@ -111,6 +112,18 @@ class RobotAxis(PlantTable):
         check_changes(self.ate_change, self.ate, self.torque_limit_nm * self.reduction_ratio)
         check_lines(self.eccentricity, self.cogging, self.torque_limit_nm)
         return self
+
+    @property
+    def apparent_ate(self) -> TransmissionErrorTable:
+        """Transmission error that a master finds: its own, and that of the encoder which the motor follows.
+
+        A_k e^{jφ_k} − (E_k/N) e^{jφ_E,k}: behind a gear of ratio N nothing tells the two apart.
+        """
+        amplitudes, phases = self.ate.amplitudes_arcsec(), self.ate.phases_deg()
+        for order, error in self.encoder.errors_arcsec().items():
+            found = cmath.rect(amplitudes.get(order, 0.0), math.radians(phases.get(order, 0.0))) - error / self.reduction_ratio
+            amplitudes[order], phases[order] = abs(found), math.degrees(cmath.phase(found)) % 360.0
+        return TransmissionErrorTable.of(amplitudes, phases) if self.encoder.errors_arcsec() else self.ate
 
     @property
     def rated_torque(self) -> float:

@@ -128,12 +128,12 @@ class Rig:
         # an identification finds the resonance of motions between the smallest and those that bend the gear whole
         plant["gear_stiffness_nm_rad"] *= small_motion_antiresonance_hz(self.axis) / antiresonance_hz(self.axis)
         table = self.bench.axis[self.number]
-        true = table.model_copy(update={"model": Model(**plant, ate=self.axis.ate)})
+        true = table.model_copy(update={"model": Model(**plant, ate=self.axis.apparent_ate)})
         loop = true.loop(robot.control_period_s, with_notch=False)
         assert loop is not None  # noqa: S101 - the model has just been put in
         self.f_al_hz, self.resonance = loop.peak_hz(), resonance_of(loop.arm_per_transmission_error, loop.peak_hz())
-        sizes = {order: assumed.amplitude * size for order, size in self.axis.ate.amplitudes_arcsec().items()}
-        phases = {order: phase + assumed.turn_deg for order, phase in self.axis.ate.phases_deg().items()}
+        sizes = {order: assumed.amplitude * size for order, size in self.axis.apparent_ate.amplitudes_arcsec().items()}
+        phases = {order: phase + assumed.turn_deg for order, phase in self.axis.apparent_ate.phases_deg().items()}
         self.error = TransmissionErrorTable.of(sizes, {order: phase % 360.0 for order, phase in phases.items()})
         model = Model(**plant, ate=self.error)
         self.bench = self.bench.model_copy(

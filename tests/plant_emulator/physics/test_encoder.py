@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from hil.control.angles import ARCSEC
+from hil.robot_tables import TransmissionErrorTable
 from plant_emulator.core import CORE
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
@@ -72,3 +73,17 @@ def test_the_motor_follows_the_error_so_that_the_arm_has_it_by_the_gear_ratio(or
         assert complex(cosine, sine) == pytest.approx(
             -300.0 * ARCSEC * complex(math.cos(math.radians(50.0)), math.sin(math.radians(50.0))), abs=0.12 * 300.0 * ARCSEC
         )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_what_a_master_finds_is_the_gears_error_and_the_encoders(order):
+    """Of a gear with the opposite error nothing is left; of one without any, the encoder's by the ratio."""
+    axis, turned = ROBOT.axis[2], math.radians(50.0)
+    encoder = MotorEncoder(**{f"error_{order}_arcsec": 300.0, f"phase_{order}_deg": 50.0})
+    size = 300.0 / axis.reduction_ratio
+    for gear, left in ((0.0, -size), (size, 0.0), (2.0 * size, size)):
+        ate = TransmissionErrorTable.of({order: gear}, {order: 50.0})
+        found = axis.model_copy(update={"ate": ate, "encoder": encoder}).apparent_ate
+        phase = math.radians(found.phases_deg().get(order, 0.0)) - turned
+        assert found.amplitudes_arcsec().get(order, 0.0) * math.cos(phase) == pytest.approx(left, abs=1e-9)
+    assert axis.apparent_ate == axis.ate
