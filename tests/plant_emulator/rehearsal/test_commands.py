@@ -50,7 +50,7 @@ def test_a_stable_is_robots_that_load_with_benches_that_know_nothing_of_them(tmp
         assert robot == drawn(int(each["seed"]), each["kind"])[0]
         [number] = bench.axis
         assert bench.axis[number].model is None
-        assert float(each["a2_arcsec"]) == robot.axis[number].ate.amplitudes_arcsec()[2]
+        assert float(each["a2_arcsec"]) == robot.axis[number].apparent_ate.amplitudes_arcsec()[2]
         assert f"{robot.axis[number].reduction_ratio:g}" in done.stdout
 
 
