@@ -25,7 +25,7 @@ def quick(monkeypatch):
     """A search that is over before it begins, in this process."""
     tiny = notch_search.Effort(6, 1, 5, 1)
     monkeypatch.setattr(notch_search.Effort, "quick", classmethod(lambda cls, seed=1: tiny))
-    monkeypatch.setattr(cli_design, "_processors", lambda: 0)
+    monkeypatch.setattr(cli_design, "usable_processors", lambda: 0)
 
 
 def run(app, *arguments):

@@ -19,7 +19,7 @@ from plant_emulator.robots.robot import SHIPPED
         ("serve", [0, 2, 3, 4, 130]),
         ("simulate", [0, 2, 3, 130]),
         ("eds", [0, 2, 3, 130]),
-        ("robustness", [0, 2, 3, 130]),
+        ("robustness", [0, 2, 3, 4, 130]),
     ],
 )
 def test_help_lists_the_exit_statuses_of_the_command(command, statuses):

@@ -101,7 +101,9 @@ def identified_alone(bench: Bench) -> Identified:
 
 def test_an_error_without_a_plant_is_cancelled_by_the_inertia_of_the_data_sheet(bench: Bench) -> None:
     known = identified_alone(bench)
-    with pytest.raises(NotPossibleError, match=r"the motor inertia of axis 2 .*motor_inertia_kg_m2 into \[axis\.2\]"):
+    with pytest.raises(
+        NotPossibleError, match=r"the motor inertia of axis 2 .*state motor_inertia_kg_m2 of its data sheet in \[axis\.2\]"
+    ):
         cancellation_for(without_plant(bench), known, (2,), 0.001)
     stated = cancellation_for(without_plant(bench, motor_inertia_kg_m2=2.6e-4), known, (2,), 0.001)
     assert {part.order for part in stated.parts} == {2, 4}
