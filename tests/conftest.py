@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, settings
 
 from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.application import NEW_OBJECTS
+from drive_profiles.cli.console import Interrupts
 
 ANY_PACE = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 """How long an example takes depends on what else the machine does."""
@@ -69,6 +70,16 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(NEW_OBJECTS)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown() -> None:
+    """Give signals back: a test that runs a tool in its own process leaves them to that tool, which keeps them to its end."""
+    Interrupts.owns_process = Interrupts.is_held_to_the_end = False
+    for number in Interrupts.SIGNALS:
+        default = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+        if signal.getsignal(number) is not default:
+            signal.signal(number, default)
 
 
 @pytest.fixture
