@@ -57,11 +57,19 @@ format: $(TESTABLE)
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
+# pip works on one processor: two of them install every second package of a lock each.
+define INSTALL
+echo "Installing $(1) into .venv (about $(2), once)"; \
+for half in 0 1; do awk '/^[^ #]/ { n++ } n % 2 == '$$half $(1) >.venv/half-$$half.lock; done; \
+$(PIP) --require-hashes -r .venv/half-0.lock & first=$$!; \
+$(PIP) --require-hashes -r .venv/half-1.lock; second=$$?; wait $$first && [ $$second = 0 ] && \
+rm .venv/half-0.lock .venv/half-1.lock
+endef
+
 # Two stamps, so that an edit in pyproject.toml costs two seconds and not an installation.
 .venv/locked: requirements.lock
 	@$(FIND_VENV)
-	@echo "Installing requirements.lock into .venv (about half a minute, once)"
-	@$(PIP) --require-hashes -r requirements.lock
+	@$(call INSTALL,requirements.lock,20 seconds)
 	@touch $@
 
 # The core is C: where the machine has no compiler, one comes from PyPI.
@@ -73,13 +81,8 @@ $(INSTALLED): .venv/locked pyproject.toml requirements-compiler.lock
 	@$(PIP) --editable .
 	@touch $@
 
-# pip works on one processor: two of them take every second package each.
 $(TESTABLE): $(INSTALLED) requirements-test.lock
-	@echo "Installing requirements-test.lock into .venv (about half a minute, once)"
-	@for half in 0 1; do awk '/^[^ #]/ { n++ } n % 2 == '$$half requirements-test.lock >.venv/half-$$half.lock; done
-	@$(PIP) --require-hashes -r .venv/half-0.lock & first=$$!; \
-	$(PIP) --require-hashes -r .venv/half-1.lock; second=$$?; wait $$first && exit $$second
-	@rm .venv/half-0.lock .venv/half-1.lock
+	@$(call INSTALL,requirements-test.lock,20 seconds)
 	@touch $@
 
 # One lock for the demo and one for the tests, each for every supported Python; both hold the same version of what is in both.
