@@ -129,10 +129,11 @@ class Attempt:
         """
         sending = {entry.port for entry in self.senders}
         others = [port for port in ports if port not in sending and not port.is_silent]
-        _collide(self, others, rates)
+        if len(self.senders) > 1:
+            _collide(self, others, rates)
         if self.winners:
             _acknowledge(self, others, rates)
-        if self.winners:
+        if self.winners and self.winners[0] is not self.senders[0]:
             self.occupy(self.winners[0].slow_bits - INTERMISSION_BITS, self.winners[0].fast_bits, rates)
 
     def drop_out_bits(self, entry: QueuedFrame) -> int:
