@@ -12,7 +12,6 @@ Or they have the links of a URDF file, with drawn motors, gears and errors, whic
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
@@ -27,76 +26,62 @@ from plant_emulator.robots.fleet import (
     CONTROL_PERIOD_S,
     RANGES,
     Draws,
-    Range,
     accelerometer,
     motor_encoder,
     rounded,
     transmission_error,
 )
 from plant_emulator.robots.robot import SHIPPED, ArmAxis, ArmRobot, BusFacts, load_robot
+from plant_emulator.trials.distributions import Distributions, Even, Logarithmic
 
 Real = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ArmRanges:
-    """Ranges of the drawn quantities.
-
-    Factors are drawn uniformly in their logarithm.
-
-    Attributes:
-        length: Factor of each length of the reference arm.
-        mass: Factor of the mass of each link, beside the cube root of which its inertia grows with the lengths.
-        payload_kg: Mass of the load.
-        load_offset_m: Distance of the load's centre from the flange's axis.
-        lean_deg: q_2 at home.
-        bend_deg: q_3 at home.
-        turn_deg: q_1, q_4 and q_6 at home; the tool points down, give or take as much.
-        antiresonance_hz: √(H_ii/K_g)/2π at home, of axes 1 to 3.
-        wrist_hz: The same of axes 4 to 6.
-        inertia_ratio: H_ii/(N² J_m).
-        motor_inertia_kg_m2: Limits of J_m, to which that ratio yields.
-    """
-
-    length: Range = (0.75, 1.35)
-    mass: Range = (0.6, 1.6)
-    payload_kg: Range = (0.0, 10.0)
-    load_offset_m: Range = (0.0, 0.05)
-    lean_deg: Range = (-20.0, 30.0)
-    bend_deg: Range = (-130.0, -80.0)
-    turn_deg: Range = (-15.0, 15.0)
-    antiresonance_hz: Range = (8.0, 20.0)
-    wrist_hz: Range = (25.0, 60.0)
-    inertia_ratio: Range = (0.5, 5.0)
-    motor_inertia_kg_m2: Range = (0.1e-4, 5e-4)
-
-
-ARM_RANGES = ArmRanges()
+ARM_RANGES: Distributions = {
+    **RANGES,
+    "length": Logarithmic(0.75, 1.35),  # factor of each length of the reference arm
+    "mass": Logarithmic(0.6, 1.6),  # factor of each link's mass, beside which its inertia grows with the lengths
+    "payload": Even(0.0, 10.0),  # kg
+    "load offset": Even(0.0, 0.05),  # distance of its centre from the flange's axis, m
+    "lean": Even(-20.0, 30.0),  # q_2 at home, degrees
+    "bend": Even(-130.0, -80.0),  # q_3
+    "turn": Even(-15.0, 15.0),  # q_1, q_4 and q_6; the tool points down, give or take as much
+    "antiresonance_hz": Logarithmic(8.0, 20.0),  # √(K_g/H_ii)/2π at home, of axes 1 to 3
+    "wrist_hz": Logarithmic(25.0, 60.0),  # the same of axes 4 to 6
+}
+"""Distribution of each drawn quantity."""
+MOTOR_INERTIA_KG_M2 = (0.1e-4, 5e-4)
+"""Limits of J_m, to which that ratio yields."""
 WRIST = (4, 5, 6)
 
 
-def draw_arm(seed: int, ranges: ArmRanges = ARM_RANGES) -> ArmRobot:
+def draw_arm(seed: int, ranges: Distributions = ARM_RANGES) -> ArmRobot:
     """Draw an arm of six axes with linear gears.
 
     Equal arguments give equal arms.
 
     Args:
         seed: Seed of all draws, and of the robot's own noise.
-        ranges: Ranges of the quantities.
+        ranges: Distributions of the quantities.
 
     Raises:
         ValueError: The seed is negative.
     """
     if seed < 0:
         raise ValueError(f"seed {seed} is negative")
-    draws = Draws(seed, "arm ")
-    arm = _links(draws, ranges)
+    draws = Draws(seed, ranges, "arm ")
+    arm = _links(draws)
     robot = _robot(f"arm-{seed}", seed, draws, _axes(seed, ranges, arm), arm)
     return robot.with_links_read(SHIPPED["reference-arm"].parent)
 
 
 def draw_drives(
-    urdf: str, folder: Path, home_deg: tuple[float, ...], seed: int, tip_link: str | None = None, ranges: ArmRanges = ARM_RANGES
+    urdf: str,
+    folder: Path,
+    home_deg: tuple[float, ...],
+    seed: int,
+    tip_link: str | None = None,
+    ranges: Distributions = ARM_RANGES,
 ) -> ArmRobot:
     """Draw the drives of a URDF file's arm.
 
@@ -110,7 +95,7 @@ def draw_drives(
         home_deg: Joint angles at which the motors are at zero, one each, or none: all 0.
         seed: Seed of all draws, and of the robot's own noise.
         tip_link: Link whose frame is that of the tip; None: the only one at the arm's end.
-        ranges: Ranges of the quantities.
+        ranges: Distributions of the quantities.
 
     Raises:
         FileError: The file describes no arm; with line and element.
@@ -123,14 +108,16 @@ def draw_drives(
     arm, ratios = with_links(table, folder, joints)
     axes = _axes(seed, ranges, arm, ratios)
     named = {number: axes[number].model_copy(update={"joint": name}) for name, number in joints.items()}
-    return _robot(f"{Path(urdf).stem}-{seed}", seed, Draws(seed, "arm "), named, table)
+    return _robot(f"{Path(urdf).stem}-{seed}", seed, Draws(seed, ranges, "arm "), named, table)
 
 
-def _axes(seed: int, ranges: ArmRanges, arm: ArmTable, ratios: Mapping[int, float] = MappingProxyType({})) -> dict[int, ArmAxis]:
+def _axes(
+    seed: int, ranges: Distributions, arm: ArmTable, ratios: Mapping[int, float] = MappingProxyType({})
+) -> dict[int, ArmAxis]:
     """Draw motor and gear of each joint; `ratios` are known."""
     inertias = np.diag(mass_matrix(arm, arm.home_rad())).tolist()
     return {
-        link.axis: _axis(Draws(seed, f"arm axis {link.axis} "), ranges, link.axis, inertia, weight, ratios.get(link.axis))
+        link.axis: _axis(Draws(seed, ranges, f"arm axis {link.axis} "), link.axis, inertia, weight, ratios.get(link.axis))
         for link, inertia, weight in zip(arm.link, inertias, _weights(arm), strict=True)
     }
 
@@ -143,7 +130,7 @@ def _robot(name: str, seed: int, draws: Draws, axes: dict[int, ArmAxis], arm: Ar
         sync_period_s=0.002,
         bus=BusFacts(bitrate=1_000_000),
         axis=axes,
-        accelerometer=accelerometer(draws, RANGES),
+        accelerometer=accelerometer(draws),
         arm=arm,
     )
 
@@ -162,20 +149,20 @@ def arm_facts(robot: ArmRobot) -> dict[str, float]:
     return facts | {f"mode_{number}_hz": float(mode) for number, mode in enumerate(sorted(modes), 1)}
 
 
-def _links(draws: Draws, ranges: ArmRanges) -> ArmTable:
+def _links(draws: Draws) -> ArmTable:
     """Draw the links: the reference arm's, scaled in length and mass."""
     model = load_robot("reference-arm").links
     assert model is not None  # noqa: S101 - it is an arm
     links, stretch = [], 1.0
     for link in model.link:
-        before, stretch = stretch, draws.logarithmic(f"length {link.axis}", ranges.length)
-        links.append(_stretched(link, before, stretch, draws.logarithmic(f"mass {link.axis}", ranges.mass)))
-    lean, bend = draws.even("lean", ranges.lean_deg), draws.even("bend", ranges.bend_deg)
-    turns = [draws.even(f"turn {axis}", ranges.turn_deg) for axis in (1, 4, 5, 6)]
+        before, stretch = stretch, draws(f"length {link.axis}", "length")
+        links.append(_stretched(link, before, stretch, draws(f"mass {link.axis}", "mass")))
+    lean, bend = draws("lean"), draws("bend")
+    turns = [draws(f"turn {axis}", "turn") for axis in (1, 4, 5, 6)]
     # the tool points down where q₃ + q₅ − q₂ = −180°
     home = (turns[0], lean, bend, turns[1], rounded(lean - bend - 180.0 + turns[2]), turns[3])
     reach = rounded(stretch * model.tip_m[2])
-    mass, away = draws.even("payload", ranges.payload_kg), draws.even("load offset", ranges.load_offset_m)
+    mass, away = draws("payload"), draws("load offset")
     load = Body(mass_kg=mass, centre_m=(away, 0.0, reach), inertia_kg_m2=_box(mass, 0.2)) if mass > 0.0 else None
     return model.model_copy(update={"link": tuple(links), "home_deg": home, "tip_m": (0.0, 0.0, reach), "payload": load})
 
@@ -215,37 +202,35 @@ def _weights(arm: ArmTable) -> list[float]:
     return found[::-1]
 
 
-def _axis(
-    draws: Draws, ranges: ArmRanges, number: int, inertia: float, weight_nm: float, known_ratio: float | None = None
-) -> ArmAxis:
+def _axis(draws: Draws, number: int, inertia: float, weight_nm: float, known_ratio: float | None = None) -> ArmAxis:
     """Draw motor and gear for an axis' inertia at home.
 
     All other quantities are in proportion to that.
     """
-    ratio = known_ratio or float(draws.whole("reduction_ratio", RANGES.reduction_ratio))
-    hz = draws.logarithmic("antiresonance_hz", ranges.wrist_hz if number in WRIST else ranges.antiresonance_hz)
+    ratio = known_ratio or draws("reduction_ratio")
+    hz = draws("antiresonance_hz", "wrist_hz" if number in WRIST else None)
     omega = 2.0 * math.pi * hz
-    low, high = ranges.motor_inertia_kg_m2
-    wanted = inertia / ratio**2 / draws.logarithmic("inertia_ratio", ranges.inertia_ratio)
+    low, high = MOTOR_INERTIA_KG_M2
+    wanted = inertia / ratio**2 / draws("inertia_ratio")
     motor = rounded(min(high, max(low, wanted)))
-    bearing = rounded(draws.even("arm_damping", (0.01, 0.018)) * inertia * omega)
-    damping = max(0.1 * bearing, 2.0 * draws.even("damping", RANGES.damping) * inertia * omega - bearing)
-    coulomb = rounded(400.0 * motor * draws.logarithmic("friction", RANGES.friction))
-    static = rounded(coulomb * draws.even("stribeck", RANGES.stribeck))
+    bearing = rounded(draws("arm_damping") * inertia * omega)
+    damping = max(0.1 * bearing, 2.0 * draws("damping") * inertia * omega - bearing)
+    coulomb = rounded(400.0 * motor * draws("friction"))
+    static = rounded(coulomb * draws("stribeck"))
     return ArmAxis(
         node_id=number,
         reduction_ratio=ratio,
         motor_inertia_kg_m2=motor,
-        motor_damping_nm_s_rad=rounded(motor * draws.even("motor_damping", (2.5, 4.5))),
+        motor_damping_nm_s_rad=rounded(motor * draws("motor_damping")),
         arm_damping_nm_s_rad=bearing,
         gear_stiffness_nm_rad=rounded(inertia * omega**2),
         gear_damping_nm_s_rad=rounded(damping),
         coulomb_friction_nm=coulomb,
         static_friction_nm=static,
-        stribeck_velocity_rad_s=draws.even("stribeck_velocity", RANGES.stribeck_velocity_rad_s),
+        stribeck_velocity_rad_s=draws("stribeck_velocity"),
         torque_limit_nm=rounded(9000.0 * (motor + 1.5 * inertia / ratio**2) + 1.2 * weight_nm / ratio + 3.0 * static),
-        encoder_counts_per_rev=2 ** draws.whole("encoder_bits", RANGES.encoder_bits),
-        encoder=motor_encoder(draws, RANGES),
-        ate=transmission_error(draws, RANGES),
-        gear_reaction=draws.chance("gear_reaction"),
+        encoder_counts_per_rev=2 ** int(draws("encoder_bits")),
+        encoder=motor_encoder(draws),
+        ate=transmission_error(draws),
+        gear_reaction=bool(draws("gear_reaction")),
     )

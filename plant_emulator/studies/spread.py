@@ -13,6 +13,7 @@ from hil.control.angles import ARCSEC
 from hil.robot_tables import NotNegative
 from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import RobotAccelerometer, RobotAxis
+from plant_emulator.trials.distributions import Chance, Distribution, Even, Logarithmic
 
 UnknownKind = Literal["factor", "up_to", "either", "circle", "switch"]
 
@@ -99,20 +100,20 @@ class Unknown:
     kind: UnknownKind
     label: str
 
-    def value(self, spread: PlantSpread, quantile: float) -> float:
-        """Return the value at a quantile in [0, 1)."""
+    def distribution(self, spread: PlantSpread) -> Distribution:
+        """Return how it is drawn with this spread."""
         reach: float = getattr(spread, self.key)
         match self.kind:
             case "factor":
-                return float((1.0 + reach / 100.0) ** (2.0 * quantile - 1.0))
+                return Logarithmic(1.0 / (1.0 + reach / 100.0), 1.0 + reach / 100.0)
             case "up_to":
-                return reach * quantile
+                return Even(0.0, reach)
             case "either":
-                return reach * (2.0 * quantile - 1.0)
+                return Even(-reach, reach)
             case "circle":
-                return 360.0 * quantile
+                return Even(0.0, 360.0)
             case "switch":
-                return 1.0 if quantile < reach else 0.0
+                return Chance(reach)
 
     def is_open(self, spread: PlantSpread) -> bool:
         """Return True if the unknown differs from plant to plant."""
@@ -169,8 +170,7 @@ def drawn(unknowns: tuple[Unknown, ...], spread: PlantSpread, generator: np.rand
 
     Each takes one number of the generator, even if it is constant.
     """
-    quantiles = generator.random(len(unknowns))
-    return {unknown.name: unknown.value(spread, float(quantile)) for unknown, quantile in zip(unknowns, quantiles, strict=True)}
+    return {unknown.name: float(unknown.distribution(spread).draw(generator)) for unknown in unknowns}
 
 
 def nominal(unknowns: tuple[Unknown, ...]) -> dict[str, float]:

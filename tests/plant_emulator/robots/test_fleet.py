@@ -1,7 +1,6 @@
 """The fleet: robots drawn by seed, within the stated ranges, and their blank bench files."""
 
 import math
-from dataclasses import replace
 
 import pytest
 
@@ -14,6 +13,7 @@ from plant_emulator.robots.blank_bench import TABLE_3, blank_bench
 from plant_emulator.robots.fleet import RANGES, REAL_HYSTERESIS_NM, antiresonance_hz, draw
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.robots.writing import file_text
+from plant_emulator.trials.distributions import Even
 
 SEEDS = range(200)
 
@@ -28,25 +28,25 @@ def test_every_drawn_robot_is_within_the_ranges() -> None:
         robot = draw(seed)
         axis = robot.axis[2]
         ratio = axis.arm_inertia_kg_m2 / (axis.reduction_ratio**2 * axis.motor_inertia_kg_m2)
-        assert RANGES.reduction_ratio[0] <= axis.reduction_ratio <= RANGES.reduction_ratio[1]
-        assert 0.999 * RANGES.antiresonance_hz[0] <= antiresonance_hz(axis) <= 1.001 * RANGES.antiresonance_hz[1]
-        assert 0.999 * RANGES.inertia_ratio[0] <= ratio <= 1.001 * RANGES.inertia_ratio[1]
-        assert RANGES.a2_arcsec[0] <= axis.ate.a2_arcsec <= RANGES.a2_arcsec[1]
-        assert RANGES.encoder_bits[0] <= math.log2(axis.encoder_counts_per_rev) <= RANGES.encoder_bits[1]
+        assert RANGES["reduction_ratio"][0] <= axis.reduction_ratio <= RANGES["reduction_ratio"][1]
+        assert 0.999 * RANGES["antiresonance_hz"][0] <= antiresonance_hz(axis) <= 1.001 * RANGES["antiresonance_hz"][1]
+        assert 0.999 * RANGES["inertia_ratio"][0] <= ratio <= 1.001 * RANGES["inertia_ratio"][1]
+        assert RANGES["a2"][0] <= axis.ate.a2_arcsec <= RANGES["a2"][1]
+        assert RANGES["encoder_bits"][0] <= math.log2(axis.encoder_counts_per_rev) <= RANGES["encoder_bits"][1]
         assert axis.static_friction_nm >= axis.coulomb_friction_nm
-        assert robot.sync_period_s in RANGES.sync_period_s
-        assert robot.bus.bitrate in RANGES.bitrates
+        assert robot.sync_period_s in RANGES["sync_period_s"].values
+        assert robot.bus.bitrate in RANGES["bitrate"].values
 
 
 def test_the_ranges_are_filled() -> None:
     found = sorted(antiresonance_hz(draw(seed).axis[2]) for seed in SEEDS)
     assert found[0] < 4.5
     assert found[-1] > 26.0
-    assert {draw(seed).sync_period_s for seed in SEEDS} == set(RANGES.sync_period_s)
+    assert {draw(seed).sync_period_s for seed in SEEDS} == set(RANGES["sync_period_s"].values)
 
 
 def test_a_quantity_with_another_range_shifts_no_other_quantity() -> None:
-    other = draw(3, replace(RANGES, a2_arcsec=(0.0, 1.0)))
+    other = draw(3, {**RANGES, "a2": Even(0.0, 1.0)})
     mine = draw(3)
     assert other.axis[2].ate.a2_arcsec != mine.axis[2].ate.a2_arcsec
     assert other.axis[2].model_copy(update={"ate": mine.axis[2].ate}) == mine.axis[2]
