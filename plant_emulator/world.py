@@ -13,9 +13,9 @@ from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.frame import Frame
 from plant_emulator.drive.drive import Drive
 from plant_emulator.image.image import Node, ProcessImage
-from plant_emulator.motion.axes import Axes, live
+from plant_emulator.motion.axes import Axes, live, tip_sensor
 from plant_emulator.robots.robot import Robot
-from plant_emulator.sensor.accelerometer import AccelerometerNode, tip_sensor
+from plant_emulator.sensor.accelerometer import AccelerometerNode
 from plant_emulator.slave.lss import UNCONFIGURED
 from plant_emulator.slave.node import Slave
 

@@ -385,7 +385,7 @@ def _run_csv(study: "Study", index: int) -> str:
     for i, at in enumerate(study.times):
         cells = [float(at)]
         for column in range(len(study.axes)):
-            row = trace.columns[i, column]
-            cells += [float(study.set_points[i, column]), float(row[0]), float(row[1]), float(row[4])]
-        lines.append(",".join(map(format_, [*cells, float(trace.tip_m_s2[i]), float(trace.measured_m_s2[i])])))
+            signals = study.set_points, trace.run.position_counts, trace.run.arm_angle_rad, trace.run.torque_nm
+            cells += [float(each[i, column]) for each in signals]
+        lines.append(",".join(map(format_, [*cells, float(trace.run.tip_m_s2[i, 2]), float(trace.measured_m_s2[i])])))
     return "\n".join(lines) + "\n"

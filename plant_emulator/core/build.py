@@ -12,7 +12,6 @@ PLANT = Core(
         "plant_emulator/motion",
         "plant_emulator/image",
         "plant_emulator/bus",
-        "plant_emulator/studies",
         "hil/control",
         "hil/core",
     ),

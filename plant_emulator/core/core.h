@@ -9,7 +9,6 @@
 #include "plant_emulator/motion/transitions.h"
 #include "plant_emulator/physics/integration.h"
 #include "plant_emulator/physics/tool.h"
-#include "plant_emulator/studies/follow.h"
 
 /* Digest of the sources that this library was built from, in hexadecimal. */
 const char *core_sources(void);

@@ -25,7 +25,8 @@ class CoupledArm:
         rows: `AXIS` array of the robot, by axis number.
         joints: `JOINT` array, from the base on.
         links: `LINK` array, the base first.
-        felt_by: Pointer to what `felt` returns.
+        shared: The arm in C, an `arm`.
+        felt_by: Pointer to what the sensor feels, without noise, steps and filters.
         moved: Position, velocity, acceleration of the tip and specific force as `tool_motion` writes them.
     """
 
@@ -37,7 +38,7 @@ class CoupledArm:
         count = len(arm.link)
         self.rows, self.order = rows, [numbers.index(number) for number in arm.axes]
         self.links = link_rows(arm, numbers)
-        self.joints, self._axes = np.zeros(count, CORE.dtype("constants")), CORE.pointer(rows, "axis")
+        self.joints = np.zeros(count, CORE.dtype("constants"))
         for joint, row in zip(self.joints, self.order, strict=True):
             CORE.call.joint_constants(CORE.pointer(rows["plant"][row], "plant"), CORE.pointer(joint, "constants"))
         near, stages = np.zeros(count, CORE.dtype("grid_point")), np.zeros((CORE.call.PLANES, count), CORE.dtype("axis_state"))
@@ -46,7 +47,7 @@ class CoupledArm:
         self._tool, self.moved = tool_rows(arm), np.zeros((ROWS, 3))
         self._sensor, self._felt = sensor_rows(arm, mounting), np.zeros((1, 3))
         self.felt_by = CORE.pointer(self._felt)
-        self._shared, joints = CORE.new("arm"), {
+        self.shared, joints = CORE.new("arm"), {
             "joints": CORE.pointer(self.joints, "constants"), "links": CORE.pointer(self.links, "link"),
             "near": CORE.pointer(near, "grid_point"), "commands": CORE.pointer(np.zeros(count)),
             "brakes": CORE.pointer(np.zeros(count)), "turning": CORE.pointer(self._turning),
@@ -54,10 +55,10 @@ class CoupledArm:
         }  # fmt: skip
         tool = {"tool": self._tool, "moved": self.moved, "sensor": self._sensor, "room": np.zeros((ROWS, 3))}
         self._kept = joints, {name: CORE.pointer(array) for name, array in tool.items()}
-        for of, pointers in zip((self._shared.joints, self._shared), self._kept, strict=True):
+        for of, pointers in zip((self.shared.joints, self.shared), self._kept, strict=True):
             for name, pointer in pointers.items():
                 setattr(of, name, pointer)
-        self._shared.joints.count = count
+        self.shared.joints.count = count
         self.hang_at_rest()
 
     def hang_at_rest(self) -> None:
@@ -95,37 +96,12 @@ class CoupledArm:
         carrier, weight = self.links[int(self._sensor[4, 0])], self._sensor[4, 1]
         self._felt[0] = weight * self._sensor[1:4].T @ carrier["frame"].T @ self.links[0]["acceleration"][3:]
 
-    def advance(self, periods: int, period_s: float, substeps: int, tips: Real | None = None) -> None:
-        """Advance drives and arm by some control periods.
-
-        Args:
-            periods: Number of control periods.
-            period_s: The control period.
-            substeps: Runge-Kutta steps per period.
-            tips: What the sensor feels after each period, written; shape (periods, 3). None: only the last is worked out.
-
-        Raises:
-            ValueError: `tips` has more rows than there are periods.
-        """
-        felt = self._felt if tips is None else tips
-        if len(felt) > periods > 0:
-            raise ValueError(f"tips has {len(felt)} rows for {periods} control periods")
-        CORE.call.advance_arm(periods, period_s, substeps, self._axes, self._shared, CORE.pointer(felt), len(felt))
-
     def acceleration(self) -> tuple[float, float, float]:
         """Return the acceleration (X, Y, Z) of the tip in m/s².
 
         It is in the frame of the base, without gravity, after the last period.
         """
         x, y, z = self.moved[ACCELERATION].tolist()
-        return x, y, z
-
-    def felt(self) -> tuple[float, float, float]:
-        """Return the acceleration that the sensor feels, in m/s².
-
-        It is that after the last period, if `tips` was not given: without noise, steps and filters.
-        """
-        x, y, z = self._felt[0].tolist()
         return x, y, z
 
     def specific_force(self) -> tuple[float, float, float]:

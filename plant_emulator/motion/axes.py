@@ -4,7 +4,8 @@ The control period of `period.h` works on them, and the tip feels them.
 """
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +21,9 @@ from plant_emulator.motion.record import (
 )
 from plant_emulator.physics.axis import hang_at_rest
 from plant_emulator.physics.sensing import SensorResponse
-from plant_emulator.physics.tip import MovedTip
+from plant_emulator.physics.tip import MovedTip, TipSensor
 from plant_emulator.robots.gear_change import write_change
-from plant_emulator.robots.robot import Robot
+from plant_emulator.robots.robot import Robot, RobotAccelerometer
 
 Real = NDArray[np.float64]
 
@@ -54,6 +55,24 @@ def live(array: Any, field: str) -> Any:
     A record's field costs 370 ns to read and 410 ns to write, an element of this view 26 ns and 49 ns (CPython 3.11).
     """
     return memoryview(array[field])
+
+
+class FollowedRun(NamedTuple):
+    """A run of cyclic set-points, at the instants at which they take effect.
+
+    Attributes:
+        position_counts: Encoders; shape (n, axes).
+        arm_angle_rad: True arm angles; shape (n, axes).
+        torque_nm: Motor torques; shape (n, axes).
+        tip_m_s2: True acceleration (X, Y, Z) of the tip; shape (n, 3).
+        sensed_m_s2: What the accelerometer passes on of it, without noise and steps; shape (n, 3).
+    """
+
+    position_counts: NDArray[np.int64]
+    arm_angle_rad: Real
+    torque_nm: Real
+    tip_m_s2: Real
+    sensed_m_s2: Real
 
 
 class Axes:
@@ -114,8 +133,19 @@ class Axes:
         self.processes = np.zeros(count, CORE.dtype("process"))
         self._response = response_of(robot)
         self._axes = CORE.pointer(rows, "axis")
-        self._rooms: dict[int, tuple[Any, Any]] = {}
+        self._shared, self._has_room_for = CORE.new("mechanics"), 0
+        self._share()
         self._bind()
+
+    def _share(self) -> None:
+        """Give C the arrays."""
+        shared = self._shared
+        shared.axes, shared.count, shared.tip = self._axes, len(self.numbers), self.tip.shared
+        shared.period_s, shared.substeps = self.robot.control_period_s, self.robot.plant_substeps
+        if self.arm is not None:
+            shared.arm, shared.sensed = self.arm.shared, self.arm.felt_by
+        if self._response is not None:
+            shared.sections, shared.ring, shared.size, shared.sensed = self._response.shared
 
     def _bind(self) -> None:
         """Take hold of what every SYNC reads and writes."""
@@ -124,7 +154,6 @@ class Axes:
         self._elapsed_periods, self._span = live(motion, "elapsed_periods"), live(motion, "periods_per_set_point")
         self._previous_speed, self._target_speed = live(motion, "previous_speed_rad_s"), live(motion, "target_speed_rad_s")
         self._control_period_s = self.robot.control_period_s
-        self._substeps = self.robot.plant_substeps
 
     def row(self, number: int) -> int:
         """Row of an axis."""
@@ -132,33 +161,33 @@ class Axes:
 
     def advance(self, periods: int) -> None:
         """Advance everything by some control periods."""
-        timing, axes = (periods, self._control_period_s, self._substeps), (self._axes, len(self.numbers))
-        if self.arm is not None:
-            self._advance_arm(self.arm, periods)
-        elif self._response is None:
-            CORE.call.advance(*timing, *axes, CORE.NULL)
-        else:
-            trace, tips = self._rooms.get(periods) or self._room(periods)
-            CORE.call.advance_sensed(*timing, *axes, trace, self.tip.shared, tips, *self._response.shared)
+        if periods > self._has_room_for:
+            self._make_room(periods)
+        CORE.call.advance_all(self._shared, periods)
 
-    def _room(self, periods: int) -> tuple[Any, Any]:
-        """Return room for the arms' states and the tip after each of so many control periods.
+    def _make_room(self, periods: int) -> None:
+        """Make room for the arms' states and the tip after each of so many control periods."""
+        self._has_room_for = periods
+        self._room = CORE.pointer(np.empty((periods, len(self.numbers), 3))), CORE.pointer(np.empty((periods, 3)))
+        self._shared.trace, self._shared.tips = self._room
 
-        That of the last number is kept: a SYNC is always worth as many.
+    def follow(self, rows: Sequence[int], set_points: Real, periods: int) -> FollowedRun:
+        """Give some axes in cyclic position mode one set-point after the other.
+
+        The same as `set_point` and `advance` in turn.
+
+        Args:
+            rows: The axes.
+            set_points: In counts; shape (n, axes).
+            periods: Control periods from one set-point to the next.
         """
-        trace, tips = np.empty((periods, len(self.numbers), 3)), np.empty((periods, 3))
-        self._rooms = {periods: (CORE.pointer(trace), CORE.pointer(tips))}
-        return self._rooms[periods]
-
-    def _advance_arm(self, arm: CoupledArm, periods: int) -> None:
-        """`advance` where links couple the axes."""
-        timing = periods, self._control_period_s, self._substeps
-        if self._response is None:
-            arm.advance(*timing)
-            return
-        tips = np.empty((periods, 3))
-        arm.advance(*timing, tips)
-        self._response.drive(tips)
+        samples = len(set_points)
+        trace, tips = np.zeros((samples, len(rows), CORE.call.TRACE_COLUMNS)), np.zeros((2, samples, 3))
+        given = CORE.pointer(np.array(rows, np.int64), "int64_t"), len(rows), CORE.pointer(np.array(set_points, np.float64))
+        self._make_room(periods)
+        CORE.call.follow(self._shared, periods, samples, *given, *map(CORE.pointer, (trace, *tips)))
+        counts, arm, torque = np.moveaxis(trace, 2, 0)
+        return FollowedRun(counts.astype(np.int64), arm, torque, *tips)
 
     def counts(self, row: int) -> int:
         """The encoder's reading of an axis now."""
@@ -235,16 +264,14 @@ class Axes:
 
         One that is fixed to a link of an arm gives what it feels there, along its own axes.
         """
-        if self._response is not None:
-            return self._response.acceleration_m_s2
-        return self.tip_acceleration() if self.arm is None else self.arm.felt()
+        CORE.call.sense_now(self._shared, self.tip.now_by)
+        x, y, z = self.tip.now.tolist()
+        return x, y, z
 
     @property
     def sensed(self) -> Any:
         """Pointer to what `sensed_acceleration` reads; null if that is the tip's acceleration of the instant."""
-        if self._response is not None:
-            return self._response.shared[-1]
-        return CORE.NULL if self.arm is None else self.arm.felt_by
+        return self._shared.sensed
 
 
 def tip_of(robot: Robot) -> MovedTip:
@@ -271,3 +298,8 @@ def response_of(robot: Robot) -> SensorResponse | None:
         mounting_resonance_hz=sensor.mounting_resonance_hz,
         mounting_damping=sensor.mounting_damping,
     )
+
+
+def tip_sensor(setting: RobotAccelerometer, generator: np.random.Generator) -> TipSensor:
+    """Return the sensor at the tip that a robot file describes, with its source of noise."""
+    return TipSensor(setting.noise_m_s2, setting.resolution_m_s2, setting.range_m_s2, generator, setting.mixing)

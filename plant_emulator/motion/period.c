@@ -247,16 +247,6 @@ void tip_now(const struct tip *tip, const struct axis *axes, integer count, real
     tip_acceleration(tip, tip->moved, count, single_row(tip, axes, count), acceleration);
 }
 
-void advance_sensed(
-    integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace, const struct tip *tip,
-    real *tips, struct sections *sections, real *ring, integer size, real *sensed)
-{
-    const integer single = single_row(tip, axes, count);
-    advance(periods, period_s, substeps, axes, count, trace);
-    tip_trace(tip, trace, periods, count, single, tips);
-    sense(sections, ring, size, tips, periods, sensed);
-}
-
 void set_point(struct axis *axis, real target_counts, real period_s)
 {
     struct motion *m = &axis->motion;
@@ -333,5 +323,65 @@ void advance_arm(
         if (periods > 0) {
             axis->plant_state.arm_acceleration_rad_s2 = joints->stages[SLOPE * count + i].w_l;
         }
+    }
+}
+
+void advance_all(const struct mechanics *m, integer periods)
+{
+    const int filters = m->sections != 0;
+    if (m->arm != 0) {
+        advance_arm(
+            periods, m->period_s, m->substeps, m->axes, m->arm, filters ? m->tips : m->sensed, filters ? periods : 1);
+    } else {
+        const integer single = filters ? single_row(m->tip, m->axes, m->count) : -1;
+        advance(periods, m->period_s, m->substeps, m->axes, m->count, filters ? m->trace : 0);
+        if (filters) {
+            tip_trace(m->tip, m->trace, periods, m->count, single, m->tips);
+        }
+    }
+    if (filters) {
+        sense(m->sections, m->ring, m->size, m->tips, periods, m->sensed);
+    }
+}
+
+/* The true acceleration of the tip. */
+static void true_tip(const struct mechanics *m, real *acceleration)
+{
+    if (m->arm == 0) {
+        tip_now(m->tip, m->axes, m->count, acceleration);
+        return;
+    }
+    for (integer channel = 0; channel < CHANNELS; channel++) {
+        acceleration[channel] = m->arm->moved[CHANNELS * TOOL_ACCELERATION + channel];
+    }
+}
+
+void sense_now(const struct mechanics *m, real *acceleration)
+{
+    if (m->sensed == 0) {
+        true_tip(m, acceleration);
+        return;
+    }
+    for (integer channel = 0; channel < CHANNELS; channel++) {
+        acceleration[channel] = m->sensed[channel];
+    }
+}
+
+void follow(
+    const struct mechanics *m, integer periods, integer samples, const integer *rows, integer moving, const real *set_points,
+    real *trace, real *tips, real *sensed)
+{
+    for (integer i = 0; i < samples; i++) {
+        true_tip(m, tips + CHANNELS * i);
+        sense_now(m, sensed + CHANNELS * i);
+        for (integer j = 0; j < moving; j++) {
+            struct axis *axis = &m->axes[rows[j]];
+            real *shown = trace + TRACE_COLUMNS * (i * moving + j);
+            shown[TRACE_COUNTS] = axis_counts(axis);
+            shown[TRACE_ARM_ANGLE] = axis->plant_state.arm_angle_rad;
+            shown[TRACE_TORQUE] = axis->motion.torque_nm;
+            set_point(axis, set_points[i * moving + j], m->period_s);
+        }
+        advance_all(m, periods);
     }
 }

@@ -40,13 +40,6 @@ integer single_row(const struct tip *tip, const struct axis *axes, integer count
 /* Acceleration of the tip at this instant, where no links couple the axes. */
 void tip_now(const struct tip *tip, const struct axis *axes, integer count, real *acceleration);
 
-/* advance, the tip that the axes move, and the sensor that feels it.
- *
- * tips becomes the tip's acceleration after each period; sections, ring, size and sensed are those of sense. */
-void advance_sensed(
-    integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace, const struct tip *tip,
-    real *tips, struct sections *sections, real *ring, integer size, real *sensed);
-
 /* The next set-point of an axis in cyclic position mode, in counts of its encoder.
  *
  * The axis goes there from its present demand in one interpolation period. A set-point outside the position limits, or faster than
@@ -68,5 +61,39 @@ struct arm {
  * tips becomes what the sensor feels after each of the last rows periods. */
 void advance_arm(
     integer periods, real period_s, integer substeps, struct axis *axes, const struct arm *arm, real *tips, integer rows);
+
+/* All axes of a robot, the tip that they move, and the sensor that feels it. */
+struct mechanics {
+    struct axis *axes;
+    integer count;
+    real period_s;     /* control period */
+    integer substeps;  /* Runge-Kutta steps of the plant in it */
+    const struct tip *tip;
+    const struct arm *arm;     /* null: no links couple the axes */
+    struct sections *sections; /* null: the sensor shows the acceleration of the instant */
+    real *ring;                /* of size rows, for sense */
+    integer size;
+    real *sensed; /* what the sensor shows where it filters, or links couple the axes; else null */
+    real *trace;  /* where it filters: room for the arms after each control period, and for the tip */
+    real *tips;
+};
+
+/* Let some control periods pass, for which trace and tips have room. */
+void advance_all(const struct mechanics *m, integer periods);
+
+/* What the sensor shows now of the tip's acceleration, before its noise. */
+void sense_now(const struct mechanics *m, real *acceleration);
+
+/* What follow shows of each axis at a SYNC. */
+enum { TRACE_COUNTS, TRACE_ARM_ANGLE, TRACE_TORQUE, TRACE_COLUMNS };
+
+/* A whole run of cyclic set-points: at each of samples SYNCs what is there is shown, then the set-points, one for each of moving
+ * rows, take effect, and some control periods pass.
+ *
+ * trace becomes samples rows of moving rows of TRACE_COLUMNS; tips and sensed become rows of CHANNELS, the true acceleration of the
+ * tip and what the sensor shows of it. */
+void follow(
+    const struct mechanics *m, integer periods, integer samples, const integer *rows, integer moving, const real *set_points,
+    real *trace, real *tips, real *sensed);
 
 #endif

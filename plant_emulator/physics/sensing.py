@@ -68,22 +68,7 @@ class SensorResponse:
             row["coefficients"][1] = section(lowpass_hz, math.sqrt(0.5), period_s, with_zero=False)
         row["first"], row["weights"] = interpolation(delay_s / period_s)
         ring = np.zeros((int(row["first"]) + 5, CHANNELS))
-        self._sensed = np.zeros(CHANNELS)
-        self.shared = CORE.pointer(rows, "sections"), CORE.pointer(ring), len(ring), CORE.pointer(self._sensed)
-
-    def drive(self, tip_m_s2: Real) -> None:
-        """Take samples of the true acceleration; shape (n, 3).
-
-        There is one per control period.
-        """
-        sections, ring, size, sensed = self.shared
-        CORE.call.sense(sections, ring, size, CORE.pointer(tip_m_s2), len(tip_m_s2), sensed)
-
-    @property
-    def acceleration_m_s2(self) -> tuple[float, float, float]:
-        """Output of the sensor now, without noise and steps."""
-        x, y, z = self._sensed.tolist()
-        return x, y, z
+        self.shared = CORE.pointer(rows, "sections"), CORE.pointer(ring), len(ring), CORE.pointer(np.zeros(CHANNELS))
 
 
 def section(frequency_hz: float, damping: float, period_s: float, *, with_zero: bool) -> tuple[float, float, float, float, float]:

@@ -75,3 +75,10 @@ void sample_tip(struct tip_sensor *sensor, const real *acceleration, real *shown
         shown[channel] = least(reach, most(-reach, value));
     }
 }
+
+void sample_tips(struct tip_sensor *sensor, integer samples, const real *accelerations, real *shown)
+{
+    for (integer i = 0; i < samples; i++) {
+        sample_tip(sensor, accelerations + CHANNELS * i, shown + CHANNELS * i);
+    }
+}

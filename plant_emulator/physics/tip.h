@@ -51,4 +51,7 @@ void tip_trace(
 /* What the sensor shows of an acceleration: with its errors and noise, in its steps and within its range. next must not be NOISE_SAMPLES. */
 void sample_tip(struct tip_sensor *sensor, const real *acceleration, real *shown);
 
+/* sample_tip for some samples, for which there is noise; both are rows of CHANNELS. */
+void sample_tips(struct tip_sensor *sensor, integer samples, const real *accelerations, real *shown);
+
 #endif

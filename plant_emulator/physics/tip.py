@@ -110,3 +110,14 @@ class TipSensor:
         CORE.call.sample_tip(self.shared, acceleration, self._shown_by)
         x, y, z = self._shown.tolist()
         return x, y, z
+
+    def samples(self, accelerations: Real) -> Real:
+        """The sensor's outputs for true accelerations in m/s²; shape (n, 3)."""
+        shown, at = np.empty((len(accelerations), 3)), 0
+        while at < len(shown):
+            self.draw()
+            end = min(len(shown), at + len(self._draws) - self._next[0])
+            given, taken = (CORE.pointer(each[at:end]) for each in (accelerations, shown))
+            CORE.call.sample_tips(self.shared, end - at, given, taken)
+            at = end
+        return shown

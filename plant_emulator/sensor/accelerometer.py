@@ -12,8 +12,6 @@ from drive_profiles.standard.cia301 import DataType
 from hil.can.frame import Frame
 from plant_emulator.core import CORE
 from plant_emulator.drive.dictionary.manufacturer_objects import REVISION, VENDOR_ID, cycle_period_entry
-from plant_emulator.physics.tip import TipSensor
-from plant_emulator.robots.robot import RobotAccelerometer
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry, ObjectType
 from plant_emulator.slave.node import Slave
 from plant_emulator.slave.objects import PdoDefault, communication_entries, pdo_entries
@@ -68,11 +66,6 @@ def accelerometer_entries(serial_number: int = 1) -> list[Entry]:
                   record_name="AI status", object_type=ObjectType.ARRAY)
         )  # fmt: skip
     return entries
-
-
-def tip_sensor(setting: RobotAccelerometer, generator: np.random.Generator) -> TipSensor:
-    """Return the sensor at the tip that a robot file describes, with its source of noise."""
-    return TipSensor(setting.noise_m_s2, setting.resolution_m_s2, setting.range_m_s2, generator, setting.mixing)
 
 
 class AccelerometerNode:

@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from hil.can.frame import Frame
+from plant_emulator.motion.axes import tip_sensor
 from plant_emulator.robots.robot import Robot
-from plant_emulator.sensor.accelerometer import tip_sensor
 from plant_emulator.world import SECOND, World
 
 SYNC_BYTES = b"\xaa\x55"

@@ -7,12 +7,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from drive_profiles.standard.units import real32
 from hil.analysis import (
     LINE_BAND_HZ,
     amplitude_spectrum,
@@ -28,14 +28,11 @@ from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.design.frequency import Loop
 from hil.robot_tables import Control
-from plant_emulator.motion.axes import Axes
-from plant_emulator.motion.record import POSITION
+from plant_emulator.motion.axes import Axes, FollowedRun, response_of, tip_sensor
 from plant_emulator.physics.axis import hang_at_rest
-from plant_emulator.physics.tip import MovedTip
-from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
+from plant_emulator.robots.robot import Robot, RobotAxis
 from plant_emulator.studies.closed_loop import Law, frozen_law, growth_per_s, linear_plant
-from plant_emulator.studies.follow import ARM_ACCELERATION, ARM_ANGLE, ARM_SPEED, COUNTS, TORQUE, follow
-from plant_emulator.studies.simulate import as_uploaded, references
+from plant_emulator.studies.simulate import LawOfAxis, as_uploaded, follow, gains_as_uploaded, references
 from plant_emulator.studies.spread import (
     AXIS_UNKNOWNS,
     SENSOR_UNKNOWNS,
@@ -55,8 +52,6 @@ WINDOW_SAMPLES = 16
 HIGHEST_F_AL = 1.3
 """Highest f_al of a plant, in units of the robot file's, for which the SYNC period has to do."""
 
-SETTLE_S = 0.5
-"""Rest of the axes before the motion in s, as in `simulate`."""
 JUDGED_ORDER = 2
 """Order of the transmission error by whose crossing of f_al a ramp is judged."""
 TAIL_S = 0.5
@@ -109,21 +104,23 @@ class PlantRunResult:
         return not self.faults
 
 
-@dataclass(frozen=True)
-class SimulatedMotion:
-    """One run: true motion at each SYNC, and accelerometer readings.
+class SimulatedMotion(NamedTuple):
+    """One run, and how it is judged.
 
     Attributes:
-        columns: Shape (n, axes, 5): counts, arm angle, speed and acceleration in rad, torque.
-        tip_m_s2: True vertical acceleration of the tip; shape (n,).
-        measured_m_s2: The accelerometer's reading of it; shape (n,).
+        run: True motion at each SYNC.
+        measured_m_s2: The accelerometer's reading of the tip's vertical acceleration; shape (n,).
         f_al_hz: Peak of |G_al| of this plant, by which it is judged; of axis 2 in the line motion.
     """
 
-    columns: Real
-    tip_m_s2: Real
+    run: FollowedRun
     measured_m_s2: Real
     f_al_hz: float
+
+    @property
+    def is_finite(self) -> bool:
+        """True if the simulation has stayed within the finite numbers."""
+        return all(bool(np.all(np.isfinite(each))) for each in self.run)
 
 
 @dataclass(frozen=True)
@@ -168,10 +165,7 @@ class Study:
         period = self.robot.control_period_s
         if not math.isclose(self.periods * period, self.robot.sync_period_s, rel_tol=1e-9):
             raise ValueError(f"{self.robot.sync_period_s} s is not a whole number of control periods of {period} s")
-        if self.robot.accelerometer.lowpass_hz is not None or self.robot.accelerometer.mounting_resonance_hz is not None:
-            raise ValueError(
-                "accelerometer: a study samples the tip at each SYNC only; leave out lowpass_hz and mounting_resonance_hz"
-            )
+        response_of(self.robot)
         self._targets()
         for number in self.axes:
             if number not in self.controls:
@@ -241,18 +235,9 @@ class Study:
         return self._targets()[1]
 
     @cached_property
-    def _all_set_points(self) -> Real:
-        """Set-points with the rest before the motion; shape (n, axes)."""
-        rest = np.zeros((round(SETTLE_S / self.robot.sync_period_s), len(self.axes)))
-        return np.concatenate([rest, self.set_points])
-
-    @cached_property
     def cascades(self) -> dict[int, Cascade]:
         """Return the gains as rounded by the bus."""
-        return {
-            number: Cascade(**{name: real32(value) for name, value in self.controls[number].model_dump().items()})
-            for number in self.axes
-        }
+        return {number: gains_as_uploaded(self.controls[number]) for number in self.axes}
 
     @cached_property
     def filters(self) -> dict[int, tuple[Notch, ...]]:
@@ -309,7 +294,14 @@ class Study:
             axes[number] = self._without_short_lag(drawn_axis(self.robot.axis[number], mine))
         source = self._source(0, index)
         mine = drawn(SENSOR_UNKNOWNS, self.spread, source) if index >= 0 else nominal(SENSOR_UNKNOWNS)
-        robot = self.robot.model_copy(update={"axis": axes, "accelerometer": drawn_sensor(self.robot.accelerometer, mine)})
+        changed = {
+            "axis": axes,
+            "accelerometer": drawn_sensor(self.robot.accelerometer, mine),
+            "seed": int(source.integers(2**62)),
+        }
+        if self.axis is not None:  # axes that rest are left out: nothing of them reaches those that move
+            changed |= {"geometry": None, "line_motion": None}
+        robot = self.robot.model_copy(update=changed)
         return DrawnPlant(values | mine, robot), source
 
     def _without_short_lag(self, axis: RobotAxis) -> RobotAxis:
@@ -328,43 +320,15 @@ class Study:
         self, plant: DrawnPlant, source: np.random.Generator, filters: Mapping[int, tuple[Notch, ...]] | None = None
     ) -> SimulatedMotion:
         """Simulate one closed-loop run; `filters` replace the study's own."""
-        # axes that rest are left out: nothing of them reaches those that move
-        moving = plant.robot.model_copy(
-            update={"axis": {number: plant.robot.axis[number] for number in self.axes}, "geometry": None, "line_motion": None}
-        )
-        axes = Axes(moving)
-        chosen = self.filters if filters is None else filters
+        axes = Axes(plant.robot)
         for row, number in enumerate(axes.numbers):
             axes.plant[row]["home_angle_rad"] = self.robot.home_angle(number)
             hang_at_rest(axes.plant[row], axes.plant_state[row])
-            self.cascades[number].write(axes.cascade_config[row])
-            for column, notch in enumerate(chosen.get(number, ())):
-                notch.write(axes.notch_config[row, column])
-            axes.open_brake(row, POSITION, self.periods)
-        set_points = self._all_set_points
-        noise = np.zeros((len(self.axes), len(set_points) * self.periods))
-        for row, noise_rad in enumerate(axes.rows["encoder"]["noise_rad"].tolist()):
-            if noise_rad > 0.0:
-                noise[row] = noise_rad * source.standard_normal(noise.shape[1])
-        timing = self.periods, self.robot.control_period_s, self.robot.plant_substeps
-        trace = follow(*timing, axes.rows, set_points, noise)
-        trace = trace[len(set_points) - len(self.set_points) :]
-        tip, radial = self._tip(trace)
-        measured = _read(plant.robot.accelerometer, tip, radial, self.robot.sync_period_s, source)
-        return SimulatedMotion(trace, tip, measured, self._f_al_of(plant.robot))
-
-    def _tip(self, trace: Real) -> tuple[Real, Real]:
-        """Return true vertical and radial tip accelerations; shape (n,) each."""
-        if self.axis is not None:
-            lever = self.robot.axis[self.axis].tip_lever_m
-            return lever * trace[:, 0, ARM_ACCELERATION], -lever * trace[:, 0, ARM_SPEED] ** 2
-        home = self.robot.home_joints()
-        if home is None or self.robot.geometry is None:
-            raise ValueError(f"robot {self.robot.name!r} has no line motion")
-        levers = [self.robot.axis[number].tip_lever_m for number in self.axes]
-        tip = MovedTip(levers, self.robot.geometry.chain(), range(len(self.axes)), home.tolist())
-        found = tip.accelerations(trace[:, :, [ARM_ANGLE, ARM_SPEED, ARM_ACCELERATION]])
-        return found[:, 2], found[:, 0]
+        chosen = self.filters if filters is None else filters
+        laws = {number: LawOfAxis(self.cascades[number], chosen.get(number, ())) for number in self.axes}
+        run = follow(axes, laws, self.set_points, self.periods)
+        measured = tip_sensor(plant.robot.accelerometer, source).samples(run.sensed_m_s2)[:, 2]
+        return SimulatedMotion(run, measured, self._f_al_of(plant.robot))
 
     def judge(self, index: int) -> PlantRunResult:
         """Draw a plant, run it, judge it."""
@@ -372,7 +336,7 @@ class Study:
         trace = self.run(plant, source)
         growth = max(growth_per_s(plant.robot.axis[number], self._laws[number]) for number in self.axes)
         faults = ["poles"] if growth >= 0.0 else []
-        if not np.all(np.isfinite(trace.columns)):
+        if not trace.is_finite:
             return PlantRunResult(
                 index, plant.values, math.inf, math.inf, None, math.inf, math.inf, growth, ("diverged", *faults)
             )
@@ -408,7 +372,7 @@ class Study:
             start, (begin_s, end_s) = self._line_start_s(), line_window_s(self._line_s())
             return np.asarray((self.times >= start + begin_s) & (self.times <= start + end_s))
         angle, period_s = (
-            trace.columns[:, 0, COUNTS] / self.robot.axis[self.axis].encoder_counts_per_rev,
+            trace.run.position_counts[:, 0] / self.robot.axis[self.axis].encoder_counts_per_rev,
             self.robot.sync_period_s,
         )
         return rising_within(np.abs(speed_of(angle, period_s)), period_s, order_window_rps(trace.f_al_hz, JUDGED_ORDER))
@@ -432,7 +396,7 @@ class Study:
         """
         counts = np.array([self.robot.axis[number].encoder_counts_per_rev for number in self.axes])
         reached = np.concatenate([self.set_points[:1], self.set_points[:-1]])
-        return np.asarray(np.max(np.abs(reached - trace.columns[:, :, COUNTS]), axis=0) / counts)
+        return np.asarray(np.max(np.abs(reached - trace.run.position_counts), axis=0) / counts)
 
     def _residual(self, trace: SimulatedMotion, faults: list[str]) -> float:
         """Return the true vibration at the end, in mm.
@@ -442,25 +406,12 @@ class Study:
         quarter = round(0.5 * TAIL_S / self.robot.sync_period_s)
         f_al, period_s = trace.f_al_hz, self.robot.sync_period_s
         above = scipy.signal.butter(2, tip_scale(f_al).band_hz[0], "highpass", fs=1.0 / period_s, output="sos")
-        swing = 1e3 * scipy.signal.sosfiltfilt(above, trace.tip_m_s2) / (2.0 * math.pi * f_al) ** 2
+        swing = 1e3 * scipy.signal.sosfiltfilt(above, trace.run.tip_m_s2[:, 2]) / (2.0 * math.pi * f_al) ** 2
         before, last = swing[-2 * quarter : -quarter], swing[-quarter:]
         residual = float(np.max(np.abs(last)))
         if residual > SEEN_FRACTION * self.tip_mm and np.std(last) > DECAY * np.std(before):
             faults.append("vibration")
         limits = np.array([self.robot.axis[number].torque_limit_nm for number in self.axes])
-        if np.any(np.std(trace.columns[-quarter:, :, TORQUE], axis=0) > RIPPLE_FRACTION * limits):
+        if np.any(np.std(trace.run.torque_nm[-quarter:], axis=0) > RIPPLE_FRACTION * limits):
             faults.append("torque")
         return residual
-
-
-def _read(sensor: RobotAccelerometer, tip: Real, radial: Real, period_s: float, source: np.random.Generator) -> Real:
-    """Return the accelerometer's reading of true accelerations at the SYNCs; shape (n,)."""
-    mixing = sensor.mixing
-    value = mixing[2, 2] * tip + mixing[2, 0] * radial
-    if sensor.delay_s > 0.0:
-        times = np.arange(len(tip)) * period_s
-        value = np.interp(times - sensor.delay_s, times, value)
-    value = value + sensor.noise_m_s2 * source.standard_normal(len(tip))
-    if sensor.resolution_m_s2 > 0.0:
-        value = sensor.resolution_m_s2 * np.floor(value / sensor.resolution_m_s2 + 0.5)
-    return np.asarray(np.clip(value, -sensor.range_m_s2, sensor.range_m_s2))

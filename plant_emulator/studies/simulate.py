@@ -4,9 +4,9 @@ Axes, law and set-points are the same, in one process.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,14 @@ from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.control.trajectory import sample_times
 from hil.robot_tables import Control, NotchShape
-from plant_emulator.motion.axes import Axes
+from plant_emulator.motion.axes import Axes, FollowedRun
 from plant_emulator.motion.record import POSITION
 from plant_emulator.robots.robot import Robot
 
 Real = NDArray[np.float64]
+
+SETTLE_S = 0.5
+"""Rest of the axes before a motion."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,6 @@ def simulate(
     controls: Mapping[int, Control],
     notches: Mapping[int, tuple[NotchShape, ...]],
     sync_period_s: float = 0.002,
-    settle_s: float = 0.5,
 ) -> Simulation:
     """Run one experiment with the loop closed in the drives.
 
@@ -98,7 +100,6 @@ def simulate(
         controls: Gains by axis.
         notches: Filters by axis; none for an axis that is left out.
         sync_period_s: A whole number of control periods.
-        settle_s: Rest of the axes before the motion begins.
 
     Raises:
         ValueError: The robot lacks the motion, or the periods do not fit.
@@ -107,34 +108,46 @@ def simulate(
     if periods < 1 or not math.isclose(periods * robot.control_period_s, sync_period_s, rel_tol=1e-9):
         raise ValueError(f"{sync_period_s} s is not a whole number of control periods of {robot.control_period_s} s")
     numbers, times, angles = references(robot, axis, sync_period_s)
-    axes = Axes(robot)
-    rows = [axes.row(number) for number in numbers]
-    targets = np.empty(angles.shape, dtype=np.int64)
-    for column, number in enumerate(numbers):
-        row = rows[column]
-        gains = {name: real32(value) for name, value in controls[number].model_dump().items()}
-        Cascade(**gains).write(axes.cascade_config[row])
-        for slot, table in enumerate(notches.get(number, ())):
-            as_uploaded(table.notch()).write(axes.notch_config[row, slot])
-        scaling = Scaling(robot.axis[number].encoder_counts_per_rev, robot.axis[number].rated_torque)
-        targets[:, column] = scaling.position_counts(angles[:, column])
+    scalings = [Scaling(robot.axis[number].encoder_counts_per_rev, robot.axis[number].rated_torque) for number in numbers]
+    targets = np.stack([each.position_counts(turned) for each, turned in zip(scalings, angles.T, strict=True)], axis=1)
+    laws = {
+        number: LawOfAxis(gains_as_uploaded(controls[number]), [as_uploaded(each.notch()) for each in notches.get(number, ())])
+        for number in numbers
+    }
+    run = follow(Axes(robot), laws, targets, periods)
+    return Simulation(times, numbers, targets, run.position_counts, run.arm_angle_rad, run.torque_nm, run.sensed_m_s2)
+
+
+class LawOfAxis(NamedTuple):
+    """Gains and filters of an axis, as its drive holds them."""
+
+    cascade: Cascade
+    notches: Sequence[Notch]
+
+
+def follow(axes: Axes, laws: Mapping[int, LawOfAxis], targets: NDArray[np.int64], periods: int) -> FollowedRun:
+    """Run axes under their laws along set-points, after a rest of `SETTLE_S`.
+
+    Args:
+        axes: The axes of a robot, at rest behind their brakes; changed.
+        laws: Law of each axis that moves, by number, in the order of the columns of `targets`.
+        targets: Set-points in counts; shape (n, axes).
+        periods: Control periods from one to the next.
+    """
+    rows = [axes.row(number) for number in laws]
+    for row, law in zip(rows, laws.values(), strict=True):
+        law.cascade.write(axes.cascade_config[row])
+        for slot, notch in enumerate(law.notches):
+            notch.write(axes.notch_config[row, slot])
         axes.open_brake(row, POSITION, periods)
-    for _ in range(round(settle_s / sync_period_s)):
-        for row in rows:
-            axes.set_point(row, 0)
-        axes.advance(periods)
-    count = len(times)
-    position, tip = np.zeros_like(targets), np.zeros((count, 3))
-    arm, torque = np.zeros(angles.shape), np.zeros(angles.shape)
-    for i in range(count):
-        tip[i] = axes.sensed_acceleration()
-        for column, row in enumerate(rows):
-            position[i, column] = axes.counts(row)
-            arm[i, column] = axes.plant_state[row]["arm_angle_rad"]
-            torque[i, column] = axes.motion[row]["torque_nm"]
-            axes.set_point(row, int(targets[i, column]))
-        axes.advance(periods)
-    return Simulation(times, numbers, targets, position, arm, torque, tip)
+    rest = round(SETTLE_S / (periods * axes.robot.control_period_s))
+    run = axes.follow(rows, np.concatenate([np.zeros((rest, len(rows))), targets]), periods)
+    return FollowedRun(*(each[rest:] for each in run))
+
+
+def gains_as_uploaded(control: Control) -> Cascade:
+    """Return the gains as a drive holds them after upload."""
+    return Cascade(**{name: real32(value) for name, value in control.model_dump().items()})
 
 
 def as_uploaded(notch: Notch) -> Notch:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hil.control.trajectory import PlanarChain
+from plant_emulator.motion.axes import tip_sensor
 from plant_emulator.physics.tip import MovedTip, TipSensor
 from plant_emulator.robots.robot import RobotAccelerometer
-from plant_emulator.sensor.accelerometer import tip_sensor
 
 CHAIN = PlanarChain(0.050, 0.330, 0.440, (0.420, 0.035), 0.130)
 LEVERS = (0.5, 0.4, 0.1)

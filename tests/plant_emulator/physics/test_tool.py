@@ -6,6 +6,7 @@ import pytest
 
 from hil.arm.mounting import Mounting
 from hil.arm.rotation import rotation
+from plant_emulator.core import CORE
 from plant_emulator.motion.arm import CoupledArm
 from plant_emulator.motion.axes import Axes
 from plant_emulator.physics.tool import ACCELERATION, POSITION, SPECIFIC_FORCE, VELOCITY
@@ -64,7 +65,8 @@ def test_tips_are_written_for_each_of_the_last_periods():
     arm: CoupledArm = first.axes.arm
     for row, torque in zip(first.order, TORQUES, strict=True):
         first.axes.motion[row]["target_torque_nm"] = torque
-    arm.advance(8, 250e-6, 4, tips)
+    rows = CORE.pointer(first.axes.rows, "axis")
+    CORE.call.advance_arm(8, 250e-6, 4, rows, arm.shared, CORE.pointer(tips), len(tips))
     for i in range(8):
         second.run(TORQUES, 1)
         np.testing.assert_array_equal(tips[i], second.axes.tip_acceleration())

@@ -53,7 +53,7 @@ def as_recorded(made, trace):
     columns = {"time_s": made.times, "tip_z_m_s2": trace.measured_m_s2}
     for column, number in enumerate(made.axes):
         per_rad = ROBOT.axis[number].encoder_counts_per_rev / (2.0 * math.pi)
-        columns[f"axis{number}_position_rad"] = trace.columns[:, column, 0] / per_rad
+        columns[f"axis{number}_position_rad"] = trace.run.position_counts[:, column] / per_rad
     return Recording(columns)
 
 
@@ -66,20 +66,34 @@ def test_a_run_of_the_robot_as_its_file_says_is_that_of_simulate_to_the_last_bit
     found = made.run(*made.draw(-1))
     tables = {number: table.notch for number, table in TUNING.axis.items()}
     known = simulate(ROBOT, axis, controls=CONTROLS, notches=tables)
-    assert np.array_equal(found.columns[:, :, 0], known.position_counts)
-    assert np.array_equal(found.columns[:, :, 1], known.arm_angle_rad)
-    assert np.array_equal(found.columns[:, :, 4], known.torque_nm)
-    assert np.array_equal(found.tip_m_s2, known.tip_acceleration_m_s2[:, 2])
+    assert np.array_equal(found.run.position_counts, known.position_counts)
+    assert np.array_equal(found.run.arm_angle_rad, known.arm_angle_rad)
+    assert np.array_equal(found.run.torque_nm, known.torque_nm)
+    assert np.array_equal(found.run.tip_m_s2, known.tip_acceleration_m_s2)
     assert np.array_equal(made.set_points, known.reference_counts)
 
 
-def test_a_drawn_plant_without_encoder_errors_is_that_of_simulate_too():
-    spread = PlantSpread(encoder_error_1_arcsec=0.0, encoder_error_2_arcsec=0.0, encoder_noise_counts=0.0)
-    made = study(3, spread=spread)
+def test_a_drawn_plant_with_its_encoder_and_sensor_delay_is_that_of_simulate_too():
+    made = study(3)
     plant, source = made.draw(4)
-    robot = plant.robot.model_copy(update={"axis": ROBOT.axis | plant.robot.axis, "accelerometer": ROBOT.accelerometer})
+    assert plant.robot.axis[3].encoder.noise_counts > 0.0
+    assert plant.robot.accelerometer.delay_s > 0.0
+    # the noise of an axis begins from the seed and its number
+    robot = ROBOT.model_copy(
+        update={"axis": ROBOT.axis | plant.robot.axis, "accelerometer": plant.robot.accelerometer, "seed": plant.robot.seed}
+    )
     known = simulate(robot, 3, controls=CONTROLS, notches={3: TUNING.axis[3].notch})
-    assert np.array_equal(made.run(plant, source).tip_m_s2, known.tip_acceleration_m_s2[:, 2])
+    found = made.run(plant, source).run
+    assert np.array_equal(found.position_counts, known.position_counts)
+    assert np.array_equal(found.sensed_m_s2, known.tip_acceleration_m_s2)
+    assert not np.array_equal(found.sensed_m_s2, found.tip_m_s2)
+
+
+def test_plants_have_noise_of_their_own_and_equal_indices_equal_noise():
+    made = study()
+    seeds = [made.draw(index)[0].robot.seed for index in (0, 1, 2)]
+    assert len(set(seeds)) == 3
+    assert seeds == [made.draw(index)[0].robot.seed for index in (0, 1, 2)]
 
 
 def test_the_gains_and_filters_of_the_package_are_those_of_the_reference_bench():
@@ -98,10 +112,10 @@ def test_an_encoder_error_of_the_2nd_order_moves_the_arm_like_a_transmission_err
     bare = made.run(dataclasses.replace(plant, robot=quiet), source)
     other = made.run(dataclasses.replace(plant, robot=quiet.model_copy(update={"axis": {2: wrong}})), source)
     inside = made._window(bare)
-    apart = tip_displacement_mm(other.tip_m_s2 - bare.tip_m_s2, 0.002, tip_scale(bare.f_al_hz))[inside]
-    own = tip_displacement_mm(bare.tip_m_s2, 0.002, tip_scale(bare.f_al_hz))[inside]
+    apart = tip_displacement_mm((other.run.tip_m_s2 - bare.run.tip_m_s2)[:, 2], 0.002, tip_scale(bare.f_al_hz))[inside]
+    own = tip_displacement_mm(bare.run.tip_m_s2[:, 2], 0.002, tip_scale(bare.f_al_hz))[inside]
     assert 0.1 < np.max(np.abs(apart)) / np.max(np.abs(own)) < 0.3
-    assert other.columns[0, 0, 0] == bare.columns[0, 0, 0]
+    assert other.run.position_counts[0, 0] == bare.run.position_counts[0, 0]
 
 
 # ---- the metrics
@@ -557,8 +571,16 @@ def test_the_robots_own_sensor_delay_is_added_to_the_drawn_one():
     assert late.delay_s == pytest.approx(0.005)
 
 
-def test_a_study_refuses_a_sensor_whose_response_it_cannot_follow():
-    for change in ({"lowpass_hz": 90.0}, {"mounting_resonance_hz": 90.0}):
-        robot = ROBOT.model_copy(update={"accelerometer": ROBOT.accelerometer.model_copy(update=change)})
-        with pytest.raises(ValueError, match="leave out lowpass_hz"):
-            Study(robot, 2, CONTROLS, NOTCHES)
+def test_the_sensors_low_pass_and_mounting_are_those_of_the_emulated_robot():
+    sensor = ROBOT.accelerometer.model_copy(update={"lowpass_hz": 90.0, "mounting_resonance_hz": 200.0})
+    robot = ROBOT.model_copy(update={"accelerometer": sensor})
+    found = Study(robot, 2, CONTROLS, NOTCHES)
+    run = found.run(*found.draw(-1)).run
+    known = simulate(robot, 2, controls=CONTROLS, notches={2: TUNING.axis[2].notch})
+    assert np.array_equal(run.sensed_m_s2, known.tip_acceleration_m_s2)
+
+
+def test_a_study_refuses_a_sensor_that_the_control_period_does_not_show():
+    robot = ROBOT.model_copy(update={"accelerometer": ROBOT.accelerometer.model_copy(update={"lowpass_hz": 1900.0})})
+    with pytest.raises(ValueError, match="lowpass_hz = 1900 is too high"):
+        Study(robot, 2, CONTROLS, NOTCHES)
