@@ -202,13 +202,7 @@ class Loop:
         The plant is discretised exactly (zero-order hold); the law's blocks are kept apart as state-space blocks, since
         the expanded polynomial has a dozen roots near z = 1 and loses its digits there.
         """
-        a, b = self.plant.state_space()
-        augmented = np.zeros((5, 5))
-        augmented[:4, :4], augmented[:4, 4] = a, b
-        expanded = scipy.linalg.expm(augmented * self.period_s)
-        plant = (expanded[:4, :4], expanded[:4, 4:], np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 1)))
-        a_series, b_series, c_series, d_series = _series(plant, self.law_block(speed_rps))
-        closed = a_series - b_series @ c_series / (1.0 + float(d_series[0, 0]))
+        closed = closed_loop(*held(self.plant, self.period_s), self.law_block(speed_rps))
         return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
 
     def law_block(self, speed_rps: float = 0.0) -> "Block":
@@ -246,6 +240,63 @@ class Loop:
 
 Block = tuple[Real, Real, Real, Real]
 """Matrices A, B, C, D of a discrete system with one input and one output."""
+
+
+def held(plant: TwoInertia, period_s: float, torque_lag_s: float = 0.0) -> tuple[Real, Real]:
+    """Discretise a plant exactly, with the demanded torque held over each period.
+
+    Args:
+        plant: The axis.
+        period_s: The period.
+        torque_lag_s: Time constant of the torque behind its demand; if it has one, the torque is a fifth state.
+
+    Returns:
+        A (n, n) and B (n, 1), with the state of `TwoInertia.state_space`.
+    """
+    count = 5 if torque_lag_s > 0.0 else 4
+    rates = np.zeros((count + 1, count + 1))
+    rates[:4, :4], rates[:4, 4] = plant.state_space()
+    if torque_lag_s > 0.0:
+        rates[4, 4:] = -1.0 / torque_lag_s, 1.0 / torque_lag_s
+    step = exponential(rates * period_s)[:count]
+    return step[:, :count], step[:, count:]
+
+
+def closed_loop(a: Real, b: Real, law: "Block") -> Real:
+    """Close the loop: the matrix of plant and law together.
+
+    Args:
+        a: A of the plant, whose first state is the motor angle; shape (n, n).
+        b: B; shape (n, 1).
+        law: Law −τ/θ_m, or a stack of laws of equal size along leading axes.
+
+    Returns:
+        Shape (…, n + m, n + m).
+    """
+    law_a, law_b, law_c, law_d = law
+    n, m = len(a), law_a.shape[-1]
+    closed = np.zeros((*law_a.shape[:-2], n + m, n + m))
+    closed[..., :n, :n] = a
+    closed[..., :n, :1] -= b @ law_d
+    closed[..., :n, n:] = -b @ law_c
+    closed[..., n:, :1], closed[..., n:, n:] = law_b, law_a
+    return closed
+
+
+def exponential(matrix: Real) -> Real:
+    """Matrix exponential by its series, with scaling and squaring.
+
+    For small matrices the threads of LAPACK take a hundred times as long.
+    """
+    halvings = max(0, math.ceil(math.log2(max(1.0, float(np.max(np.sum(np.abs(matrix), axis=1)))))))
+    scaled = matrix / 2.0**halvings
+    term = total = np.eye(len(matrix))
+    for n in range(1, 20):  # 1/20! is beyond double precision
+        term = term @ scaled / n
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total
+    return np.asarray(total)
 
 
 def _biquad(coefficients: tuple[float, float, float, float, float]) -> Block:

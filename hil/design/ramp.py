@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hil.control.angles import ARCSEC
 from hil.control.servo import LAW, ServoConfig
 from hil.core.library import CORE
-from hil.design.frequency import Loop, TwoInertia
+from hil.design.frequency import Loop, TwoInertia, exponential
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
@@ -68,23 +68,7 @@ def _discrete(plant: TwoInertia, period_s: float) -> tuple[Real, Real]:
     for i, by in ((1, motor), (3, arm)):
         a[i, 5], a[i, 6] = by * k, by * d / period_s
     a[5, 6] = 1.0 / period_s
-    return _exponential(a * period_s)[:4], np.array(a[3])
-
-
-def _exponential(matrix: Real) -> Real:
-    """Matrix exponential by its series, with scaling and squaring.
-
-    For 7 × 7 the threads of LAPACK take a hundred times as long.
-    """
-    halvings = max(0, math.ceil(math.log2(max(1.0, float(np.max(np.sum(np.abs(matrix), axis=1)))))))
-    scaled = matrix / 2.0**halvings
-    term = total = np.eye(len(matrix))
-    for n in range(1, 20):  # 1/20! is beyond double precision
-        term = term @ scaled / n
-        total = total + term
-    for _ in range(halvings):
-        total = total @ total
-    return np.asarray(total)
+    return exponential(a * period_s)[:4], np.array(a[3])
 
 
 def follow(

@@ -26,12 +26,12 @@ from hil.analysis import (
 )
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
-from hil.design.frequency import Loop
+from hil.design.frequency import Block, Loop
 from hil.robot_tables import Control
 from plant_emulator.motion.axes import Axes, FollowedRun, response_of, tip_sensor
 from plant_emulator.physics.axis import hang_at_rest
 from plant_emulator.robots.robot import Robot, RobotAxis
-from plant_emulator.studies.closed_loop import Law, frozen_law, growth_per_s, linear_plant
+from plant_emulator.studies.closed_loop import frozen_laws, growth_per_s, linear_plant
 from plant_emulator.studies.simulate import LawOfAxis, as_uploaded, follow, gains_as_uploaded, references
 from plant_emulator.studies.spread import (
     AXIS_UNKNOWNS,
@@ -257,15 +257,15 @@ class Study:
         return Loop(linear_plant(robot.axis[number]), self.cascades[number], (), robot.control_period_s).peak_hz()
 
     @cached_property
-    def _laws(self) -> dict[int, Law]:
-        period, step = self.robot.control_period_s, SPEED_STEP_RPS
+    def _laws(self) -> dict[int, list[Block]]:
+        """Laws of each axis, their filters frozen at all speeds at which they act."""
         found = {}
         for number in self.axes:
-            ends = [notch.end_rps for notch in self.filters[number]]
-            speeds = np.unique(
-                [0.0, *(s for notch in self.filters[number] for s in np.arange(notch.start_rps, notch.end_rps, step)), *ends]
-            )
-            found[number] = frozen_law(self.cascades[number], self.filters[number], speeds, period)
+            filters, plant = self.filters[number], linear_plant(self.robot.axis[number])
+            ends = [each.end_rps for each in filters]
+            inner = [speed for each in filters for speed in np.arange(each.start_rps, each.end_rps, SPEED_STEP_RPS)]
+            loop = Loop(plant, self.cascades[number], filters, self.robot.control_period_s)
+            found[number] = frozen_laws(loop, np.unique([0.0, *inner, *ends]))
         return found
 
     @cached_property
@@ -334,7 +334,8 @@ class Study:
         """Draw a plant, run it, judge it."""
         plant, source = self.draw(index)
         trace = self.run(plant, source)
-        growth = max(growth_per_s(plant.robot.axis[number], self._laws[number]) for number in self.axes)
+        period_s, axes = self.robot.control_period_s, plant.robot.axis
+        growth = max(growth_per_s(axes[number], self._laws[number], period_s) for number in self.axes)
         faults = ["poles"] if growth >= 0.0 else []
         if not trace.is_finite:
             return PlantRunResult(

@@ -28,7 +28,7 @@ from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import REFERENCE, load_robot
 from plant_emulator.robots.tuning import REFERENCE_TUNING, Tuning, load_tuning, robot_tuning
 from plant_emulator.studies import summary as robustness_summary
-from plant_emulator.studies.closed_loop import frozen_law, growth_per_s, linear_plant
+from plant_emulator.studies.closed_loop import frozen_laws, growth_per_s, linear_plant
 from plant_emulator.studies.figure import figure_svg
 from plant_emulator.studies.many import judge_all
 from plant_emulator.studies.robustness import PlantRunResult, Study
@@ -163,17 +163,18 @@ def test_the_slowest_pole_is_the_designers(notches, gain):
     speeds = (0.0, 3.0, 4.5, 6.0, 8.5)
     loop = Loop(plant, cascade, notches)
     known = max(margins(loop, speed).pole_radius for speed in speeds)
-    found = growth_per_s(axis, frozen_law(cascade, notches, speeds, 250e-6))
+    found = growth_per_s(axis, frozen_laws(loop, speeds), 250e-6)
     assert math.exp(250e-6 * found) == pytest.approx(known, abs=1e-9)
     assert (found > 0.0) == (gain > 1.0)
 
 
 def test_soft_wind_up_hysteresis_and_a_slow_current_loop_count_at_the_poles():
-    law = frozen_law(CONTROLS[2].cascade(), (), [0.0], 250e-6)
-    bare = growth_per_s(ROBOT.axis[2], law)
-    slow = growth_per_s(ROBOT.axis[2].model_copy(update={"current_time_constant_s": 30e-3}), law)
+    axis = ROBOT.axis[2]
+    laws = frozen_laws(Loop(linear_plant(axis), CONTROLS[2].cascade()), [0.0])
+    bare = growth_per_s(axis, laws, 250e-6)
+    slow = growth_per_s(axis.model_copy(update={"current_time_constant_s": 30e-3}), laws, 250e-6)
     assert slow > 0.0 > bare
-    soft = growth_per_s(ROBOT.axis[2].model_copy(update={"wind_up_softness": 0.9, "hysteresis_torque_nm": 20.0}), law)
+    soft = growth_per_s(axis.model_copy(update={"wind_up_softness": 0.9, "hysteresis_torque_nm": 20.0}), laws, 250e-6)
     assert soft > bare
 
 
