@@ -5,8 +5,9 @@ from drive_profiles.processors import usable_processors
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.robots.tuning import load_tuning
 from plant_emulator.studies.many import judge_all
-from plant_emulator.studies.robustness import PlantRunResult, Study
+from plant_emulator.studies.robustness import Study
 from plant_emulator.trials.executors import LocalProcesses
+from plant_emulator.trials.rows import Row as PlantRow
 
 RUNS = 1000
 
@@ -29,13 +30,13 @@ def robustness(runs: int = RUNS) -> list[str]:
     cores = usable_processors()
     rows: list[Row] = []
     for name, study in studies().items():
-        first: list[PlantRunResult] = []
+        first: list[PlantRow] = []
         simulated = float(study.times[-1]) * runs
         for jobs in dict.fromkeys((1, cores)):
             progress(f"robustness: {runs} plants {name}, {jobs} processes")
-            judged: list[list[PlantRunResult]] = []
+            judged: list[list[PlantRow]] = []
 
-            def run(jobs: int = jobs, study: Study = study, judged: list[list[PlantRunResult]] = judged) -> None:
+            def run(jobs: int = jobs, study: Study = study, judged: list[list[PlantRow]] = judged) -> None:
                 judged[:] = judge_all([study], runs, LocalProcesses(jobs))
 
             took = seconds(run)

@@ -15,7 +15,7 @@ from drive_profiles.cli.console import epilog, fail, table
 from plant_emulator.cli.console import EmulatorExitStatus, exit_on_error, exit_on_value_error
 
 if TYPE_CHECKING:
-    from plant_emulator.rehearsal.many.rows import Row, Value
+    from plant_emulator.trials.rows import Row, Value
 
 EPILOG = epilog(
     (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
@@ -104,7 +104,7 @@ def fleet(
     """
     from drive_profiles.files.safefile import write_atomically
     from plant_emulator.rehearsal.many.seeds import seeds_of
-    from plant_emulator.rehearsal.many.table import csv_text
+    from plant_emulator.trials.table import csv_text
 
     home = _home(home_deg, tip_link, urdf)
     with exit_on_error():
@@ -142,7 +142,7 @@ def fleet(
 
 def _listed(out: Path) -> "list[Row]":
     """Return the rows of the robots that are in the folder already."""
-    from plant_emulator.rehearsal.many.table import read_rows
+    from plant_emulator.trials.table import read_rows
 
     path = out / "robots.csv"
     if not path.exists():

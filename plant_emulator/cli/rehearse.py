@@ -22,8 +22,9 @@ from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, exit_wit
 
 if TYPE_CHECKING:
     from plant_emulator.rehearsal.many.claims import RehearsalClaim
-    from plant_emulator.rehearsal.many.rows import Kept, Row
+    from plant_emulator.rehearsal.many.rows import Kept
     from plant_emulator.trials.executors import Executors
+    from plant_emulator.trials.rows import Row
 
 EPILOG = epilog(
     (
@@ -232,7 +233,7 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
     from plant_emulator.rehearsal.many import tables
     from plant_emulator.rehearsal.many.claims import claims_of, document
     from plant_emulator.rehearsal.many.page import write_page
-    from plant_emulator.rehearsal.many.table import write_table
+    from plant_emulator.trials.table import write_table
 
     rows = kept.rows()
     if not rows:

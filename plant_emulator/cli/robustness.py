@@ -6,7 +6,7 @@ It states the fraction that meets the specification, and the unknowns that matte
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -30,10 +30,11 @@ if TYPE_CHECKING:
     from hil.control.notch import Notch
     from plant_emulator.robots.robot import Robot
     from plant_emulator.robots.tuning import TunedAxis
-    from plant_emulator.studies.robustness import PlantRunResult, Study
+    from plant_emulator.studies.robustness import Study
     from plant_emulator.studies.spread import PlantSpread
-    from plant_emulator.studies.summary import Influence, RunFraction, Summary
+    from plant_emulator.studies.summary import Influence, Summary
     from plant_emulator.trials.executors import Executors
+    from plant_emulator.trials.statistics import RunFraction
 
 ROBUSTNESS_EPILOG = epilog(
     (
@@ -49,6 +50,13 @@ ROBUSTNESS_EPILOG = epilog(
         EmulatorExitStatus.BUS: "no scheduler, or it is lost",
     },
 )
+RESULT_WORDS = {
+    "tip_peak_mm": "tip peak in mm",
+    "area_reduction_percent": "area reduced by %",
+    "following_error_rev": "following error in rev",
+    "residual_mm": "left at the end in mm",
+    "growth_per_s": "slowest pole in 1/s",
+}
 SHOWN = 10
 """Unknowns in the table on standard output, at least where there are as many; the files have all."""
 
@@ -290,9 +298,9 @@ def _show(summary: "Summary") -> None:
     table(title(summary), ("", "plants", "share", "95 % interval"), rows)
     heads = tuple(f"{percent} %" for percent in PERCENTILES)
     values = tuple(_number(summary.percentiles[percent]) for percent in PERCENTILES)
-    own = _number(_result(summary, summary.nominal))
+    own, furthest = (_number(study.result(each)) for each in (summary.nominal, summary.worst))
     name = "reduction of the area" if summary.is_by_area else "tip peak"
-    table("", (f"{name} in {unit}", "robot file", *heads, "worst"), [(f"seed {study.seed}", own, *values, _worst(summary))])
+    table("", (f"{name} in {unit}", "robot file", *heads, "worst"), [(f"seed {study.seed}", own, *values, furthest)])
     if summary.influences:
         count = max(SHOWN, sum(each.is_clear for each in summary.influences))
         rows = [_influence(each) for each in summary.influences[:count]]
@@ -301,10 +309,10 @@ def _show(summary: "Summary") -> None:
             typer.echo(f"A linear regression over all unknowns explains {100.0 * summary.explained:.0f} % of the variance.")
     worst = summary.worst
     strongest = [each.name for each in summary.influences[:5]]
-    drawn = ", ".join(f"{name} {worst.values[name]:.4g}" for name in strongest)
+    drawn = ", ".join(f"{name} {worst[name]:.4g}" for name in strongest)
     chosen = "--experiment line-motion" if study.axis is None else f"--axis {study.axis}"
-    typer.echo(f"Worst: plant {worst.index} of seed {study.seed}{': ' if drawn else ''}{drawn}")
-    typer.echo(f"  repeat it with: {chosen} --seed {study.seed} --only {worst.index}")
+    typer.echo(f"Worst: plant {worst['index']} of seed {study.seed}{': ' if drawn else ''}{drawn}")
+    typer.echo(f"  repeat it with: {chosen} --seed {study.seed} --only {worst['index']}")
 
 
 def _fraction_cells(fraction: "RunFraction") -> tuple[str, str, str]:
@@ -326,16 +334,6 @@ def _influence(each: "Influence") -> tuple[str, ...]:
     )
 
 
-def _result(summary: "Summary", judged: "PlantRunResult") -> float:
-    from plant_emulator.studies.summary import result
-
-    return result(summary.study, judged)
-
-
-def _worst(summary: "Summary") -> str:
-    return _number(_result(summary, summary.worst))
-
-
 def _number(value: float) -> str:
     return f"{value:.4g}"
 
@@ -347,45 +345,40 @@ def _one(studies: Sequence["Study"], index: int, out: Path | None, *, as_json: b
 
     documents = []
     for study in studies:
-        judged = study.judge(index)
-        documents.append({"axis": study.axis, "seed": study.seed, **run_document(judged)})
+        row = study.judge(index)
+        documents.append({"axis": study.axis, "seed": study.seed, **run_document(study, row)})
         if out is not None:
             where = "line" if study.axis is None else f"axis{study.axis}"
             path = out / f"run-{where}-{index}.csv"
             write_atomically(path, _run_csv(study, index).encode(), force=True)
             typer.echo(f"run in {path}", err=True)
         if not as_json:
-            found = {
-                "tip peak in mm": _number(judged.tip_peak_mm),
-                **(
-                    {} if judged.area_reduction_percent is None else {"area reduced by %": _number(judged.area_reduction_percent)}
-                ),
-                "following error in rev": _number(judged.following_error_rev),
-                "left at the end in mm": _number(judged.residual_mm),
-                "slowest pole in 1/s": _number(judged.growth_per_s),
-                "stable": "yes" if judged.is_stable else f"no: {', '.join(judged.faults)}",
-                "meets the specification": "yes" if judged.meets else "no",
-            }
+            found = [(words, _number(value)) for name, words in RESULT_WORDS.items() if isinstance(value := row[name], float)]
+            found += [
+                ("stable", f"no: {str(row['faults']).replace(' ', ', ')}" if row["faults"] else "yes"),
+                ("meets the specification", "yes" if row["meets"] else "no"),
+            ]
             moved = "line motion" if study.axis is None else f"axis {study.axis}"
-            table(f"{moved}, plant {index} of seed {study.seed}", ("", ""), list(found.items()))
-            table("", ("drawn", ""), [(name, _number(value)) for name, value in judged.values.items()])
+            table(f"{moved}, plant {index} of seed {study.seed}", ("", ""), found)
+            table("", ("drawn", ""), [(unknown.name, f"{row[unknown.name]:.4g}") for unknown in study.unknowns])
     if as_json:
         print_json({"runs": documents})
 
 
 def _run_csv(study: "Study", index: int) -> str:
     """Return the signals of one run as CSV, one line per SYNC."""
-    trace = study.run(*study.draw(index))
-    heads = ["time_s"]
-    for number in study.axes:
-        names = ("reference_counts", "position_counts", "arm_angle_rad", "torque_nm")
-        heads += [f"axis{number}_{name}" for name in names]
-    lines = [",".join([*heads, "tip_z_m_s2", "measured_z_m_s2"])]
-    format_: Callable[[float], str] = "{:.10g}".format
-    for i, at in enumerate(study.times):
-        cells = [float(at)]
-        for column in range(len(study.axes)):
-            signals = study.set_points, trace.run.position_counts, trace.run.arm_angle_rad, trace.run.torque_nm
-            cells += [float(each[i, column]) for each in signals]
-        lines.append(",".join(map(format_, [*cells, float(trace.run.tip_m_s2[i, 2]), float(trace.measured_m_s2[i])])))
-    return "\n".join(lines) + "\n"
+    import numpy as np
+
+    from plant_emulator.trials.table import csv_text
+
+    motion = study.run(*study.draw(index))
+    run, columns = motion.run, {"time_s": study.times}
+    for column, number in enumerate(study.axes):
+        signals = {
+            "reference_counts": study.set_points, "position_counts": run.position_counts,
+            "arm_angle_rad": run.arm_angle_rad, "torque_nm": run.torque_nm,
+        }  # fmt: skip
+        columns |= {f"axis{number}_{name}": signal[:, column] for name, signal in signals.items()}
+    columns |= {"tip_z_m_s2": run.tip_m_s2[:, 2], "measured_z_m_s2": motion.measured_m_s2}
+    rows = np.column_stack([*columns.values()]).tolist()
+    return csv_text([{name: f"{value:.10g}" for name, value in zip(columns, row, strict=True)} for row in rows])

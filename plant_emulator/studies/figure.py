@@ -5,41 +5,17 @@ It shows the distribution of the tip peak, and the most influential unknowns.
 
 import io
 from collections.abc import Sequence
-from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from hil.report import style
 from plant_emulator.studies.summary import Summary
-
-BLUE, ORANGE, GREY, BLACK = "#0072B2", "#E69F00", "#9aa3ae", "#000000"
-"""Colours of Okabe and Ito's palette, which the colour-blind can distinguish; hatching repeats the colour's meaning."""
 
 SHOWN = 12
 """Largest number of bars of influence."""
-
-RC = {
-    "font.family": "DejaVu Sans",
-    "font.size": 8.5,
-    "axes.titlesize": 9.0,
-    "axes.titlelocation": "left",
-    "axes.linewidth": 0.7,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "#d9dde3",
-    "grid.linewidth": 0.5,
-    "hatch.linewidth": 0.5,
-    "legend.frameon": False,
-    "legend.fontsize": 8.0,
-    "svg.fonttype": "path",  # the same picture everywhere, whatever fonts there are
-    "svg.hashsalt": "robustness",
-}
 
 
 def figure_svg(summaries: Sequence[Summary]) -> str:
@@ -47,11 +23,8 @@ def figure_svg(summaries: Sequence[Summary]) -> str:
 
     A row has the distribution with its limit, and the strongest influences.
     """
-    with mpl.rc_context():
-        mpl.rcParams.update(cast("Any", RC))
-        figure = Figure(figsize=(8.8, 3.4 * len(summaries)), layout="constrained")
-        FigureCanvasSVG(figure)
-        panels = figure.subplots(len(summaries), 2, squeeze=False)
+    with style.styled(), mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "robustness"}):  # the same picture everywhere
+        figure, panels = style.panels(len(summaries), 2, 3.4 * len(summaries))
         for row, summary in enumerate(summaries):
             _distribution(panels[row, 0], summary)
             _influences(panels[row, 1], summary)
@@ -78,12 +51,12 @@ def _distribution(panel: Axes, summary: Summary) -> None:
         first, last = np.floor((finite.min() - limit) / width), np.ceil((finite.max() - limit) / width)
         edges = (limit + width * np.arange(first, last + 1.5)).tolist()
         is_within = finite >= limit if summary.is_by_area else finite <= limit
-        panel.hist(finite[is_within], edges, color=BLUE, edgecolor="white", linewidth=0.4, label="within the specification")
-        panel.hist(finite[~is_within], edges, color=ORANGE, edgecolor="white", linewidth=0.4, hatch="////", label="outside")
-    panel.axvline(limit, color=BLACK, linestyle=(0, (1, 1.6)), linewidth=1.2, label=f"limit, {limit:g} {unit}")
-    nominal = summary.nominal.area_reduction_percent if summary.is_by_area else summary.nominal.tip_peak_mm
-    if nominal is not None and np.isfinite(nominal):
-        panel.plot([nominal], [0.0], marker="^", color=BLACK, linestyle="none", clip_on=False, zorder=5, label="robot file")
+        panel.hist(finite[is_within], edges, color=style.BLUE, edgecolor="white", linewidth=0.4, label="within the specification")
+        panel.hist(finite[~is_within], edges, color=style.ORANGE, edgecolor="white", linewidth=0.4, hatch="////", label="outside")
+    panel.axvline(limit, **style.LIMIT, label=f"limit, {limit:g} {unit}")
+    nominal = study.result(summary.nominal)
+    if np.isfinite(nominal):
+        panel.plot([nominal], [0.0], marker="^", color=style.BLACK, linestyle="none", clip_on=False, zorder=5, label="robot file")
     panel.set_xlabel(f"{'reduction of the spectrum’s area' if summary.is_by_area else 'tip peak'} in {unit}")
     panel.set_ylabel("plants")
     panel.set_title(title(summary))
@@ -102,9 +75,11 @@ def _influences(panel: Axes, summary: Summary) -> None:
     rows = np.arange(len(shown))
     values = np.array([each.correlation for each in shown])
     reach = np.abs(np.array([[each.correlation - each.low, each.high - each.correlation] for each in shown]).T)
-    colours = [BLUE if each.is_clear else GREY for each in shown]
-    panel.barh(rows, values, xerr=reach, color=colours, ecolor=BLACK, error_kw={"linewidth": 0.8, "capsize": 2.0}, height=0.7)
-    panel.axvline(0.0, color=BLACK, linewidth=0.7)
+    colours = [style.BLUE if each.is_clear else style.GREY for each in shown]
+    panel.barh(
+        rows, values, xerr=reach, color=colours, ecolor=style.BLACK, error_kw={"linewidth": 0.8, "capsize": 2.0}, height=0.7
+    )
+    panel.axvline(0.0, color=style.BLACK, linewidth=0.7)
     panel.set_yticks(rows, [each.label for each in shown])
     panel.set_xlim(-1.0, 1.0)
     panel.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0])

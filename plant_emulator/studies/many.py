@@ -6,8 +6,9 @@ The result depends neither on the executors nor on their number.
 from collections.abc import Callable, Sequence
 from itertools import chain
 
-from plant_emulator.studies.robustness import PlantRunResult, Study
+from plant_emulator.studies.robustness import Study
 from plant_emulator.trials.executors import Executors
+from plant_emulator.trials.rows import Row, number
 from plant_emulator.trials.running import run_all
 
 MOST_TOGETHER, SHARES = 50, 8
@@ -22,7 +23,7 @@ Chunk = tuple[int, int, int]
 
 def judge_all(
     studies: Sequence[Study], runs: int, executors: Executors, on_done: Callable[[int], None] = lambda count: None
-) -> list[list[PlantRunResult]]:
+) -> list[list[Row]]:
     """Judge plants 0, 1, … of each study.
 
     Args:
@@ -38,9 +39,9 @@ def judge_all(
     """
     if runs < 1:
         raise ValueError(f"{runs} runs; at least 1 is needed")
-    found: list[list[PlantRunResult]] = [[] for _ in studies]
+    found: list[list[Row]] = [[] for _ in studies]
 
-    def keep(judged: tuple[int, list[PlantRunResult]]) -> None:
+    def keep(judged: tuple[int, list[Row]]) -> None:
         found[judged[0]] += judged[1]
         on_done(len(judged[1]))
 
@@ -48,14 +49,14 @@ def judge_all(
         size = min(MOST_TOGETHER, max(1, len(studies) * runs // (SHARES * executors.capacity())))
         chunks = (((number, first, min(first + size, runs)) for first in range(0, runs, size)) for number in range(len(studies)))
         run_all(chain.from_iterable(chunks), _judge, (tuple(studies),), executors, keep, _crashed)
-    return [sorted(each, key=lambda judged: judged.index) for each in found]
+    return [sorted(each, key=lambda row: number(row, "index") or 0.0) for each in found]
 
 
-def _judge(chunk: Chunk, studies: Sequence[Study]) -> tuple[int, list[PlantRunResult]]:
+def _judge(chunk: Chunk, studies: Sequence[Study]) -> tuple[int, list[Row]]:
     number, first, end = chunk
     return number, [studies[number].judge(index) for index in range(first, end)]
 
 
-def _crashed(chunk: Chunk) -> tuple[int, list[PlantRunResult]]:
+def _crashed(chunk: Chunk) -> tuple[int, list[Row]]:
     _, first, end = chunk
     raise RuntimeError(f"the process that simulates plants {first} to {end - 1} died twice")

@@ -43,6 +43,7 @@ from plant_emulator.studies.spread import (
     drawn_sensor,
     nominal,
 )
+from plant_emulator.trials.rows import Row
 
 Real = NDArray[np.float64]
 
@@ -70,38 +71,22 @@ SPEED_STEP_RPS = 0.25
 """Grid of motor speeds at which the closed loop's poles are looked at, filters frozen."""
 
 
-@dataclass(frozen=True)
-class PlantRunResult:
-    """Result of one run.
+RESULTS = (
+    "index", "tip_peak_mm", "tip_rms_mm", "area_reduction_percent", "following_error_rev", "residual_mm", "growth_per_s",
+    "faults", "meets",
+)  # fmt: skip
+"""Columns of a plant's row before its drawn values.
 
-    Attributes:
-        index: Number of the draw; −1 for the robot of the file.
-        values: Drawn values, by name.
-        tip_peak_mm: Largest tip displacement in the window as measured; infinite where the run does not pass through it.
-        tip_rms_mm: Its root mean square there.
-        area_reduction_percent: Reduction of the spectrum's area by the filters, in a line motion with filters; else None.
-        following_error_rev: Largest distance of a motor from its set-point.
-        residual_mm: Largest true tip displacement above f_al/2 in the last quarter of a second.
-        growth_per_s: `closed_loop.growth_per_s`, the worst axis.
-        faults: Reasons why it is not stable: `diverged`, `following`, `vibration`, `torque`, `poles`.
-        meets: It is stable and within the specification.
-    """
-
-    index: int
-    values: Mapping[str, float]
-    tip_peak_mm: float
-    tip_rms_mm: float
-    area_reduction_percent: float | None
-    following_error_rev: float
-    residual_mm: float
-    growth_per_s: float
-    faults: tuple[str, ...] = ()
-    meets: bool = False
-
-    @property
-    def is_stable(self) -> bool:
-        """True if no fault was found."""
-        return not self.faults
+- `index`: number of the draw; −1 for the robot of the file.
+- `tip_peak_mm`: largest tip displacement in the window as measured; infinite where the run does not pass through it.
+- `tip_rms_mm`: its root mean square there.
+- `area_reduction_percent`: reduction of the spectrum's area by the filters, in a line motion with filters; else None.
+- `following_error_rev`: largest distance of a motor from its set-point.
+- `residual_mm`: largest true tip displacement above f_al/2 in the last quarter of a second.
+- `growth_per_s`: that of `closed_loop`, of the worst axis.
+- `faults`: why it is not stable, with spaces between: `diverged`, `following`, `vibration`, `torque`, `poles`.
+- `meets`: true if it is stable and within the specification.
+"""
 
 
 class SimulatedMotion(NamedTuple):
@@ -330,53 +315,58 @@ class Study:
         measured = tip_sensor(plant.robot.accelerometer, source).samples(run.sensed_m_s2)[:, 2]
         return SimulatedMotion(run, measured, self._f_al_of(plant.robot))
 
-    def judge(self, index: int) -> PlantRunResult:
-        """Draw a plant, run it, judge it."""
+    def judge(self, index: int) -> Row:
+        """Draw a plant, run it, judge it; return its row."""
         plant, source = self.draw(index)
-        trace = self.run(plant, source)
+        motion = self.run(plant, source)
         period_s, axes = self.robot.control_period_s, plant.robot.axis
         growth = max(growth_per_s(axes[number], self._laws[number], period_s) for number in self.axes)
         faults = ["poles"] if growth >= 0.0 else []
-        if not trace.is_finite:
-            return PlantRunResult(
-                index, plant.values, math.inf, math.inf, None, math.inf, math.inf, growth, ("diverged", *faults)
-            )
-        peak, rms = self._tip_in_window(trace)
-        residual = self._residual(trace, faults)
-        following = self._following_error_rev(trace)
+        if not motion.is_finite:
+            results = math.inf, math.inf, None, math.inf, math.inf, growth, " ".join(("diverged", *faults)), False
+            return dict(zip(RESULTS, (index, *results), strict=True)) | plant.values
+        peak, rms = self._tip_in_window(motion)
+        residual = self._residual(motion, faults)
+        following = self._following_error_rev(motion)
         if np.any(following > self._following_reach_rev):
             faults.append("following")
         reduction = None
         if self.is_by_area:
             bare = self.run(*self.draw(index), filters={})  # the same noise too
-            reduction = 100.0 * (1.0 - self._area(trace) / self._area(bare))
+            reduction = 100.0 * (1.0 - self._area(motion) / self._area(bare))
         is_within = peak <= self.tip_mm if reduction is None else reduction >= self.area_reduction_percent
-        found = tuple(sorted(faults))
-        return PlantRunResult(
-            index, plant.values, peak, rms, reduction, float(np.max(following)), residual, growth, found, is_within and not found
-        )
+        errors = float(np.max(following)), residual, growth, " ".join(sorted(faults))
+        return dict(zip(RESULTS, (index, peak, rms, reduction, *errors, is_within and not faults), strict=True)) | plant.values
 
-    def _tip_in_window(self, trace: SimulatedMotion) -> tuple[float, float]:
+    def result(self, row: Row) -> float:
+        """Return the number by which a plant is judged: its tip peak in mm, or the reduction of the area in percent.
+
+        It is infinitely bad if it could not be measured.
+        """
+        found = row["area_reduction_percent" if self.is_by_area else "tip_peak_mm"]
+        return found if isinstance(found, float) else -math.inf
+
+    def _tip_in_window(self, motion: SimulatedMotion) -> tuple[float, float]:
         """Return largest and mean square tip displacement, as measured.
 
         They are those in the window of the judgement.
         """
-        scale = tip_scale(trace.f_al_hz)
-        displacement = tip_displacement_mm(trace.measured_m_s2, self.robot.sync_period_s, scale)[self._window(trace)]
+        scale = tip_scale(motion.f_al_hz)
+        displacement = tip_displacement_mm(motion.measured_m_s2, self.robot.sync_period_s, scale)[self._window(motion)]
         if len(displacement) < WINDOW_SAMPLES:
             return math.inf, math.inf
         return float(np.max(np.abs(displacement))), float(np.sqrt(np.mean(displacement**2)))
 
-    def _window(self, trace: SimulatedMotion) -> NDArray[np.bool_]:
+    def _window(self, motion: SimulatedMotion) -> NDArray[np.bool_]:
         """Return the rows in which the tip is judged."""
         if self.axis is None:
             start, (begin_s, end_s) = self._line_start_s(), line_window_s(self._line_s())
             return np.asarray((self.times >= start + begin_s) & (self.times <= start + end_s))
         angle, period_s = (
-            trace.run.position_counts[:, 0] / self.robot.axis[self.axis].encoder_counts_per_rev,
+            motion.run.position_counts[:, 0] / self.robot.axis[self.axis].encoder_counts_per_rev,
             self.robot.sync_period_s,
         )
-        return rising_within(np.abs(speed_of(angle, period_s)), period_s, order_window_rps(trace.f_al_hz, JUDGED_ORDER))
+        return rising_within(np.abs(speed_of(angle, period_s)), period_s, order_window_rps(motion.f_al_hz, JUDGED_ORDER))
 
     def _line_start_s(self) -> float:
         return 0.0 if self.robot.line_motion is None else self.robot.line_motion.dwell_s
@@ -384,35 +374,35 @@ class Study:
     def _line_s(self) -> float:
         return 0.0 if self.robot.line_motion is None else self.robot.line_motion.duration_s
 
-    def _area(self, trace: SimulatedMotion) -> float:
+    def _area(self, motion: SimulatedMotion) -> float:
         """Return the area of a line motion's amplitude spectrum."""
         start = self._line_start_s()
         inside = (self.times >= start) & (self.times <= start + self._line_s())
-        return area(*amplitude_spectrum(trace.measured_m_s2[inside], self.robot.sync_period_s, "boxcar"), LINE_BAND_HZ)
+        return area(*amplitude_spectrum(motion.measured_m_s2[inside], self.robot.sync_period_s, "boxcar"), LINE_BAND_HZ)
 
-    def _following_error_rev(self, trace: SimulatedMotion) -> Real:
+    def _following_error_rev(self, motion: SimulatedMotion) -> Real:
         """Return each motor's largest distance from its set-point, shape (axes,).
 
         It is in revolutions, and measured from the set-point that the motor should have reached.
         """
         counts = np.array([self.robot.axis[number].encoder_counts_per_rev for number in self.axes])
         reached = np.concatenate([self.set_points[:1], self.set_points[:-1]])
-        return np.asarray(np.max(np.abs(reached - trace.run.position_counts), axis=0) / counts)
+        return np.asarray(np.max(np.abs(reached - motion.run.position_counts), axis=0) / counts)
 
-    def _residual(self, trace: SimulatedMotion, faults: list[str]) -> float:
+    def _residual(self, motion: SimulatedMotion, faults: list[str]) -> float:
         """Return the true vibration at the end, in mm.
 
         Signs of an unstable loop are added to the faults.
         """
         quarter = round(0.5 * TAIL_S / self.robot.sync_period_s)
-        f_al, period_s = trace.f_al_hz, self.robot.sync_period_s
+        f_al, period_s = motion.f_al_hz, self.robot.sync_period_s
         above = scipy.signal.butter(2, tip_scale(f_al).band_hz[0], "highpass", fs=1.0 / period_s, output="sos")
-        swing = 1e3 * scipy.signal.sosfiltfilt(above, trace.run.tip_m_s2[:, 2]) / (2.0 * math.pi * f_al) ** 2
+        swing = 1e3 * scipy.signal.sosfiltfilt(above, motion.run.tip_m_s2[:, 2]) / (2.0 * math.pi * f_al) ** 2
         before, last = swing[-2 * quarter : -quarter], swing[-quarter:]
         residual = float(np.max(np.abs(last)))
         if residual > SEEN_FRACTION * self.tip_mm and np.std(last) > DECAY * np.std(before):
             faults.append("vibration")
         limits = np.array([self.robot.axis[number].torque_limit_nm for number in self.axes])
-        if np.any(np.std(trace.run.torque_nm[-quarter:], axis=0) > RIPPLE_FRACTION * limits):
+        if np.any(np.std(motion.run.torque_nm[-quarter:], axis=0) > RIPPLE_FRACTION * limits):
             faults.append("torque")
         return residual

@@ -7,35 +7,24 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from plant_emulator.studies.robustness import PlantRunResult, Study
+from plant_emulator.studies.robustness import RESULTS, Study
 from plant_emulator.studies.spread import Unknown
+from plant_emulator.trials.rows import Row, Value, numbers, text
+from plant_emulator.trials.statistics import CONFIDENCE, RunFraction, percentiles, run_fraction
+from plant_emulator.trials.table import csv_text
 
 Real = NDArray[np.float64]
 
-CONFIDENCE = 0.95
 PERCENTILES = (5, 25, 50, 75, 95, 99)
 FEWEST_RUNS = 20
 """Fewest runs for influences."""
-
-
-@dataclass(frozen=True)
-class RunFraction:
-    """A fraction of the runs with its 95 % interval.
-
-    The interval is Wilson's score.
-    """
-
-    count: int
-    runs: int
-    fraction: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -83,15 +72,15 @@ class Summary:
     """
 
     study: Study
-    judged: tuple[PlantRunResult, ...]
-    nominal: PlantRunResult
+    judged: tuple[Row, ...]
+    nominal: Row
     meeting: RunFraction
     stable: RunFraction
     faults: dict[str, int]
     percentiles: dict[int, float]
     influences: tuple[Influence, ...]
     explained: float | None
-    worst: PlantRunResult
+    worst: Row
 
     @property
     def is_by_area(self) -> bool:
@@ -100,50 +89,31 @@ class Summary:
 
     @property
     def results(self) -> Real:
-        """Results run by run.
-
-        They are tip peaks in mm, or reductions of the area in percent.
-        """
-        return np.array([result(self.study, each) for each in self.judged])
+        """Results run by run; see `Study.result`."""
+        return np.array([self.study.result(each) for each in self.judged])
 
 
-def result(study: Study, judged: PlantRunResult) -> float:
-    """Return the result by which a run is judged.
-
-    It is infinitely bad if it could not be measured.
-    """
-    if not study.is_by_area:
-        return judged.tip_peak_mm
-    return -math.inf if judged.area_reduction_percent is None else judged.area_reduction_percent
-
-
-def run_fraction(count: int, runs: int) -> RunFraction:
-    """Return a fraction of the runs and its Wilson interval."""
-    interval = scipy.stats.binomtest(count, runs).proportion_ci(CONFIDENCE, "wilson")
-    return RunFraction(count, runs, count / runs, float(interval.low), float(interval.high))
-
-
-def summarise(study: Study, judged: Sequence[PlantRunResult], nominal: PlantRunResult) -> Summary:
+def summarise(study: Study, judged: Sequence[Row], nominal: Row) -> Summary:
     """Summarise the runs of a study, at least one."""
-    values = np.array([result(study, each) for each in judged])
+    values = np.array([study.result(each) for each in judged])
     bad = -values if study.is_by_area else values
     found, explained = influences(study, judged, values)
+    faults = [text(each, "faults").split() for each in judged]
     return Summary(
         study=study,
         judged=tuple(judged),
         nominal=nominal,
-        meeting=run_fraction(sum(each.meets for each in judged), len(judged)),
-        stable=run_fraction(sum(each.is_stable for each in judged), len(judged)),
-        faults=dict(sorted(Counter(fault for each in judged for fault in each.faults).items())),
-        # a percentile that is a run's own: between infinity and a number there is nothing
-        percentiles={percent: float(np.percentile(values, percent, method="nearest")) for percent in PERCENTILES},
+        meeting=run_fraction(sum(each["meets"] is True for each in judged), len(judged)),
+        stable=run_fraction(sum(not each for each in faults), len(judged)),
+        faults=dict(sorted(Counter(chain.from_iterable(faults)).items())),
+        percentiles=percentiles(values, PERCENTILES),
         influences=found,
         explained=explained,
         worst=judged[int(np.argmax(bad))],
     )
 
 
-def influences(study: Study, judged: Sequence[PlantRunResult], values: Real) -> tuple[tuple[Influence, ...], float | None]:
+def influences(study: Study, judged: Sequence[Row], values: Real) -> tuple[tuple[Influence, ...], float | None]:
     """Return the unknowns by influence, and the explained variance.
 
     The order is that of the rank correlation with the result; a regression gives the variance.
@@ -151,7 +121,7 @@ def influences(study: Study, judged: Sequence[PlantRunResult], values: Real) -> 
     unknowns = [unknown for unknown in study.unknowns if unknown.is_open(study.spread)]
     if len(judged) < FEWEST_RUNS or not unknowns or np.ptp(scipy.stats.rankdata(values)) == 0.0:
         return (), None
-    columns = [np.array([each.values[unknown.name] for each in judged]) for unknown in unknowns]
+    columns = [np.array(numbers(judged, unknown.name)) for unknown in unknowns]
     coefficients, explained = _regression(unknowns, columns, values)
     found = []
     for unknown, column, coefficient in zip(unknowns, columns, coefficients, strict=True):
@@ -262,8 +232,8 @@ def document(summary: Summary) -> dict[str, Any]:
         "stable": _fraction_document(summary.stable),
         "faults": summary.faults,
         "percentiles": {str(percent): finite(value) for percent, value in summary.percentiles.items()},
-        "nominal": run_document(summary.nominal),
-        "worst": run_document(summary.worst),
+        "nominal": run_document(study, summary.nominal),
+        "worst": run_document(study, summary.worst),
         "influences": [asdict(each) for each in summary.influences],
         "explained": summary.explained,
     }
@@ -280,25 +250,18 @@ def _fraction_document(fraction: RunFraction) -> dict[str, Any]:
     }
 
 
-def finite(value: float | None) -> float | None:
-    """Return the number if JSON can express it, else None."""
-    return value if value is not None and math.isfinite(value) else None
-
-
-def run_document(judged: PlantRunResult) -> dict[str, Any]:
+def run_document(study: Study, row: Row) -> dict[str, Any]:
     """Return one run for JSON."""
-    return {
-        "index": judged.index,
-        "tip_peak_mm": finite(judged.tip_peak_mm),
-        "tip_rms_mm": finite(judged.tip_rms_mm),
-        "area_reduction_percent": finite(judged.area_reduction_percent),
-        "following_error_rev": finite(judged.following_error_rev),
-        "residual_mm": finite(judged.residual_mm),
-        "growth_per_s": judged.growth_per_s,
-        "faults": list(judged.faults),
-        "meets": judged.meets,
-        "values": dict(judged.values),
+    results = {name: finite(row[name]) for name in RESULTS}
+    return results | {
+        "faults": text(row, "faults").split(),
+        "values": {unknown.name: row[unknown.name] for unknown in study.unknowns},
     }
+
+
+def finite(value: Value) -> Value:
+    """Return the value if JSON can express it, else None."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def draws_csv(summary: Summary) -> str:
@@ -306,12 +269,9 @@ def draws_csv(summary: Summary) -> str:
 
     A line has the run's index, its judgement, and all drawn values.
     """
-    names = [unknown.name for unknown in summary.study.unknowns]
-    heads = ["index", "tip_peak_mm", "tip_rms_mm", "area_reduction_percent", "following_error_rev", "residual_mm", "growth_per_s"]
-    lines = [",".join([*heads, "faults", "meets", *names])]
-    for each in summary.judged:
-        numbers = [getattr(each, name) for name in heads]
-        cells = ["" if value is None else f"{value:.9g}" for value in numbers]
-        cells += [" ".join(each.faults), str(int(each.meets)), *(f"{each.values[name]:.9g}" for name in names)]
-        lines.append(",".join(cells))
-    return "\n".join(lines) + "\n"
+    return csv_text([{name: _cell(value) for name, value in row.items()} for row in summary.judged])
+
+
+def _cell(value: Value) -> Value:
+    """Return a value with nine digits; truth values are 1 and 0."""
+    return int(value) if isinstance(value, bool) else f"{value:.9g}" if isinstance(value, float) else value

@@ -26,12 +26,13 @@ from hil.experiments.treatment import Knowledge
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.arms.conditions import LEARNT, conditions_of
 from plant_emulator.rehearsal.arms.survey import true_line
-from plant_emulator.rehearsal.many.rows import BROKEN, WALKED, Row, Value, plain
+from plant_emulator.rehearsal.many.rows import BROKEN, WALKED
 from plant_emulator.rehearsal.record import MAX_WORDS
 from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, note_of_run
 from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.drawn_arms import arm_facts, draw_arm
 from plant_emulator.robots.robot import ArmRobot, load_robot
+from plant_emulator.trials.rows import Row, Value, plain
 from plant_emulator.world import World
 
 Made = TypeVar("Made")

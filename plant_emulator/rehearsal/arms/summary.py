@@ -10,9 +10,10 @@ import numpy as np
 from hil.report.tables.paper_runs import Cell, ReportTable
 from plant_emulator.rehearsal.arms.conditions import NAMES
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
-from plant_emulator.rehearsal.many.reading import is_quiet, numbers, text
-from plant_emulator.rehearsal.many.rows import WALKED, Row
-from plant_emulator.rehearsal.many.summary import fraction_text
+from plant_emulator.rehearsal.many.reading import is_quiet
+from plant_emulator.rehearsal.many.rows import WALKED
+from plant_emulator.trials.rows import Row, numbers, text
+from plant_emulator.trials.statistics import fraction_text
 
 QUIET_FRACTION = 0.9
 """Smallest part of the arms whose tip becomes quiet in all conditions."""

@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hil.errors import RefusalCause
-from plant_emulator.rehearsal.many.reading import number, text, worst_tip_mm
-from plant_emulator.rehearsal.many.rows import Row
+from plant_emulator.rehearsal.many.reading import worst_tip_mm
 from plant_emulator.rehearsal.without import SHORT_SYNC_S, is_true
+from plant_emulator.trials.rows import Row, number, text
 
 REFUSED = frozenset({"refused", "stopped"})
 LAST_WORDS = ("cancellation_learnt", "learn", "cancellation", "ate", "plant")

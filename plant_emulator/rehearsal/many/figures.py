@@ -14,8 +14,7 @@ from matplotlib.ticker import MaxNLocator, NullFormatter, PercentFormatter
 from hil.report import style
 from hil.report.style import Drawing
 from plant_emulator.rehearsal.many.claims import CPU_S, RMS_Z
-from plant_emulator.rehearsal.many.reading import ENDED, is_done, is_quiet, number, numbers, of_kind, text, worst_tip_mm
-from plant_emulator.rehearsal.many.rows import Row
+from plant_emulator.rehearsal.many.reading import ENDED, is_done, is_quiet, of_kind, worst_tip_mm
 from plant_emulator.rehearsal.many.summary import FAR_Z, deviations, quantities
 from plant_emulator.rehearsal.many.wording import (
     FACT_NAMES,
@@ -26,6 +25,8 @@ from plant_emulator.rehearsal.many.wording import (
     counted,
 )
 from plant_emulator.rehearsal.record import QUIET_MM, STEPS, TREATMENTS
+from plant_emulator.trials.rows import Row, number, numbers, text
+from plant_emulator.trials.statistics import run_fraction
 
 COMPUTED = "computed"
 
@@ -221,24 +222,18 @@ def _fractions(panel: Axes, pairs: Any) -> None:
         groups = [(values >= low) & ((values < high) | ((high == last) & (values == last))) for low, high in pairwise(edges)]
     filled = [group for group in groups if group.any()]
     x = np.array([np.median(values[group]) for group in filled])
-    counts, whole = (np.array([fn(group) for group in filled], dtype=float) for fn in (lambda g: holds[g].sum(), np.sum))
-    middle, half = wilson(counts, whole)
-    fraction = counts / whole
-    reach = np.clip([fraction - (middle - half), middle + half - fraction], 0.0, None)
-    panel.errorbar(x, fraction, yerr=reach, marker="o", color=style.BLUE, ecolor=style.GREY, elinewidth=0.9, capsize=2.0)
-
-
-def wilson(counts: style.Real, whole: style.Real, z: float = 1.96) -> tuple[style.Real, style.Real]:
-    """Return centre and half width of Wilson's interval, shape (n,) each.
-
-    >>> import numpy as np
-    >>> middle, half = wilson(np.array([95.0]), np.array([100.0]))
-    >>> round(float((middle - half)[0]), 3), round(float((middle + half)[0]), 3)
-    (0.888, 0.978)
-    """
-    p = counts / whole
-    scale = 1.0 + z**2 / whole
-    return (p + z**2 / (2.0 * whole)) / scale, z * np.sqrt(p * (1.0 - p) / whole + z**2 / (4.0 * whole**2)) / scale
+    found = [run_fraction(int(holds[group].sum()), int(group.sum())) for group in filled]
+    reach = np.array([(each.fraction - each.low, each.high - each.fraction) for each in found]).T
+    panel.errorbar(
+        x,
+        [each.fraction for each in found],
+        yerr=np.clip(reach, 0.0, None),
+        marker="o",
+        color=style.BLUE,
+        ecolor=style.GREY,
+        elinewidth=0.9,
+        capsize=2.0,
+    )
 
 
 def errors(rows: Sequence[Row]) -> Drawing | None:

@@ -14,12 +14,13 @@ from drive_profiles.files.toml import loads
 from drive_profiles.version import version_text
 from hil.bench.bench import Bench
 from plant_emulator.rehearsal.estimates import facts_of
-from plant_emulator.rehearsal.many.rows import BROKEN, WALKED, Row, plain
+from plant_emulator.rehearsal.many.rows import BROKEN, WALKED
 from plant_emulator.rehearsal.path import PathOptions, run_path
 from plant_emulator.rehearsal.record import MAX_WORDS
 from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.fleet import Kind, draw
 from plant_emulator.robots.robot import Robot
+from plant_emulator.trials.rows import Row, plain
 
 BOTH = "both"
 KINDS = (*get_args(Kind), BOTH)

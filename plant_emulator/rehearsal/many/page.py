@@ -16,10 +16,10 @@ from hil.report.tables.paper_runs import ReportTable
 from plant_emulator.rehearsal.many import figures, tables
 from plant_emulator.rehearsal.many.claims import RehearsalClaim, claims_of
 from plant_emulator.rehearsal.many.figures import kinds_of
-from plant_emulator.rehearsal.many.reading import is_quiet, of_kind, text
-from plant_emulator.rehearsal.many.rows import Row
+from plant_emulator.rehearsal.many.reading import is_quiet, of_kind
 from plant_emulator.rehearsal.many.seeds import spans_text
 from plant_emulator.rehearsal.many.wording import KIND_NAMES
+from plant_emulator.trials.rows import Row, text
 
 EMULATED = Origin("emulated", "Emulated robots: nothing on this page was measured on a real one.", is_emulated=True)
 

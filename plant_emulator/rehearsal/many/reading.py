@@ -3,10 +3,10 @@
 It gives numbers, steps, tips and quantities of a robot.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from hil.robot_tables import ORDERS
-from plant_emulator.rehearsal.many.rows import Row
+from plant_emulator.trials.rows import Row, number, text
 
 ENDED = ("done", "noted", "refused", "stopped", "crashed", "skipped")
 """Ends of a step, from the best; `noted` is done with less than was asked."""
@@ -14,23 +14,6 @@ IS_DONE = frozenset({"done", "noted"})
 
 TREATED = ("notch_designed", "cancellation", "cancellation_learnt")
 """Treatments that the path chooses by its measurements; it never chooses the copied notch."""
-
-
-def number(row: Row, name: str) -> float | None:
-    """Return the number of a cell, or None."""
-    value = row.get(name)
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-def text(row: Row, name: str) -> str:
-    """Return the text of a cell, or ""."""
-    value = row.get(name)
-    return value if isinstance(value, str) else ""
-
-
-def numbers(rows: Iterable[Row], name: str) -> list[float]:
-    """Return all numbers of a column."""
-    return [value for row in rows if (value := number(row, name)) is not None]
 
 
 def is_done(row: Row, step: str) -> bool:

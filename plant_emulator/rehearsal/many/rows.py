@@ -5,16 +5,14 @@ They hold plain values by column name. Each is saved atomically in a file of its
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from drive_profiles.errors import FileError, Problem, RefusedError
 from drive_profiles.files.safefile import write_atomically
+from plant_emulator.trials.rows import Row, Value
 from plant_emulator.trials.running import ATTEMPTS
-
-Value = str | int | float | bool | None
-Row = Mapping[str, Value]
 
 WALKED, BROKEN, CRASHED = "walked", "error", "crashed"
 """Ends of a robot's path: at its end, by an internal error, with its process."""
@@ -37,32 +35,9 @@ class RehearsalSettings:
     over_bus: bool
 
 
-def steady(row: Row) -> dict[str, Value]:
-    """Return the columns that follow from the seed alone.
-
-    Columns of processor time differ between machines and days, and are left out.
-    """
-    return {name: value for name, value in row.items() if not name.endswith("cpu_s")}
-
-
 def crashed(seed: int) -> Row:
     """Return the row of a robot whose process died each time."""
     return {"seed": seed, "walk": CRASHED, "walk_words": f"its process died {ATTEMPTS} times"}
-
-
-def plain(value: object) -> Value:
-    """Return the value for a row; non-finite numbers become None.
-
-    Raises:
-        TypeError: It is neither text, number, truth value nor None.
-    """
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    if (item := getattr(value, "item", None)) is not None:  # a scalar of numpy
-        return plain(item())
-    raise TypeError(f"{value!r} is not a value of a row")
 
 
 class Kept:

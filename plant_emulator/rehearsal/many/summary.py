@@ -1,22 +1,16 @@
-"""Statistics of a rehearsal's rows.
-
-They are fractions with their interval, deviations in standard errors, and percentiles.
-"""
+"""Statistics of a rehearsal's rows: deviations in standard errors."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
-from plant_emulator.rehearsal.many.reading import number
-from plant_emulator.rehearsal.many.rows import Row
 from plant_emulator.rehearsal.record import QUANTITIES
+from plant_emulator.trials.rows import Row, number
 
 FAR_Z = 4.0
 """Standard errors beyond which a deviation is no chance."""
-SHOWN_PERCENT = (5, 50, 95)
 
 
 @dataclass(frozen=True)
@@ -84,27 +78,3 @@ def _median_off(rows: Sequence[Row], name: str) -> float | None:
         elif true:
             off.append(abs(estimate / true - 1.0))
     return float(np.median(off)) if off else None
-
-
-def fraction_text(count: int, whole: int) -> str:
-    """Return a fraction with Wilson's 95 % interval as text.
-
-    >>> fraction_text(95, 100), fraction_text(0, 0)
-    ('95 of 100, 95 % (89–98)', '0 of 0')
-    """
-    if not whole:
-        return "0 of 0"
-    interval = scipy.stats.binomtest(count, whole).proportion_ci(0.95, "wilson")
-    low, high = (100.0 * float(each) for each in (interval.low, interval.high))
-    return f"{count} of {whole}, {100.0 * count / whole:.3g} % ({low:.2g}–{high:.2g})"
-
-
-def percentiles(values: Sequence[float]) -> dict[str, float]:
-    """Return percentiles and the largest value.
-
-    Each is one robot's value; the result is empty if there are none.
-    """
-    if not values:
-        return {}
-    found = {f"{percent} %": float(np.percentile(values, percent, method="nearest")) for percent in SHOWN_PERCENT}
-    return found | {"worst": max(values)}

@@ -11,22 +11,13 @@ from hil.report.tables.paper_runs import number as number_text
 from plant_emulator.rehearsal.many.causes import CAUSES, main_refusal, refusals
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.figures import kinds_of
-from plant_emulator.rehearsal.many.reading import (
-    ENDED,
-    accepted,
-    is_done,
-    is_quiet,
-    number,
-    numbers,
-    of_kind,
-    text,
-    tips_mm,
-    worst_tip_mm,
-)
-from plant_emulator.rehearsal.many.rows import WALKED, Row
-from plant_emulator.rehearsal.many.summary import FAR_Z, percentiles, quantities
+from plant_emulator.rehearsal.many.reading import ENDED, accepted, is_done, is_quiet, of_kind, tips_mm, worst_tip_mm
+from plant_emulator.rehearsal.many.rows import WALKED
+from plant_emulator.rehearsal.many.summary import FAR_Z, quantities
 from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES, STEP_NAMES, TREATMENT_NAMES, counted
 from plant_emulator.rehearsal.record import PROBES, STEPS, TREATMENTS
+from plant_emulator.trials.rows import Row, number, numbers, text
+from plant_emulator.trials.statistics import percentiles
 
 MOST_LISTED = 40
 """Robots that are listed one by one; the table of all is beside the page."""
@@ -58,7 +49,7 @@ def tips(rows: Sequence[Row]) -> ReportTable | None:
                 values = [tip for row in done if (tip := worst_tip_mm(row, treatment)) is not None]
             if values:
                 name = "at the path's end" if treatment == "end" else TREATMENT_NAMES[treatment]
-                found = percentiles(values).values()
+                found = (*percentiles(values).values(), max(values))
                 cells.append([name, str(len(values)), *(number_text(value, "{:.2g}") for value in found)])
     if not cells:
         return None
@@ -168,7 +159,14 @@ def cost(rows: Sequence[Row]) -> ReportTable | None:
     for column, name in columns.items():
         values = [value for value in numbers(rows, column) if value > 0.0]
         if values:
-            cells.append([name, str(len(values)), *(number_text(value, "{:.1f}") for value in percentiles(values).values())])
+            shown = (*percentiles(values).values(), max(values))
+            cells.append(
+                [
+                    name,
+                    str(len(values)),
+                    *(number_text(value, "{:.1f}") for value in shown),
+                ]
+            )
     header = ("", "Robots", "5 %", "50 %", "95 %", "Worst")
     caption = "In seconds. The truth: measuring the true tip and trying wrong corrections, which the path does not include."
     return ReportTable("cost", "Processor time (s)", "", header, cells, frozenset({0}), caption) if cells else None

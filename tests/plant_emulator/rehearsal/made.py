@@ -1,7 +1,8 @@
 """Rows as walks give them, made by the record of a walk itself: a robot that is cured, and what may differ."""
 
-from plant_emulator.rehearsal.many.rows import WALKED, plain
+from plant_emulator.rehearsal.many.rows import WALKED
 from plant_emulator.rehearsal.record import FACTS, STEPS, PathRecord, ProbeRecord, QuantityRecord, StepRecord
+from plant_emulator.trials.rows import plain
 
 FACT_VALUES = {
     "reduction_ratio": 100.0, "antiresonance_hz": 10.0, "f_al_hz": 9.5, "inertia_ratio": 2.0, "a1_arcsec": 20.0,

@@ -18,7 +18,8 @@ from plant_emulator.rehearsal.arms.path import REFERENCE_SEED, arm_of, run_arm_s
 from plant_emulator.rehearsal.arms.summary import arm_claims, arm_tips
 from plant_emulator.rehearsal.arms.survey import LineTip, TrueLine, true_line
 from plant_emulator.rehearsal.many import tables
-from plant_emulator.rehearsal.many.rows import WALKED, Row
+from plant_emulator.rehearsal.many.rows import WALKED
+from plant_emulator.trials.rows import Row
 
 
 @pytest.mark.slow

@@ -10,7 +10,8 @@ from hil.errors import RefusalCause
 from plant_emulator.rehearsal.many.causes import CAUSES, main_refusal, refusals
 from plant_emulator.rehearsal.many.claims import FEWEST_FAR, claims_of
 from plant_emulator.rehearsal.many.rows import CRASHED, WALKED, crashed
-from plant_emulator.rehearsal.many.summary import fraction_text, percentiles, quantities
+from plant_emulator.rehearsal.many.summary import quantities
+from plant_emulator.trials.statistics import fraction_text, percentiles
 from tests.plant_emulator.rehearsal.made import CURED, refused, row
 
 NOISE = "not identified: the ratio of the largest amplitude, A_2, to its standard error: 3.8 (at least 5)"
@@ -216,8 +217,7 @@ def test_a_fraction_has_wilson_s_interval():
 
 
 def test_percentiles_are_a_robot_s_own_values():
-    assert percentiles([4.0, 1.0, 3.0, 2.0, 5.0]) == {"5 %": 1.0, "50 %": 3.0, "95 %": 5.0, "worst": 5.0}
-    assert percentiles([]) == {}
+    assert percentiles([4.0, 1.0, 3.0, 2.0, 5.0]) == {5: 1.0, 50: 3.0, 95: 5.0}
 
 
 def test_the_made_rows_are_cured():

@@ -16,8 +16,9 @@ from typer.testing import CliRunner
 from hil.bench.bench import load_bench
 from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.many.one import drawn, kind_of, run_seed
-from plant_emulator.rehearsal.many.rows import BROKEN, WALKED, Kept, RehearsalSettings, steady
+from plant_emulator.rehearsal.many.rows import BROKEN, WALKED, Kept, RehearsalSettings
 from plant_emulator.robots.robot import load_robot
+from plant_emulator.trials.rows import steady
 from tests.plant_emulator.rehearsal.made import refused, row
 
 PROJECT = Path(__file__).parents[3]

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from drive_profiles.errors import FileError, RefusedError
-from plant_emulator.rehearsal.many.rows import MAX_ROW_BYTES, SETTINGS_FILE, Kept, RehearsalSettings, plain, steady
+from plant_emulator.rehearsal.many.rows import MAX_ROW_BYTES, SETTINGS_FILE, Kept, RehearsalSettings
 from plant_emulator.rehearsal.many.seeds import LARGEST_SEED, MOST_SEEDS, seeds_of, spans_text
-from plant_emulator.rehearsal.many.table import csv_text, parquet_bytes, write_table
+from plant_emulator.trials.rows import plain, steady
+from plant_emulator.trials.table import csv_text, parquet_bytes, write_table
 from tests.plant_emulator.rehearsal.made import refused, row
 
 SETTINGS = RehearsalSettings("both", over_bus=False)

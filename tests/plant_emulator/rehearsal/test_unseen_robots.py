@@ -7,9 +7,9 @@ from plant_emulator.rehearsal.many.one import BOTH, run_seed
 from plant_emulator.rehearsal.many.page import write_page
 from plant_emulator.rehearsal.many.reading import accepted, is_quiet, of_kind
 from plant_emulator.rehearsal.many.rows import crashed
-from plant_emulator.rehearsal.many.table import csv_text
 from plant_emulator.trials.executors import LocalProcesses
 from plant_emulator.trials.running import run_all
+from plant_emulator.trials.table import csv_text
 
 FIRST, ROBOTS = 10_041, 40
 """Seeds from here on are not used for anything else: a robot that was looked at is no test any more."""

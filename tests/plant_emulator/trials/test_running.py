@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.many.rows import CRASHED, crashed
-from plant_emulator.rehearsal.many.rows import steady as steady_row
-from plant_emulator.rehearsal.many.table import csv_text
 from plant_emulator.trials.cluster import DaskWorkers, scheduler_address
 from plant_emulator.trials.executors import ExecutorsLostError, ExecutorsRefusedError, LocalProcesses
+from plant_emulator.trials.rows import steady as steady_row
 from plant_emulator.trials.running import ATTEMPTS, run_all
+from plant_emulator.trials.table import csv_text
 from tests.plant_emulator.trials import tasks
 
 PROJECT = Path(__file__).parents[3]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically
-from plant_emulator.rehearsal.many.rows import Row, Value
+from plant_emulator.trials.rows import Row, Value
 
 MAX_BYTES = 64 << 20
 """Longest table that is read, with room for 100 000 robots."""

@@ -1,0 +1,49 @@
+"""Statistics of rows: fractions with their interval, and percentiles."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+CONFIDENCE = 0.95
+SHOWN_PERCENT = (5, 50, 95)
+SHOWN_PERCENT = (5, 50, 95)
+
+
+@dataclass(frozen=True)
+class RunFraction:
+    """A fraction of the runs with its 95 % interval.
+
+    The interval is Wilson's score.
+    """
+
+    count: int
+    runs: int
+    fraction: float
+    low: float
+    high: float
+
+
+def run_fraction(count: int, runs: int) -> RunFraction:
+    """Return a fraction of the runs and its Wilson interval."""
+    interval = scipy.stats.binomtest(count, runs).proportion_ci(CONFIDENCE, "wilson")
+    return RunFraction(count, runs, count / runs, float(interval.low), float(interval.high))
+
+
+def fraction_text(count: int, whole: int) -> str:
+    """Return a fraction with its interval as text.
+
+    >>> fraction_text(95, 100), fraction_text(0, 0)
+    ('95 of 100, 95 % (89–98)', '0 of 0')
+    """
+    if not whole:
+        return "0 of 0"
+    found = run_fraction(count, whole)
+    return f"{count} of {whole}, {100.0 * found.fraction:.3g} % ({100.0 * found.low:.2g}–{100.0 * found.high:.2g})"
+
+
+def percentiles(values: ArrayLike, percents: Iterable[int] = SHOWN_PERCENT) -> dict[int, float]:
+    """Return percentiles, each of which is one trial's own: between infinity and a number there is nothing."""
+    return {percent: float(np.percentile(values, percent, method="nearest")) for percent in percents}
