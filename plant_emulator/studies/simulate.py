@@ -87,6 +87,7 @@ def simulate(
     controls: Mapping[int, Control],
     notches: Mapping[int, tuple[NotchShape, ...]],
     sync_period_s: float = 0.002,
+    settle_s: float = SETTLE_S,
 ) -> Simulation:
     """Run one experiment with the loop closed in the drives.
 
@@ -100,6 +101,7 @@ def simulate(
         controls: Gains by axis.
         notches: Filters by axis; none for an axis that is left out.
         sync_period_s: A whole number of control periods.
+        settle_s: Rest of the axes before the motion begins.
 
     Raises:
         ValueError: The robot lacks the motion, or the periods do not fit.
@@ -114,7 +116,7 @@ def simulate(
         number: LawOfAxis(gains_as_uploaded(controls[number]), [as_uploaded(each.notch()) for each in notches.get(number, ())])
         for number in numbers
     }
-    run = follow(Axes(robot), laws, targets, periods)
+    run = follow(Axes(robot), laws, targets, periods, settle_s)
     return Simulation(times, numbers, targets, run.position_counts, run.arm_angle_rad, run.torque_nm, run.sensed_m_s2)
 
 
@@ -125,14 +127,17 @@ class LawOfAxis(NamedTuple):
     notches: Sequence[Notch]
 
 
-def follow(axes: Axes, laws: Mapping[int, LawOfAxis], targets: NDArray[np.int64], periods: int) -> FollowedRun:
-    """Run axes under their laws along set-points, after a rest of `SETTLE_S`.
+def follow(
+    axes: Axes, laws: Mapping[int, LawOfAxis], targets: NDArray[np.int64], periods: int, settle_s: float = SETTLE_S
+) -> FollowedRun:
+    """Run axes under their laws along set-points, after a rest.
 
     Args:
         axes: The axes of a robot, at rest behind their brakes; changed.
         laws: Law of each axis that moves, by number, in the order of the columns of `targets`.
         targets: Set-points in counts; shape (n, axes).
         periods: Control periods from one to the next.
+        settle_s: Rest before the first.
     """
     rows = [axes.row(number) for number in laws]
     for row, law in zip(rows, laws.values(), strict=True):
@@ -140,7 +145,7 @@ def follow(axes: Axes, laws: Mapping[int, LawOfAxis], targets: NDArray[np.int64]
         for slot, notch in enumerate(law.notches):
             notch.write(axes.notch_config[row, slot])
         axes.open_brake(row, POSITION, periods)
-    rest = round(SETTLE_S / (periods * axes.robot.control_period_s))
+    rest = round(settle_s / (periods * axes.robot.control_period_s))
     run = axes.follow(rows, np.concatenate([np.zeros((rest, len(rows))), targets]), periods)
     return FollowedRun(*(each[rest:] for each in run))
 

@@ -57,9 +57,14 @@ def test_a_client_that_reads_another_value(monkeypatch):
 
 @pytest.mark.slow
 def test_processes_that_judge_otherwise(monkeypatch):
-    right = robustness.run_all
-    # other plants than those of the first turn
-    monkeypatch.setattr(robustness, "run_all", lambda studies, runs, jobs: [right(studies, runs + jobs)[0][jobs:]])
+    right = robustness.judge_all
+
+    def others(studies, runs, executors):
+        """Other plants than those of the first turn."""
+        jobs = executors.capacity()
+        return [right(studies, runs + jobs, executors)[0][jobs:]]
+
+    monkeypatch.setattr(robustness, "judge_all", others)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     with pytest.raises(DisagreementError, match="2 processes, plants that are judged otherwise"):
         robustness.robustness(2)
