@@ -8,7 +8,7 @@ It states the fraction that meets the specification, and the unknowns that matte
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -27,6 +27,8 @@ from plant_emulator.cli.console import (
 from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, exit_without_executors
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from hil.control.notch import Notch
     from plant_emulator.robots.robot import Robot
     from plant_emulator.robots.tuning import TunedAxis
@@ -372,7 +374,8 @@ def _run_csv(study: "Study", index: int) -> str:
     from plant_emulator.trials.table import csv_text
 
     motion = study.run(*study.draw(index))
-    run, columns = motion.run, {"time_s": study.times}
+    run = motion.run
+    columns: dict[str, NDArray[Any]] = {"time_s": study.times}
     for column, number in enumerate(study.axes):
         signals = {
             "reference_counts": study.set_points, "position_counts": run.position_counts,

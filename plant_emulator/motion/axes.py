@@ -74,6 +74,11 @@ class FollowedRun(NamedTuple):
     tip_m_s2: Real
     sensed_m_s2: Real
 
+    def since(self, first: int) -> "FollowedRun":
+        """Return the run from a row on."""
+        counts, arm, torque, tip, sensed = self
+        return FollowedRun(counts[first:], arm[first:], torque[first:], tip[first:], sensed[first:])
+
 
 class Axes:
     """Mechanics of a robot and process data of its drives.

@@ -128,7 +128,7 @@ class LawOfAxis(NamedTuple):
 
 
 def follow(
-    axes: Axes, laws: Mapping[int, LawOfAxis], targets: NDArray[np.int64], periods: int, settle_s: float = SETTLE_S
+    axes: Axes, laws: Mapping[int, LawOfAxis], targets: NDArray[Any], periods: int, settle_s: float = SETTLE_S
 ) -> FollowedRun:
     """Run axes under their laws along set-points, after a rest.
 
@@ -147,7 +147,7 @@ def follow(
         axes.open_brake(row, POSITION, periods)
     rest = round(settle_s / (periods * axes.robot.control_period_s))
     run = axes.follow(rows, np.concatenate([np.zeros((rest, len(rows))), targets]), periods)
-    return FollowedRun(*(each[rest:] for each in run))
+    return run.since(rest)
 
 
 def gains_as_uploaded(control: Control) -> Cascade:

@@ -1,11 +1,11 @@
 """Statistics of rows: fractions with their interval, and percentiles."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
 CONFIDENCE = 0.95
 SHOWN_PERCENT = (5, 50, 95)
@@ -44,6 +44,7 @@ def fraction_text(count: int, whole: int) -> str:
     return f"{count} of {whole}, {100.0 * found.fraction:.3g} % ({100.0 * found.low:.2g}–{100.0 * found.high:.2g})"
 
 
-def percentiles(values: ArrayLike, percents: Iterable[int] = SHOWN_PERCENT) -> dict[int, float]:
+def percentiles(values: Sequence[float] | NDArray[np.float64], percents: Iterable[int] = SHOWN_PERCENT) -> dict[int, float]:
     """Return percentiles, each of which is one trial's own: between infinity and a number there is nothing."""
-    return {percent: float(np.percentile(values, percent, method="nearest")) for percent in percents}
+    found = np.asarray(values, np.float64)
+    return {percent: float(np.percentile(found, percent, method="nearest")) for percent in percents}
