@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 CONFIDENCE = 0.95
 SHOWN_PERCENT = (5, 50, 95)
-SHOWN_PERCENT = (5, 50, 95)
 
 
 @dataclass(frozen=True)
