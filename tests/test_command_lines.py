@@ -242,7 +242,7 @@ main()
 @pytest.mark.parametrize("package", TOOLS.values())
 def test_ctrl_c_while_a_tool_loads_its_modules_is_one_line_and_130(package):
     done = subprocess.run([sys.executable, "-c", LOADING.format(package=package)], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+    assert (done.returncode, done.stderr) == (130, "interrupted before the command began\n")
 
 
 def test_a_console_script_starts_the_module_of_its_tool():

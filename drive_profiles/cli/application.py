@@ -12,10 +12,8 @@ import io
 import math
 import os
 import re
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from types import FrameType
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -23,6 +21,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from drive_profiles.cli.completion import bash_words
 from drive_profiles.cli.console import ExitStatus, Interrupts
+from drive_profiles.cli.entry import came, exit_status, hear, interrupt, interrupted, leave
 from drive_profiles.python_can import postpone_mf4
 
 _WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
@@ -170,11 +169,11 @@ class ToolGroup(_Help, TyperGroup):
 
 @contextlib.contextmanager
 def _interruptible() -> Iterator[None]:
-    """End with a line after Ctrl-C; click would end without one."""
+    """End with a line after an interrupt; click would end without one."""
     try:
         yield
-    except KeyboardInterrupt:
-        typer.echo("interrupted", err=True)
+    except KeyboardInterrupt as error:
+        typer.echo(interrupted(error), err=True)
         raise typer.Exit(ExitStatus.INTERRUPTED) from None
 
 
@@ -215,14 +214,7 @@ class Tool(typer.Typer):
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # a search of all installed packages, in 40 ms
         gc.set_threshold(NEW_OBJECTS)
         Interrupts.owns_process = True
-        came: list[int] = []
-
-        def interrupt(number: int, frame: FrameType | None) -> None:
-            came.append(number)
-            signal.default_int_handler(number, frame)
-
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, interrupt)
+        hear(interrupt)
         if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
             sys.stdout.reconfigure(errors="backslashreplace")  # a code page, as of a file on Windows, lacks most characters
         try:
@@ -236,8 +228,7 @@ class Tool(typer.Typer):
             if not came:
                 raise
             # an extension module may wrap an interrupt in an error of its own, as pydantic does while it builds a schema
-            typer.echo("interrupted", err=True)
-            _leave(ExitStatus.INTERRUPTED)
+            leave("interrupted\n", exit_status())
 
 
 def _leave(status: int) -> NoReturn:

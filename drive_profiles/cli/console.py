@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Self
 
 import typer
 
+from drive_profiles.cli.entry import interrupted
 from drive_profiles.cli.tables import lines
 from drive_profiles.upload.interrupt import InterruptWindow
 
@@ -92,10 +93,13 @@ WRITE_EPILOG = epilog((*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED))
 
 
 @contextlib.contextmanager
-def exit_on_error() -> Iterator[None]:
+def exit_on_error(*, writes: bool = False) -> Iterator[None]:
     """Turn the package's errors into a message and an exit status.
 
     Errors that the user can mend give no traceback.
+
+    Args:
+        writes: True for a command that writes to a drive; from its first write on, `Interrupts` holds the signals.
     """
     from drive_profiles.address import AddressError  # noqa: PLC0415
     from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError  # noqa: PLC0415
@@ -106,8 +110,9 @@ def exit_on_error() -> Iterator[None]:
         raise fail(str(error), ExitStatus.USAGE) from None
     except DriveProfileError as error:
         raise fail(str(error), error.exit_code) from None
-    except KeyboardInterrupt:
-        raise fail("interrupted", ExitStatus.INTERRUPTED) from None
+    except KeyboardInterrupt as error:
+        when = " before anything was written" if writes else ""
+        raise fail(f"{interrupted(error)}{when}", ExitStatus.INTERRUPTED) from None
 
 
 def fail(message: str, code: int) -> typer.Exit:

@@ -1,18 +1,34 @@
 """Entry point of the three tools.
 
-Their modules take some tenths of a second to load; Ctrl-C ends the process then as it does later.
+Their modules take some tenths of a second to load; a signal ends the process then as it does later.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import itertools
 import os
 import signal
 import sys
+from collections.abc import Callable
 from types import FrameType
+from typing import Any, NoReturn
 
 INTERRUPTED, INTERNAL = 130, 1
 """Exit statuses of all tools; `drive_profiles.cli.console`, which has them, is one of the modules that load."""
+ENDING = {
+    getattr(signal, name): default
+    for name, default in (("SIGINT", signal.default_int_handler), ("SIGTERM", signal.SIG_DFL), ("SIGHUP", signal.SIG_DFL))
+    if hasattr(signal, name)
+}
+"""Signals that end a command with a line, with their handlers in a new process.
+
+One that has another handler, such as nohup's, keeps it.
+"""
+_tool = "the command"
+came: list[int] = []
+"""Signals that have ended the command of this process."""
 
 
 def start(package: str) -> None:
@@ -21,31 +37,73 @@ def start(package: str) -> None:
     Args:
         package: Package of the tool; `app` in its `cli.main` is run.
     """
-    handler = signal.getsignal(signal.SIGINT)
-    if handler is signal.default_int_handler:  # nohup stays nohup
-        signal.signal(signal.SIGINT, _interrupted)  # no exception: a module that is loading may turn it into another one
+    global _tool  # noqa: PLW0603 - a process has one tool
+    _tool = package.replace("_", "-")
+    heard = hear(_interrupted)  # no exception: a module that is loading may turn it into another one
     app = importlib.import_module(f"{package}.cli.main").app
     try:
-        signal.signal(signal.SIGINT, handler)
+        for number in heard:
+            signal.signal(number, ENDING[number])
         app.run()
-    except KeyboardInterrupt:
-        _leave("interrupted\n", INTERRUPTED)
+    except KeyboardInterrupt as error:
+        leave(f"{interrupted(error)}\n", exit_status())
     except SystemExit as end:
         if end.code != INTERRUPTED:
             raise
-        sys.stdout.flush()
-        _leave("", INTERRUPTED)  # the interpreter would end by the signal, if it came in code that was evaluated from text
+        with contextlib.suppress(OSError):  # the terminal may have gone
+            sys.stdout.flush()
+        leave("", exit_status())  # the interpreter would end by the signal, if it came in code that was evaluated from text
     except OSError as error:  # such as a full disk behind standard output
-        _leave(f"{error}\n", INTERNAL)
+        leave(f"{error}\n", exit_status() if came else INTERNAL)
 
 
-def _interrupted(number: int, frame: FrameType | None) -> None:
-    _leave("interrupted\n", INTERRUPTED)
+def hear(handler: Callable[[int, FrameType | None], Any]) -> list[int]:
+    """Let a handler take the signals that end a command; return them."""
+    heard = [number for number, default in ENDING.items() if signal.getsignal(number) is default]
+    for number in heard:
+        signal.signal(number, handler)
+    return heard
 
 
-def _leave(text: str, status: int) -> None:
+def interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    """Handle a signal: raise `KeyboardInterrupt`, with the words for any signal but Ctrl-C's."""
+    came.append(number)
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    signal.signal(number, signal.SIG_DFL)  # a second one ends the process at once
+    raise KeyboardInterrupt(_words(number))
+
+
+def interrupted(error: KeyboardInterrupt) -> str:
+    """Return the words for an interrupt.
+
+    >>> interrupted(KeyboardInterrupt()), interrupted(KeyboardInterrupt("hil move was interrupted by SIGTERM"))
+    ('interrupted', 'hil move was interrupted by SIGTERM')
+    """
+    return str(error) or "interrupted"
+
+
+def exit_status() -> int:
+    """Exit status of an interrupted command: 130, or as a shell gives it for another signal than Ctrl-C's."""
+    return 128 + came[0] if came else INTERRUPTED
+
+
+def leave(text: str, status: int) -> NoReturn:
     """End the process at once, with a line on standard error."""
     try:
         os.write(2, text.encode())
     finally:  # also where standard error is closed
         os._exit(status)
+
+
+def _words(number: int) -> str:
+    """Return the words for a signal: a log needs more of them than a user who has just pressed Ctrl-C."""
+    if number == signal.SIGINT:
+        return "interrupted"
+    command = itertools.takewhile(lambda word: not word.startswith("-"), sys.argv[1:])
+    return f"{' '.join((_tool, *command))} was interrupted by {signal.Signals(number).name}"
+
+
+def _interrupted(number: int, frame: FrameType | None) -> NoReturn:
+    came.append(number)
+    leave(f"{_words(number)} before the command began\n", exit_status())

@@ -56,7 +56,7 @@ def store(
     from drive_profiles.device.memory import store_command
     from drive_profiles.upload.result import UploadOptions
 
-    with exit_on_error():
+    with exit_on_error(writes=True):
         request = TransactionRequest(bus, UploadOptions(), profile, eds, timeout_s, yes, as_json=as_json)
         _give(request, node, store_command, _STORE)
 
@@ -102,7 +102,7 @@ def restore(
         store=store, journals=journals, allow_unverified=True, limits=False, force_commissioning=force_commissioning
     )
     request = TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json)
-    with exit_on_error():
+    with exit_on_error(writes=True):
         if snapshot is not None:
             _snapshot(request, snapshot, node)
         elif node is None:

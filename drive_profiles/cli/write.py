@@ -111,7 +111,7 @@ def upload(
         other_device,
         journals=journals,
     )
-    with exit_on_error():
+    with exit_on_error(writes=True):
         for path in sets:
             header_of(path)  # a file that cannot be read is said before the bus is opened
         pairs = list(zip(node, sets * len(node) if len(sets) == 1 else sets, strict=True))
@@ -157,7 +157,7 @@ def set_(
         journals=journals,
     )
     pairs = [_pair(text) for text in values]  # before the bus is opened
-    with exit_on_error():
+    with exit_on_error(writes=True):
         with SdoBus(bus, timeout_s) as opened:
             device = device_at(opened, node, profile, eds)
         wanted = _as_set(pairs, device.catalogue, kind)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from drive_profiles.cli.console import ToolExitStatus, epilog
+from drive_profiles.cli.entry import interrupted
 from hil.reporter import SilentReporter
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
@@ -93,20 +94,23 @@ def exit_with(error: Exception) -> typer.Exit:
 
 
 @contextmanager
-def exit_on_error(interrupted: str = "interrupted before anything moved") -> Iterator[None]:
+def exit_on_error(*, moves: bool = True) -> Iterator[None]:
     """Turn errors into a message and an exit status.
 
     An unexpected error keeps its traceback.
 
     Args:
-        interrupted: The message if the user stops the command.
+        moves: True for a command that moves a robot: after an interrupt it prints what has moved.
     """
+    from hil.master.last_positions import LastPositions  # noqa: PLC0415 - hil.master loads nothing else with it
+
+    LastPositions.note((), have_moved=False)
     try:
         yield
     except (typer.Exit, BrokenPipeError):
         raise
-    except KeyboardInterrupt:
-        say(interrupted)
+    except KeyboardInterrupt as error:
+        say(f"{interrupted(error)} {LastPositions.when()}" if moves else interrupted(error))
         raise typer.Exit(ExitStatus.INTERRUPTED) from None
     except Exception as error:  # noqa: BLE001 - an unexpected one is raised again
         raise exit_with(error) from None

@@ -104,7 +104,7 @@ def notch(
 
     Example: hil design notch --bench bench.toml --axis 2 --model model.toml --out design
     """
-    with exit_on_error("interrupted"):
+    with exit_on_error(moves=False):
         from hil.bench.bench import load_bench
 
         bench = load_bench(bench_file)

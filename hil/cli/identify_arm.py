@@ -45,7 +45,7 @@ def arm(
 
     Example: hil identify arm --bench bench.toml --model model.toml
     """
-    with exit_on_error("interrupted"):
+    with exit_on_error(moves=False):
         from hil.bench.bench import load_bench  # noqa: PLC0415
         from hil.bench.model import load_identified  # noqa: PLC0415
 

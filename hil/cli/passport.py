@@ -62,7 +62,7 @@ def passport(
 
     Example: hil passport bench-out --file passport.sqlite --pole-pairs 2=5 --slots 2=12
     """
-    with exit_on_error("interrupted"):
+    with exit_on_error(moves=False):
         from hil.passport.gather import gather
         from hil.passport.store import add, read
         from hil.passport.watch import origins, trends

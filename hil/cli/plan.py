@@ -57,7 +57,7 @@ def plan(
     rate = None if bitrate is None else _bitrate(bitrate)
     if sync_period_s is not None and not 1e-5 <= sync_period_s <= 10.0:
         raise fail(f"--sync-period-s {sync_period_s:g} is not between 10 µs and 10 s", ExitStatus.USAGE)
-    with exit_on_error("interrupted"):
+    with exit_on_error(moves=False):
         bench = bench_on(bench_file, bus)
 
         from hil.control.treatments import treatment as row_of  # noqa: PLC0415

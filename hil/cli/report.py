@@ -56,7 +56,7 @@ def report(
       hil report demo --against older
       hil report demo --trend
     """  # fmt: skip
-    with exit_on_error("interrupted"):
+    with exit_on_error(moves=False):
         if trend and (interactive or against is not None):
             raise fail("--trend takes neither --interactive nor --against; give it alone", ExitStatus.USAGE)
         if trend:

@@ -168,12 +168,12 @@ def run_and_report(
             reporter=progress,
         )
     page = None
-    if has_report:
+    if has_report and outcome.result.runs:
         say("writing the report")
         page = write_page(out)
     if as_json:
         typer.echo(outcome.result.dumps())
-    else:
+    elif outcome.result.runs:
         _summary(outcome, typer.echo)
     say_page(page)
     if outcome.failure is not None and outcome.stopped is None:

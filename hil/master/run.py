@@ -7,7 +7,7 @@ import contextlib
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -23,6 +23,7 @@ from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, QUICK_STOP, SHUT
 from hil.master.cyclic import CyclicExchange
 from hil.master.drive.axis import DriveAxis
 from hil.master.guard import GUARD, AxisGuard
+from hil.master.last_positions import LastPositions
 from hil.master.lateness import duration_text
 from hil.master.motion import Motion
 from hil.master.run_table import RunTable
@@ -375,6 +376,12 @@ class Run:
     def disable(self, word: int) -> bool:
         """Command all drives to disable; True if all confirm in time."""
         self.exchange.schedule.is_stopping = True
+        try:
+            return self._disabled_by(word)
+        finally:
+            LastPositions.note(tuple(str(each) for each in self._whereabouts()), have_moved=True)
+
+    def _disabled_by(self, word: int) -> bool:
         ramp_s = max(axis.table.limits.speed_rps / axis.table.limits.quick_stop_rps_s for axis in self.axes)
         for _ in range(math.ceil((ramp_s + STOP_TIMEOUT_S) / self.period_s)):
             for slot in self.exchange.slots:
@@ -401,21 +408,25 @@ class Run:
             return InterruptedRunError(f"interrupted by {reason}", all_disabled=disabled, where=self._where())
         return SafetyStopError(reason, all_disabled=disabled, where=self._where())
 
+    def _whereabouts(self) -> list[Whereabouts]:
+        """Return the positions of the axes as their last answers show them."""
+        found = []
+        for i, slot in enumerate(self.exchange.slots):
+            stands_rev = None if slot.missing or not self.exchange.cycles else slot.position_rad / math.tau
+            began_rev = self._began_rad[i] / math.tau if self._began_rad else None
+            found.append(Whereabouts(slot.axis.number, stands_rev, began_rev))
+        return found
+
     def _where(self) -> str:
         """Return the positions of the axes in words, with the remedy.
 
         From the last answers, or by SDO if they are missing.
         """
-        found = []
+        found = self._whereabouts()
         for i, slot in enumerate(self.exchange.slots):
-            stands_rad: float | None = slot.position_rad
-            if slot.missing or not self.exchange.cycles:
-                stands_rad = None
+            if found[i].stands_rev is None:
                 with contextlib.suppress(HilError, ChannelError):
-                    stands_rad = slot.axis.position_rad()
-            stands_rev = None if stands_rad is None else stands_rad / math.tau
-            began_rev = self._began_rad[i] / math.tau if self._began_rad else None
-            found.append(Whereabouts(slot.axis.number, stands_rev, began_rev))
+                    found[i] = replace(found[i], stands_rev=slot.axis.position_rad() / math.tau)
         return stop_text(found)
 
     def recording(self) -> Recording:

@@ -3,6 +3,7 @@
 For each run it sets the nodes up, enables, moves, disables and restores them.
 """
 
+import math
 import signal
 import threading
 from collections import Counter
@@ -24,6 +25,7 @@ from hil.master.control_words import DISABLE_VOLTAGE, FAULT_RESET
 from hil.master.cyclic import CyclicExchange
 from hil.master.drive.axis import DriveAxis, ask_emulated, check_identity
 from hil.master.drive.needs import MissingObjectsError, ProfileGapsError
+from hil.master.last_positions import LastPositions
 from hil.master.lateness import WallClockTiming
 from hil.master.motion import FilterUse, LoopName, Motion, RunResult
 from hil.master.network import Network
@@ -34,6 +36,7 @@ from hil.master.run import Run, RunLimits
 from hil.master.sensor import sensor_of
 from hil.master.set_point_adder import SetPointAdder
 from hil.master.supervision import Supervisor
+from hil.master.whereabouts import Whereabouts
 from hil.recording import BusLog
 
 AT_REST = "the axes are at rest, and their drives are disabled"
@@ -136,7 +139,7 @@ class Session:
     def check_interrupt(self) -> None:
         """Raise `InterruptedRunError` after Ctrl-C without a motion."""
         if self.supervisor.interrupted_by is not None:
-            raise InterruptedRunError(f"interrupted by {self.supervisor.interrupted_by}")
+            raise InterruptedRunError(f"interrupted by {self.supervisor.interrupted_by} {LastPositions.when()}")
 
     # -- bring-up ------------------------------------------------------------------------------------------------------
 
@@ -167,6 +170,8 @@ class Session:
         for node in self.sensor.nodes:
             self.emulated["accelerometer"] = ask_emulated(self.network, node)
         begun = [(axis, self.clock.now(), axis.position_rad()) for axis in used]
+        found = (Whereabouts(axis.number, position_rad / math.tau, None) for axis, _, position_rad in begun)
+        LastPositions.note(tuple(map(str, found)), have_moved=LastPositions.have_moved)
         self.network.pump_until(lambda: False, 0.0 if self.network.channel.is_lock_step else TWICE_S)
         for node in (*(axis.node for axis in self.axes.values()), *self.sensor.nodes):
             if self.network.answers_twice(node):

@@ -10,6 +10,7 @@ import typer
 
 from drive_profiles.cli.completion import AxisCompleter, complete_reference
 from drive_profiles.cli.console import ToolExitStatus, epilog, fail
+from drive_profiles.cli.entry import interrupted
 
 if TYPE_CHECKING:  # --help must not wait for it
     from plant_emulator.robots.robot import Robot
@@ -49,8 +50,8 @@ def exit_on_error() -> Iterator[None]:
 
     try:
         yield
-    except KeyboardInterrupt:
-        raise fail("interrupted", EmulatorExitStatus.INTERRUPTED) from None
+    except KeyboardInterrupt as error:
+        raise fail(interrupted(error), EmulatorExitStatus.INTERRUPTED) from None
     except DriveProfileError as error:
         raise fail(str(error), EmulatorExitStatus.FILE) from None
     except BrokenPipeError:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.console import epilog, fail, print_json, table
+from drive_profiles.cli.entry import interrupted
 from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error, exit_on_value_error
 from plant_emulator.cli.fleet import KindName, KindOption, OutOption
 from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, exit_without_executors
@@ -175,8 +176,8 @@ def _run_missing(
                 run_all(missing, run_arm_seed, (files,), executors, on_row, crashed)
             else:
                 run_all(missing, run_seed, (kind, over_bus, files), executors, on_row, crashed)
-    except KeyboardInterrupt:
-        raise fail(f"interrupted; {kept_words()}", EmulatorExitStatus.INTERRUPTED) from None
+    except KeyboardInterrupt as error:
+        raise fail(f"{interrupted(error)}; {kept_words()}", EmulatorExitStatus.INTERRUPTED) from None
 
 
 @contextmanager

@@ -207,7 +207,11 @@ def hil_drive(hil_session: "BenchSession", request: pytest.FixtureRequest) -> It
 
 @pytest.fixture
 def hil_accelerometer(hil_session: "BenchSession") -> "AccelerometerReadings":
-    """Sensor at the tip: `read()` returns X, Y, Z in m/s²."""
+    """Sensor at the tip; an emulated one measures no gravity.
+
+    `read()` returns X, Y, Z in m/s². A test for an emulated and a real robot subtracts the reading at rest. An emulated arm
+    with `[accelerometer.mounting]` measures gravity.
+    """
     from plant_emulator.pytest_plugin.readings import AccelerometerReadings  # noqa: PLC0415
 
     return AccelerometerReadings(hil_session)

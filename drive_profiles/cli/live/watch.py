@@ -16,6 +16,7 @@ import typer
 
 from drive_profiles.cli.completion import complete_objects
 from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail
+from drive_profiles.cli.entry import interrupted
 from drive_profiles.cli.options import BusOption, EdsOption, NodeOption, ProfileOption, TimeoutOption
 from drive_profiles.standard import shown
 
@@ -76,9 +77,9 @@ def watch(
                         for e, v in zip(entries, values, strict=True)
                     )
                     typer.echo(f"{when:9.3f} s  {'  '.join(cells)}")
-        except KeyboardInterrupt:
-            if count is not None or for_s is not None:  # it was to go on
-                raise fail("interrupted", ExitStatus.INTERRUPTED) from None
+        except KeyboardInterrupt as error:
+            if error.args or count is not None or for_s is not None:  # it was to go on
+                raise fail(interrupted(error), ExitStatus.INTERRUPTED) from None
 
 
 def _readings(

@@ -59,7 +59,7 @@ def explain(
 
     Example: hil explain candump.log --description drive.eds:2 --bitrate 1M --page log.html
     """
-    with exit_on_error("interrupted"):
+    with exit_on_error(moves=False):
         from hil.logs.explain import explain as explained
         from hil.logs.opening import open_log
 

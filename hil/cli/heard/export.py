@@ -79,7 +79,7 @@ def export(
     if not files and plotjuggler is None and layout is None:
         raise typer.BadParameter("nothing to write; give --to FILE, --plotjuggler HOST:PORT or --plotjuggler-layout FILE")
     address = None if plotjuggler is None else _address(plotjuggler)
-    with exit_on_error("interrupted"):
+    with exit_on_error(moves=False):
         from hil.export.source import Known
 
         descriptions = dict(description_from(text) for text in description or [])

@@ -71,7 +71,7 @@ def scope(
       hil scope --bus local:/tmp/robot.sock --bench reference
       hil scope demo
     """
-    with exit_on_error("ended"), contextlib.suppress(KeyboardInterrupt):
+    with exit_on_error(moves=False), contextlib.suppress(KeyboardInterrupt):
         _check_installed()
         if directory is not None:
             if bus is not None or description or ask:

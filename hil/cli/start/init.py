@@ -51,7 +51,7 @@ def init(
         hil init --profile 3=schunk_pilz_prbt/prbt --out bench.toml
     """
     named = _named(profile or [])
-    with exit_on_error("interrupted"):
+    with exit_on_error(moves=False):
         from drive_profiles.address import choose_bus  # noqa: PLC0415
 
         choice = choose_bus(bus)

@@ -428,7 +428,7 @@ def test_an_interrupt_while_the_bus_is_closed_hides_no_outcome(monkeypatch):
 def test_an_interrupt_before_anything_is_written_says_only_that(monkeypatch):
     monkeypatch.setattr(Device, "identify", lambda self: os.kill(os.getpid(), signal.SIGINT))
     result = run("set", "position_gain_per_s=6.5", "--node", "2", "--yes", code=130)
-    assert result.stderr.splitlines()[-1] == "interrupted"
+    assert result.stderr.splitlines()[-1] == "interrupted before anything was written"
 
 
 @pytest.mark.slow
