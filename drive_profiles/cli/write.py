@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -212,5 +213,6 @@ def _number(text: str, key: str, data_type: Any) -> float | str:
         return text
     for convert in (lambda t: int(t, 0), float):
         with contextlib.suppress(ValueError):
-            return convert(text)
-    raise fail(f"{key}={text}: {text!r} is not a number", ExitStatus.USAGE)
+            if math.isfinite(value := convert(text)):
+                return value
+    raise fail(f"{key}={text}: expected a finite number", ExitStatus.USAGE)

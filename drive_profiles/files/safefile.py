@@ -57,21 +57,15 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
 
 
 @contextlib.contextmanager
-def naming(path: Path, note: str = "") -> Iterator[None]:
-    """Add the file's name, and a note, to an `OSError`.
+def naming(path: Path) -> Iterator[None]:
+    """Add the file's name to an `OSError`.
 
     The error of a full disk, for example, does not name the file.
-
-    Args:
-        path: The file.
-        note: Sentence for the note; empty for none.
     """
     try:
         yield
     except OSError as error:
         error.filename = error.filename or str(path)
-        if note:
-            error.add_note(note)
         raise
 
 

@@ -113,6 +113,8 @@ def exit_on_error(*, moves: bool = True) -> Iterator[None]:
         say(f"{interrupted(error)} {LastPositions.when()}" if moves else interrupted(error))
         raise typer.Exit(ExitStatus.INTERRUPTED) from None
     except Exception as error:  # noqa: BLE001 - an unexpected one is raised again
+        if isinstance(error, OSError) and moves and LastPositions.words:
+            error.add_note(LastPositions.rest())
         raise exit_with(error) from None
 
 
@@ -127,7 +129,7 @@ def say_not_restored(objects: Iterable[str]) -> None:
 def write_page(directory: Path) -> Path | None:
     """Write the report of a directory.
 
-    An interrupt leaves that to `hil report`, so that the end of the runs is printed all the same.
+    An interrupt or a full disk leaves that to `hil report`, so that the end of the runs is printed all the same.
 
     Args:
         directory: Directory with the result of the runs.
@@ -141,7 +143,9 @@ def write_page(directory: Path) -> Path | None:
         return write_report_of(directory)
     except KeyboardInterrupt:
         say(f"interrupted while the report was written; hil report {directory} writes it")
-        return None
+    except OSError as error:
+        say(f"{message_of(error)}; hil report {directory} writes the report once there is room")
+    return None
 
 
 def say_page(page: Path | None) -> None:

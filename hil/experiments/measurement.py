@@ -19,7 +19,7 @@ from hil.can.opening import open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.bus_demand import BusDemand, check_load
 from hil.master.drive.needs import ProfileGapsError, run_gaps, run_remarks
-from hil.master.session import AT_REST, Session
+from hil.master.session import Session
 from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.base import LOG_FILE, RESULT_FILE, MeasuredBench, MeasuredResult
@@ -191,7 +191,7 @@ class Measurement(Generic[R]):
             Its path, relative to the directory.
         """
         path = self._out / "runs" / f"{name}.csv"
-        with naming(path, AT_REST):
+        with naming(path):
             recording.save(path)
         self._has_saved = True
         return path.relative_to(self._out).as_posix()

@@ -376,10 +376,13 @@ class Run:
     def disable(self, word: int) -> bool:
         """Command all drives to disable; True if all confirm in time."""
         self.exchange.schedule.is_stopping = True
+        are_disabled = False
         try:
-            return self._disabled_by(word)
+            are_disabled = self._disabled_by(word)
         finally:
-            LastPositions.note(tuple(str(each) for each in self._whereabouts()), have_moved=True)
+            found = tuple(str(each) for each in self._whereabouts())
+            LastPositions.note(found, have_moved=True, are_disabled=are_disabled)
+        return are_disabled
 
     def _disabled_by(self, word: int) -> bool:
         ramp_s = max(axis.table.limits.speed_rps / axis.table.limits.quick_stop_rps_s for axis in self.axes)

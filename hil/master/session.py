@@ -39,8 +39,6 @@ from hil.master.supervision import Supervisor
 from hil.master.whereabouts import Whereabouts
 from hil.recording import BusLog
 
-AT_REST = "the axes are at rest, and their drives are disabled"
-"""Note of an error that came after a motion had ended well."""
 TWICE_S = 0.05
 """Time to listen for a second answer to the last question: two nodes may share a node ID."""
 RESETS_READ, RESET_S = 20, 0.02
@@ -290,7 +288,6 @@ class Session:
         except OSError as error:
             if stopped is not None:  # whether all drives are disabled is more than a file
                 raise stopped from error
-            error.add_note(AT_REST)
             raise
         return RunResult(
             recording=with_tip(self.bench, with_load_encoders(self.bench, run.recording(), standing_rad), standing_rad),

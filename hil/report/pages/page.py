@@ -9,6 +9,7 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup, escape
 
+from drive_profiles.files.safefile import naming
 from hil.report import palette
 from hil.report.interactive.parts import InteractiveParts, interactive_parts
 from hil.report.origin import MEASURED, Origin
@@ -198,7 +199,8 @@ def render(
             is_mark=lambda cell: isinstance(cell, Mark),
         )
     )
-    path.write_text(page, encoding="utf-8")
+    with naming(path):
+        path.write_text(page, encoding="utf-8")
     return path
 
 
