@@ -61,7 +61,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print design.json on s
 
 def mount(app: typer.Typer) -> None:
     """Add `hil design notch` to `hil`."""
-    group = Tool("design", "Filters from a plant; nothing is sent.", is_group=True)
+    group = Tool("design", "Design filters for an identified plant; nothing is sent.", is_group=True)
     group.command("notch", epilog=DESIGN_EPILOG)(notch)
 
     @group.callback()

@@ -74,7 +74,8 @@ def run(
     axis: Annotated[int | None, typer.Option("--axis", help="Axis that moves alone.", autocompletion=AXES.one)] = None,
     treatment: TreatmentOption = "none",
     model: Annotated[
-        Path | None, typer.Option(help=f"Model file of hil identify, for {names_of('model')}; left out: the bench file's.")
+        Path | None,
+        typer.Option(help="Model file of hil identify, for fixed-notch, cancellations and shapers; left out: the bench file's."),
     ] = None,
     design: Annotated[Path | None, typer.Option(help=f"Design file of hil design, for {names_of('design')}.")] = None,
     learnt: Annotated[Path | None, typer.Option(help=f"Model file of hil learn, for {names_of('learnt')}.")] = None,
@@ -203,6 +204,7 @@ def _status(outcome: "ExperimentsOutcome") -> int:
 
 def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
     """Print the runs, the comparisons and the claims."""
+    from hil.counting import times  # noqa: PLC0415
     from hil.master.lateness import timing_lines  # noqa: PLC0415
 
     bench = outcome.result.bench.file
@@ -222,7 +224,7 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
     _say_directions(outcome, say)
     for run in {run.recording: run for run in outcome.result.runs}.values():
         for words, number in (run.bus_errors or {}).items():
-            say(f"{run.recording}: on the bus: {words} ({'once' if number == 1 else f'{number} times'})")
+            say(f"{run.recording}: on the bus: {words} ({times(number)})")
         if run.discarded_positions is not None:
             say(f"{run.recording}: {run.discarded_positions} implausible position readings were discarded")
     for timing in {run.recording: run.timing for run in outcome.result.runs if run.timing is not None}.values():

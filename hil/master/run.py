@@ -18,6 +18,7 @@ from hil.can.errors import ChannelError
 from hil.control.servo_bank import ServoBank
 from hil.control.trajectory import Smooth, sample_times
 from hil.core.library import CORE
+from hil.counting import times
 from hil.errors import HilError, InterruptedRunError, SafetyStopError
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, QUICK_STOP, SHUTDOWN, SWITCH_ON
 from hil.master.cyclic import CyclicExchange
@@ -367,8 +368,7 @@ class Run:
         They are those that the CAN controller reported.
         """
         errors = self.supervisor.network.bus_errors - self._bus_errors
-        seen = [(words, "once" if number == 1 else f"{number} times") for words, number in errors.most_common(3)]
-        reports = ", ".join(f"{words} ({times})" for words, times in seen)
+        reports = ", ".join(f"{words} ({times(number)})" for words, number in errors.most_common(3))
         return f"{reason}; on the bus: {reports}" if reports else reason
 
     # -- the end -------------------------------------------------------------------------------------------------------

@@ -155,7 +155,8 @@ class Server:
         """
         begin, end = self.world.now, self._wall_ns()
         queued = sorted(self._queued(begin, end), key=itemgetter(0))
-        instants, reached = self.time.catch_up(begin, end, [arrival for arrival, _, _ in queued])
+        arrivals = [arrival for arrival, _, _ in queued]
+        instants, reached = self.time.catch_up(begin, end, arrivals, is_used=bool(self._clients))
         for instant, (_, frame, sender) in zip(instants, queued, strict=True):
             if self._clock is None:
                 self._deliver(self.medium.free(instant))

@@ -16,6 +16,9 @@ SILENCE_NS = 50_000_000
 MADE_UP_NS = 500_000_000
 """Longest time that is made up for at once: a world too slow for its clock must not run after it for ever."""
 SAY_AGAIN_NS = 1_000_000_000
+"""Shortest time between two reports; each report doubles it, up to `QUIET_NS`: a busy machine must not bury what matters."""
+QUIET_NS = 600_000_000_000
+"""Longest time between two reports; after so long without a stall the next one is reported at once."""
 
 
 def to_stderr(words: str) -> None:
@@ -73,8 +76,8 @@ class WallTime:
         """
         self.stalls = self.lost_ns = 0
         self._now_ns, self._say = now_ns, say
-        self._said_ns: int | None = None
-        self._unsaid = [0, 0]  # behind, lost
+        self._say_at_ns, self._pause_ns, self._last_ns = now_ns(), SAY_AGAIN_NS, now_ns()
+        self._unsaid: list[tuple[int, int]] = []  # behind, lost
         self.begin(world_ns)
 
     def begin(self, world_ns: int) -> None:
@@ -85,28 +88,33 @@ class WallTime:
         """Return the time that the world would have without delay."""
         return self._now_ns() - self._epoch_ns
 
-    def catch_up(self, begin_ns: int, end_ns: int, arrivals_ns: Sequence[int]) -> tuple[list[int], int]:
+    def catch_up(self, begin_ns: int, end_ns: int, arrivals_ns: Sequence[int], *, is_used: bool = True) -> tuple[list[int], int]:
         """Return the instants of `made_up`, and drop the lost time.
 
-        A stall is reported, once a second at most.
+        Stalls are reported if somebody uses the world, ever more rarely while they go on.
         """
         instants, reached = made_up(begin_ns, end_ns, arrivals_ns)
         lost = end_ns - reached
         self._epoch_ns += lost
-        if end_ns - begin_ns > SILENCE_NS:
+        if is_used and end_ns - begin_ns > SILENCE_NS:
             self._note(end_ns - begin_ns, lost)
         return instants, reached
 
     def _note(self, behind_ns: int, lost_ns: int) -> None:
-        now, unsaid = self._now_ns(), self._unsaid
+        now = self._now_ns()
         self.stalls += 1
         self.lost_ns += lost_ns
-        unsaid[0] += behind_ns
-        unsaid[1] += lost_ns
-        if self._said_ns is None or now - self._said_ns >= SAY_AGAIN_NS:
-            self._said_ns = now
-            behind, lost = (1e-6 * each for each in unsaid)
-            self._say(
-                f"the emulator was {behind:.0f} ms late and skipped {lost:.0f} ms; it first processed the frames that had arrived"
-            )
-            self._unsaid = [0, 0]
+        self._unsaid.append((behind_ns, lost_ns))
+        if now - self._last_ns >= QUIET_NS:
+            self._say_at_ns, self._pause_ns = now, SAY_AGAIN_NS
+        self._last_ns = now
+        if now < self._say_at_ns:
+            return
+        behind, lost = (1e-6 * sum(each) for each in zip(*self._unsaid, strict=True))
+        stalls = "" if len(self._unsaid) == 1 else f" in {len(self._unsaid)} stalls"
+        self._say(
+            f"the emulator was {behind:.0f} ms late and skipped {lost:.0f} ms{stalls}; "
+            "it first processed the frames that had arrived"
+        )
+        self._unsaid.clear()
+        self._say_at_ns, self._pause_ns = now + self._pause_ns, min(2 * self._pause_ns, QUIET_NS)

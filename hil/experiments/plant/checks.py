@@ -194,7 +194,8 @@ def misfit_words(estimate: PlantEstimate) -> str | None:
 def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: PlantRequest, limited_by: str) -> list[DataCheck]:
     """Check that the plant is identified well enough.
 
-    The advice of each check can be followed.
+    The advice of each check can be followed. The errors are those of the noise alone, which more periods lower: the
+    parameters' errors are larger by what `with_amplitude_dependence` adds.
 
     Args:
         estimate: The plant.
@@ -208,8 +209,8 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
     over, reach = f_r / high, f"f_r ({f_r:.3g} Hz) relative to the end of the band ({high:.3g} Hz)"
     checks = [] if over <= BEYOND_BAND else [DataCheck(reach, over, BEYOND_BAND, "", False, wider, ("cycle",))]
     for name, parameter, allowed in (
-        ("standard error of f_a", estimate.parameters["antiresonance_hz"], ANTIRESONANCE_PCT),
-        ("standard error of K_g", estimate.parameters["gear_stiffness_nm_rad"], STIFFNESS_PCT),
+        ("standard error of f_a from noise alone", estimate.parameters["antiresonance_hz"], ANTIRESONANCE_PCT),
+        ("standard error of K_g from noise alone", estimate.parameters["gear_stiffness_nm_rad"], STIFFNESS_PCT),
     ):
         percent = 100.0 * parameter.relative
         times = percent / allowed

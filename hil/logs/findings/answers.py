@@ -12,7 +12,7 @@ from drive_profiles.device.target import fault_texts_of
 from drive_profiles.standard.cia301 import EmergencyCode, FunctionCode, NmtState, abort_text
 from drive_profiles.standard.error_codes import error_text
 from drive_profiles.standard.object_address import address_text
-from hil.logs.findings.counting import counted, times
+from hil.counting import counted, times
 from hil.logs.findings.finding import MOST_STAMPS, Finding, Said, Severity, picture_of, stamps_of
 from hil.logs.nodes import WITH_SYNC, Node, Pdo
 from hil.logs.overheard import AbortedTransfer, OverlappingRequest, UnansweredRequest

@@ -13,7 +13,7 @@ from drive_profiles.standard.cia301 import RPDO_BASES, FunctionCode
 from hil.can.bits import NOMINAL_BITS
 from hil.can.errors_frame import decode
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
-from hil.logs.findings.counting import counted, times
+from hil.counting import counted, times
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
 from hil.logs.trace import LEAST_FRAMES, Trace
 

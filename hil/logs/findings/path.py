@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.logs.findings.counting import counted, times
+from hil.counting import counted, times
 from hil.logs.findings.finding import Finding, Said, Severity, picture_of, stamps_of
 from hil.logs.nodes import Node
 from hil.logs.trace import LEAST_FRAMES, MOVES_COUNTS, Trace

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drive_profiles.standard.units import interpolation_period_s
-from hil.logs.findings.counting import times
+from hil.counting import times
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
 from hil.logs.log import Stream
 from hil.logs.nodes import WITH_SYNC, MappedNumber, Node, Pdo

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drive_profiles.standard.cia301 import FunctionCode
-from hil.logs.findings.counting import counted
+from hil.counting import counted
 from hil.logs.findings.finding import Finding, Said, Severity, picture_of, stamps_of
 from hil.logs.trace import FEW_FRACTION, LEAST_FRAMES, Trace
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drive_profiles.standard.cia301 import FunctionCode, NmtCommand
 from drive_profiles.standard.cia402 import FOLLOWING_ERROR, FOLLOWS_COMMAND, INTERNAL_LIMIT, Mode, State, state_of
-from hil.logs.findings.counting import counted, times
+from hil.counting import counted, times
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
 from hil.logs.log import Stream
 from hil.logs.nodes import Node

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hil.logs.findings.counting import counted
+from hil.counting import counted
 from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
 from hil.logs.trace import Trace
 

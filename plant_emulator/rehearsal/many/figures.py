@@ -22,7 +22,7 @@ from plant_emulator.rehearsal.many.wording import (
     QUANTITY_NAMES,
     STEP_NAMES,
     TREATMENT_NAMES,
-    counted,
+    robots_of,
 )
 from plant_emulator.rehearsal.record import QUIET_MM, STEPS, TREATMENTS
 from plant_emulator.trials.rows import Row, number, numbers, text
@@ -82,7 +82,7 @@ def tips(rows: Sequence[Row]) -> Drawing | None:
         panel.axvline(1.0, **style.LIMIT)
         panel.set_xscale("log")
         panel.set(xlabel="True tip / goal", ylim=(0.0, 1.02))
-        panel.set_title(counted(kind, len(own)))
+        panel.set_title(robots_of(kind, len(own)))
         panel.yaxis.set_major_formatter(PercentFormatter(1.0))
     panels[0, 0].set_ylabel("Robots below (of all)")
     style.legend_above(figure, *panels[0], columns=6)
@@ -163,7 +163,7 @@ def steps(rows: Sequence[Row]) -> Drawing | None:
         panel.set_yticks(at, [STEP_NAMES[step] for step in STEPS])
         panel.set(xlabel="Robots", xlim=(0, len(own)))
         panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-        panel.set_title(counted(kind, len(own)))
+        panel.set_title(robots_of(kind, len(own)))
         panel.grid(visible=False, axis="y")
     panels[0, 0].invert_yaxis()
     style.legend_above(figure, *panels[0], columns=6)

@@ -14,7 +14,7 @@ from plant_emulator.rehearsal.many.figures import kinds_of
 from plant_emulator.rehearsal.many.reading import ENDED, accepted, is_done, is_quiet, of_kind, tips_mm, worst_tip_mm
 from plant_emulator.rehearsal.many.rows import WALKED
 from plant_emulator.rehearsal.many.summary import FAR_Z, quantities
-from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES, STEP_NAMES, TREATMENT_NAMES, counted
+from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES, STEP_NAMES, TREATMENT_NAMES, robots_of
 from plant_emulator.rehearsal.record import PROBES, STEPS, TREATMENTS
 from plant_emulator.trials.rows import Row, number, numbers, text
 from plant_emulator.trials.statistics import percentiles
@@ -40,7 +40,7 @@ def tips(rows: Sequence[Row]) -> ReportTable | None:
     groups = {}
     for kind in kinds_of(rows):
         own = of_kind(rows, kind)
-        groups[len(cells)] = counted(kind, len(own))
+        groups[len(cells)] = robots_of(kind, len(own))
         for treatment in (*TREATMENTS, "floor", "end"):
             if treatment == "end":
                 values = numbers(own, "end_tip_mm")
@@ -64,7 +64,7 @@ def steps(rows: Sequence[Row]) -> ReportTable:
     groups = {}
     for kind in kinds_of(rows):
         own = of_kind(rows, kind)
-        groups[len(cells)] = counted(kind, len(own))
+        groups[len(cells)] = robots_of(kind, len(own))
         for step in STEPS:
             counts = Counter(text(row, f"{step}_ended") for row in own)
             cells.append([STEP_NAMES[step], *(str(counts[ended]) if counts[ended] else NONE for ended in ENDED)])

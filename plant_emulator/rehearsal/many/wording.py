@@ -1,5 +1,7 @@
 """Words of the columns, as people read them."""
 
+from hil.counting import counted
+
 KIND_NAMES = {"linear": "Linear gears", "real": "Hysteresis, softness, lag", "any": "Any gears"}
 
 STEP_NAMES = {
@@ -57,10 +59,10 @@ FACT_NAMES = {
 """Name and factor of a fact, for the axis of a figure."""
 
 
-def counted(kind: str, count: int) -> str:
+def robots_of(kind: str, count: int) -> str:
     """Return the number of robots of a kind, in words.
 
-    >>> counted("linear", 1), counted("any", 40)
+    >>> robots_of("linear", 1), robots_of("any", 40)
     ('Linear gears: 1 robot', 'Any gears: 40 robots')
     """
-    return f"{KIND_NAMES[kind]}: {count} robot{'' if count == 1 else 's'}"
+    return f"{KIND_NAMES[kind]}: {counted(count, 'robot')}"

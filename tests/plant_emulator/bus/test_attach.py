@@ -123,13 +123,13 @@ def test_a_stall_is_said_and_its_silence_not_made_up_for(attachment, bus, words)
     assert attachment.world.now == SILENCE_NS + 5 * MS
 
 
-def test_stalls_are_said_once_a_second_with_their_sum(attachment, bus, words):
+def test_stalls_are_said_after_a_second_with_their_sum(attachment, bus, words):
     for _ in range(12):
         bus.now += 100 * MS
         attachment.turn(0.0)
     assert attachment.time.stalls == 12
     assert len(words) == 2
-    assert "1000 ms late and skipped 500 ms" in words[1]
+    assert "1000 ms late and skipped 500 ms in 10 stalls" in words[1]
 
 
 def watch_master(attachment, timeout_ms):

@@ -17,7 +17,7 @@ from hil.can.frame import CAN_RTR_FLAG, Frame
 from hil.can.local import LocalChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.bus.server import Server
-from plant_emulator.bus.stalls import MADE_UP_NS, SILENCE_NS, made_up, spread
+from plant_emulator.bus.stalls import MADE_UP_NS, QUIET_NS, SILENCE_NS, WallTime, made_up, spread
 from plant_emulator.drive.dictionary.manufacturer_objects import USER_TEXT
 from plant_emulator.world import World
 from tests.plant_emulator.bus.conftest import drain, wait_for
@@ -53,6 +53,24 @@ def test_a_stall_in_which_frames_kept_coming_is_made_up_for_frame_by_frame(begin
 
 def test_frames_of_before_and_of_after_count_as_those_of_begin_and_end():
     assert made_up(10, 20, [-5, 3, 15, 99]) == ([10, 10, 15, 20], 20)
+
+
+def test_a_busy_machine_does_not_fill_the_terminal():
+    """Ten minutes of stalls are ten lines, not six hundred; after ten quiet minutes the next stall is said at once."""
+    now, words = [0], []
+    wall = WallTime(lambda: now[0], 0, words.append)
+
+    def stall(ms):
+        now[0] += ms * MS
+        wall.catch_up(0, ms * MS, [])
+
+    for _ in range(6_000):
+        stall(100)
+    assert len(words) == 10
+    assert words[-1].endswith(" in 2560 stalls; it first processed the frames that had arrived")
+    now[0] += QUIET_NS
+    stall(60)
+    assert len(words) == 11
 
 
 def test_frames_of_unknown_arrival_are_spread_evenly():

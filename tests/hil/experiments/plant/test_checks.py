@@ -32,7 +32,7 @@ def test_a_resonance_beyond_the_band_is_named_and_not_a_standard_error_that_is_s
 def test_a_resonance_in_the_band_or_just_above_it_is_no_cause(f_r_hz):
     assert all(check.holds for check in checks_of(f_r_hz))
     failed = [check.name for check in checks_of(f_r_hz, f_a_error_hz=0.6) if not check.holds]
-    assert failed == ["standard error of f_a"]
+    assert failed == ["standard error of f_a from noise alone"]
 
 
 @pytest.mark.parametrize(
