@@ -81,7 +81,7 @@ class Lss:
             if unconfigured:
                 found, numbers = self._master.fast_scan()
                 if not found:
-                    raise NoAnswerError(0, "LSS fast scan: no node without a node-ID", self._timeout_s)
+                    raise NoAnswerError(0, "LSS fast scan: found no node without a node-ID", self._timeout_s)
                 yield LssAddress(*numbers)
             elif address is not None:
                 if not self._tried(lambda: self._master.send_switch_state_selective(*address.numbers)):

@@ -52,7 +52,8 @@ def complete_rows(path: Path, columns: dict[str, Real]) -> tuple[dict[str, Real]
         count = int(np.count_nonzero(~np.isfinite(columns[worst])))
         raise RecordingFileError(
             path,
-            f"a number is missing in {missing} of {rows} rows, {count} times in {worst!r}; {100 * MOST_MISSING:g} % is allowed",
+            f"a number is missing in {missing} of {rows} rows, most of them in {worst!r} ({count}); expected at most "
+            f"{100 * MOST_MISSING:g} %",
         )
     if rows - missing < LEAST_SAMPLED:
         raise RecordingFileError(path, f"{rows - missing} rows are too few; at least {LEAST_SAMPLED} are needed")

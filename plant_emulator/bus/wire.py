@@ -97,7 +97,8 @@ class EmulatedWire:
         self._faults = faults
         for event in faults.events if faults is not None else ():
             if bitrate is None and event.kind in {"babble", "stuck"}:
-                raise ValueError(f"a bus without bit times cannot have a fault of kind {event.kind}")
+                what = f"a bus without bit times cannot have a fault of kind {event.kind}"
+                raise ValueError(f"{what}; give it a bit rate, such as @1M")
             self.schedule(event)
 
     @property

@@ -74,7 +74,8 @@ class BenchSession(Session):
         """
         self.target.check_motion_is_allowed()
         if self.held is not None:
-            raise NotPossibleError("the drive fixture holds its drive enabled; a run needs it disabled")
+            what = "hil_drive holds its drive enabled, and a run needs it disabled"
+            raise NotPossibleError(f"{what}; use hil_session without hil_drive")
         with self.moving():
             result = super().run(motion, filters, loop, adder, fixed, shows_filter=shows_filter)
         axes = "-".join(map(str, motion.axes))

@@ -163,8 +163,8 @@ def check_load_encoder(asked: Questions, number: int, table: AxisTable, profile:
     if steps and turns and steps != encoder.counts_per_rev * turns:
         raise NodeError(
             asked.node,
-            f"axis {number}: its second encoder has {steps}/{turns} steps per revolution ({facts.increments}), "
-            f"axis.{number}.load_encoder.counts_per_rev is {encoder.counts_per_rev}",
+            f"the second encoder of axis {number} has {steps}/{turns} steps per revolution ({facts.increments})",
+            f"axis.{number}.load_encoder.counts_per_rev is {encoder.counts_per_rev}: make the two equal",
         )
 
 

@@ -112,3 +112,15 @@ def test_it_prints_on_numbered_pages(browser, page, tmp_path):
         return
     assert f"page {count} of {count}" in text
     assert "f\nal" in text or "fal" in text  # words of figures are words on paper too
+
+
+def test_names_of_a_table_keep_their_subscripts_on_a_telephone_only(browser, tmp_path):
+    orders = ReportTable("orders", "Orders", "", ("Axis", "f_al (Hz)", "Peak (mm)"), [["2", "11.8", "0.07"]], frozenset({0}))
+    head = PageHead("reference", "2026-11-26T16:00:00Z", heading="Orders")
+    page = render(tmp_path / "page.html", head, PageVerdict("good", "✔", "Orders", ()), [Section("orders", "Orders", (orders,))])
+    shown = "getComputedStyle(document.querySelector('td .name')).display"
+    browser.open(page)
+    assert browser.value(shown) == "none"
+    browser.open(page, width=390)
+    assert browser.value(shown) != "none"
+    assert browser.value("document.querySelector('td .name').innerHTML") == "f<sub>al</sub> (Hz)"
