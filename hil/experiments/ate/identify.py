@@ -6,6 +6,7 @@ For the accuracy on the reference robot see docs/theory-transmission-error.md.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError
 from hil.design.ate.identification import JointEstimate
-from hil.design.ate.model import Sweep
+from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.reaction import Reaction, Turning, gear_reaction
 from hil.design.estimation import EstimatedParameter
 from hil.design.transmission_error import TransmissionError
@@ -235,18 +236,44 @@ def _fitted(
     sweep = sweep_of(motion, recording, request.axis, sensorless=request.sensorless, sensor=bench.accelerometer.title)
     before = identification.passes
     try:
-        estimate = identify_orders(
+        estimate = estimate_of(
             [*(each.sweep for each in before), sweep],
             bench.axis[request.axis].reduction_ratio,
             sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
-            before[-1].estimate.arm if before else knowledge.start,
+            knowledge,
+            before[-1].estimate.arm if before else None,
             request.orders,
-            is_near=len(before) >= SEARCHED_PASSES,
         )
     except ValueError as error:
         binding = binding_limit_of(bench, request.axis, motion)
         raise NotPossibleError(f"not identified: {error}{binding}", ("limits",)) from error
-    return Pass(motion, recording, sweep, _with_inertia_error(estimate, knowledge.arm_inertia_fraction))
+    return Pass(motion, recording, sweep, estimate)
+
+
+def estimate_of(
+    sweeps: Sequence[Sweep],
+    reduction_ratio: float,
+    sensing: Sensing,
+    knowledge: AxisKnowledge,
+    before: Arm | None,
+    orders: Sequence[float],
+) -> JointEstimate:
+    """Estimate the transmission error from all passes so far.
+
+    Args:
+        sweeps: The passes.
+        reduction_ratio: Reduction ratio N.
+        sensing: The kind of signal.
+        knowledge: Knowledge of the axis.
+        before: Arm of the estimate from all passes but the last; None for the first pass.
+        orders: Orders that are fitted.
+
+    Raises:
+        ValueError: The passes do not carry a fit.
+    """
+    start = knowledge.start if before is None else before
+    estimate = identify_orders(sweeps, reduction_ratio, sensing, start, orders, is_near=len(sweeps) > SEARCHED_PASSES)
+    return _with_inertia_error(estimate, knowledge.arm_inertia_fraction)
 
 
 def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool, sensor: str = "accelerometer") -> Sweep:

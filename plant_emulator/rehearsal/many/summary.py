@@ -21,7 +21,9 @@ class QuantityStatistics:
         name: The quantity.
         count: Robots of which estimate, truth and standard error are known.
         median_off: Median of the deviation: of the true value as a fraction, of an angle in degrees.
+        median_error: Median standard error, in the quantity's unit.
         rms_z: Root mean square of the deviations in standard errors.
+        mean_z: Mean of the deviations in standard errors, which is the bias.
         far: Deviations of more than `FAR_Z` standard errors.
         worst_z: The largest of them, with its sign.
         worst_seed: Seed of its robot.
@@ -30,7 +32,9 @@ class QuantityStatistics:
     name: str
     count: int
     median_off: float | None
+    median_error: float
     rms_z: float
+    mean_z: float
     far: int
     worst_z: float
     worst_seed: int
@@ -42,10 +46,10 @@ def deviations(rows: Sequence[Row], name: str) -> list[tuple[int, float]]:
     return [(seed, z) for seed, z in found if z is not None and isinstance(seed, int)]
 
 
-def quantities(rows: Sequence[Row]) -> list[QuantityStatistics]:
+def quantities(rows: Sequence[Row], names: Sequence[str] = QUANTITIES) -> list[QuantityStatistics]:
     """Return the statistics of each quantity of any robot."""
     found = []
-    for name in QUANTITIES:
+    for name in names:
         pairs = deviations(rows, name)
         if not pairs:
             continue
@@ -56,7 +60,9 @@ def quantities(rows: Sequence[Row]) -> list[QuantityStatistics]:
                 name=name,
                 count=len(z),
                 median_off=_median_off(rows, name),
+                median_error=_median_error(rows, name),
                 rms_z=float(np.sqrt(np.mean(z**2))),
+                mean_z=float(np.mean(z)),
                 far=int(np.sum(np.abs(z) > FAR_Z)),
                 worst_z=float(z[worst]),
                 worst_seed=pairs[worst][0],
@@ -78,3 +84,9 @@ def _median_off(rows: Sequence[Row], name: str) -> float | None:
         elif true:
             off.append(abs(estimate / true - 1.0))
     return float(np.median(off)) if off else None
+
+
+def _median_error(rows: Sequence[Row], name: str) -> float:
+    """Return the median standard error of the robots with a deviation."""
+    found = [number(row, f"{name}_error") for row in rows if number(row, f"{name}_z") is not None]
+    return float(np.median([each for each in found if each is not None]))

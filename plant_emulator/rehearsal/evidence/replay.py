@@ -1,0 +1,104 @@
+"""Estimates from kept recordings, made again without a robot."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from hil.bench.bench import Bench
+from hil.bench.model import Identified, IdentifiedAxis, IdentifiedPlant
+from hil.control.angles import ARCSEC
+from hil.design.ate.model import Sweep
+from hil.errors import HilError
+from hil.experiments.ate.identify import as_part, estimate_of
+from hil.experiments.ate.request import AteRequest, axis_knowledge
+from hil.recording import Recording
+from hil.results.ate import AteResult, AteRun
+from hil.results.files import load_result
+from plant_emulator.rehearsal.estimates import quantities_of
+from plant_emulator.rehearsal.evidence.recordings import RecordedRobot
+from plant_emulator.rehearsal.gear import gear_plant
+from plant_emulator.trials.rows import Row, plain
+from plant_emulator.rehearsal.record import QUANTITIES, QuantityRecord
+from plant_emulator.robots.robot import RobotAxis
+
+RAMP_QUANTITIES = ("ramps_arm_hz", "ramps_damping")
+"""f_a and ζ as the ramps show them, beside those of the plant."""
+REPLAYED = (*(name for name in QUANTITIES if not name.startswith("learnt_")), *RAMP_QUANTITIES)
+"""Quantities of a replay."""
+
+
+def replayed(recorded: RecordedRobot) -> Row:
+    """Estimate the transmission error from a robot's recordings again.
+
+    Returns a row with truth, estimate, standard error and z by the names of `REPLAYED`. The plant is the one that was
+    identified when the recordings were made.
+    """
+    robot, bench, axis = recorded.robot, recorded.bench, min(recorded.bench.axis)
+    known = recorded.files.identified()
+    plant = None if known is None else known.axis[axis].plant
+    found = quantities_of(robot, axis, _identified(bench, axis, plant), None)
+    found |= dict.fromkeys(RAMP_QUANTITIES, QuantityRecord())
+    words = ""
+    try:
+        found |= _of_ramps(recorded, bench, axis, plant)
+    except (HilError, ValueError, OSError) as error:
+        words = f"{type(error).__name__}: {error}"
+    row: dict[str, object] = {"seed": robot.seed, "kind": recorded.kind, "words": words}
+    for name in REPLAYED:
+        each = found[name]
+        row |= {f"{name}_true": each.true, f"{name}_estimate": each.estimate, f"{name}_error": each.error}
+        row[f"{name}_z"] = each.z(is_angle=name.endswith("_deg"))
+    return {name: plain(value) for name, value in row.items()}
+
+
+def _identified(bench: Bench, axis: int, plant: IdentifiedPlant | None) -> Identified | None:
+    return None if plant is None else Identified(robot=bench.name, axis={axis: IdentifiedAxis(plant=plant)})
+
+
+def _of_ramps(recorded: RecordedRobot, bench: Bench, axis: int, plant: IdentifiedPlant | None) -> dict[str, QuantityRecord]:
+    """Fit the passes as they were fitted on the bus, each with those before it."""
+    result = load_result(recorded.folder / "ate", AteResult, "an identification")
+    sweeps = [_sweep(each, Recording.load(recorded.folder / "ate" / each.recording), axis) for each in result.passes]
+    request = AteRequest(axis)
+    knowledge = axis_knowledge(bench, axis, _identified(bench, axis, plant), sensorless=False)
+    estimate = None
+    for count in range(1, len(sweeps) + 1):
+        before = None if estimate is None else estimate.arm
+        estimate = estimate_of(
+            sweeps[:count], bench.axis[axis].reduction_ratio, result.sensing, knowledge, before, request.orders
+        )
+    if estimate is None:
+        return {}
+    damping = None if knowledge.start is None else knowledge.start.damping
+    part = as_part(estimate, request, "", knowledge.gear_fraction_error, None, damping)
+    model = Identified(robot=bench.name, axis={axis: IdentifiedAxis(plant=plant, ate=part)})
+    gear = gear_plant(recorded.robot.axis[axis], _torsion_arcsec(sweeps, result.sensing.gain, recorded.robot.axis[axis]))
+    arm, error = estimate.arm, estimate.arm_error
+    return quantities_of(recorded.robot, axis, model, None) | {
+        "ramps_arm_hz": QuantityRecord(gear.antiresonance_hz, arm.resonance_hz, error.resonance_hz),
+        "ramps_damping": QuantityRecord(gear.damping, arm.damping, error.damping),
+    }
+
+
+def _sweep(made: AteRun, recording: Recording, axis: int) -> Sweep:
+    """Return a kept pass as input of the fit."""
+    direction = np.zeros(len(recording.time_s), dtype=np.int8)
+    for from_s, sign in ((made.forward_from_s, 1), (made.backward_from_s, -1)):
+        since = recording.time_s - recording.time_s[0] - from_s
+        direction[(since > -0.5 * recording.period_s) & (since <= made.ramp_s + 1e-9)] = sign
+    return Sweep(recording.axis(axis, "position_rad"), recording.felt_m_s2, recording.period_s, direction)
+
+
+def _torsion_arcsec(sweeps: Sequence[Sweep], lever_m: float, axis: RobotAxis) -> float:
+    """Return the largest amplitude of the gear's torsion at its resonance.
+
+    The arm's acceleration is ω² times the torsion.
+    """
+    nominal_hz, largest = gear_plant(axis, None).antiresonance_hz, 0.0
+    for sweep in sweeps:
+        band = scipy.signal.butter(2, (0.5 * nominal_hz, 1.5 * nominal_hz), "bandpass", fs=1.0 / sweep.period_s, output="sos")
+        passed = scipy.signal.sosfiltfilt(band, sweep.signal)[sweep.direction != 0]
+        largest = max(largest, float(np.max(np.abs(passed), initial=0.0)))
+    return max(largest / lever_m / (2.0 * math.pi * nominal_hz) ** 2 / ARCSEC, 0.1)
