@@ -128,7 +128,8 @@ class AxisKnowledge:
     Attributes:
         start: Arm from which the fit starts; None to search for it.
         plant: Plant for the sensorless variant.
-        arm_inertia_fraction: Standard error of J_l as a fraction of J_l; 0 if the error of J_l is not known.
+        arm_inertia_fraction: Standard error of J_l as a fraction of J_l, on which A_k depends without an accelerometer; 0 with
+            one, and if the error of J_l is not known.
         source: Source of this knowledge, in words.
         resonance_error_hz: Standard error of the arm's resonance; None if it is not known.
         damping_error: Standard error of the arm's damping ratio, likewise.
@@ -174,8 +175,8 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
         start = replace(start, others=_other_modes(part_of))
         if total > 0.0:
             start = replace(start, gear_fraction=values.gear_damping_nm_s_rad / total)
-        fraction = part_of.standard_error.get("arm_inertia_kg_m2", 0.0) / values.arm_inertia_kg_m2
         errors = part_of.standard_error
+        fraction = errors.get("arm_inertia_kg_m2", 0.0) / values.arm_inertia_kg_m2 if sensorless else 0.0
         return AxisKnowledge(
             start, values, fraction, "the model file", errors.get("antiresonance_hz"), errors.get("damping"),
             _gear_fraction_error(total, errors), _motor_side(bench.axis[axis].reduction_ratio, part_of),

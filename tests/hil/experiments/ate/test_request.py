@@ -47,6 +47,13 @@ def test_the_delay_of_the_model_file_reaches_the_fit_of_the_tip_and_not_that_of_
     assert (torque.delay_from_s, torque.delay_to_s) == DELAY_S
 
 
+@pytest.mark.parametrize(("sensorless", "fraction"), [(True, 0.02), (False, 0.0)])
+def test_the_error_of_the_arms_inertia_goes_into_amplitudes_from_the_torque_alone(sensorless, fraction):
+    bench, inertia = blank_bench(built()), PLANT.values.arm_inertia_kg_m2
+    known = Identified(robot=bench.name).with_part(AXIS, plant(standard_error={"arm_inertia_kg_m2": 0.02 * inertia}))
+    assert axis_knowledge(bench, AXIS, known, sensorless=sensorless).arm_inertia_fraction == pytest.approx(fraction)
+
+
 @pytest.mark.parametrize(("times", "is_usable"), [(1.5, True), (2.9, True), (3.1, False)])
 def test_standard_errors_are_a_result_up_to_three_times_what_is_asked(times, is_usable):
     amplitude, goal = GOOD.error.amplitude_arcsec[2], Goal({2: 0.01}, {2: 90.0})
