@@ -21,7 +21,7 @@ from plant_emulator.rehearsal.evidence.recordings import RecordedRobot
 from plant_emulator.rehearsal.gear import gear_plant
 from plant_emulator.trials.rows import Row, plain
 from plant_emulator.rehearsal.record import QUANTITIES, QuantityRecord
-from plant_emulator.robots.robot import RobotAxis
+from plant_emulator.robots.robot import Robot, RobotAxis
 
 RAMP_QUANTITIES = ("ramps_arm_hz", "ramps_damping")
 """f_a and ζ as the ramps show them, beside those of the plant."""
@@ -74,11 +74,11 @@ def _of_ramps(recorded: RecordedRobot, bench: Bench, axis: int, plant: Identifie
     damping = None if knowledge.start is None else knowledge.start.damping
     part = as_part(estimate, request, "", knowledge.gear_fraction_error, None, damping)
     model = Identified(robot=bench.name, axis={axis: IdentifiedAxis(plant=plant, ate=part)})
-    gear = gear_plant(recorded.robot.axis[axis], _torsion_arcsec(sweeps, result.sensing.gain, recorded.robot.axis[axis]))
+    true_hz, true_damping = _arm_on_its_gear(recorded.robot, axis, sweeps, result.sensing.gain)
     arm, error = estimate.arm, estimate.arm_error
     return quantities_of(recorded.robot, axis, model, None) | {
-        "ramps_arm_hz": QuantityRecord(gear.antiresonance_hz, arm.resonance_hz, error.resonance_hz),
-        "ramps_damping": QuantityRecord(gear.damping, arm.damping, error.damping),
+        "ramps_arm_hz": QuantityRecord(true_hz, arm.resonance_hz, error.resonance_hz),
+        "ramps_damping": QuantityRecord(true_damping, arm.damping, error.damping),
     }
 
 
@@ -89,6 +89,18 @@ def _sweep(made: AteRun, recording: Recording, axis: int) -> Sweep:
         since = recording.time_s - recording.time_s[0] - from_s
         direction[(since > -0.5 * recording.period_s) & (since <= made.ramp_s + 1e-9)] = sign
     return Sweep(recording.axis(axis, "position_rad"), recording.felt_m_s2, recording.period_s, direction)
+
+
+def _arm_on_its_gear(robot: Robot, number: int, sweeps: Sequence[Sweep], lever_m: float) -> tuple[float, float]:
+    """Return the true f_a and ζ of ramps.
+
+    The gear is that of the largest torsion. Gravity adds to its stiffness −m g l sin q on average over the ramps.
+    """
+    axis, home_rad = robot.axis[number], robot.home_angle(number)
+    gear = gear_plant(axis, _torsion_arcsec(sweeps, lever_m, axis))
+    postures = np.concatenate([each.motor_angle_rad[each.direction != 0] for each in sweeps]) / axis.reduction_ratio + home_rad
+    stiffer = math.sqrt(1.0 - axis.gravity_moment_nm * float(np.mean(np.sin(postures))) / gear.stiffness_nm_rad)
+    return gear.antiresonance_hz * stiffer, gear.damping / stiffer
 
 
 def _torsion_arcsec(sweeps: Sequence[Sweep], lever_m: float, axis: RobotAxis) -> float:
