@@ -1,4 +1,4 @@
-"""Makes recordings of drawn robots, or estimates from them again and prints the errors.
+"""Record drawn robots, or print the errors of replayed estimates.
 
 `record` takes half a minute of a processor per robot and is resumed by the same command; `replay` takes seconds.
 """

@@ -22,7 +22,9 @@ HELD_OUT_FROM = 50_001
 
 @dataclass(frozen=True)
 class RecordedRobot:
-    """Folder of one robot: its truth, its bench file, and the files of its identifications.
+    """Folder of one robot.
+
+    It has the truth, the bench file, and the files of the identifications.
 
     Attributes:
         folder: The folder, named by kind and seed.
