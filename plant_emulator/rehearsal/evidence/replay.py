@@ -19,9 +19,9 @@ from hil.results.files import load_result
 from plant_emulator.rehearsal.estimates import quantities_of
 from plant_emulator.rehearsal.evidence.recordings import RecordedRobot
 from plant_emulator.rehearsal.gear import gear_plant
-from plant_emulator.trials.rows import Row, plain
 from plant_emulator.rehearsal.record import QUANTITIES, QuantityRecord
 from plant_emulator.robots.robot import Robot, RobotAxis
+from plant_emulator.trials.rows import Row, plain
 
 RAMP_QUANTITIES = ("ramps_arm_hz", "ramps_damping")
 """f_a and ζ as the ramps show them, beside those of the plant."""

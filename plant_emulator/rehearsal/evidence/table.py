@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from hil.report.tables.paper_runs import Cell, ReportTable
 from plant_emulator.rehearsal.evidence.replay import REPLAYED
 from plant_emulator.rehearsal.many.reading import of_kind
-from plant_emulator.trials.rows import Row
 from plant_emulator.rehearsal.many.summary import FAR_Z, QuantityStatistics, quantities
+from plant_emulator.trials.rows import Row
 
 
 def errors_table(rows: Sequence[Row], before: Sequence[Row] = ()) -> ReportTable:
