@@ -18,6 +18,8 @@ from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes
 
 _NO_WINDOW = 2**32 - 1
+LONGEST_INTERPOLATION = 2**31
+"""Control periods of the longest interpolation, six days of 250 µs; 60C2h can state up to 10^65 s."""
 
 
 class DriveLimits:
@@ -109,9 +111,9 @@ class DriveLimits:
         return limit.quantity.si(self.counting.scaling, value) if step is None else float(value * step)
 
     def control_periods_per_set_point(self) -> float:
-        """Return the control periods per set-point, from 60C2h."""
+        """Return the control periods per set-point, from 60C2h, at most `LONGEST_INTERPOLATION`."""
         value, exponent = (self._held(Object.INTERPOLATION_PERIOD, sub) for sub in (1, 2))
-        return float(value * 10.0**exponent / self._control_period_s)
+        return min(float(value * 10.0**exponent / self._control_period_s), float(LONGEST_INTERPOLATION))
 
     @property
     def is_within_position_limits(self) -> bool:

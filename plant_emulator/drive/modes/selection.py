@@ -8,6 +8,7 @@ from typing import Any
 
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Object, State
+from plant_emulator.drive.binding.limits import LONGEST_INTERPOLATION
 from plant_emulator.drive.faults import NO_GAINS, NO_INTERPOLATION, NO_MODE, DriveFaults
 from plant_emulator.drive.modes.limit_switches import LimitSwitches
 from plant_emulator.drive.modes.mode import ModeOfOperation
@@ -107,7 +108,7 @@ class ModeSelection:
         mode, span = self._modes[wanted], self._stage.data.limits.control_periods_per_set_point()
         gains = self._stage.axes.cascade_config[self._stage.row]
         lack = None
-        if mode.needs_interpolation and (span < 1.0 - 1e-9 or abs(span - round(span)) > 1e-6):
+        if mode.needs_interpolation and not (1.0 - 1e-9 < span < LONGEST_INTERPOLATION and abs(span - round(span)) < 1e-6):
             lack = NO_INTERPOLATION
         elif mode.needs_gains and not (gains["position_gain_per_s"] > 0.0 and gains["velocity_gain_nm_s_rad"] > 0.0):
             lack = NO_GAINS

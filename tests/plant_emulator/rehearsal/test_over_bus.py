@@ -22,7 +22,13 @@ from plant_emulator.robots.robot import Robot
 from plant_emulator.robots.writing import file_text
 from plant_emulator.world import World
 
-ROBOT = draw(8, kind="linear")
+DRAWN = draw(8, kind="linear")
+QUIET = {
+    number: axis.model_copy(update={"encoder": axis.encoder.model_copy(update={"noise_counts": 0.0})})
+    for number, axis in DRAWN.axis.items()
+}
+ROBOT = DRAWN.model_copy(update={"axis": QUIET})
+"""Without noise of the encoder, of which each control period draws: a served robot lives on between two commands."""
 AMPLITUDES_AND_PHASES = [key(order) for order in ORDERS for key in (amplitude_key, phase_key)]
 
 

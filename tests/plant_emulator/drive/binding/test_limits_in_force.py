@@ -325,6 +325,18 @@ def test_60c2h_that_is_written_in_another_mode_is_in_force_with_the_next_one(rig
     assert rig.motion["periods_per_set_point"] == 40
 
 
+@pytest.mark.parametrize("mode", [Mode.PP, Mode.CSP])
+@pytest.mark.parametrize(("exponent", "is_within"), [(-3, True), (36, False)])
+def test_60c2h_beyond_what_a_drive_counts_keeps_the_modes_that_interpolate_from_acting(mode, exponent, is_within):
+    rig = Rig(with_drives(ONE_AXIS, {AXIS: "maxon_epos4"}))
+    for sub, value in ((1, 2), (2, exponent)):
+        rig.set(Object.INTERPOLATION_PERIOD, sub, value)
+    rig.set(Object.MODES_OF_OPERATION, 0, mode)
+    rig.start()
+    enabled = rig.word(0x06, 0x07, 0x0F) is State.OPERATION_ENABLED
+    assert enabled == (is_within or mode is Mode.PP)
+
+
 # -- position limits ---------------------------------------------------------------------------------------------------
 
 
