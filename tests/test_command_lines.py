@@ -212,7 +212,8 @@ def test_tables_fit_and_break_no_word(columns, command, monkeypatch):
     piped = called(*command).stdout
     tables = [line for line in lines if not line.startswith("Fits")]  # the sentence at the end is the terminal's to wrap
     assert max(map(len, tables)) <= columns
-    assert set(piped.split()) <= set(re.sub(r" · |: ", " ", "\n".join(lines)).split()) | set("\n".join(lines).split())
+    unbroken = set(piped.split()) - {"what", "change"}  # headings of first columns, which records leave out
+    assert unbroken <= set(re.sub(r" · |: ", " ", "\n".join(lines)).split()) | set("\n".join(lines).split())
 
 
 @pytest.mark.ci

@@ -226,7 +226,9 @@ def _written(content: int | float | str | bytes, data_type: int) -> str:
     else:
         written = repr(content) if isinstance(content, float) else str(content)
     if not written or written != written.strip(BLANK + "\r\n") or not written.replace("\t", " ").isprintable():
-        raise ValueError(f"{quoted(written)} does not fit on a line: it is empty, has blanks around it, or a character that does not print")
+        raise ValueError(
+            f"{quoted(written)} does not fit on a line: it is empty, has blanks around it, or a character that does not print"
+        )
     return written
 
 

@@ -1,4 +1,4 @@
-"""Every branch of the slave engine and of the CiA 402 state machine is taken by their tests.
+"""Every branch of the slave engine and of the CiA 402 state machine is taken by their tests and the image's.
 
 It plays those tests a second time, under coverage: so it is for the whole run alone, and neither for every day nor for CI.
 """
@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 def test_every_branch_of_the_slave_engine_and_the_state_machine_is_taken(tmp_path):
     command = [
         *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"),
-        *("tests/plant_emulator/slave", "tests/plant_emulator/drive/test_state_machine.py"),
+        *("tests/plant_emulator/slave", "tests/plant_emulator/image", "tests/plant_emulator/drive/test_state_machine.py"),
         *("--cov=plant_emulator.slave", "--cov=plant_emulator.drive.state_machine", "--cov-branch"),
         *("--cov-report=term-missing", "--cov-fail-under=100"),
     ]

@@ -40,7 +40,11 @@ def some_value(data_type: int) -> st.SearchStrategy:
         return st.integers(*limits)
     if data_type in eds_values.REALS:
         return st.floats(allow_nan=False, allow_infinity=False, width=eds_values.REALS[data_type])
-    return TEXTS.filter(lambda text: text == text.strip() and text.isprintable()) if data_type == 0x09 else st.binary(min_size=1, max_size=20)
+    return (
+        TEXTS.filter(lambda text: text == text.strip() and text.isprintable())
+        if data_type == 0x09
+        else st.binary(min_size=1, max_size=20)
+    )
 
 
 @pytest.mark.slow
