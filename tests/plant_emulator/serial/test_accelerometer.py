@@ -92,7 +92,7 @@ def test_the_counter_begins_anew():
 
 def test_it_measures_the_tip_with_the_noise_of_the_robot_file():
     world, _, written = measured()
-    world.axes.tip_acceleration = lambda: (1.0, 0.0, -2.0)
+    world.axes.sensed_acceleration = lambda: (1.0, 0.0, -2.0)
     world.advance(2_000 * MS)
     values = np.array([[float(v) for v in frame[1:-5].split(b",")[2:]] for frame in written])
     setting = ONE_AXIS.accelerometer
