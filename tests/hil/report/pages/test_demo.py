@@ -25,6 +25,7 @@ class Page(HTMLParser):
     def __init__(self, text):
         super().__init__()
         self.ids, self.references, self.words, self.tags, self.open, self.figures, self.named_by = [], [], [], [], [], [], []
+        self.label = None  # depth of a cell's label, which only a phone shows
         self.feed(text)
         self.close()
 
@@ -40,6 +41,8 @@ class Page(HTMLParser):
         self.references += re.findall(r"url\(([^)]*)\)", " ".join(value or "" for _, value in attrs))
         if tag not in VOID:
             self.open.append(tag)
+        if found.get("class") == "name":
+            self.label = len(self.open)
 
     def handle_startendtag(self, tag, attrs):
         self.handle_starttag(tag, attrs)
@@ -49,9 +52,12 @@ class Page(HTMLParser):
     def handle_endtag(self, tag):
         assert self.open, f"</{tag}> closes nothing"
         assert self.open.pop() == tag
+        if self.label is not None and len(self.open) < self.label:
+            self.label = None
 
     def handle_data(self, data):
-        self.words.append(data)
+        if self.label is None:
+            self.words.append(data)
 
     @property
     def text(self):
