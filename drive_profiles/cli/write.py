@@ -212,7 +212,7 @@ def _number(text: str, key: str, data_type: Any) -> float | str:
     if data_type is not None and not (data_type.is_integer or data_type.is_real or data_type.size):
         return text
     for convert in (lambda t: int(t, 0), float):
-        with contextlib.suppress(ValueError):
+        with contextlib.suppress(ValueError, OverflowError):  # a whole number beyond the largest float has no finite value
             if math.isfinite(value := convert(text)):
                 return value
     raise fail(f"{key}={text}: expected a finite number", ExitStatus.USAGE)

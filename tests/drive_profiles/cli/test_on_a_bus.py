@@ -199,7 +199,15 @@ def test_get_and_set_take_addresses_and_names_and_say_units():
     result = run("get", "gain", "--node", "2", code=2)
     assert "2100:1 (position_gain_per_s), 2101:1" in result.stderr
     assert "did you mean notch_1.mode" in run("get", "notch_1.mod1", "--node", "2", code=2).stderr
-    for wrong in ("position_gain_per_s", "position_gain_per_s=", "position_gain_per_s=fast", "=3", "position_gain_per_s=nan"):
+    beyond = f"position_gain_per_s={10**400}"
+    for wrong in (
+        "position_gain_per_s",
+        "position_gain_per_s=",
+        "position_gain_per_s=fast",
+        "=3",
+        "position_gain_per_s=nan",
+        beyond,
+    ):
         run("set", wrong, "--node", "2", "--yes", code=2)
     refused = run("set", "position_gain_per_s=1e9", "--node", "2", "--yes", code=3)
     assert "outside 0 to 10000" in refused.stderr
