@@ -18,6 +18,8 @@ from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 from tests.hil.experiments.plant.plant_rig import true_values, unknown_bench
 
+pytestmark = pytest.mark.ci
+
 SHORT = {"position_min_rev": -6.0, "position_max_rev": 6.0}
 
 

@@ -37,6 +37,8 @@ from plant_emulator.robots.load_encoder import LoadEncoder
 from plant_emulator.robots.robot import load_robot, with_drives
 from plant_emulator.world import World
 
+pytestmark = pytest.mark.ci
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "load-encoder.toml"
 ROBOT = with_drives(load_robot("reference"), load_encoder_bits=20)
 

@@ -26,6 +26,8 @@ from plant_emulator.slave.node import Slave
 from plant_emulator.world import World
 from tests.plant_emulator.rig import Rig, Stranger
 
+pytestmark = pytest.mark.ci
+
 VENDORS = Path(drive_profiles.__file__).parent / "vendors"
 DRIVE, ACCELEROMETER = "emulated_drive.eds", "emulated_accelerometer.eds"
 NAMES = (DRIVE, ACCELEROMETER)

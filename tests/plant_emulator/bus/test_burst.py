@@ -110,6 +110,7 @@ def test_whatever_else_comes_the_wire_is_the_same(seed):
     assert twin.plain > 0
 
 
+@pytest.mark.ci
 def test_a_limit_that_breaks_while_the_frames_pass_ends_the_burst_and_not_the_cycle(monkeypatch):
     """The drive's emergency goes out between the client's frames, as it would without a burst."""
     seen, go_on = [], TimedBus._go_on

@@ -287,6 +287,7 @@ def test_the_slope_of_the_transmission_error_is_its_derivative(order):
         assert slope == pytest.approx(numeric, abs=1e-9)
 
 
+@pytest.mark.ci
 def test_the_hysteresis_torque_follows_dahls_exponential():
     """Loading from zero at a constant torsion rate: z = F (1 − exp(−ψ/ψ_h))."""
     axis = Axis(2, **LINEAR, **NO_ATE, hysteresis_torque_nm=3.0, hysteresis_torsion_rad=20 * ARCSEC)

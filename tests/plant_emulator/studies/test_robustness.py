@@ -438,6 +438,7 @@ def test_the_command_leaves_json_draws_and_a_figure_and_the_worst_plant_can_be_r
     assert {"time_s", "axis2_position_counts", "tip_z_m_s2", "measured_z_m_s2"} <= set(signals.dtype.names)
 
 
+@pytest.mark.ci
 def test_the_tables_say_shares_percentiles_influences_and_how_to_see_the_worst_again():
     found = command("--runs", 20, "--jobs", 1, "--axis", 3)
     assert found.exit_code == 0, found.output
@@ -450,6 +451,7 @@ def test_the_tables_say_shares_percentiles_influences_and_how_to_see_the_worst_a
     assert "meets the specification" in one.stdout
 
 
+@pytest.mark.ci
 def test_the_line_motion_is_judged_by_its_area_with_filters_and_by_its_peak_without():
     assert "reduction of the area in %" in command("--experiment", "line-motion", "--runs", 2, "--jobs", 1).stdout
     bare = command("--experiment", "line-motion", "--treatment", "none", "--runs", 1, "--jobs", 1)
@@ -498,6 +500,7 @@ def test_a_robot_without_gains_is_told(tmp_path):
     assert "no axis has a filter" in found.stderr
 
 
+@pytest.mark.ci
 def test_a_place_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     found = command("--runs", 1, "--jobs", 1, "--axis", 2, "--out", tmp_path / "file" / "below")
@@ -542,6 +545,7 @@ class Mortal:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 def test_plants_whose_process_dies_twice_end_the_study_and_are_named():
     with pytest.raises(RuntimeError, match="plants 0 to 0 died twice"):

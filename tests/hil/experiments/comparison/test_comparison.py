@@ -296,6 +296,7 @@ def test_on_an_arm_filters_beside_a_cancellation_are_run_only_where_they_are_nam
     assert "leave more vibration than the cancellation alone" in named.remarks[0]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("treatment", ["cancellation", "cancellation+notch"])
 def test_orders_that_would_be_too_fast_are_left_out_as_in_a_run_and_the_treatment_is_compared(treatment):
     """At 12 rev/s the set-points of order 4 would be faster than the axis may be: a run leaves the highest orders out there."""
