@@ -115,4 +115,4 @@ def _advice(directory: Path) -> str:
     if below:
         count = "a folder in it has one" if len(below) == 1 else f"{len(below)} folders in it have one; the newest"
         return f"{count}: hil report {below[-1]}"
-    return "run, identify, learn, compare or demo make one: give its --out, or its directory in bench-out"
+    return "hil run, identify, learn, compare and demo make one: give its directory, in bench-out unless you gave --out"

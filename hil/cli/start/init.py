@@ -37,7 +37,7 @@ def init(
         str | None, typer.Option(metavar="NAME,NAME", help="With --urdf: the joints of the drives, in rising node-IDs.")
     ] = None,
     tip_link: Annotated[
-        str | None, typer.Option(metavar="LINK", help="With --urdf: the link that is the tip; left out, the only one at the end.")
+        str | None, typer.Option(metavar="LINK", help="With --urdf: the link of the tip. Default: the last link, if only one ends the arm.")
     ] = None,
 ) -> None:
     """Write a bench file from a scan of the bus.

@@ -328,7 +328,7 @@ class PlantIdentification:
                 "--bias-rps moves it away from the resonance",
                 causes=("limits",),
             )
-        self.remarks.append(f"the amplitude of {amplitude:.3g} N·m was chosen from a pilot ({self._limited_by})")
+        self.remarks.append(f"a pilot run chose the amplitude of {amplitude:.3g} N·m; the {self._limited_by} limits it")
         return amplitude
 
     def _main(self, amplitude: float, friction: Friction, near: PlantEstimate) -> tuple[PlantEstimate, float]:

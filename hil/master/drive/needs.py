@@ -58,7 +58,7 @@ _CYCLE = (
 )
 _MAPPED: Final[Mapping[int, tuple[str, str]]] = {
     Object.CONTROL_WORD: ("control word", "it enables and stops the drive"),
-    Object.STATUS_WORD: ("status word", "the state of the drive is watched in each cycle"),
+    Object.STATUS_WORD: ("status word", "the master watches the state of the drive with it"),
     Object.POSITION_ACTUAL: ("position actual value", "the master watches position limits and following error with it"),
     Object.TORQUE_ACTUAL: ("torque actual value", "the master watches the torque limit with it"),
     Object.TARGET_POSITION: ("target position", "it is the set-point of a drive-closed run"),

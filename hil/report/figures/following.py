@@ -28,7 +28,7 @@ def following(material: Material) -> Drawing | None:
     style.legend_above(figure, top)
     return Drawing(
         "following",
-        f"{run_name(run, with_window=False)}: amplitude and phase that the cancellation has followed",
+        f"{run_name(run, with_window=False)}: amplitude and phase as the cancellation followed them",
         "",
         "measured",
         "Amplitude and phase of each cancelled order, relative to the identified ones. They are held at rest, while the "

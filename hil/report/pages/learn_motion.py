@@ -92,7 +92,7 @@ def runs(result: MotionLearningResult) -> ReportTable | None:
     probe = "some arcsec" if result.probe_arcsec is None else f"{result.probe_arcsec:.1f} arcsec"
     caption = (
         f"A probing run cancels {probe} of every order of every axis at one of four phases, which change from run to run. Tip: "
-        "length of its vector in the band, while the motion is judged."
+        "length of its displacement vector in the band, in the judged part of the motion."
     )
     rows = [_run(each) for each in result.runs]
     return ReportTable("probing", "Runs of the motion", "", header, rows, frozenset({1, 6}), caption)

@@ -106,4 +106,4 @@ def test_a_directory_of_directories_is_told_which_of_them_to_name(tmp_path):
 def test_any_other_directory_is_none_of_hils(tmp_path):
     code, output = report(tmp_path)
     assert code == 3
-    assert "has no result.json; run, identify, learn, compare or demo make one: give its --out" in output
+    assert "has no result.json; hil run, identify, learn, compare and demo make one: give its directory" in output

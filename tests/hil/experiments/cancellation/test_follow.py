@@ -51,7 +51,7 @@ def test_a_run_follows_an_error_that_has_turned_and_says_so(tmp_path):
     window = {each.order: each for each in entry.peaks}
     assert window[2].following_mm < window[2].alone_mm
     page = write_report(tmp_path).read_text(encoding="utf-8")
-    assert "amplitude and phase that the cancellation has followed" in page
+    assert "amplitude and phase as the cancellation followed them" in page
 
 
 def tip(amplitude: float) -> Recording:
