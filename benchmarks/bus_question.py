@@ -395,10 +395,10 @@ def page(found: dict[Cell, Found], bench: Bench) -> str:
         *(line for axis in MOTIONS for line in (
             f"## Tip peak without / with the notch, mm: {names[axis]}" + (f" (limit: {limit:g} mm)" if axis else ""), "",
             *table(found, axis), "")),
-        _fill("""–: does not fit. By `hil plan`, not every answer comes before the next SYNC at worst-case stuffing; cells
+        _fill("""–: does not fit. By `hil plan`, not every answer comes before the next SYNC at worst-case stuffing. Cells
               with *run* were run nevertheless, and stopped. *unstable*, *M_s*: the master refuses the run before it enables a
-              drive. The line has no limit for the tip; the paper has 26 % less area of the spectrum."""), "",
-        "## Other wiring, by the plan only", "", *elsewhere(bench), "",
+              drive. The line has no limit for the tip; the paper reports 26 % less area of the spectrum."""), "",
+        "## Other wiring, calculated by `hil plan` only", "", *elsewhere(bench), "",
         "## Conclusions", "",
         *(_fill(f"{number}. {text}", "   ") for number, text in enumerate(_meaning(found, bench), 1)), "",
     ])  # fmt: skip
@@ -420,23 +420,23 @@ def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
     peaks = [f.tip_mm for f in with_notch if f.tip_mm is not None]
     above = sum(peak > limit for peak in peaks)
     return [
-        f"""Close the loop in the drive. At bit rates that carry it, the notch takes {taken(2, "drive", real)} off axis 2's
-        tip peak and {taken(None, "drive", real)} off the area of the line's spectrum.""",
+        f"""Close the loop in the drive. At bit rates that carry it, the notch lowers axis 2's tip peak by
+        {taken(2, "drive", real)}. It lowers the area of the line's spectrum by {taken(None, "drive", real)}.""",
         f"""The bus then carries only set-points: its period affects their smoothness, not the stability of the loop. On an
-        ideal bus the notch takes {taken(2, "drive", (None,))} off the tip peak, at any period from 0.25 to 4 ms.""",
+        ideal bus the notch lowers the tip peak by {taken(2, "drive", (None,))}, at any period from 0.25 to 4 ms.""",
         f"""With the notch, {above} of the {len(peaks)} drive-closed cells of axis 2 on a real bus are above {limit:g} mm; the
         largest has {max(peaks):.3f} mm.""",
-        f"""Host-closed on an ideal bus the notch reduces as much ({taken(2, "host", (None,))}; line
+        f"""Host-closed on an ideal bus, the notch reduces the peak as much ({taken(2, "host", (None,))}; line
         {taken(None, "host", (None,))}). But with one period of delay that loop is stable only up to a period of {stable}
         (axis 2) or {stable_line} (all three). Lower gains would make it stable, but less stiff.""",
         f"""Classic CAN at 1 Mbit/s needs {us(one, "host")} for one axis and the accelerometer, {us(LINE_AXES, "host")} for
         three. So the host can close one axis at 0.5 ms, with little margin on the bus and M_s near its limit. For three axes
         no period suits both bus and loop.""",
-        f"""Drive-closed, 1 Mbit/s carries one axis from {us(one, "drive")} and three from {us(LINE_AXES, "drive")} on: 2 ms
-        is a sound default for three axes, 4 ms at 500 kbit/s.""",
+        f"""Drive-closed, 1 Mbit/s carries one axis from {us(one, "drive")} and three from {us(LINE_AXES, "drive")} on.
+        For three axes 2 ms is a sound default, or 4 ms at 500 kbit/s.""",
         """A run that does not fit ends within a few cycles, because answers are missing or late.""",
         """CAN FD (1 and 5 Mbit/s) carries the three axes host-closed at 0.5 ms and drive-closed at 1 ms.""",
-        """These are one robot, one seed and one set of gains: `hil plan` gives the limits of another bench.""",
+        """These numbers are of one robot, one seed and one set of gains: `hil plan` gives the limits of another bench.""",
     ]
 
 

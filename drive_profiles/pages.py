@@ -131,7 +131,7 @@ def brief_runs(profiles: Sequence[Profile]) -> str:
     for profile, run in _made_with(profiles):
         _, mode, _, plant, _, notch, tip, *_ = _run_row(profile, run)
         rows.append((f"`{profile.name}`", mode, plant, notch, tip, str(len(run.held_by_master) or "none")))
-    return _table(("family", "mode", "plant identified", "notch in drive", "tip, mm", "limits held by master alone"), rows)
+    return _table(("family", "mode", "plant identified", "notch in drive", "tip, mm", "limits held by the master alone"), rows)
 
 
 def _made_with(profiles: Sequence[Profile]) -> list[tuple[Profile, FamilyRun]]:

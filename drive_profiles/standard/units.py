@@ -399,14 +399,14 @@ def real32(value: float) -> float:
     A REAL32 object holds this number.
 
     Raises:
-        OutOfRangeError: The value is not finite, or beyond the largest single.
+        OutOfRangeError: The value is not finite, or beyond the largest REAL32.
     """
     if not math.isfinite(value):
         raise OutOfRangeError("REAL32", value, "", "must be finite")
     try:
         return float(struct.unpack("<f", struct.pack("<f", value))[0])
     except OverflowError as error:
-        raise OutOfRangeError("REAL32", value, "", "is beyond the largest single") from error
+        raise OutOfRangeError("REAL32", value, "", "is beyond the largest REAL32") from error
 
 
 def shortest(value: float) -> float:

@@ -162,7 +162,7 @@ def _foreign_identifiers(header: Header, own: int, writes: Sequence[Write]) -> l
         return []
     pdos = [write for write in writes if write.address[1] == 1 and pdo_of(write.address) == write.address[0]]
     named = ", ".join(str(write.entry) for write in pdos if int.from_bytes(write.data, "little") & 0x7F == theirs)
-    what = f"{named}: identifiers of node {theirs}, this is node {own}; leave communication out (--classes)"
+    what = f"{named}: identifiers of node {theirs}, but this is node {own}; leave communication out (--classes)"
     return [what] if named else []
 
 

@@ -190,7 +190,7 @@ def fd_head(can_id: int, data_length: int, extended: bool = False) -> Head:
         ValueError: The frame is one that `fd_bits` refuses, or has more than 8 bytes.
     """
     if data_length > MAX_DATA_LENGTH:
-        raise ValueError(f"frames of up to {MAX_DATA_LENGTH} bytes are counted that way, not of {data_length}")
+        raise ValueError(f"a frame of {data_length} bytes is too long for this count; expected at most {MAX_DATA_LENGTH}")
     slow, slow_length, bits, length = _fd_content(can_id, bytes(data_length), extended, True)
     before, before_length = bits >> 8 * data_length, length - 8 * data_length
     inserted, state = _stuffed(before, before_length, _NOTHING_YET)

@@ -54,7 +54,7 @@ SetFileOption = Annotated[
 ]
 DesignFileOption = Annotated[
     Path | None,
-    typer.Option("--design", help="Design file; this axis is replaced; default: design.toml in --out, or none with --given."),
+    typer.Option("--design", help="Design file in which this axis is replaced. Default: design.toml in --out, or none with --given."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print design.json on standard output, all else on standard error.")]
 

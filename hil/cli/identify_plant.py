@@ -103,7 +103,7 @@ def plant(
     ] = None,
     low_hz: Annotated[float | None, typer.Option(help="Lower end of the band; default: found by a pilot run.")] = None,
     high_hz: Annotated[
-        float | None, typer.Option(help="Upper end of the band; default: likewise, within 0.4 of the SYNC rate.")
+        float | None, typer.Option(help="Upper end of the band; default: by the pilot run, at most 0.4 of the SYNC rate.")
     ] = None,
     bias_rps: Annotated[
         float | None, typer.Option(help="Motor speed under the excitation; default: away from the gear's resonance.")

@@ -33,7 +33,7 @@ OptionalBenchOption = Annotated[
     str | None,
     typer.Option("--bench", help="Bench file (TOML), or `reference`, or `reference-arm`.", autocompletion=complete_reference),
 ]
-BusOption = Annotated[str | None, typer.Option("--bus", help=f"Bus address; left out: {BUS_VARIABLE}, then the bench file's.")]
+BusOption = Annotated[str | None, typer.Option("--bus", help=f"Bus address; default: {BUS_VARIABLE}, then the bench file's.")]
 MovedAxisOption = Annotated[int, typer.Option("--axis", help="The axis that is moved.", autocompletion=AXES.one)]
 LoopOption = Annotated[LoopName, typer.Option("--loop", help="Where the loop is closed.")]
 TreatmentOption = Annotated[
@@ -48,7 +48,7 @@ TreatmentListOption = Annotated[
         "--treatment",
         metavar="NAME[,NAME]",
         autocompletion=complete_list(lambda: [row.name for row in TABLE]),
-        help=f"Comma-separated list of: {', '.join(row.name for row in TABLE)}. Left out: all that the given files allow.",
+        help=f"Comma-separated list of: {', '.join(row.name for row in TABLE)}. Default: all that the given files allow.",
     ),
 ]
 PlainTreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="Plan with the notch or without.")]

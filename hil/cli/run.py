@@ -74,7 +74,7 @@ def run(
     axis: Annotated[int | None, typer.Option("--axis", help="Axis that moves alone.", autocompletion=AXES.one)] = None,
     treatment: TreatmentOption = "none",
     model: Annotated[
-        Path | None, typer.Option(help=f"Model file of hil identify, for {names_of('model')}; left out: the bench file's.")
+        Path | None, typer.Option(help=f"Model file of hil identify, for {names_of('model')}; default: the bench file's plant.")
     ] = None,
     design: Annotated[Path | None, typer.Option(help=f"Design file of hil design, for {names_of('design')}.")] = None,
     learnt: Annotated[Path | None, typer.Option(help=f"Model file of hil learn, for {names_of('learnt')}.")] = None,

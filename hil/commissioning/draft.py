@@ -226,7 +226,7 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
         lines.append(f"serial_number = {identity.serial_number}            # so that no other drive is taken for this one")
     if node.scaling is not None:
         lines.append(
-            f"# it counts {node.scaling.encoder_counts_per_rev} increments per motor revolution; {_position_words(node)}"
+            f"# the drive counts {node.scaling.encoder_counts_per_rev} increments per motor revolution; {_position_words(node)}"
         )
     elif not node.unsaid:
         lines.append(

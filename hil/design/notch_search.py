@@ -100,7 +100,7 @@ class Effort:
             ValueError: It is too little for any search.
         """
         if evaluations < LEAST_EVALUATIONS:
-            raise ValueError(f"{evaluations} evaluations are too few for a search; it takes {LEAST_EVALUATIONS}")
+            raise ValueError(f"{evaluations} evaluations are too few for a search; at least {LEAST_EVALUATIONS} are needed")
         population = min(40, max(10, evaluations // 30))
         robust = max(5, population // 2)
         generations = max(1, evaluations // (2 * population) - 1)

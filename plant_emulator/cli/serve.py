@@ -109,7 +109,7 @@ FaultsOption = Annotated[Path | None, typer.Option("--faults", help="Faults on t
 SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all noise instead of the file's.")]
 StreamOption = Annotated[bool, typer.Option("--stream", help="Use a stream socket although the system has seqpacket.")]
 UntilStdinClosesOption = Annotated[
-    bool, typer.Option("--until-stdin-closes", help="End when standard input ends, with the process that holds it.")
+    bool, typer.Option("--until-stdin-closes", help="End when standard input closes, for example when the program that started this one ends.")
 ]
 SlcanOption = Annotated[
     str | None, typer.Option("--slcan", metavar="PATH", help="Also be a serial CAN adapter (slcan) at this path.")

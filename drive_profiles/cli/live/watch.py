@@ -40,7 +40,7 @@ def watch(
     node: NodeOption,
     *,
     every_s: Annotated[float, typer.Option("--every-s", min=0.01, max=3600.0, help="Time between two readings.")] = 0.2,
-    count: Annotated[int | None, typer.Option("--count", min=1, help="Stop after so many readings.")] = None,
+    count: Annotated[int | None, typer.Option("--count", min=1, help="Stop after this many readings.")] = None,
     for_s: Annotated[float | None, typer.Option("--for-s", min=0.01, help="Stop after this time.")] = None,
     profile: ProfileOption = None,
     eds: EdsOption = None,

@@ -43,7 +43,7 @@ def scope(
         Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run to show; default: the bus.")
     ] = None,
     bus: Annotated[
-        str | None, typer.Option("--bus", help=f"Bus address; left out: {BUS_VARIABLE}, then the bench file's.")
+        str | None, typer.Option("--bus", help=f"Bus address; default: {BUS_VARIABLE}, then the bench file's.")
     ] = None,
     bench_file: OptionalBenchOption = None,
     description: Annotated[

@@ -73,15 +73,15 @@ class Goal:
             error, goal = estimate.amplitude_error_arcsec[order] / size, self.amplitude_fraction.get(order, AMPLITUDE_FRACTION)
             if error > goal:
                 name = f"A_{order:g}"
-                words = f"{name} has a standard error of {100.0 * error:.2g} %, {100.0 * goal:.2g} %"
-                words += f" of {size:.2g}″ is required" if size > amplitude else " is required"
+                words = f"{name} has a standard error of {100.0 * error:.2g} %; the goal is {100.0 * goal:.2g} %"
+                words += f" of {size:.2g}″" if size > amplitude else ""
                 most = GEAR_FRACTION_AT_MOST if is_gears else NEARLY * goal
                 missed.append(Miss(name, order, words, error / goal, error <= most))
             error_deg, goal_deg = estimate.phase_error_deg[order] * amplitude / size, self.phase_deg.get(order, PHASE_DEG)
             if error_deg > goal_deg and is_seen(estimate, order):
                 asked_deg = goal_deg * size / max(amplitude, 1e-30)
                 name = f"φ_{order:g}"
-                words = f"{name} has a standard error of {estimate.phase_error_deg[order]:.2g}°, {asked_deg:.2g}° is required"
+                words = f"{name} has a standard error of {estimate.phase_error_deg[order]:.2g}°; the goal is {asked_deg:.2g}°"
                 most = GEAR_PHASE_DEG_AT_MOST if is_gears else NEARLY * goal_deg
                 missed.append(Miss(name, order, words, error_deg / goal_deg, error_deg <= most))
         return missed
@@ -187,8 +187,8 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
         return AxisKnowledge()
     if model is None:
         raise NotPossibleError(
-            f"without an accelerometer J_l and J_m of axis {axis} are needed, and neither the model file nor the bench file has "
-            "them: hil identify plant finds them"
+            f"without an accelerometer, axis {axis} needs J_l and J_m, which neither the model file nor the bench file has; "
+            "hil identify plant finds them"
         )
     return AxisKnowledge(None, PlantTable(**model.model_dump(exclude={"ate"})), 0.0, "the bench file")
 

@@ -132,9 +132,9 @@ def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]
         yield Finding(
             "set-point-beat", Severity.FAULT,
             f"a {name} for node {node.number} comes every {sent_s * 1e3:.4g} ms, and 60C2h is {held_s * 1e3:.4g} "
-            f"ms: the motor {effect}, "
-            f"which excites vibration at {1.0 / sent_s:.4g} Hz and at the beat frequency of {difference_hz:.3g} Hz",
-            f"set 60C2h to {sent_s * 1e3:.4g} ms, or send with its period",
+            f"ms: the motor {effect}. "
+            f"That excites vibration at {1.0 / sent_s:.4g} Hz and at the beat frequency of {difference_hz:.3g} Hz",
+            f"set 60C2h to {sent_s * 1e3:.4g} ms, or send every {held_s * 1e3:.4g} ms",
             stamps_of(stream.stamp_ns, np.array([0])), 1, node.number, step,
         )  # fmt: skip
 

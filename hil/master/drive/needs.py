@@ -140,7 +140,7 @@ def encoder_objects(table: AxisTable, profile: Profile, *, with_notch_state: boo
         number = mapping.load_tpdo(profile, with_notch_state=with_notch_state)
         yield from _pdo(f"TPDO{number}", 0x17FF + number, "it carries the position of the second encoder")
         address = (entry.index, entry.subindex)
-        yield Need(address, "position of the second encoder", "it is recorded for load_encoder of the bench file")
+        yield Need(address, "position of the second encoder", "the master records it for load_encoder of the bench file")
 
 
 def _parameter(profile: Profile, name: str | None, purpose: str) -> Iterator[Need]:

@@ -218,7 +218,7 @@ def _mode_words(modes: KnownModes | None) -> str:
     if modes is None:
         return " The arm's modes are not drawn: they need the masses of its links and the stiffness of its gears."
     axes = ", ".join(map(str, modes.rigid))
-    held = f" Gears of axes {axes}, of which no stiffness is known, count as rigid." if modes.rigid else ""
+    held = f" Gears of axes {axes}, whose stiffness is not known, count as rigid." if modes.rigid else ""
     frequencies = ", ".join(f"{mode.frequency_hz:.1f}" for mode in modes.shapes)
     return (
         f" In the last row the arm's modes, all motors held, in the first of these postures: {frequencies} Hz, computed from "

@@ -110,7 +110,7 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
         f"Order spectrum of axis {material.result.axis}",
         "",
         "measured",
-        "Amplitude of each order, fitted alone together with the slow part, in a scan of all orders"
+        "Amplitude of each order in a scan of all orders, each fitted by itself, together with the slow part"
         f"{_THROUGH[material.is_sensed]}. Dotted: the floor, which is the median of the neighbours, and the level that noise "
         "alone reaches anywhere in the scan with the given probability. The side lobes of an order come from the small number "
         "of revolutions.",

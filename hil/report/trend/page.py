@@ -44,7 +44,7 @@ def write_trend(folder: Path, gathered: GatheredRuns) -> Path:
         items: tuple[Drawing | ReportTable, ...] = (*own, _table(rows, f"runs-{place}"))
         sections.append(Section(f"robot-{place}", robot, items))
     emulated = any(run.robot.endswith(", emulated") for run in gathered.runs)
-    band = "Emulated. Runs of this folder were made on an emulated robot; each chapter says which."
+    band = "Emulated: this folder has runs on an emulated robot; the title of each chapter says so."
     head = PageHead(
         str(folder),
         None,

@@ -71,7 +71,7 @@ def test_pdo_identifiers_of_another_node_are_refused(bus, tmp_path):
     assert pulled.header.node_id == 2
     dictionary = bus.world.drives[3].slave.dictionary
     before = [dictionary.get(0x1400 + n, 1) for n in range(2)]
-    with pytest.raises(RefusedError, match=r"identifiers of node 2, this is node 3; leave communication out"):
+    with pytest.raises(RefusedError, match=r"identifiers of node 2, but this is node 3; leave communication out"):
         upload(other, pulled, tmp_path, allow_unverified=True)
     rest = ("tuning", "limits")
     assert upload(other, pulled, tmp_path, allow_unverified=True, classes=rest, other_device=True).kind == "done"

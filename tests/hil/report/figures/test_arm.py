@@ -185,7 +185,7 @@ def test_where_masses_and_stiffness_are_known_the_modes_are_drawn_and_said_to_be
     assert found[1] > 14.7
     assert len(found) == 3
     assert drawing.origin == "measured and computed"
-    assert "axes 1, 4, 6, of which no stiffness is known, count as rigid" in drawing.caption
+    assert "axes 1, 4, 6, whose stiffness is not known, count as rigid" in drawing.caption
     half = with_masses().model_copy(update={"axis": {**with_masses().axis, 5: BENCH.axis[5]}})  # a gear that moves, unknown
     without = with_masses().model_copy(update={"arm": BENCH.arm})
     for bench in (half, without, BENCH.model_copy(update={"arm": None})):
