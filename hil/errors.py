@@ -38,7 +38,7 @@ class UnsafeRequestError(HilError):
         self.what, self.value, self.limit, self.unit = what, value, limit, unit
         tail = f"; {remedy}" if remedy else ""
         digits = next((n for n in range(4, 12) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 4)  # told from the limit
-        super().__init__(f"{what} would be {value:.{digits}g} {unit}, the limit is {limit:.{digits}g} {unit}{tail}")
+        super().__init__(f"{what} would be {value:.{digits}g} {unit}; the limit is {limit:.{digits}g} {unit}{tail}")
 
 
 class NotPossibleError(HilError):
@@ -73,7 +73,7 @@ class WrongIdentityError(NodeError):
     def __init__(self, node: int, what: str, expected: int, found: int) -> None:
         """Keep both values."""
         self.expected, self.found = expected, found
-        super().__init__(node, f"{what} is 0x{found:X}, the profile says 0x{expected:X}", "is this the right bench file?")
+        super().__init__(node, f"{what} is 0x{found:X}; the profile says 0x{expected:X}", "is this the right bench file?")
 
 
 class AlreadyMovingError(NodeError):

@@ -159,7 +159,7 @@ def orders_of(text: str) -> tuple[float, ...]:
     if len(set(orders)) < len(orders):
         raise ValueError(f"{text!r}: an order appears twice; give each once")
     if len(set(orders) - set(ORDERS)) > MOST_MORE_ORDERS:
-        raise ValueError(f"{text!r}: beside {', '.join(map(str, ORDERS))} at most {MOST_MORE_ORDERS} others")
+        raise ValueError(f"{text!r}: at most {MOST_MORE_ORDERS} orders are possible in addition to {', '.join(map(str, ORDERS))}")
     return tuple(orders)
 
 
@@ -262,8 +262,8 @@ class Geometry(Table):
         """
         if not set(self.axes) <= set(present):
             raise ValueError(
-                f"{what} needs axes {', '.join(map(str, self.axes))}, there are {', '.join(map(str, sorted(present)))}: put the "
-                "numbers of shoulder, elbow and wrist into geometry, axes = [2, 3, 5]"
+                f"{what} needs axes {', '.join(map(str, self.axes))}; the file has axes {', '.join(map(str, sorted(present)))}: "
+                "put the numbers of shoulder, elbow and wrist into geometry, axes = [2, 3, 5]"
             )
 
     def chain(self) -> PlanarChain:

@@ -77,7 +77,7 @@ def spectrum_mm(moved_mm: Real, period_s: float, rows: Rows) -> tuple[Real, Real
     """
     inside = moved_mm[rows]
     if len(inside) < LEAST_SWING_ROWS:
-        raise ValueError(f"{len(inside)} rows are too few for a spectrum: {LEAST_SWING_ROWS} at least")
+        raise ValueError(f"{len(inside)} rows are too few for a spectrum; at least {LEAST_SWING_ROWS} are needed")
     weights = np.hanning(len(inside))
     length = FINENESS * len(inside)
     found = np.abs(np.fft.rfft(weights[:, np.newaxis] * inside, length, axis=0)) * 2.0 / float(np.sum(weights))

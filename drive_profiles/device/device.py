@@ -205,7 +205,7 @@ class Device:
             RefusedError: The device was made without `nmt`.
         """
         if self._nmt is None:
-            raise RefusedError(f"node {self.node} cannot be reset here")
+            raise RefusedError(f"node {self.node} cannot be reset: this device was made without NMT")
         before = self.port.boots
         self._nmt(NmtCommand.RESET_NODE, self.node)
         deadline = time.monotonic() + within_s

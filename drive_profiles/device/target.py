@@ -73,7 +73,7 @@ def named_profile(identity: DeviceIdentity, name: str) -> Profile:
     if vendor is not None and identity.vendor_id not in {None, vendor}:
         raise NodeError(
             identity.node,
-            f"profile {name} is of vendor 0x{vendor:08X}, the device is not ({_who(identity)})",
+            f"profile {name} is of vendor 0x{vendor:08X}; the device is not ({_who(identity)})",
             "name a profile of this device",
         )
     return _of_product(known, identity.product_code, identity.revision)
@@ -123,7 +123,7 @@ def doubt_of_profile(identity: DeviceIdentity, name: str) -> str | None:
     if vendor is None or identity.vendor_id in {None, vendor}:
         return None
     return (
-        f"node {identity.node}: profile {name} is of vendor 0x{vendor:08X}, the device is not ({_who(identity)}); "
+        f"node {identity.node}: profile {name} is of vendor 0x{vendor:08X}; the device is not ({_who(identity)}); "
         "its objects may mean something else: is the profile right?"
     )
 
@@ -191,4 +191,4 @@ def _remedy(identity: DeviceIdentity) -> str:
     if not near:
         return "give --profile, or its EDS with --eds"
     named = "; ".join(f"{each.name} names {' or '.join(each.products_in_words)}" for each in near)
-    return f"of its vendor {named}: give --profile to read it by one of these, or its EDS with --eds"
+    return f"profiles of its vendor: {named}; give --profile to use one of them, or its EDS with --eds"

@@ -12,7 +12,7 @@ the gains of the paper's loop to the drive's units.
 >>> nearest.is_exact, nearest.values["filter_1.zero_q"]
 (False, 5.0)
 >>> print(nearest.reasons[0])
-the zeros' damping cannot be 0.0257, the nearest is 0.1 (filter_1.zero_q = 5)
+the zeros' damping cannot be 0.0257; the nearest is 0.1 (filter_1.zero_q = 5)
 """
 
 from drive_profiles.realisation.realise import (

@@ -155,7 +155,7 @@ def _damping(fit: Fit, prefix: str, zeta: float, low: float, high: float, freque
     if abs(value / value_of(inside) - 1.0) > 1e-9 or inside != zeta:
         reached = {"damping": value, "q": 0.5 / value, "bandwidth": 0.5 * value / frequency_hz}[quantity]
         held = f"{reached:g} ({fit.section.parts[prefix + quantity]} = {value:g})"
-        fit.reasons.append(f"the {whose} damping cannot be {zeta:.3g}, the nearest is {held}")
+        fit.reasons.append(f"the {whose} damping cannot be {zeta:.3g}; the nearest is {held}")
     return {fit.section.parts[prefix + quantity]: hold(parameter, value)}
 
 

@@ -200,7 +200,7 @@ def realise(
         raise NotRealisableError(profile.label, ("its profile has no filter",))
     if not 0 <= section < len(notch.sections):
         raise NotRealisableError(
-            profile.label, (f"it has no filter section {section + 1}, its sections are 1 to {len(notch.sections)}",)
+            profile.label, (f"it has no filter section {section + 1}; its sections are 1 to {len(notch.sections)}",)
         )
     filter_section = notch.sections[section]
     hard = [*obstacles(profile, notch, filter_section), *_read_only(profile, filter_section), *_out_of_range(notch, target)]
@@ -227,6 +227,6 @@ def _read_only(profile: Profile, section: FilterSection) -> Iterator[str]:
 def _out_of_range(notch: NotchFacts, target: NotchTarget) -> Iterator[str]:
     for what, needed in (("zeros", target.zero_hz), ("poles", target.pole_hz)):
         if notch.min_frequency_hz is not None and needed < notch.min_frequency_hz:
-            yield f"its filter starts at {notch.min_frequency_hz:g} Hz, {needed:g} Hz needed for the {what}"
+            yield f"its filter starts at {notch.min_frequency_hz:g} Hz; the {what} need {needed:g} Hz"
         if notch.max_frequency_hz is not None and needed > notch.max_frequency_hz:
-            yield f"its filter ends at {notch.max_frequency_hz:g} Hz, {needed:g} Hz needed for the {what}"
+            yield f"its filter ends at {notch.max_frequency_hz:g} Hz; the {what} need {needed:g} Hz"

@@ -72,7 +72,7 @@ class HeldValues:
         if name in self._values:
             return hold(parameter, float(self._values[name]))
         if parameter.default is None:
-            raise NotRealisableError(self.profile.label, (f"value of {name} ({parameter.written_address}) not given",))
+            raise NotRealisableError(self.profile.label, (f"{name} ({parameter.written_address}) has no value; give one",))
         return parameter.value(float(parameter.default))
 
 

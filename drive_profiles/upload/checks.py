@@ -70,7 +70,7 @@ def warnings_for(parameter_set: ParameterSet, identity: DeviceIdentity, writes: 
     header, said = parameter_set.header, []
     if header.revision is not None and identity.revision != header.revision:
         theirs, own = (_hexadecimal(number) for number in (header.revision, identity.revision))
-        said.append(f"the set is for revision {theirs}, the device has {own}")
+        said.append(f"the set is for revision {theirs}; the device has {own}")
     if parameter_set.is_edited:
         said.append("the set has been edited since it was written")
     other = _other_device(header, identity)
@@ -129,7 +129,7 @@ def _other_device(header: Header, identity: DeviceIdentity) -> str:
     if header.serial_number:  # 0 is what a device says that has none
         if header.serial_number == identity.serial_number:
             return ""
-        return f"serial number {header.serial_number}, node {identity.node} has {identity.serial_number or 'none'}"
+        return f"serial number {header.serial_number}; node {identity.node} has {identity.serial_number or 'none'}"
     if header.node_id in {None, identity.node}:
         return ""
     return f"of node {header.node_id}, without a serial number; this is node {identity.node}"
@@ -146,9 +146,9 @@ def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Wr
     same = bool(header.serial_number) and header.serial_number == identity.serial_number
     if not theirs or same or options.force_commissioning:
         return []
-    serials = f"the set is for serial number {header.serial_number}, the device has {identity.serial_number}"
+    serials = f"the set is for serial number {header.serial_number}; the device has {identity.serial_number}"
     names = ", ".join(str(write.entry) for write in theirs[:5])
-    remedy = "--force-commissioning writes them nevertheless, upload --classes leaves them out"
+    remedy = "--force-commissioning writes them nevertheless; upload --classes leaves them out"
     return [f"{names}: commissioning values of another device ({serials}); {remedy}"]
 
 

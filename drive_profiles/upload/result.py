@@ -107,7 +107,7 @@ class UploadResult:
         }[self.stored]
         match self.kind:
             case "done":
-                what = f"{self.written} written and read back" if self.written else "nothing to write, everything is there"
+                what = f"{self.written} written and read back" if self.written else "nothing to write: everything is there"
                 reset = ", reset, and read back once more" if self.is_reset else ""
                 return f"node {self.node}: done, {what}{stored}{reset}"
             case "rolled back":

@@ -237,7 +237,7 @@ class StraightLine:
                 at = outside[0]
                 raise LineError(
                     float(fraction[at]), self.length_m,
-                    f"{name} would be at {math.degrees(own[at]):.2f}°, its limits are {math.degrees(limit.low_rad):.2f}° "
+                    f"{name} would be at {math.degrees(own[at]):.2f}°; its limits are {math.degrees(limit.low_rad):.2f}° "
                     f"and {math.degrees(limit.high_rad):.2f}°",
                 )  # fmt: skip
             fast = np.flatnonzero(speed > limit.speed_rad_s)

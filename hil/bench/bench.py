@@ -219,8 +219,8 @@ class AxisTable(Table):
         if self.tip_lever_m >= LEAST_LEVER_M:
             return self.tip_lever_m
         raise NotPossibleError(
-            f"{purpose} needs an accelerometer that the axis moves: its lever at home is {1e3 * self.tip_lever_m:.2g} mm, "
-            f"{1e3 * LEAST_LEVER_M:g} mm is the least. Mount it elsewhere, or leave out the table"
+            f"{purpose} needs an accelerometer that the axis moves: its lever at home is {1e3 * self.tip_lever_m:.2g} mm; "
+            f"at least {1e3 * LEAST_LEVER_M:g} mm is needed. Mount it elsewhere, or leave out the table"
         )
 
     @property
@@ -445,7 +445,7 @@ def with_arm(bench: Bench, folder: Path) -> Bench:
     for number, ratio in reductions.items():
         if not math.isclose(ratio, bench.axis[number].reduction_ratio, rel_tol=1e-6):
             raise ValueError(
-                f"axis {number}: reduction_ratio is {bench.axis[number].reduction_ratio:g}, {ratio:g} in the URDF file"
+                f"axis {number}: reduction_ratio is {bench.axis[number].reduction_ratio:g}, but {ratio:g} in the URDF file"
             )
     bench = bench.model_copy(update={"arm": arm})
     bench._check_arm(arm)
@@ -470,7 +470,7 @@ def with_levers(bench: Bench, arm: ArmTable) -> Bench:
         stated = table.tip_lever_m if "tip_lever_m" in table.model_fields_set else lever
         if abs(stated - lever) > LEVER_TOLERANCE * max(lever, stated):
             raise ValueError(
-                f"axis {number}: tip_lever_m is {stated:g}, by the arm its sensor is {lever:.4g} m from it at home: "
+                f"axis {number}: tip_lever_m is {stated:g}, but by the arm the sensor is {lever:.4g} m from it at home; "
                 "leave tip_lever_m out"
             )
         axes[number] = table.model_copy(update={"tip_lever_m": lever})

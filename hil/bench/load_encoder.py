@@ -97,7 +97,8 @@ def bridged(recording: Recording) -> tuple[dict[int, Real] | None, str | None]:
         longest = int(np.max(np.diff(np.concatenate([[-1], at, [len(values)]])))) - 1
         if longest > LONGEST_GAP_ROWS:
             doubt = (
-                f"the second encoder of axis {number} did not answer in {longest} cycles in a row, allowed: {LONGEST_GAP_ROWS}"
+                f"the second encoder of axis {number} did not answer in {longest} cycles in a row; at most {LONGEST_GAP_ROWS} "
+                f"are allowed"
             )
         beside = np.zeros(len(values))
         if number in recording.axes:
@@ -169,7 +170,7 @@ def check_counting(bench: Bench, recording: Recording, number: int) -> None:
     )
     if abs(scale + 1.0) <= tolerance:
         raise NotPossibleError(
-            f"{seen}: it counts the wrong way; load_encoder.is_reversed = {str(not encoder.is_reversed).lower()}"
+            f"{seen}: it counts the wrong way; state load_encoder.is_reversed = {str(not encoder.is_reversed).lower()}"
         )
     if abs(scale) <= tolerance:
         raise NotPossibleError(f"{seen}: it does not move; load_encoder.object may be that of another joint, or of none")

@@ -21,7 +21,7 @@ RX_OVERFLOW, TX_OVERFLOW, RX_WARNING, TX_WARNING, RX_PASSIVE, TX_PASSIVE, ACTIVE
 
 _STATES = {
     RX_OVERFLOW: "a frame was lost in the controller's receive buffer",
-    TX_OVERFLOW: "the controller's transmit buffer has overflown",
+    TX_OVERFLOW: "the controller's transmit buffer has overflowed",
     RX_WARNING: "error-warning level of received frames",
     TX_WARNING: "error-warning level of sent frames",
     RX_PASSIVE: "error-passive by received frames",

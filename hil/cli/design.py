@@ -54,7 +54,9 @@ SetFileOption = Annotated[
 ]
 DesignFileOption = Annotated[
     Path | None,
-    typer.Option("--design", help="Design file in which this axis is replaced. Default: design.toml in --out, or none with --given."),
+    typer.Option(
+        "--design", help="Design file in which this axis is replaced. Default: design.toml in --out, or none with --given."
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print design.json on standard output, all else on standard error.")]
 
@@ -95,7 +97,7 @@ def notch(
         int | None, typer.Option(min=1, max=256, help="Number of processes; default: one per processor, with --quick one.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search; equal seeds give equal filters.")] = 1,
-    quick: Annotated[bool, typer.Option("--quick", help="Search a fifth as long.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Search for a fifth of the time.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Design the variable notch of an axis for a set of plants.

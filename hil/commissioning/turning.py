@@ -34,7 +34,7 @@ def room_trouble(of: Checked, low_rev: float, high_rev: float) -> str | None:
     if limits.position_min_rev + LEFT_REV <= here + low_rev and here + high_rev <= limits.position_max_rev - LEFT_REV:
         return None
     return (
-        f"the motor is at {here:.2f} rev and would go from {here + low_rev:.2f} to {here + high_rev:.2f} rev, its limits are "
+        f"the motor is at {here:.2f} rev and would go from {here + low_rev:.2f} to {here + high_rev:.2f} rev; its limits are "
         f"{limits.position_min_rev:g} and {limits.position_max_rev:g} rev: move it away from them "
         f"with hil move --axis {of.number} --to REV"
     )

@@ -174,15 +174,13 @@ def _by_masses(masses: _Masses, bench: Bench, axis: int, law: Loop, factors: Seq
     rigid = [number for number in masses.arm.axes if number not in elastic]
     if rigid:
         notes.append(
-            f"axis {axis}: {_axes_words(rigid)} taken as rigid, because no model is given; the arm's resonances are "
-            f"lower than computed"
+            f"axis {axis}: {_axes_words(rigid)} taken as rigid, because no model is given; the arm's real "
+            f"resonances are lower than computed"
         )
     laws = _laws(bench, [number for number in numbers if number != axis], elastic, law)
     if len(laws) < len(numbers) - 1:
         unknown = [number for number in numbers if number != axis and number not in laws]
-        notes.append(
-            f"axis {axis}: {_axes_words(unknown)} without known gains, so margins with their loops closed are not computed"
-        )
+        notes.append(f"axis {axis}: {_axes_words(unknown)} without known gains; margins with their loops closed are not computed")
     cases: list[ArmCase] = []
     filtered: list[ArmCase] = []
     for posture in postures:

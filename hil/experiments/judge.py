@@ -146,7 +146,7 @@ def _compared(known: TipScale, own: Ringing | None, who: str) -> FoundScale:
     least = max(FEWEST_ERRORS * own.standard_error_hz, LEAST_DIFFERENCE * known.f_al_hz)
     if abs(difference) <= least:
         return FoundScale(known, "model", words=words)
-    remark = f"{who}: the model says f_al = {known.f_al_hz:.2f} Hz, the ramp itself shows {own_words(own)}"
+    remark = f"{who}: the model says f_al = {known.f_al_hz:.2f} Hz; the ramp itself shows {own_words(own)}"
     doubt = None
     if abs(difference) > MOST_DIFFERENCE * known.f_al_hz:
         doubt = f"{remark}: the model is for another robot, or the robot has changed; repeat hil identify plant"

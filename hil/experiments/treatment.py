@@ -54,8 +54,8 @@ def arm_remark(bench: Bench, name: str) -> str | None:
     if bench.arm is None or not treatment(name).is_combined:
         return None
     return (
-        f"{name}: on an arm filters with a cancellation leave more vibration than the cancellation alone, because the loops "
-        f"then reject the torques of the other axes less; choose --treatment cancellation"
+        f"{name}: on an arm, filters with a cancellation leave more vibration than the cancellation alone. The loops then "
+        f"reject the torques of the other axes less; choose --treatment cancellation"
     )
 
 

@@ -170,7 +170,7 @@ def _check_cycles(bench: Bench, result: RunResult) -> None:
     if result.timing is not None and result.dropped_cycles + result.missed_cycles > MAX_LATE * result.cycles:
         raise ValueError(
             f"of {result.cycles} cycles {result.dropped_cycles} were not sent in time and {result.missed_cycles} "
-            f"lack an answer, more than {100.0 * MAX_LATE:g} %; see docs/realtime.md"
+            f"lack an answer; at most {100.0 * MAX_LATE:g} % is allowed; see docs/realtime.md"
         )
     if result.sensor_missed > MAX_SENSOR_MISSED * result.cycles:
         raise ValueError(

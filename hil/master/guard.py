@@ -75,14 +75,14 @@ class AxisGuard:
             shown = "an unknown state" if state is None else state.value
             return f"{name} left operation enabled: {shown} (status word {status_word:04X}h)"
         if found == CORE.call.TOO_FAST:
-            return f"{name} turns at {self.data.wild_rps:.2f} rev/s, the limit is {limits.speed_rps:g} rev/s"
+            return f"{name} turns at {self.data.wild_rps:.2f} rev/s; the limit is {limits.speed_rps:g} rev/s"
         if found == CORE.call.BEYOND_LIMITS:
             low, high = limits.position_min_rev, limits.position_max_rev
-            return f"{name} is at {position_rad / turn:.3f} rev, the limits are {low:g} and {high:g} rev"
+            return f"{name} is at {position_rad / turn:.3f} rev; the limits are {low:g} and {high:g} rev"
         if found == CORE.call.TOO_MUCH_TORQUE:
-            return f"{name} gives {torque_nm:.3g} N·m, the limit is {limits.torque_nm:g} N·m"
+            return f"{name} gives {torque_nm:.3g} N·m; the limit is {limits.torque_nm:g} N·m"
         behind, limit = f"{abs(position_rad - reference_rad) / turn:.3f}", f"{limits.following_error_rev:g}"
-        return f"{name} is {behind} rev behind its set-point, the limit is {limit} rev"
+        return f"{name} is {behind} rev behind its set-point; the limit is {limit} rev"
 
 
 def heartbeat_fault(node: int, last_s: float | None, now_s: float, since_s: float, heartbeat_s: float) -> str | None:

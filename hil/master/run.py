@@ -320,7 +320,7 @@ class Run:
             slot.axis.scaling.torque_per_mille(data.value)
         if found == CORE.call.OFFSET_BEYOND_LIMIT:
             limit = slot.axis.table.limits.torque_nm
-            return f"axis {slot.axis.number}: a torque offset of {data.value:.3g} N·m, the limit is {limit:g} N·m"
+            return f"axis {slot.axis.number}: a torque offset of {data.value:.3g} N·m; the limit is {limit:g} N·m"
         return guard.words(found, slot.status_word, slot.position_rad, self._references[row], slot.torque_nm, slot.missing)
 
     def _tell(self, row: int | None) -> None:
@@ -349,7 +349,7 @@ class Run:
         overdue, limit = self.exchange.schedule.missing_now(), self.limits.missing_limit
         if overdue <= limit:
             return None
-        late = f"{overdue} cycles of {duration_text(self.period_s)} in a row were not sent, the limit is {limit}"
+        late = f"{overdue} cycles of {duration_text(self.period_s)} in a row were not sent; the limit is {limit}"
         return f"the master was late: {late}; see docs/realtime.md"
 
     @property

@@ -225,7 +225,7 @@ def add(path: Path, runs: Iterable[PassportRun]) -> int:
         (after,) = connection.execute("SELECT count(*) FROM run").fetchone()
         if after > MOST_KEPT_RUNS:
             connection.execute("ROLLBACK")
-            raise PassportFileError(path, f"it would hold {after} runs, {MOST_KEPT_RUNS} are the most; begin another")
+            raise PassportFileError(path, f"it would hold {after} runs; at most {MOST_KEPT_RUNS} are allowed; begin another")
         connection.execute("COMMIT")
     return int(after - before)
 

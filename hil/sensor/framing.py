@@ -275,7 +275,7 @@ class BinaryFraming:
             raise ValueError(f"a frame of {self.frame_bytes} bytes; the limit is {MAX_FRAME_BYTES}")
         numbers = len(struct.unpack(self.layout, bytes(size)))
         if numbers != len(self.fields.names):
-            raise ValueError(f"format {self.layout!r} has {numbers} numbers, fields name {len(self.fields.names)}")
+            raise ValueError(f"format {self.layout!r} has {numbers} numbers; fields name {len(self.fields.names)}")
 
     @property
     def frame_bytes(self) -> int:

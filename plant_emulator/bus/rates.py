@@ -34,9 +34,11 @@ class Rates:
             ValueError: No bit rate, or a data bit rate that is lower than the other one or alone.
         """
         if bitrate is not None and bitrate <= 0:
-            raise ValueError(f"no bit rate: {bitrate} bit/s")
+            raise ValueError(f"{bitrate} bit/s is not a bit rate; expected more than 0")
         if data_bitrate is not None and (bitrate is None or data_bitrate < bitrate):
-            raise ValueError(f"no data bit rate above {bitrate} bit/s: {data_bitrate} bit/s")
+            raise ValueError(
+                f"a data bit rate of {data_bitrate} bit/s needs a bit rate that is not higher; it is {bitrate} bit/s"
+            )
         self.bitrate, self.data_bitrate = bitrate, data_bitrate
         self.bit_ns = SECOND // bitrate if bitrate and SECOND % bitrate == 0 else 0
         self.fast_bit_ns = SECOND // data_bitrate if data_bitrate and SECOND % data_bitrate == 0 else 0

@@ -43,7 +43,8 @@ HomeOption = Annotated[
     typer.Option("--home-deg", metavar="ANGLES", help="With --urdf: joint angles at home, from the base on: 0,-90,90,0,90,0."),
 ]
 TipOption = Annotated[
-    str | None, typer.Option("--tip-link", help="With --urdf: the link of the tip. Default: the last link, if only one ends the arm.")
+    str | None,
+    typer.Option("--tip-link", help="With --urdf: the link of the tip. Default: the last link, if only one ends the arm."),
 ]
 OutOption = Annotated[Path, typer.Option("--out", help="Folder for the files; created if missing.")]
 

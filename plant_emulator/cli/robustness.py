@@ -79,7 +79,7 @@ TuningOption = Annotated[
     Path | None,
     typer.Option("--tuning", help="Gains and filters: a bench, robot or tuning file; default: the robot file's own."),
 ]
-NotchOption = Annotated[Path | None, typer.Option("--notch", help="Filters instead: the design file of hil design notch.")]
+NotchOption = Annotated[Path | None, typer.Option("--notch", help="Filters from a design file of hil design notch instead.")]
 SpreadOption = Annotated[
     Path | None, typer.Option("--spread", help="Spread of the unknowns (TOML file); see docs/robustness.md.")
 ]

@@ -60,7 +60,7 @@ ServedBusOption = Annotated[
     str | None,
     typer.Option(
         "--bus",
-        help=f"Where to serve: local:PATH[@BITRATE] of a Unix socket, or any bus. Left out: {BUS_VARIABLE}, then {DEFAULT_BUS}.",
+        help=f"Where to serve: local:PATH[@BITRATE] of a Unix socket, or any bus. Default: {BUS_VARIABLE}, then {DEFAULT_BUS}.",
     ),
 ]
 DriveOption = Annotated[
@@ -109,7 +109,10 @@ FaultsOption = Annotated[Path | None, typer.Option("--faults", help="Faults on t
 SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all noise instead of the file's.")]
 StreamOption = Annotated[bool, typer.Option("--stream", help="Use a stream socket although the system has seqpacket.")]
 UntilStdinClosesOption = Annotated[
-    bool, typer.Option("--until-stdin-closes", help="End when standard input closes, for example when the program that started this one ends.")
+    bool,
+    typer.Option(
+        "--until-stdin-closes", help="End when standard input closes, for example when the program that started this one ends."
+    ),
 ]
 SlcanOption = Annotated[
     str | None, typer.Option("--slcan", metavar="PATH", help="Also be a serial CAN adapter (slcan) at this path.")

@@ -91,7 +91,7 @@ def test_a_position_limit_on_the_way_is_refused_with_the_axis_and_the_place(tmp_
     bench = bench_with_arm(tmp_path)
     limits = bench.axis[2].limits.model_copy(update={"position_max_rev": 4.0})
     axes = {**bench.axis, 2: bench.axis[2].model_copy(update={"limits": limits})}
-    with pytest.raises(LineError, match=r"mm, .* % of the way: axis 2 would be at .*°, its limits are"):
+    with pytest.raises(LineError, match=r"mm, .* % of the way: axis 2 would be at .*°; its limits are"):
         line_motion(bench.model_copy(update={"axis": axes}), PERIOD_S)
 
 
@@ -113,7 +113,7 @@ def test_a_lever_that_is_not_the_arms_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     bench_with_arm(tmp_path)
     path.write_text(path.read_text().replace("[axis.3]", "[axis.3]\ntip_lever_m = 0.36"))
-    with pytest.raises(FileError, match=r"axis 3: tip_lever_m is 0\.36, by the arm its sensor is 0\.4"):
+    with pytest.raises(FileError, match=r"axis 3: tip_lever_m is 0\.36, but by the arm the sensor is 0\.4"):
         load_bench(path)
 
 
@@ -177,7 +177,7 @@ def test_six_axes_of_a_urdf_file_bring_the_tool_along_a_line_in_space_as_pinocch
 
 
 def test_a_urdf_file_that_is_not_the_benchs_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="axis 2: reduction_ratio is 100, 120 in the URDF file"):
+    with pytest.raises(FileError, match="axis 2: reduction_ratio is 100, but 120 in the URDF file"):
         urdf_bench(tmp_path, ratio=100.0)
     with pytest.raises(FileError, match="joint_3"):
         urdf_bench(tmp_path, joint="elbow")

@@ -750,7 +750,7 @@ def test_a_corrector_that_asks_for_too_much_torque_stops_the_run(hil_session: Be
     motion = constant_acceleration(hil_bench, 2, hil_bench.bus.sync_period_s)
     result = hil_session.run(motion, adder=Shift(0.0, 7.5))
     assert result.stopped is not None
-    assert "a torque offset of 7.5 N·m, the limit is 7.1 N·m" in str(result.stopped)
+    assert "a torque offset of 7.5 N·m; the limit is 7.1 N·m" in str(result.stopped)
     assert result.stopped.all_disabled
 
 

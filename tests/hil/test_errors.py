@@ -23,8 +23,8 @@ from plant_emulator.world import World
 
 def test_a_value_beyond_its_limit_is_told_from_it_however_little_it_is_beyond():
     said = str(UnsafeRequestError("the position of axis 2", 22.00004, 22.0, "rev"))
-    assert said == "the position of axis 2 would be 22.00004 rev, the limit is 22 rev"
-    assert "25.99 rev, the limit is 22 rev" in str(UnsafeRequestError("the position", 25.9876, 22.0, "rev"))
+    assert said == "the position of axis 2 would be 22.00004 rev; the limit is 22 rev"
+    assert "25.99 rev; the limit is 22 rev" in str(UnsafeRequestError("the position", 25.9876, 22.0, "rev"))
 
 
 @pytest.fixture

@@ -116,7 +116,9 @@ def test_a_chain_that_the_robot_lacks_is_refused_with_what_to_write(file):
     model = Bench if file is BENCH_FILE else Robot
     text = file.read_text(encoding="utf-8")
     text = text if file is BENCH_FILE else text.replace("[geometry]", "[geometry]\naxes = [2, 3, 5]")
-    with pytest.raises(FileError, match=r"needs axes 2, 3, 6, there are 2, 3, 5: put the numbers of shoulder, elbow and wrist"):
+    with pytest.raises(
+        FileError, match=r"needs axes 2, 3, 6; the file has axes 2, 3, 5: put the numbers of shoulder, elbow and wrist"
+    ):
         loads(text.replace("axes = [2, 3, 5]", "axes = [2, 3, 6]"), model)
     with pytest.raises(FileError, match="three different axes"):
         loads(text.replace("axes = [2, 3, 5]", "axes = [2, 3, 3]"), model)

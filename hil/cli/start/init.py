@@ -31,13 +31,14 @@ def init(
             autocompletion=AXES.with_profile,
         ),
     ] = None,
-    name: Annotated[str | None, typer.Option(help="Name of the bench; left out, that of the file.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the bench; default: that of the file.")] = None,
     urdf: Annotated[Path | None, typer.Option(help="URDF file of the arm, with its lengths and levers.")] = None,
     joints: Annotated[
         str | None, typer.Option(metavar="NAME,NAME", help="With --urdf: the joints of the drives, in rising node-IDs.")
     ] = None,
     tip_link: Annotated[
-        str | None, typer.Option(metavar="LINK", help="With --urdf: the link of the tip. Default: the last link, if only one ends the arm.")
+        str | None,
+        typer.Option(metavar="LINK", help="With --urdf: the link of the tip. Default: the last link, if only one ends the arm."),
     ] = None,
 ) -> None:
     """Write a bench file from a scan of the bus.

@@ -279,7 +279,7 @@ def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float,
     table, needed = bench.axis[axis], BEYOND_RESONANCE * arm_hz / 2.0
     head = f"axis {axis} reaches {reached_rps:.2f} rev/s; to pass f_m2 = {arm_hz / 2.0:.2f} rev/s, {needed:.2f} rev/s are needed"
     if SPEED_FRACTION * table.limits.speed_rps < needed:
-        return f"{head}: its limit speed_rps is {table.limits.speed_rps:g}, {needed / SPEED_FRACTION:.2f} is needed"
+        return f"{head}: its limit speed_rps is {table.limits.speed_rps:g}; at least {needed / SPEED_FRACTION:.2f} is needed"
     room, taken = room_rev(bench, axis), travel_rev(acceleration_rps_s, deceleration(bench), needed)
     if taken <= room:
         return f"{head}: at {acceleration_rps_s:g} rev/s² there is room for that, so the motor did not follow its set-points"
@@ -288,8 +288,8 @@ def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float,
     taken_at = f"{taken:.1f} rev at {acceleration_rps_s:g} rev/s²"
     if _is_held_by_arm(bench, axis):
         within = f"within ±{bench.travel_deg:g}° of the joint"
-        return f"{head}: that takes {taken_at}, {within} there are {room:.1f} rev; {remedy}raise identification_travel_deg"
-    return f"{head}: that takes {taken_at}, between its position limits there are {room:.1f} rev; {remedy}widen them"
+        return f"{head}: that takes {taken_at}; {within} there are {room:.1f} rev; {remedy}raise identification_travel_deg"
+    return f"{head}: that takes {taken_at}; between its position limits there are {room:.1f} rev; {remedy}widen them"
 
 
 def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, end_rps: float, period_s: float) -> Ramps:

@@ -84,7 +84,7 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
         if not able >= known.keys():
             own, others = (", ".join(f"{order:g}" for order in sorted(each)) for each in (able, known.keys() - able))
             raise NotPossibleError(
-                f"axis {number}: the drive cancels orders {own} only, the model has order {others}; choose "
+                f"axis {number}: the drive cancels orders {own} only; the model has order {others}; choose "
                 "--treatment cancellation"
             )
     if not models:

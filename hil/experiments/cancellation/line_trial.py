@@ -120,7 +120,7 @@ def _remainder(bench: Bench, worst: PeakChange, whole: Sequence[Trial]) -> Cance
     causes: tuple[RemainderCause, ...] = ()
     if worst.after_mm > asked_mm:
         causes = ("sensor noise",) if worst.after_mm - noise_mm <= asked_mm else ("not explained",)
-    words = f"the cancellation leaves {worst.after_mm:.4f} mm in the worst direction, the goal is {asked_mm:.4f} mm; "
+    words = f"the cancellation leaves {worst.after_mm:.4f} mm in the worst direction (goal: {asked_mm:.4f} mm); "
     words += f"up to {noise_mm:.4f} mm are sensor noise"
     return CancellationRemainder(
         order=None, left_mm=worst.after_mm, asked_mm=asked_mm, jolt_mm=0.0, noise_mm=noise_mm, causes=causes, words=words

@@ -175,11 +175,11 @@ class _Account:
         where = "" if self._order is None else f" in the window of order {self._order:g}"
         if not causes:
             return f"the cancellation leaves {self._left_mm:.4f} mm{where}"
-        asked = f"the goal is {self._asked_mm:.4f} mm"
+        asked = f"(goal: {self._asked_mm:.4f} mm)"
         remedies = "; ".join(f"{cause}: {REMEDIES[cause]}" for cause in causes)
         if not self._is_seen and causes[0] == "sensor noise":
-            return f"up to {hidden_mm:.4f} mm{where} may hide in the sensor noise, {asked}; {remedies}"
-        return f"the cancellation leaves {self._left_mm:.4f} mm{where}, {asked}; {remedies}"
+            return f"up to {hidden_mm:.4f} mm{where} may hide in the sensor noise {asked}; {remedies}"
+        return f"the cancellation leaves {self._left_mm:.4f} mm{where} {asked}; {remedies}"
 
     def _cause(self) -> RemainderCause:
         """Cause that removes most of the remainder, if it explains it."""

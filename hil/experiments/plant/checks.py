@@ -131,14 +131,15 @@ def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accele
         sensor: Name of the tip's sensor.
     """
     if missed > SENSOR_MISSED_FRACTION * rows:
-        return f"the {sensor} was missing in {missed} of {rows} cycles, allowed: {math.floor(SENSOR_MISSED_FRACTION * rows)}"
+        most = math.floor(SENSOR_MISSED_FRACTION * rows)
+        return f"the {sensor} was missing in {missed} of {rows} cycles; at most {most} are allowed"
     largest = float(np.max(np.abs(tip_m_s2)))
     if largest == 0.0 or float(np.ptp(tip_m_s2)) == 0.0:
         return f"the {sensor} shows {float(tip_m_s2[0]):.3g} m/s² only"
     often = int(np.count_nonzero(np.abs(tip_m_s2) >= largest * (1.0 - 1e-9)))
     if often > AT_RANGE_ROWS:
         return (
-            f"the {sensor} is at the end of its range, {largest:.3g} m/s², in {often} rows, allowed: {AT_RANGE_ROWS}; "
+            f"the {sensor} is at the end of its range, {largest:.3g} m/s², in {often} rows; at most {AT_RANGE_ROWS} are allowed; "
             f"lower --amplitude-nm"
         )
     return None
@@ -165,7 +166,7 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
     far = max(ratio.value, 1.0 / max(ratio.value, 1e-9))
     if far > LEVER_RATIO and ratio.relative < 0.2:
         return (
-            f"the tip responds as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m; "
+            f"the tip responds as on a lever of {ratio.value * lever_m:.3g} m; the bench file says {lever_m:.3g} m; "
             "check the sensor's axis, tip_lever_m, and sign and unit of the sensor's scale"
         )
     return None

@@ -99,9 +99,8 @@ def probe_trouble(
     if slope[0] - SIGN_SIGMAS * slope[1] > free and wound_nm > WOUND_OVER_FRICTION * abs(friction[0]):
         return ProbeTrouble(
             "arm",
-            f"the motor acted against a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, gravity is at most {free:.2g}: the "
-            f"arm is "
-            "held (a brace, a stop, a second brake)",
+            f"the motor acted against a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, and gravity is at most "
+            f"{free:.2g}: the arm is held (a brace, a stop, a second brake)",
         )
     return None
 

@@ -70,7 +70,7 @@ def fitted_dips(result: ArmResult) -> Drawing:
         "Residuals of the dips",
         "",
         "measured and computed",
-        "Every dip that an axis has measured in a posture, with its standard error. The fit counts an error of at least 0.3 %, because an "
-        "excited joint turns by several degrees.",
+        "Every dip that an axis has measured in a posture, with its standard error. The fit counts an error of at least 0.3 %, "
+        "because an excited joint turns by several degrees.",
         style.to_svg(figure, "fitted-dips"),
     )

@@ -65,8 +65,8 @@ def after_stop(material: Material, axis: int, experiment: str, key: str, title: 
     return Drawing(
         key, title, "", material.word,
         "Tip acceleration as recorded, less its mean at rest. Dotted line: the set-points stop. The smooth decay after it "
-        "is the motor settling; the oscillation is the arm. In millimetres: the oscillation at that instant, separated from the rest by the "
-        "closed loop's poles.",
+        "is the motor settling; the oscillation is the arm. In millimetres: the oscillation at that instant, separated "
+        "from the rest by the closed loop's poles.",
         style.to_svg(figure, key),
     )  # fmt: skip
 

@@ -14,7 +14,7 @@ from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number, 
 
 MOST_FIGURES = 60
 """Figures on one page; the table has all orders."""
-EMULATED = "Emulated. Runs of this passport were made on an emulated robot."
+EMULATED = "Emulated: this passport has runs on an emulated robot."
 
 
 def write_passport(

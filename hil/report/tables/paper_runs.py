@@ -266,7 +266,7 @@ def _held(material: Material, filters: FilterSet) -> str:
     if filters.loop == "host":
         return "The parameters of the loop that the host closed."
     if is_kept:
-        return "The parameters that the drive held, as it was read back."
+        return "The parameters read back from the drive."
     return "The parameters of the bench file: this result does not contain those of the drive."
 
 

@@ -145,7 +145,7 @@ class DescribedFamily(DriveFamily):
         notes += self._gains.notes
         if self.scaling.encoder_counts_per_rev != self._axis_counts:
             notes.append(
-                f"Its encoder counts {self.scaling.encoder_counts_per_rev} per revolution, not the {self._axis_counts} of the axis."
+                f"Its encoder counts {self.scaling.encoder_counts_per_rev} per revolution, not the axis' {self._axis_counts}."
             )
         notch = self._facts.notch
         if notch is not None and notch.form == "variable":

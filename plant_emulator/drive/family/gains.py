@@ -103,7 +103,7 @@ class Gains:
         if self.factor(INTEGRAL_TIME) is not None and DIRECT[2] in unknown:
             unknown.remove(DIRECT[2])
         if unknown:
-            notes.append(f"Gains of unknown scaling, the robot file's act in their place: {', '.join(unknown)}.")
+            notes.append(f"Gains of unknown scaling: {', '.join(unknown)}. The robot file's gains act in their place.")
         if any(gain.times_torque_constant for gain in self._loop.gains.values()):
             notes.append(f"Gains in amperes act with an assumed torque constant of {self._torque_constant:g} N·m/A.")
         return tuple(notes)

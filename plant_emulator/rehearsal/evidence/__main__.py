@@ -25,7 +25,7 @@ def _given() -> argparse.Namespace:
     make.add_argument("--kind", choices=("linear", "real", "any"), required=True)
     again = commands.add_parser("replay", help="estimate from the folder's recordings, and print the errors as Markdown")
     again.add_argument("folder", type=Path)
-    again.add_argument("--rows", type=Path, help="JSON file for the rows, to be compared with later")
+    again.add_argument("--rows", type=Path, help="JSON file that keeps the rows for a later comparison")
     again.add_argument("--before", type=Path, help="rows of an earlier replay, which are printed in brackets")
     return parser.parse_args()
 

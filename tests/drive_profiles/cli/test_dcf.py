@@ -97,7 +97,7 @@ def test_verify_diff_and_upload_take_a_dcf_and_a_concise_one(pulled, folder):
     assert "position_gain_per_s" in run("diff", "a.dcf", "n.dcf", code=7).stdout
     assert "1 written" in run("upload", "n.dcf", "--node", "2", "--yes").stdout
     run("verify", "n.dcf", "--node", "2")
-    assert "serial number 2, node 3 has 3" in run("upload", "n.dcf", "--node", "3", "--yes", code=3).stderr
+    assert "serial number 2; node 3 has 3" in run("upload", "n.dcf", "--node", "3", "--yes", code=3).stderr
     run("upload", "a.dcf", "--node", "2", "--yes")
     run("verify", "a.toml", "--node", "2")
 

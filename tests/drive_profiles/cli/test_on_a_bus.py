@@ -123,7 +123,7 @@ def test_two_sets_are_compared_without_a_bus(robot):
 
 def test_a_profile_of_another_vendor_is_doubted_aloud():
     said = run("pull", "--node", "2", "--profile", "kollmorgen_akd", "--out", "odd.toml").stderr
-    assert "node 2: profile kollmorgen_akd is of vendor 0x0000006A, the device is not (vendor 0x48494C01" in said
+    assert "node 2: profile kollmorgen_akd is of vendor 0x0000006A; the device is not (vendor 0x48494C01" in said
     assert "is of vendor" not in run("pull", "--node", "2", "--profile", "emulated_drive", "--out", "even.toml").stderr
 
 
@@ -384,7 +384,7 @@ def test_a_set_of_another_device_is_refused_whatever_is_answered(folder):
     chosen = ("--node", "2", "--classes", "tuning,limits")
     for answer in ("--dry-run", "--yes"):
         refused = run("upload", "other.toml", *chosen, answer, code=3).stderr
-        assert "the set is for another device (serial number 99992, node 2 has 2)" in refused
+        assert "the set is for another device (serial number 99992; node 2 has 2)" in refused
         assert "limits are among its values: 6065:0" in refused
         assert "give --other-device to write it nevertheless" in refused
     assert "9999" in run("upload", "other.toml", *chosen, "--dry-run", "--other-device").stderr

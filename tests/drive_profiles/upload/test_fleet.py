@@ -160,7 +160,7 @@ def test_a_node_that_restarts_while_it_stores_is_not_said_to_have_stored(tmp_pat
 
 
 def test_a_reset_is_said_also_where_there_was_nothing_to_write(bus, tmp_path):
-    for count in ("1 written and read back", "nothing to write, everything is there"):
+    for count in ("1 written and read back", "nothing to write: everything is there"):
         [outcome] = fleet.run(prepared(bus, [3], tmp_path, store=True, reset=True))
         assert str(outcome) == f"node 3: done, {count}, stored, reset, and read back once more"
 

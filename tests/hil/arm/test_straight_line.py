@@ -115,7 +115,7 @@ def test_a_joint_beyond_its_limit_is_refused_with_its_name_and_place():
     wanted = line((0.75, 0.0, 0.45))
     end = float(wanted.angles(np.ones(1))[0, 1])
     limits = [FREE, JointLimits(-10.0, 0.5 * (float(HOME[1]) + end), 100.0), *[FREE] * 4]
-    with pytest.raises(LineError, match=r"axis 2 would be at .*°, its limits are") as caught:
+    with pytest.raises(LineError, match=r"axis 2 would be at .*°; its limits are") as caught:
         wanted.check_limits(limits, 0.002)
     assert 0.0 < caught.value.fraction < 1.0
     wanted.check_limits([FREE] * 6, 0.002)

@@ -68,7 +68,7 @@ def test_the_tip_is_the_lever_times_the_second_derivative_of_the_joint(hz):
 @pytest.mark.parametrize(
     ("scale", "words"),
     [
-        (-1.0, "counts the wrong way; load_encoder.is_reversed = true"),
+        (-1.0, "counts the wrong way; state load_encoder.is_reversed = true"),
         (120.0 / 101.0, r"reduction_ratio 101 would agree with it, or counts_per_rev 124\d{4}; 1048576 is given"),
         (0.0, "does not move; load_encoder.object may be"),
         (2.0, "reduction_ratio 60 would agree"),
@@ -184,6 +184,6 @@ def test_a_lost_answer_of_the_encoder_is_no_standstill_of_the_joint(first):
 def test_an_encoder_that_is_silent_for_long_is_not_believed():
     bench = load_bench(EXAMPLE)
     _, gap = lossy(bench, 700, LONGEST_GAP_ROWS + 1)
-    assert "axis 2 did not answer in 4 cycles in a row, allowed: 3" in with_load_encoders(bench, gap).doubt
+    assert "axis 2 did not answer in 4 cycles in a row; at most 3 are allowed" in with_load_encoders(bench, gap).doubt
     _, dead = lossy(bench, 0, 1500)
     assert with_load_encoders(bench, dead).doubt == "the second encoder of axis 2 has not answered: check its cable and supply"

@@ -71,7 +71,7 @@ def test_the_levers_are_those_of_the_sensor_and_of_its_posture(tmp_path):
     assert at_tip.axis[5].tip_lever_m == pytest.approx(0.13)
     assert on_elbow.axis[5].tip_lever_m == 0.0
     assert on_elbow.axis[3].tip_lever_m == pytest.approx(0.42)
-    with pytest.raises(NotPossibleError, match=r"its lever at home is 0 mm, 1 mm is the least"):
+    with pytest.raises(NotPossibleError, match=r"its lever at home is 0 mm; at least 1 mm is needed"):
         on_elbow.axis[5].felt_lever_m("identify ate --axis 5")
     assert on_elbow.axis[3].felt_lever_m("identify ate --axis 3") == on_elbow.axis[3].tip_lever_m
 

@@ -33,7 +33,7 @@ def move(*arguments: str) -> tuple[int, str]:
         (
             ("--axis", "2", "--to", "22.01"),
             3,
-            "the position of axis 2 would be 22.01 rev, the limit is 22 rev; choose one within -22 … 22",
+            "the position of axis 2 would be 22.01 rev; the limit is 22 rev; choose one within -22 … 22",
         ),
         (("--axis", "2", "--to", "-1e9"), 3, "the limit is -22 rev"),
         (("--axis", "2", "--to", "nan"), 2, "'nan': expected a finite number"),

@@ -128,7 +128,7 @@ def test_a_ramp_beyond_the_acceleration_limit_is_named_before_anything_moves(tmp
     found = plan("--axes", "2", bench=bench)
     assert found.exit_code == 9
     assert "Not possible: 1 need is not met" in found.stdout
-    assert "would be 4000 rev/s², the limit is 100 rev/s²" in " ".join(found.stdout.split())
+    assert "would be 4000 rev/s²; the limit is 100 rev/s²" in " ".join(found.stdout.split())
 
 
 def test_a_bad_bench_file_is_told_by_line(tmp_path: Path):

@@ -26,7 +26,7 @@ def test_a_ramp_beyond_the_acceleration_limit_is_refused_with_its_unit_and_the_k
     with pytest.raises(UnsafeRequestError) as refused:
         constant_acceleration(at(4000.0, 100.0), 2, 0.002)
     assert str(refused.value) == (
-        "the acceleration of axis 2 would be 4000 rev/s², the limit is 100 rev/s²; lower acceleration_rps_s, or raise "
+        "the acceleration of axis 2 would be 4000 rev/s²; the limit is 100 rev/s²; lower acceleration_rps_s, or raise "
         "axis.2.limits.acceleration_rps_s"
     )
 
@@ -39,7 +39,7 @@ def test_an_acceleration_that_the_torque_limit_cannot_give_is_refused_with_its_u
     assert most < 4000.0
     assert constant_acceleration(at(0.9 * most), 2, 0.002).axes == (2,)
     with pytest.raises(
-        UnsafeRequestError, match=r"the acceleration of axis 2 would be .* rev/s², the limit is .* rev/s²"
+        UnsafeRequestError, match=r"the acceleration of axis 2 would be .* rev/s²; the limit is .* rev/s²"
     ) as refused:
         constant_acceleration(at(1.1 * most), 2, 0.002)
     assert "torque_nm = 7.1" in str(refused.value)

@@ -59,7 +59,7 @@ def test_two_in_a_row_stop_the_run_and_say_how_fast() -> None:
     assert not watch.accepts(20.0 * STEP_RAD, 0)
     found = reason(watch, 0.0)
     assert found is not None
-    assert "axis 2 turns at 120.00 rev/s, the limit is 12 rev/s" in found
+    assert "axis 2 turns at 120.00 rev/s; the limit is 12 rev/s" in found
 
 
 def test_an_axis_that_turns_too_fast_is_stopped_in_the_second_cycle() -> None:
@@ -104,7 +104,7 @@ def test_a_skipped_cycle_forgets_where_the_axis_was() -> None:
     ("change", "words"),
     [
         ({"word": 0x0618}, "left operation enabled: fault (status word 0618h)"),
-        ({"torque": 1.03 * AXIS.limits.torque_nm}, "N·m, the limit is 7.1 N·m"),
+        ({"torque": 1.03 * AXIS.limits.torque_nm}, "N·m; the limit is 7.1 N·m"),
         ({"missing": 3}, "has not answered for 3 cycles: check its supply, its cable and the bus load (hil plan)"),
     ],
 )
@@ -117,7 +117,7 @@ def test_what_stops_a_run_is_named_with_its_numbers(change: dict[str, float], wo
 def test_a_position_beyond_its_limit_stops_the_run() -> None:
     found = reason(guard(), 22.1 * TURN)
     assert found is not None
-    assert "axis 2 is at 22.100 rev, the limits are -22 and 22 rev" in found
+    assert "axis 2 is at 22.100 rev; the limits are -22 and 22 rev" in found
 
 
 def test_a_following_error_stops_the_run_only_when_it_lasts() -> None:
@@ -127,7 +127,7 @@ def test_a_following_error_stops_the_run_only_when_it_lasts() -> None:
     told = [watch.check(ENABLED, 0.0, behind, 0.0, 0) for _ in range(cycles + 4)]
     assert told[: cycles + 1] == [None] * (cycles + 1)
     assert told[-1] is not None
-    assert "4.100 rev behind its set-point, the limit is 4 rev" in told[-1]
+    assert "4.100 rev behind its set-point; the limit is 4 rev" in told[-1]
     again = guard()
     for _ in range(10):
         assert [again.check(ENABLED, 0.0, behind, 0.0, 0) for _ in range(cycles)][-1] is None

@@ -82,7 +82,7 @@ def test_set_points_accelerate_no_more_than_the_limit_whatever_made_them() -> No
     step = 100.0 * 0.002**2
     check_motion(set_points([0.0, 0.0, step, 3.0 * step, 5.0 * step, 6.0 * step, 6.0 * step]), axes(2), [0.0])
     for jumps in ([0.0, 0.0, 2.0 * step, 3.0 * step, 3.0 * step], [0.0, 2.0 * step, 2.0 * step], [0.0, 0.0, step, 3.0 * step]):
-        with pytest.raises(UnsafeRequestError, match=r"the acceleration of axis 2 would be \d+ rev/s², the limit is 100 rev/s²"):
+        with pytest.raises(UnsafeRequestError, match=r"the acceleration of axis 2 would be \d+ rev/s²; the limit is 100 rev/s²"):
             check_motion(set_points(jumps), axes(2), [0.0])
 
 

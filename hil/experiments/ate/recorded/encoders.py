@@ -71,7 +71,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
         return float(whole), f"the reduction ratio is assumed to be {whole}: the encoders show {found:.2f}"
     if abs(found - given) > max(RATIO_OFF, RATIO_OFF_FRACTION * given):
         raise ContradictedError(
-            f"{recorded.path}: a reduction ratio of {given:g} was given, the encoders show {found:.2f}"
+            f"{recorded.path}: a reduction ratio of {given:g} was given; the encoders show {found:.2f}"
             + (
                 f"; check whether it is {whole}"
                 if abs(found - whole) <= WHOLE_WITHIN

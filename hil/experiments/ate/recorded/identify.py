@@ -268,7 +268,7 @@ def _too_short(
             f"{'; '.join(words)}: orders {orders} need {least_turns(request.orders):.3g}; move further without a stop, or ask "
             "for fewer orders"
         )
-    return [f"{word}, too few: it is left out" for word in words]
+    return [f"{word}; that is too few, so the file is left out" for word in words]
 
 
 def _ratio(

@@ -92,7 +92,7 @@ def sensed_files(
     given = request.said.reduction_ratio
     if given is not None and not math.isclose(given, table.reduction_ratio, rel_tol=1e-6):
         raise ContradictedError(
-            f"a reduction ratio of {given:g} was given, the bench file has {table.reduction_ratio:g} for axis {request.axis}"
+            f"a reduction ratio of {given:g} was given; the bench file has {table.reduction_ratio:g} for axis {request.axis}"
         )
     sensing = sensing_of(bench, request.axis, knowledge, sensorless=is_torque)
     even, through, clocks = [], [], []

@@ -123,7 +123,7 @@ def test_angles_that_begin_anew_are_the_same_as_those_that_do_not(tmp_path, resu
 def test_a_ratio_that_the_data_contradict_is_refused_with_both(tmp_path):
     time, angle = motion()
     path = written(tmp_path / "joint.csv", time, angle, joint(angle) * 100.0 / 101.0)
-    with pytest.raises(ContradictedError, match=r"ratio of 100 was given, the encoders show 10\d\.\d+; check whether it is 101"):
+    with pytest.raises(ContradictedError, match=r"ratio of 100 was given; the encoders show 10\d\.\d+; check whether it is 101"):
         identify_recorded(request(path, said=Said(reduction_ratio=100.0)), tmp_path / "out")
 
 

@@ -36,5 +36,5 @@ def test_an_amplitude_within_noise_is_not_cancelled_and_not_believed() -> None:
 
 def test_a_drive_that_cancels_by_itself_is_asked_for_no_order_that_it_lacks() -> None:
     assert set(inside_models(BENCH, known({1: 20.0, 2: 5.0, 4: 3.0}), (2,))) == {2}
-    with pytest.raises(NotPossibleError, match="the drive cancels orders 1, 2, 4 only, the model has order 3"):
+    with pytest.raises(NotPossibleError, match="the drive cancels orders 1, 2, 4 only; the model has order 3"):
         inside_models(BENCH, known({2: 5.0, 3: 2.0}), (2,))

@@ -75,7 +75,7 @@ def test_nothing_is_said_of_a_tip_that_is_quiet() -> None:
 def test_an_order_that_is_not_cancelled_is_named() -> None:
     found = told(look(1.0, {ONE: 0.05 + 0.0j, TWO: 0.001j}), look(0.0, {**WITHOUT, ONE: 0.05 + 0.0j}))
     assert found.causes == ("order left out",)
-    assert "the goal is 0.0100 mm" in found.words
+    assert "(goal: 0.0100 mm)" in found.words
 
 
 def test_an_order_that_stays_alike_at_all_speeds_is_known_too_little() -> None:

@@ -89,7 +89,7 @@ def test_a_chirp_on_the_reference_does_as_well() -> None:
     ("gain", "words"),
     [
         (0.0, r"coherence of the tip with the motor: .*at least 0.5.*right orientation"),
-        (3.0, r"lever of 1\.\d+ m, the bench file says 0.36 m"),
+        (3.0, r"lever of 1\.\d+ m; the bench file says 0.36 m"),
     ],
 )
 def test_a_tip_that_is_not_this_axis_is_said_and_left_out(gain: float, words: str) -> None:
@@ -148,13 +148,13 @@ def test_a_band_without_the_resonance_is_said() -> None:
 @pytest.mark.parametrize(
     ("changes", "error", "words"),
     [
-        ({"amplitude_nm": 3.5}, UnsafeRequestError, r"3.5 N·m, the limit is 3.04 N·m"),
-        ({"bias_rps": 8.0}, UnsafeRequestError, r"16 rev/s, the limit is 12 rev/s"),
+        ({"amplitude_nm": 3.5}, UnsafeRequestError, r"3.5 N·m; the limit is 3.04 N·m"),
+        ({"bias_rps": 8.0}, UnsafeRequestError, r"16 rev/s; the limit is 12 rev/s"),
         ({"bias_rps": 0.1}, NotPossibleError, r"0.1 rev/s is too slow .* at least 0.2 rev/s"),
         ({"periods": 3}, NotPossibleError, r"3 periods .* at least 6"),
         ({"high_hz": 130.0}, NotPossibleError, r"130 Hz is not below half the sampling rate, 125 Hz"),
         ({"axis": 4}, NotPossibleError, r"no axis 4"),
-        ({"bias_rps": 5.0}, UnsafeRequestError, r"the travel of axis 3 at 5 rev/s would be .* rev, the limit is 11 rev"),
+        ({"bias_rps": 5.0}, UnsafeRequestError, r"the travel of axis 3 at 5 rev/s would be .* rev; the limit is 11 rev"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_moves(changes: dict[str, Any], error: type[Exception], words: str) -> None:

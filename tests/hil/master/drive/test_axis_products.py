@@ -45,7 +45,7 @@ def test_another_firmware_than_the_named_one_is_refused():
 def test_the_device_type_is_that_of_the_product():
     rig = rig_of(PRODUCTS[0])
     rig.drive.slave.dictionary.cell(0x1000, 0).value = 0x0046_0192  # the first product's
-    with pytest.raises(WrongIdentityError, match=r"device type \(1000h\) is 0x460192, the profile says 0x420192"):
+    with pytest.raises(WrongIdentityError, match=r"device type \(1000h\) is 0x460192; the profile says 0x420192"):
         check_identity(RigNetwork(rig), AXIS, Profile.load("trinamic_tmcm16xx"))
 
 
