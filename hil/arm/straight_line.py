@@ -246,7 +246,7 @@ class StraightLine:
                 longer = self.move.duration_s * most / limit.speed_rad_s
                 raise LineError(
                     float(fraction[fast[0]]), self.length_m,
-                    f"{name} would turn at up to {math.degrees(most):.3g}°/s, its limit is "
+                    f"{name} would turn at up to {math.degrees(most):.3g}°/s; its limit is "
                     f"{math.degrees(limit.speed_rad_s):.3g}°/s: duration_s {longer:.2g} or more",
                 )  # fmt: skip
 

@@ -78,7 +78,7 @@ def test_a_line_that_does_not_start_at_home_is_begun_where_it_starts(reference_r
             r"after 37\d\.\d mm, 53\.\d % of the way: the arm does not bring its tip to x = 0\.87",
         ),
         ({"end_m": "{ x = 0.70, y = 0.1, z = 0.45 }"}, r"the arm does not bring its tip to .* in the required direction"),
-        ({"duration_s": "0.7"}, r"axis \d would turn at up to .*°/s, its limit is .*: duration_s"),
+        ({"duration_s": "0.7"}, r"axis \d would turn at up to .*°/s; its limit is .*: duration_s"),
         ({"end_m": "{ x = 0.50, z = 0.45 }"}, "start_m and end_m are equal"),
     ],
 )

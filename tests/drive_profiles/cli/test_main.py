@@ -41,7 +41,7 @@ def test_show_has_identity_reasons_objects_and_units():
         "250 µs",
         "PP, PV, TQ, HM, IP, CSP, CSV, CST",
         "6072:0  UNSIGNED16  N·m        1 ‰ of 6076h",
-        "not a fit by depth",
+        "nothing is fitted by depth",
     ):
         assert words in result.stdout
     assert "\x1b" not in result.stdout
