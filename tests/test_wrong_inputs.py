@@ -20,7 +20,7 @@ IDENTIFY = ("identify", "plant", "--axis", "2", "--bench", "reference", *NOWHERE
 TREATED = ("run", "constant-acceleration", "--axis", "2", "--bench", "reference", *NOWHERE, "--treatment")
 
 BENCHES = {
-    "a node twice": ("node_id = 3", "node_id = 2", "axis.3.node_id: node id 2 is given twice on this bus: axis.2.node_id has it"),
+    "a node twice": ("node_id = 3", "node_id = 2", "axis.3.node_id: node-ID 2 is given twice on this bus: axis.2.node_id has it"),
     "no such node": ("node_id = 3", "node_id = 128", "axis.3.node_id: found 128; expected at most 127"),
     "limits swapped": ("min_rev = -22.0, position_max_rev = 22.0", "min_rev = 22.0, position_max_rev = -22.0", "is not below"),
     "a negative limit": ("speed_rps = 12.0", "speed_rps = -12.0", "speed_rps: found -12.0; expected more than 0.0 rev/s"),

@@ -193,7 +193,7 @@ def polynomial_of(quadratic: Quadratic, period_s: float, rule: Rule = "bilinear"
     angle = TWO_PI * frequency_hz * period_s
     limit = {"bilinear": math.inf, "bilinear prewarped": math.pi, "backward Euler prewarped": math.pi / 2}[rule]
     if not 0.0 < angle < limit:
-        raise ValueError(f"{frequency_hz:g} Hz is not possible with the {rule} transform at {1e6 * period_s:g} us")
+        raise ValueError(f"{frequency_hz:g} Hz is not possible with the {rule} transform at {1e6 * period_s:g} µs")
     if rule == "backward Euler prewarped":
         k = math.tan(angle)
         p1, p2 = 2.0 * zeta / k, 1.0 / (k * k)

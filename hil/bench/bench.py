@@ -339,7 +339,7 @@ class Bench(Table):
         first: dict[int, tuple[str, ...]] = {}
         for node, key in nodes:
             if node is not None and first.setdefault(node, key) != key:
-                raise WrongKeyError(f"node id {node} is given twice on this bus: {'.'.join(first[node])} has it as well", key)
+                raise WrongKeyError(f"node-ID {node} is given twice on this bus: {'.'.join(first[node])} has it as well", key)
         for number, axis in self.axis.items():
             if self.approach_rps > axis.limits.speed_rps:
                 raise ValueError(f"approach_rps {self.approach_rps} is above axis {number}'s speed_rps {axis.limits.speed_rps}")

@@ -118,7 +118,10 @@ def origin_of_order(
     if how is None and motor.pole_pairs is not None and motor.slots is not None:
         return "gear", "no order of this motor"
     reason = how or "poles and slots are not given"
-    return "motor or gear", f"{reason}; a run with an accelerometer or a load encoder would show it, or {LEAST_LOADS} loads"
+    return (
+        "motor or gear",
+        f"{reason}; a run with an accelerometer or a load encoder would show it, or runs with {LEAST_LOADS} loads",
+    )
 
 
 def _is_large(each: Conditions) -> bool:

@@ -419,7 +419,7 @@ class ArmRobot(Robot):
         for number, ratio in reductions.items():
             if not math.isclose(ratio, self.axis[number].reduction_ratio, rel_tol=1e-6):
                 raise ValueError(
-                    f"axis {number}: reduction_ratio {self.axis[number].reduction_ratio:g} is {ratio:g} in the URDF file"
+                    f"axis {number}: reduction_ratio is {self.axis[number].reduction_ratio:g}, but {ratio:g} in the URDF file"
                 )
         arm.check_axes(list(self.axis))
         check_masses(arm)

@@ -247,10 +247,10 @@ def sniffed_bus(pytestconfig: pytest.Config) -> Iterator[tuple[ServedBus, Sniffe
         (("settle_s = 0.5", "settle_s = 0.5\nsettel_s = 1.0"), "settel_s"),
         (("speed_rps = 12.0", "speed_rpm = 720.0"), "speed_rps"),
         (("torque_nm = 7.1", 'torque_nm = "7.1 Nm"'), "N·m"),
-        (("node_id = 3", "node_id = 2"), "node id 2"),
+        (("node_id = 3", "node_id = 2"), "node-ID 2"),
         (("[axis.2]", "[axis.2"), "bench.toml:"),
     ],
-    ids=["unknown key", "wrong unit", "unit in the value", "one node id twice", "no TOML"],
+    ids=["unknown key", "wrong unit", "unit in the value", "one node-ID twice", "no TOML"],
 )
 def test_a_bad_bench_file_is_located_and_no_frame_is_sent(
     tmp_path: Path, sniffed_bus: tuple[ServedBus, Sniffer], change: tuple[str, str], words: str

@@ -293,7 +293,7 @@ def test_a_bench_has_a_node_or_a_serial_port():
     for wrong, says in (
         ("[accelerometer]\n", "needs either a node_id"),
         ("[accelerometer]\nnode_id = 16\n[accelerometer.serial]\n" + LINE_TOML, "needs either a node_id"),
-        ("[accelerometer]\nnode_id = 127\n", "accelerometer.node_id: node id 127 is given twice on this bus: bus.master_node_id"),
+        ("[accelerometer]\nnode_id = 127\n", "accelerometer.node_id: node-ID 127 is given twice on this bus: bus.master_node_id"),
         ("[accelerometer.serial]\n" + LINE_TOML.replace("baud_rate", "baudrate"), "did you mean baud_rate"),
     ):
         with pytest.raises(FileError, match=says):

@@ -133,7 +133,7 @@ def test_a_robot_of_a_urdf_file_has_its_links_and_moves(tmp_path):
 
 def test_a_urdf_file_with_another_reduction_is_refused(tmp_path):
     load_robot(urdf_robot(tmp_path, six_axis_urdf()))
-    with pytest.raises(FileError, match="axis 2: reduction_ratio 100 is 120 in the URDF file"):
+    with pytest.raises(FileError, match="axis 2: reduction_ratio is 100, but 120 in the URDF file"):
         load_robot(urdf_robot(tmp_path, six_axis_urdf(), ratio=100.0))
 
 
