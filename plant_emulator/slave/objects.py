@@ -111,9 +111,7 @@ def pdo_entries(rpdos: Sequence[PdoDefault] = (), tpdos: Sequence[PdoDefault] = 
         ValueError: More than four of a kind.
     """
     if max(len(rpdos), len(tpdos)) > len(RPDO_BASES):
-        raise ValueError(
-            f"{len(rpdos)} RPDOs and {len(tpdos)} TPDOs are too many; at most {len(RPDO_BASES)} of each are possible"
-        )
+        raise ValueError(f"{len(rpdos)} RPDOs and {len(tpdos)} TPDOs are too many; expected at most {len(RPDO_BASES)} each")
     entries: list[Entry] = []
     for number, (rpdo_base, tpdo_base) in enumerate(zip(RPDO_BASES, TPDO_BASES, strict=True)):
         rpdo = rpdos[number] if number < len(rpdos) else PdoDefault()
