@@ -56,7 +56,7 @@ def diff(
 ) -> None:
     """Compare a parameter set with another, or with a drive.
 
-    Ends with 7 if they differ.
+    Ends with status 7 if they differ.
 
     Examples:
         drive-profiles diff old.toml new.toml
@@ -233,7 +233,7 @@ def verify(
 ) -> None:
     """Check that a drive holds a parameter set, byte for byte.
 
-    Ends with 7 if it does not.
+    Ends with status 7 if it does not.
 
     Example: drive-profiles verify axis2.toml --bus local:/tmp/robot.sock --node 2
     """

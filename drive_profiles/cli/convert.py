@@ -40,10 +40,10 @@ def convert(
 ) -> None:
     """Convert a parameter set to a DCF or concise DCF, or back.
 
-    A DCF is made from the device's EDS; every other byte stays as it is. Values whose unit depends on the drive's encoder or
-    rated torque need these two to become bytes; a set that was pulled states them. Node-ID, bit rate and serial number go
-    into the DCF's commissioning section; the rest of the header goes into comments there. A concise DCF is the value of
-    1F22h.
+    A DCF is made from the device's EDS; every other byte stays as it is. To turn values in rad or N·m into bytes, the command
+    needs the counts of the drive's encoder or its rated torque; a set that was pulled states both. Node-ID, bit rate and serial
+    number go into the DCF's commissioning section; the rest of the header goes into comments there. A concise DCF is the value
+    of 1F22h.
 
     Example: drive-profiles convert axis2.toml --eds drive.eds --out axis2.dcf
     """

@@ -49,7 +49,7 @@ def store(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Let a drive store its values over a loss of power.
+    """Let a drive store its values in its non-volatile memory.
 
     Example: drive-profiles store --bus local:/tmp/robot.sock --node 2 --yes
     """

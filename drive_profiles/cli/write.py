@@ -85,8 +85,8 @@ def upload(
 ) -> None:
     """Write parameter sets to drives, all or none.
 
-    Each drive is checked, its values are saved in a snapshot, differing values are written, read back and stored. After a
-    failure all get their former values back.
+    Each drive is checked, its values are saved in a snapshot, differing values are written and read back; with --store the
+    drives also store them. After a failure all drives get their former values back.
 
     Examples:
         drive-profiles upload axis2.toml --bus local:/tmp/robot.sock --node 2 --dry-run

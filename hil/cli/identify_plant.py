@@ -129,7 +129,7 @@ def plant(
 ) -> None:
     """Identify the plant of one axis, with standard errors.
 
-    K_g, J_m, J_l, dampings, f_a, f_r, ζ, friction and gravity. You need only the bench file.
+    It finds K_g, J_m, J_l, dampings, f_a, f_r, ζ, friction and gravity. You need only the bench file.
 
     Example: hil identify plant --bench bench.toml --axis 2 --model model.toml
     """

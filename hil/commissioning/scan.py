@@ -88,7 +88,7 @@ def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> l
     with SdoBus(address, ASK_TIMEOUT_S) as bus:
         identities = [identity_at(bus.port(node)) for node in bus.answering(range(1, 128))]
     if not identities:
-        raise NodeError(0, f"no node answers on {address}", "is the bit rate right, is everything powered?")
+        raise NodeError(0, f"no node answers on {address}", "is the bit rate right, and is everything powered?")
     if silent := sorted(named.keys() - {identity.node for identity in identities}):
         answering = ", ".join(str(identity.node) for identity in identities)
         raise NodeError(silent[0], f"it does not answer on {address}; nodes {answering} do", "is the node-ID right?")

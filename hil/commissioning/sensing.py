@@ -124,7 +124,7 @@ def _wrong(of: Checked, own: Ratio, others: list[Ratio]) -> str:
     if of.session.bench.arm is None and abs(own.value) < ELSEWHERE:
         i = int(np.argmax([abs(each.value) for each in others]))
         if abs(others[i].value) > ELSEWHERE:
-            return f"{seen} along z, {others[i].words} along {NAMES[i]}: the sensor is turned, its z must point along the motion"
+            return f"{seen} along z, {others[i].words} along {NAMES[i]}: the sensor is turned; its z must point along the motion"
     if abs(own.value) < 0.1:
         return f"{seen}: the sensor does not move with this axis (sensor of another axis, not mounted, or defective)"
     return f"{seen}: scale of the encoder, reduction_ratio, tip_lever_m or unit of the sensor is wrong by this factor"

@@ -239,7 +239,7 @@ def _postures(bench: Bench, arm: ArmTable, axis: int) -> tuple[list[_Posture], l
             ]
     else:
         why = "there is no line_motion"
-    note = f"axis {axis}: {why}: margins on the arm hold at home; elsewhere they are unknown"
+    note = f"axis {axis}: {why}; margins on the arm hold at home, and are unknown elsewhere"
     return [_Posture("at home", arm.home_rad())], [note]
 
 

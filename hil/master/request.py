@@ -84,7 +84,7 @@ class RunRequest:
                 mode = mode_of(self.loop, axis.profile)
                 if mode is not CSP:
                     name = "no cyclic mode" if mode is None else mode.name
-                    raise NotPossibleError(f"axis {axis.number}: a torque offset needs CSP, {axis.profile.label} has {name}")
+                    raise NotPossibleError(f"axis {axis.number}: a torque offset needs CSP; {axis.profile.label} has {name}")
         if self.loop == "drive" and self.fixed:
             raise NotPossibleError("fixed filters need a host-closed loop (--loop host)")
 

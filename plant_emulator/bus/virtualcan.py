@@ -82,7 +82,7 @@ class Messages:
         while self.refused is None and len(self._rest) >= _LENGTH_BYTES:
             length = int.from_bytes(self._rest[:_LENGTH_BYTES], "big")
             if length != PAYLOAD_BYTES:
-                self.refused = f"a message of {length} bytes; one has {PAYLOAD_BYTES}"
+                self.refused = f"a message of {length} bytes; expected {PAYLOAD_BYTES}"
             elif len(self._rest) < MESSAGE.size:
                 return frames
             else:

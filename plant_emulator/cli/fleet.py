@@ -92,7 +92,7 @@ def fleet(
 
     The ranges are those of industrial robots; the bench files contain no knowledge of the drawn values.
 
-    Equal seeds give equal robots. `robots.csv` lists the drawn values, a line per robot. A folder that has robots keeps them.
+    Equal seeds give equal robots. `robots.csv` lists the drawn values, a line per robot. Robots in the folder are never replaced.
 
     Examples:
         plant-emulator fleet --seeds 7 --out fleet

@@ -41,7 +41,7 @@ EPILOG = epilog(
         EmulatorExitStatus.FILE: "bad file, or a folder that holds another rehearsal",
         EmulatorExitStatus.BUS: "no scheduler, or it is lost",
         EmulatorExitStatus.NOT_MET: "with --check: a goal is not reached",
-        EmulatorExitStatus.INTERRUPTED: "interrupted, finished robots are kept",
+        EmulatorExitStatus.INTERRUPTED: "interrupted; finished robots are kept",
     },
 )
 

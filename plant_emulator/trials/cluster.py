@@ -106,7 +106,7 @@ class DaskWorkers:
         for worker, version in versions.items():
             if version != version_text():
                 raise ExecutorsRefusedError(
-                    f"worker {worker} has hil-bench {version}, here is {version_text()}; install the same"
+                    f"worker {worker} has hil-bench {version}; here it is {version_text()}: install the same"
                 )
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:

@@ -66,9 +66,9 @@ def export(
         float, typer.Option(min=0.01, max=1000.0, help="Pace of the stream, in multiples of the recording's.")
     ] = 1.0,
 ) -> None:
-    """Write a recording or bus log as DBC, MF4, MCAP, Parquet.
+    """Write a recording or bus log as DBC, MF4, MCAP or Parquet.
 
-    Or send it to PlotJuggler.
+    The command can also send it to PlotJuggler.
 
     Example: hil export line --to line.mf4 --to line.dbc
     """

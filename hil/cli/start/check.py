@@ -47,7 +47,7 @@ def check(
 ) -> None:
     """Check each axis before its first motion.
 
-    The checks are of encoder, brake, torque, stops, limits and sensor, with the smallest possible motions. Each ends in
+    The checks cover encoder, brake, torque, stops, limits and sensor, with the smallest possible motions. Each ends in
     PASS, FAIL or NOT JUDGED, with the measurement. A check that depends on a failed one is not made.
 
     Example: hil check --bench bench.toml --axis 2

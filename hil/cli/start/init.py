@@ -43,7 +43,7 @@ def init(
 ) -> None:
     """Write a bench file from a scan of the bus.
 
-    It has nodes, profiles, counts, first limits, and a SYNC period that fits. Nothing is written to any node. Lines that
+    The file has nodes, profiles, counts, first limits, and a SYNC period that fits. Nothing is written to any node. Lines that
     only you can fill in are marked; until then no command accepts the file.
 
     Examples:

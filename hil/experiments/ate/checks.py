@@ -259,7 +259,7 @@ def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> 
             "are those of this axis"
         )
     )
-    what = f"the motion of the motor of axis {axis}, of {asked_rev:.2f} rev commanded"
+    what = f"the motion of axis {axis}'s motor, with {asked_rev:.2f} rev commanded"
     raise AteNotIdentifiedError(what, made_rev, HELD_TRAVEL_FRACTION * asked_rev, "rev", remedy, causes=MISWIRED)
 
 
