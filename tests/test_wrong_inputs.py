@@ -92,7 +92,7 @@ COMMANDS = {
     "no such interface": (drive_profiles, ("scan", "--bus", "cake:1"), 2, "unknown interface 'cake'; expected one of local"),
     "a notch that lifts": (
         drive_profiles, ("realise", "emulated_drive", "--speed-rps", "5.9", "--zeta-rn", "5"), 2,
-        "zeta_zero = 5 must be below zeta_pole = 0.1; otherwise it is no notch",
+        "zeta_zero = 5 must be below zeta_pole = 0.1 to make a notch",
     ),
     "a set that is none": (drive_profiles, ("upload", "bench.toml", "--node", "2", *NOWHERE), 3, "unknown key 'geometry'"),
     "an assignment that is none": (plant_emulator, ("serve", "--drive", "3:x"), 2, "--drive 3:x: expected AXIS=VALUE, such as"),

@@ -69,4 +69,4 @@ def unit_of(role: Role, text: str) -> Unit:
         factor = float(number) * _PLAIN[role][name]
         return Unit(text, factor, 2.0 * math.pi / factor if is_angle else 0.0)
     known = [*_PLAIN[role], *(("2^24/rev", "-4096/rev") if is_angle else ())]
-    raise ValueError(f"{text!r} is not a unit of {role}: {', '.join(known)} are")
+    raise ValueError(f"{text!r} is not a unit of {role}; expected one of {', '.join(known)}")
