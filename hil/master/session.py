@@ -173,7 +173,7 @@ class Session:
         self.network.pump_until(lambda: False, 0.0 if self.network.channel.is_lock_step else TWICE_S)
         for node in (*(axis.node for axis in self.axes.values()), *self.sensor.nodes):
             if self.network.answers_twice(node):
-                raise NodeError(node, "it answers more than once per request", "do two nodes have this id?")
+                raise NodeError(node, "it answers more than once per request", "do two nodes have this node-ID?")
         if not self.network.channel.is_lock_step:
             for axis, begun_s, begun_rad in begun:
                 axis.check_standing(begun_rad, self.clock.now() - begun_s)

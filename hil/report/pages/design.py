@@ -195,7 +195,7 @@ def plants(outcome: NotchDesignOutcome) -> ReportTable:
         "f_al (Hz)",
         *(f"A_{order:g} (arcsec)" for order in orders),
     )
-    caption = f"Plant from {outcome.source}. Every requirement is checked for each of them."
+    caption = f"Plant from {outcome.source}. Every requirement is checked for each plant."
     return ReportTable("plant-set", "Plants for which the filter is designed", "", header, rows, caption=caption)
 
 
