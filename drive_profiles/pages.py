@@ -108,8 +108,8 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
         return
     yield "## Runs"
     yield (
-        "What `hil run`, `hil identify plant` and `hil identify ate` do with each family, and the tip of the reference robot's "
-        "axis 2 without and with cancellation by set-points. The results come from emulated drives and say nothing about real "
+        "What `hil run`, `hil identify plant` and `hil identify ate` do with each family. *Tip*: of the reference robot's "
+        "axis 2, without and with cancellation by set-points. The results come from emulated drives and say nothing about real "
         "firmware. The drives start with their gains set. Limits are those of the bench file; the master enforces all except "
         "those that the drive keeps. Made by `python -m plant_emulator.rehearsal.families`."
     )

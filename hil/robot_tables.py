@@ -321,8 +321,8 @@ class LineMotion(Table):
         """
         if self.start_m.y or self.end_m.y or self.orientation == "free" or self.start_rpy_deg or self.end_rpy_deg:
             raise ValueError(
-                "a line with y, orientation, start_rpy_deg or end_rpy_deg needs an arm table: a geometry's chain moves its tip "
-                "in a vertical plane, its tool pointing down"
+                "a line with y, orientation, start_rpy_deg or end_rpy_deg needs an arm table; a geometry's chain moves its tip "
+                "in a vertical plane, with its tool pointing down"
             )
 
     def line(self, chain: PlanarChain) -> Line:

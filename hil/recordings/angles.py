@@ -39,7 +39,7 @@ def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
             raise RecordingFileError(
                 path,
                 f"{column.name!r} jumps by {steps[row]:.3g} revolutions from row {row + 1} to {row + 2} while its "
-                f"values span {span:.3g}: it does not wrap after one revolution, so the jump cannot be undone",
+                f"values span {span:.3g}; it does not wrap after one revolution, so the jump cannot be undone",
             )
         turned = np.unwrap(turned, period=1.0)
     step = float(np.max(np.abs(np.diff(turned)))) if len(turned) > 1 else 0.0

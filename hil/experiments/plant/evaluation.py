@@ -91,9 +91,9 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
     """Sentences on the limits of the data, with numbers."""
     parameters, plant = estimate.parameters, estimate.plant
     sentences = [
-        "all inertias, stiffnesses and dampings are proportional to the torque that the drive reports: an error of its rated "
+        "all inertias, stiffnesses and dampings are proportional to the torque that the drive reports; an error of its rated "
         "torque (6076h) is an error of each; f_a, f_r and ζ do not depend on it",
-        f"D_m cannot be separated from friction that grows with the speed: D_m + D_l/N² together are "
+        f"D_m cannot be separated from friction that grows with the speed; D_m + D_l/N² together are "
         f"{_shown(parameters['viscous_damping_nm_s_rad'])} N·m·s/rad in the frequency response, and the slow turns show "
         f"{_shown(friction.viscous_nm_s_rad)}; at standstill Coulomb friction hides them altogether",
         f"D_l is {_shown(parameters['arm_damping_nm_s_rad'])} N·m·s/rad, and follows only from the difference in damping "

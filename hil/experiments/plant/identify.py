@@ -254,7 +254,7 @@ class PlantIdentification:
         inertia = rigid_inertia(data, self._timing())
         if inertia is not None:
             return (
-                f"motor and arm turn as one inertia of {inertia:.2g} kg·m² from {band.low_hz:g} to {band.high_hz:.3g} Hz: there "
+                f"motor and arm turn as one inertia of {inertia:.2g} kg·m² from {band.low_hz:g} to {band.high_hz:.3g} Hz; there "
                 f"is no resonance of the arm in this band; {self._reach_words(band)}"
             )
         reach = f"{band.low_hz:g} and {band.high_hz:.3g} Hz"

@@ -100,7 +100,7 @@ def probe_trouble(
         return ProbeTrouble(
             "arm",
             f"the motor acted against a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, and gravity is at most "
-            f"{free:.2g}: the arm is held (a brace, a stop, a second brake)",
+            f"{free:.2g}; the arm is held (a brace, a stop, a second brake)",
         )
     return None
 

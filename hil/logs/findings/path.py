@@ -112,8 +112,8 @@ def _coarse(stamp_ns: NDArray[np.int64], position: NDArray[np.int64], node: Node
     is_target = key == "0x607A"
     yield Finding(
         "coarse-set-points" if is_target else "coarse-encoder", Severity.WARNING,
-        f"every {name} of node {node.number} is a multiple of {grain} counts away from the first: speed steps of {grain} counts "
-        f"per cycle, which cause noise and excite resonances",
+        f"every {name} of node {node.number} is a multiple of {grain} counts away from the first; the speed then has "
+        f"steps of {grain} counts per cycle, which cause noise and excite resonances",
         "let the planner calculate with a finer resolution than the encoder's" if is_target
         else "filter the measured speed, or lower the speed gain: the encoder has fewer steps than 608Fh",
         stamps_of(stamp_ns, np.array([0])), 1, node.number,
@@ -142,7 +142,7 @@ def _blows(stamp_ns: NDArray[np.int64], target: NDArray[np.int64], node: Node) -
     yield Finding(
         "acceleration-jump", Severity.WARNING,
         f"the acceleration of node {node.number}'s target position jumps {times(len(blow))} within one cycle, by "
-        f"{float(np.max(change[blow])):.0f} counts per cycle² at worst: each excites every resonance of the arm",
+        f"{float(np.max(change[blow])):.0f} counts per cycle² at worst; each jump excites every resonance of the arm",
         "limit the jerk: let the acceleration change over at least one period of the lowest resonance",
         stamps_of(stamp_ns, blow + 4), len(blow), node.number,
         picture_of(stamp_ns[2:] * 1e-9, acceleration,

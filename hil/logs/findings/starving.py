@@ -44,7 +44,7 @@ def starving_findings(trace: Trace) -> Iterator[Said]:
             yield Finding(
                 "starved", Severity.WARNING,
                 f"{pdo.name} comes up to {np.max(rhythm.late_ns[late]) * 1e-6:.3g} ms late in {counted(len(late), 'cycle')}, "
-                f"in which {culprit:03X}h is sent {more:.1f} times more than usual: its priority is higher, "
+                f"in which {culprit:03X}h is sent {more:.1f} times more than usual; its priority is higher, "
                 f"and {pdo.can_id:03X}h waits",
                 f"spread the frames of {culprit:03X}h (inhibit time, fewer at once), give it an identifier above "
                 f"{pdo.can_id:03X}h, or raise the bit rate",

@@ -360,6 +360,6 @@ def _check_quieter(learning: MotionLearning, run: MotionRun) -> None:
     noise = learning.noise_mm
     if peak_with >= peak or rms**2 - rms_with**2 <= BETTER_SIGMAS * noise.power_error(rms):
         raise MotionNotLearntError(
-            f"nothing is kept: the learnt cancellation does not help: peak {peak:.4f} mm without and {peak_with:.4f} mm "
+            f"nothing is kept, because the learnt cancellation does not help; peak {peak:.4f} mm without and {peak_with:.4f} mm "
             f"with it, root mean square {rms:.4f} and {rms_with:.4f} mm, noise {noise.rms:.4f} mm"
         )
