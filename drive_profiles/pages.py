@@ -49,7 +49,8 @@ def page(profile: Profile) -> str:
         f"# {profile.title}",
         f"Profile `{profile.name}`; made from `drive_profiles/vendors/{profile.name}.toml` by `{_COMMAND}`.",
         f"{SIGN} marks what no available document, file or measurement confirms: check it on the drive or in its manual. An "
-        f"upload needs `--allow-unverified` to write it. Numbers in brackets are sources, listed at the end; *no source* means none of these.",
+        "upload needs `--allow-unverified` to write it. Numbers in brackets are sources, listed at the end; *no source* means "
+        "none of these.",
         *_capabilities(profile),
         *_notch_held(profile),
     ]
