@@ -78,9 +78,7 @@ class NotchTarget:
             if not (value > 0.0 and math.isfinite(value)):
                 raise ValueError(f"{name} = {value} must be positive and finite")
         if self.zeta_zero >= self.zeta_pole:
-            raise ValueError(
-                f"zeta_zero = {self.zeta_zero:g} must be below zeta_pole = {self.zeta_pole:g}; otherwise it is no notch"
-            )
+            raise ValueError(f"zeta_zero = {self.zeta_zero:g} must be below zeta_pole = {self.zeta_pole:g} to make a notch")
 
     @classmethod
     def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> NotchTarget:

@@ -381,7 +381,7 @@ class TestCoefficients:
         facts = profile.model_dump(by_alias=True)
         facts["parameters"]["filter_type"]["default"] = 0
         assert held_filter(Profile.model_validate(facts), {}) == ()
-        with pytest.raises(NotRealisableError, match="value of b0"):
+        with pytest.raises(NotRealisableError, match=r"b0 .* has no value"):
             held_filter(profile, {"filter_type": 1.0})
 
     def test_no_filter_and_no_such_section(self):
@@ -419,9 +419,9 @@ class TestZeroPole:
     def test_the_range_is_refused_with_both_numbers(self):
         target = NotchTarget.at_speed(2, 4.0, *AXIS_2)
         for allow in (False, True):
-            with pytest.raises(NotRealisableError, match="starts at 50 Hz, 8 Hz needed"):
+            with pytest.raises(NotRealisableError, match="starts at 50 Hz; the zeros need 8 Hz"):
                 realise(zero_pole_drive(min_frequency_hz=50.0), target, allow_approximate=allow)
-        with pytest.raises(NotRealisableError, match="ends at 5 Hz, 8 Hz needed"):
+        with pytest.raises(NotRealisableError, match="ends at 5 Hz; the zeros need 8 Hz"):
             realise(zero_pole_drive(max_frequency_hz=5.0), target)
 
     def test_whole_hertz_lose_the_offset(self):
