@@ -52,6 +52,7 @@ from hil.cli.options import (
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
     from hil.experiments.ate.on_bus import AteOutcome
+    from hil.experiments.ate.ramp import Ramp
     from hil.experiments.ate.request import AteRequest
 
 ATE_EPILOG = epilog_of_runs({
@@ -128,7 +129,7 @@ def ate(
         from hil.bench.load_encoder import by_load_encoders  # noqa: PLC0415
         from hil.bench.model import Identified, load_identified, update_file  # noqa: PLC0415
         from hil.experiments.ate.on_bus import identify_ate  # noqa: PLC0415
-        from hil.experiments.ate.request import AteRequest, axis_knowledge, first_acceleration, first_end_speed  # noqa: PLC0415
+        from hil.experiments.ate.request import AteRequest, axis_knowledge, first_ramp  # noqa: PLC0415
 
         if model is not None:
             Identified.check_file(model, bench.name)
@@ -136,9 +137,9 @@ def ate(
         identified = load_identified(model) if model is not None and model.exists() else None
         request = AteRequest(axis, acceleration_rps_s, passes, sensorless, orders=orders_from(orders))
         knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)
-        end_rps = first_end_speed(bench, request, knowledge)
+        ramp = first_ramp(bench, request, knowledge)
         where = result_directory(out, f"identify-ate-axis{axis}", force=force)
-        confirm_motion(bench, [_motion_line(bench, request, first_acceleration(bench, request, knowledge), end_rps)], yes=yes)
+        confirm_motion(bench, [_motion_line(bench, request, ramp)], yes=yes)
         with shown_live(live, bench.bus.address, bench_file):
             outcome = identify_ate(bench, request, where, identified, overload=overload, reporter=SpokenReporter())
         file = model or where / "model.toml"
@@ -202,11 +203,11 @@ def _by_order(carried: "Mapping[str, float] | None") -> str:
     return f": {words}" if words else ""
 
 
-def _motion_line(bench: "Bench", request: "AteRequest", acceleration_rps_s: float, end_rps: float) -> str:
+def _motion_line(bench: "Bench", request: "AteRequest", ramp: "Ramp") -> str:
     """Return the line on how the robot is moved."""
     limits = bench.axis[request.axis].limits
     return (
         f"This moves axis {request.axis} on {bench.bus.address}: at most {request.passes} passes forwards and back, to "
-        f"{end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² or slower, anywhere within {limits.position_min_rev:g} … "
-        f"{limits.position_max_rev:g} motor revolutions; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
+        f"{ramp.end_rps:.2f} rev/s at {ramp.acceleration_rps_s:g} rev/s² or slower, anywhere within "
+        f"{limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
     )

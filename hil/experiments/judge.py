@@ -18,6 +18,7 @@ from hil.bench.model import Identified
 from hil.design.frequency import CONTROL_PERIOD_S, Complex
 from hil.design.ringing import NoResonanceError, Ramp, Ringing, ringing
 from hil.errors import NotPossibleError
+from hil.experiments.ate.ramp import reach_rps
 from hil.experiments.shaping import rates_of
 from hil.recording import Recording
 from hil.robot_tables import ORDERS
@@ -206,8 +207,7 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
     if ramp is None:
         return (), ()
     room_rev = 0.5 * (limits.position_max_rev - limits.position_min_rev)
-    travel_rps = math.sqrt(2.0 * room_rev / (1.0 / ramp.acceleration_rps_s + 1.0 / ramp.deceleration_rps_s))
-    most_rps = min(limits.speed_rps, travel_rps)
+    most_rps = min(limits.speed_rps, reach_rps(room_rev, ramp.acceleration_rps_s, ramp.deceleration_rps_s))
     within, beyond = [], []
     for order in scale.windows_rps:
         resonant_rps = scale.f_al_hz / order

@@ -28,29 +28,25 @@ from hil.experiments.ate.checks import (
     factor_remark,
     reached_rps,
 )
-from hil.experiments.ate.motion import (
-    ACCELERATION_AT_HZ,
-    BEYOND_RESONANCE,
-    END_OVER_RESONANCE,
-    PASSED,
-    Ramps,
-    binding_limit_of,
-    end_speed,
-    further_end,
-    ramps,
-    too_short,
-    with_room,
-)
+from hil.experiments.ate.motion import Ramps, ramps
 from hil.experiments.ate.order_scan import OrderScan, identify_orders
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
+from hil.experiments.ate.ramp import (
+    ACCELERATION_AT_HZ,
+    BEYOND_RESONANCE,
+    PASSED,
+    Ramp,
+    lower_order_ramp,
+    plan_ramp,
+    through_resonance,
+)
 from hil.experiments.ate.request import (
     GEAR_FRACTION_ERROR,
     AteRequest,
     AxisKnowledge,
     Miss,
-    first_acceleration,
-    first_end_speed,
+    first_ramp,
     is_seen,
     sensing_of,
 )
@@ -166,13 +162,12 @@ def identify_on(
         HilError: Limits or nodes do not allow a run.
     """
     bench, axis = session.bench, request.axis
-    acceleration, end = first_acceleration(bench, request, knowledge), first_end_speed(bench, request, knowledge)
-    identification = Identification()
+    ramp, identification = first_ramp(bench, request, knowledge), Identification()
     for number in range(1, request.passes + 1):
         session.check_interrupt()
         here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
-        motion = ramps(bench, axis, here_rev, acceleration, end, bench.bus.sync_period_s)
-        words = f"axis {axis} to {end:.2f} rev/s at {acceleration:.2f} rev/s² and back{binding_limit_of(bench, axis, motion)}"
+        motion = ramps(bench, here_rev, ramp, bench.bus.sync_period_s)
+        words = f"axis {axis} to {ramp.end_rps:.2f} rev/s at {ramp.acceleration_rps_s:.2f} rev/s² and back{ramp.bound}"
         reporter.step(f"pass {number} of at most {request.passes}: {words}")
         result = session.run(motion.motion, "none", "drive")
         keep(number, result, motion)
@@ -187,9 +182,9 @@ def identify_on(
         checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
         is_through = _is_through(bench, axis, made, passes_left=left)
         before, identification.misses = identification.misses, request.goal.missed(made.estimate)
-        if is_through and not _curable(identification, before, bench, axis):
+        if is_through and not _curable(identification, before):
             break
-        acceleration, end = _next_ramp(bench, axis, identification, acceleration)
+        ramp = _next_ramp(bench, identification)
     _remark(identification, bench, request, knowledge)
     if not request.sensorless:
         identification.scan = watch.scan(identification.estimate)
@@ -215,8 +210,8 @@ def _reaction(identification: Identification, axis: int, knowledge: AxisKnowledg
 def _watch(identification: Identification, bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> OrderWatch:
     """Passes so far, to be scanned for orders."""
     sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
-    last = identification.passes[-1].ramps.trajectory.acceleration_rps_s
-    return OrderWatch(bench, request.axis, sensing, [each.sweep for each in identification.passes], last)
+    last = identification.passes[-1].ramps.ramp
+    return OrderWatch(bench, request.axis, sensing, last, [each.sweep for each in identification.passes])
 
 
 def _fitted(
@@ -245,8 +240,7 @@ def _fitted(
             request.orders,
         )
     except ValueError as error:
-        binding = binding_limit_of(bench, request.axis, motion)
-        raise NotPossibleError(f"not identified: {error}{binding}", ("limits",)) from error
+        raise NotPossibleError(f"not identified: {error}{motion.ramp.bound}", ("limits",)) from error
     return Pass(motion, recording, sweep, estimate)
 
 
@@ -313,32 +307,27 @@ def _is_through(bench: Bench, axis: int, made: Pass, passes_left: int) -> bool:
     reached = min(reached_rps(angle, period, end) for end in ends)
     if reached >= needed:
         return True
-    acceleration = made.ramps.trajectory.acceleration_rps_s
-    try:
-        further = end_speed(bench, axis, with_room(bench, axis, acceleration, needed), arm_hz)
-    except NotPossibleError as error:
-        raise AteNotIdentifiedError(
-            "the speed that the ramps reached", reached, needed, "rev/s", str(error), causes=error.causes
-        ) from error
-    if not passes_left or further < FURTHER * made.ramps.trajectory.end_rps:
-        why = too_short(bench, axis, acceleration, arm_hz, reached)
-        raise AteNotIdentifiedError("the speed that the ramps reached", reached, needed, "rev/s", why, causes=("limits",))
-    return False
+    last, further = made.ramps.ramp, _slower_ramp(bench, made)
+    if further.end_rps >= max(needed, FURTHER * last.end_rps) and passes_left:
+        return False
+    short = (further if further.end_rps < needed else last).short_of(needed)
+    if last.end_rps >= needed:
+        short = f"the ramps went to {last.end_rps:.2f} rev/s, so the motor did not follow its set-points"
+    what, why = f"the speed that the ramps reached, to pass f_m2 = {arm_hz / 2.0:.2f} rev/s", short or "allow another pass"
+    raise AteNotIdentifiedError(what, reached, needed, "rev/s", why, causes=("limits",))
 
 
-def _curable(identification: Identification, before: list[Miss], bench: Bench, axis: int) -> list[Miss]:
+def _curable(identification: Identification, before: list[Miss]) -> list[Miss]:
     """Select the misses that another pass may cure.
 
     These are orders that can yet pass the resonance, and misses by noise, not by the gear. A usable number that the last pass
     hardly improved is not among them.
-
-    A usable number that the last pass hardly made better is not among them.
     """
-    arm_hz, misses = identification.estimate.arm.resonance_hz, identification.misses
+    misses = identification.misses
     unseen_yet = [
         miss
         for miss in misses
-        if not identification.is_reached(miss.order) and further_end(bench, axis, arm_hz, miss.order) is not None
+        if not identification.is_reached(miss.order) and _order_ramp(identification, miss.order) is not None
     ]
     if not identification.estimate.is_spring:
         return unseen_yet
@@ -351,23 +340,34 @@ def _curable(identification: Identification, before: list[Miss], bench: Bench, a
     ]
 
 
-def _next_ramp(bench: Bench, axis: int, identification: Identification, acceleration_rps_s: float) -> tuple[float, float]:
-    """Choose acceleration and end speed of the next pass.
+def _next_ramp(bench: Bench, identification: Identification) -> Ramp:
+    """Plan the ramp of the next pass.
 
     It has half the acceleration of the last, and goes through f_m2, or through f_a if order 1 needs it.
     """
-    arm_hz = identification.estimate.arm.resonance_hz
-    ends = [
-        further
-        for miss in identification.misses
-        if miss.order < 2.0 and (further := further_end(bench, axis, arm_hz, miss.order)) is not None
-    ]
-    least = LEAST_ACCELERATION_RPS_S * (arm_hz / ACCELERATION_AT_HZ) ** 2
-    slower = min(acceleration_rps_s, max(0.5 * acceleration_rps_s, least))
-    if ends:
-        return with_room(bench, axis, slower, max(ends)), max(ends)
-    slower = with_room(bench, axis, slower, END_OVER_RESONANCE * arm_hz / 2.0)
-    return slower, end_speed(bench, axis, slower, arm_hz)
+    low = [_order_ramp(identification, miss.order) for miss in identification.misses if miss.order < 2.0]
+    made = identification.passes[-1]
+    furthest = max((ramp for ramp in low if ramp is not None), key=lambda ramp: ramp.end_rps, default=None)
+    return furthest or _slower_ramp(bench, made).beyond(made.estimate.arm.resonance_hz)
+
+
+def _order_ramp(identification: Identification, order: float) -> Ramp | None:
+    """Plan a next ramp through the resonance of a low order; None where limits do not allow it."""
+    made = identification.passes[-1]
+    return lower_order_ramp(made.ramps.ramp.limits, made.estimate.arm.resonance_hz, order, _slower(made))
+
+
+def _slower_ramp(bench: Bench, made: Pass) -> Ramp:
+    """Plan a next ramp through f_m2."""
+    arm_hz = made.estimate.arm.resonance_hz
+    return plan_ramp(made.ramps.ramp.limits, through_resonance(bench, arm_hz, _slower(made), is_raised=True))
+
+
+def _slower(made: Pass) -> float:
+    """Acceleration of the pass after another, where travel suffices."""
+    last = made.ramps.ramp.acceleration_rps_s
+    least = LEAST_ACCELERATION_RPS_S * (made.estimate.arm.resonance_hz / ACCELERATION_AT_HZ) ** 2
+    return min(last, max(0.5 * last, least))
 
 
 def _with_inertia_error(estimate: JointEstimate, fraction: float) -> JointEstimate:

@@ -11,7 +11,7 @@ from hil.bench.model import Identified, IdentifiedError
 from hil.can.channel import Channel
 from hil.experiments.ate.identify import Identification, as_part, identify_on, standard_errors
 from hil.experiments.ate.motion import Ramps
-from hil.experiments.ate.request import AteRequest, axis_knowledge, first_end_speed, sensing_of
+from hil.experiments.ate.request import AteRequest, axis_knowledge, first_ramp, sensing_of
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.experiments.plan import timing_of
@@ -59,7 +59,7 @@ def identify_ate(
         ChannelError: The bus cannot be opened, or was lost before anything was recorded.
     """
     knowledge = axis_knowledge(bench, request.axis, identified, sensorless=request.sensorless)
-    first_end_speed(bench, request, knowledge)
+    first_ramp(bench, request, knowledge)
     demand = BusDemand(
         f"identification of the transmission error of axis {request.axis}", (request.axis,), bench.bus.sync_period_s
     )

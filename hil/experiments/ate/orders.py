@@ -10,8 +10,8 @@ from hil.bench.bench import Bench
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Sensing, Sweep
 from hil.experiments.ate.checks import AteNotIdentifiedError, check_estimate
-from hil.experiments.ate.motion import SPEED_FRACTION, deceleration, room_rev, room_words, travel_rev
 from hil.experiments.ate.order_scan import OrderScan, SeenOrder, is_passed, scan_orders
+from hil.experiments.ate.ramp import Ramp
 
 
 @dataclass
@@ -22,15 +22,15 @@ class OrderWatch:
         bench: The bench file.
         axis: Axis number.
         sensing: The kind of signal.
+        ramp: Ramp of the last pass.
         sweeps: Passes so far.
-        acceleration_rps_s: Acceleration of the last pass.
     """
 
     bench: Bench
     axis: int
     sensing: Sensing
+    ramp: Ramp
     sweeps: list[Sweep] = field(default_factory=list)
-    acceleration_rps_s: float = 0.0
 
     def scan(self, estimate: JointEstimate) -> OrderScan:
         """Scan these passes for the orders of an estimate's vibration."""
@@ -45,19 +45,12 @@ class OrderWatch:
         return [*seen_words(scan.seen, orders), *self._out_of_reach(estimate, orders)]
 
     def _out_of_reach(self, estimate: JointEstimate, orders: Sequence[float]) -> list[str]:
-        table = self.bench.axis[self.axis]
-        arm_hz, limits, room = estimate.arm.resonance_hz, table.limits, room_rev(self.bench, self.axis)
         words = []
         for order in orders:
-            if is_passed(self.sweeps, arm_hz, order):
+            needed_rps = estimate.arm.resonance_hz / order
+            if is_passed(self.sweeps, estimate.arm.resonance_hz, order):
                 continue
-            needed_rps, most_rps = arm_hz / order, SPEED_FRACTION * limits.speed_rps
-            way = travel_rev(max(self.acceleration_rps_s, 1e-9), deceleration(self.bench), needed_rps)
-            why = "no pass reached that speed"
-            if most_rps < needed_rps:
-                why = f"ramps end at {most_rps:.2f} rev/s, {100.0 * SPEED_FRACTION:.0f} % of the speed limit"
-            elif way > room:
-                why = f"a ramp to there takes {way:.1f} rev of travel, {room_words(self.bench, self.axis)}"
+            why = self.ramp.short_of(needed_rps) or "no pass reached that speed"
             words.append(
                 f"order {order:g} meets the arm at {needed_rps:.2f} rev/s, which the ramps do not reach ({why}): A_{order:g} "
                 f"comes from the lower edge of its resonance"

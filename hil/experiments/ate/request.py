@@ -13,7 +13,7 @@ from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import DELAY_S, Arm, OtherMode, Sensing
 from hil.design.ate.reaction import MotorSide
 from hil.errors import NotPossibleError
-from hil.experiments.ate.motion import END_OVER_RESONANCE, acceleration_for, end_speed, unknown_end, with_room
+from hil.experiments.ate.ramp import Ramp, RampLimits, plan_ramp, through_resonance
 from hil.robot_tables import ORDERS, PlantTable
 
 FITTED_ORDERS = ORDERS
@@ -284,29 +284,19 @@ def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless:
     return Sensing(knowledge.plant.arm_inertia_kg_m2 / table.reduction_ratio, knowledge.plant.motor_inertia_kg_m2)
 
 
-def first_acceleration(bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> float:
-    """Acceleration of the first pass, in rev/s².
+def first_ramp(bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> Ramp:
+    """Plan the ramp of the first pass.
 
-    It is the requested one, else one that suits f_a and the travel.
-
-    On an arm of which nothing is known it is as fast as its travel takes it.
-    """
-    if request.acceleration_rps_s is not None:
-        return request.acceleration_rps_s
-    arm_hz = None if knowledge.start is None else knowledge.start.resonance_hz
-    wanted = acceleration_for(bench, arm_hz)
-    if arm_hz is None:
-        return wanted if bench.arm is None else with_room(bench, request.axis, wanted, unknown_end(bench, request.axis))
-    return with_room(bench, request.axis, wanted, END_OVER_RESONANCE * arm_hz / 2.0)
-
-
-def first_end_speed(bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> float:
-    """Largest motor speed of the first pass, rev/s.
+    It has the requested acceleration, else one that suits f_a and the travel.
 
     Raises:
-        NotPossibleError: Limits keep it from passing f_m2.
+        NotPossibleError: There is no pass, or limits keep it from passing f_m2.
+        UnsafeRequestError: The requested acceleration is beyond its limit.
     """
     if request.passes < 1:
         raise NotPossibleError(f"{request.passes} passes identify nothing; at least 1 is needed")
+    limits, asked = RampLimits.of(bench, request.axis), request.acceleration_rps_s
     arm_hz = None if knowledge.start is None else knowledge.start.resonance_hz
-    return end_speed(bench, request.axis, first_acceleration(bench, request, knowledge), arm_hz)
+    is_raised = asked is None and (limits.is_arm or arm_hz is not None)
+    acceleration = limits.suited(arm_hz) if asked is None else asked
+    return plan_ramp(limits, through_resonance(bench, arm_hz, acceleration, is_raised=is_raised)).beyond(arm_hz)

@@ -11,9 +11,10 @@ from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedAxis, load_identified, update_file
 from hil.can.channel import Channel
 from hil.design.inverse import Actuation
-from hil.experiments.ate.motion import ACCELERATION_RPS_S, Ramps, end_speed
+from hil.experiments.ate.motion import Ramps
+from hil.experiments.ate.ramp import ACCELERATION_RPS_S
 from hil.experiments.bus_demand import BusDemand
-from hil.experiments.cancellation.learning import PASSES, AxisLearning, learn
+from hil.experiments.cancellation.learning import PASSES, AxisLearning, learn, learning_ramp
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.experiments.motor_inertia import given_inertia
 from hil.master.motion import RunResult
@@ -133,7 +134,7 @@ def _demands(bench: Bench, request: LearnRequest, identified: Identified | None)
     for axis in axes:
         bench.axis[axis].gains(f"learning on axis {axis}")
         given_inertia(bench, identified, axis, request.motor_inertias_kg_m2.get(axis))
-        end_speed(bench, axis, request.acceleration_rps_s, None)
+        learning_ramp(bench, identified, axis, request.acceleration_rps_s)
     return [request.bus_demand(bench, axis) for axis in axes]
 
 

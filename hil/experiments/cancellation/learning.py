@@ -25,19 +25,20 @@ from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_moved, check_run
 from hil.experiments.ate.identify import SEARCHED_PASSES, standard_errors, sweep_of
-from hil.experiments.ate.motion import (
-    ACCELERATION_RPS_S,
-    END_OVER_RESONANCE,
-    Ramps,
-    binding_limit_of,
-    further_end,
-    furthest_end,
-    ramps,
-    with_room,
-)
+from hil.experiments.ate.motion import Ramps, ramps
 from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
+from hil.experiments.ate.ramp import (
+    ACCELERATION_RPS_S,
+    END_OVER_RESONANCE,
+    Ramp,
+    RampLimits,
+    Wanted,
+    lower_order_ramp,
+    plan_ramp,
+    through_resonance,
+)
 from hil.experiments.ate.request import modal_arm, searched_delay_s
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, measured_delay_s
 from hil.experiments.cancellation.following import LOWEST, DelaySearch, Following, motor_following
@@ -252,13 +253,14 @@ def learn(
     """
     bench, table = session.bench, _table_of(session.bench, axis, passes)
     learning = _begun(bench, identified, axis, given_inertia(bench, identified, axis, motor_inertia_kg_m2))
-    end, scale = furthest_end(bench, axis, acceleration_rps_s, _known_hz(identified, axis)), axis_scale(bench, axis)
-    watch = OrderWatch(bench, axis, _sensing(table, identified, axis), acceleration_rps_s=acceleration_rps_s)
+    ramp, scale = learning_ramp(bench, identified, axis, acceleration_rps_s), axis_scale(bench, axis)
+    watch = OrderWatch(bench, axis, _sensing(table, identified, axis), ramp)
     delay, judge = DelaySearch(measured_delay_s(identified, axis)), PassJudge(bench, identified, axis, learning.known.values)
     for number in range(1, passes + 1):
         gain, is_last = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0, number == passes
-        motion = _ramps_from_here(session, axis, acceleration_rps_s, end)
-        reporter.step(f"pass {number} of {passes}: {_pass_words(bench, axis, motion, gain)}")
+        motion = _ramps_from_here(session, ramp)
+        words = f"axis {axis} to {ramp.end_rps:.2f} rev/s, {100.0 * gain:g} % of the cancellation{ramp.bound}"
+        reporter.step(f"pass {number} of {passes}: {words}")
         cancellation = _cancellation(session, identified, learning, delay.delay_s, motion, actuation)
         result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
         recording = _kept(number, result, motion, axis, bench, keep)
@@ -273,15 +275,8 @@ def learn(
         factor = delay.take(following, vibration, is_last=is_last)
         learning.passes.append(LearntPass(gain, vibration, estimate, delay.delay_s, factor, verdicts))
         _leave_out_wrong(learning, number, recording, is_last=is_last)
-        ends = furthest_end(bench, axis, acceleration_rps_s, estimate.arm.resonance_hz), _low_end(end, estimate)
-        end = max(*ends, _further_end(bench, learning) if number >= FURTHER_FROM else 0.0)
+        watch.ramp, ramp = ramp, _next_ramp(bench, learning, ramp)
     return replace(learning, notes=watch.notes(estimate, watch.scan(estimate)))
-
-
-def _pass_words(bench: Bench, axis: int, motion: Ramps, gain: float) -> str:
-    """A pass in words, with the limit that its ramps use up."""
-    end_rps, bound = motion.trajectory.end_rps, binding_limit_of(bench, axis, motion)
-    return f"axis {axis} to {end_rps:.2f} rev/s, {100.0 * gain:g} % of the cancellation{bound}"
 
 
 def _sensing(table: AxisTable, identified: Identified | None, axis: int) -> Sensing:
@@ -307,18 +302,47 @@ def _begun(bench: Bench, identified: Identified | None, axis: int, inertia_kg_m2
     return AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, known=KnownOrders.of_axis(identified, axis), reaction=reaction)
 
 
-def _further_end(bench: Bench, learning: AxisLearning) -> float:
-    """End speed of ramps through the resonance of lower orders.
+def learning_ramp(bench: Bench, identified: Identified | None, axis: int, acceleration_rps_s: float) -> Ramp:
+    """Plan the ramp of the first pass.
 
-    It is 0 without such an order.
+    Args:
+        bench: The bench file.
+        identified: The model file; None without one.
+        axis: Axis number.
+        acceleration_rps_s: Acceleration of the ramp; on an arm it is raised where travel is short.
 
-    Only of those that the bench's own motion meets, and as far as limits let it.
+    Raises:
+        NotPossibleError: There is no room for any ramp.
+        UnsafeRequestError: The acceleration is beyond its limit.
     """
-    arm_hz = learning.estimate.arm.resonance_hz
-    orders = {*learning.known.values, *learning.estimate.error.amplitude_arcsec}
-    met = [order for order in orders if order < LOWEST and shown_rps(bench) >= arm_hz / order]
-    ends = [further_end(bench, learning.axis, arm_hz, order) for order in met]
-    return max((end for end in ends if end is not None), default=0.0)
+    limits = RampLimits.of(bench, axis)
+    return _ramp_to(limits, acceleration_rps_s, _far_end(bench, limits, acceleration_rps_s, _known_hz(identified, axis)))
+
+
+def _far_end(bench: Bench, limits: RampLimits, acceleration_rps_s: float, arm_hz: float | None) -> float:
+    """End speed beyond f_m2, or as near to it as possible."""
+    return plan_ramp(limits, through_resonance(bench, arm_hz, acceleration_rps_s, is_raised=limits.is_arm)).beyond(None).end_rps
+
+
+def _ramp_to(limits: RampLimits, acceleration_rps_s: float, end_rps: float) -> Ramp:
+    """Plan a ramp to an end speed that has room."""
+    return plan_ramp(limits, Wanted(acceleration_rps_s, end_rps, end_rps))
+
+
+def _next_ramp(bench: Bench, learning: AxisLearning, last: Ramp) -> Ramp:
+    """Plan the ramp of the next pass.
+
+    It goes through f_m2. Once they are cancelled, it goes through the resonance of lower orders too: of those that the bench's
+    own motion meets, and as far as limits let it.
+    """
+    arm_hz, limits, asked = learning.estimate.arm.resonance_hz, last.limits, last.wanted.acceleration_rps_s
+    ends = [_far_end(bench, limits, asked, arm_hz), _low_end(last.end_rps, learning.estimate)]
+    if len(learning.passes) >= FURTHER_FROM:
+        orders = {*learning.known.values, *learning.estimate.error.amplitude_arcsec}
+        met = [order for order in orders if order < LOWEST and shown_rps(bench) >= arm_hz / order]
+        low = [lower_order_ramp(limits, arm_hz, order, asked) for order in met]
+        ends += [ramp.end_rps for ramp in low if ramp is not None]
+    return _ramp_to(limits, asked, max(ends))
 
 
 def _low_end(end_rps: float, estimate: JointEstimate) -> float:
@@ -331,12 +355,11 @@ def _low_end(end_rps: float, estimate: JointEstimate) -> float:
     return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
 
 
-def _ramps_from_here(session: Session, axis: int, acceleration_rps_s: float, end_rps: float) -> Ramps:
+def _ramps_from_here(session: Session, ramp: Ramp) -> Ramps:
     """Ramps from the present position of the axis."""
     session.check_interrupt()
-    here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
-    acceleration_rps_s = with_room(session.bench, axis, acceleration_rps_s, end_rps)
-    return ramps(session.bench, axis, here_rev, acceleration_rps_s, end_rps, session.bench.bus.sync_period_s)
+    here_rev = session.axes[ramp.limits.axis].position_rad() / (2.0 * math.pi)
+    return ramps(session.bench, here_rev, ramp, session.bench.bus.sync_period_s)
 
 
 def _kept(number: int, result: RunResult, motion: Ramps, axis: int, bench: Bench, keep: PassKeeper) -> Recording:

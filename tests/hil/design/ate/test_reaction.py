@@ -10,7 +10,7 @@ from hil.bench.bench import Bench
 from hil.design.ate.reaction import Reaction, Turning, gear_reaction
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.motion import ramps
-from hil.experiments.ate.request import AteRequest, axis_knowledge, first_acceleration, first_end_speed
+from hil.experiments.ate.request import AteRequest, axis_knowledge, first_ramp
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
@@ -33,9 +33,8 @@ def told(seed: int, kind: str, *, reacts: bool) -> Reaction | None:
     assert knowledge.side is not None
     with Session(bench, InProcessChannel(World(robot), bitrate=robot.bus.bitrate), BusLog(None)) as session:
         session.bring_up()
-        rate, end = first_acceleration(bench, request, knowledge), first_end_speed(bench, request, knowledge)
         start_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
-        motion = ramps(bench, axis, start_rev, rate, end, bench.bus.sync_period_s)
+        motion = ramps(bench, start_rev, first_ramp(bench, request, knowledge), bench.bus.sync_period_s)
         recording = session.run(motion.motion, "none", "drive").recording
     turned = Turning(recording.axis(axis, "position_rad"), recording.axis(axis, "torque_nm"), recording.period_s)
     error = TransmissionError(drawn_axis.ate.amplitudes_arcsec(), drawn_axis.ate.phases_deg())

@@ -1,0 +1,276 @@
+"""Plan of a ramp: from limits and a wish to a ramp, and what binds it.
+
+A ramp accelerates from rest, and brakes. It takes the revolutions v²/2 (1/a + 1/d) of the motor.
+
+The wish is an acceleration and an end speed. Where travel is short, the acceleration is raised for a least end speed, up to
+that with which the ramp brakes; then the end speed is lowered. On an arm the travel is `identification_travel_deg` of the joint
+to either side, since further on it rings at other frequencies.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from hil.bench.bench import Bench
+from hil.errors import NotPossibleError, UnsafeRequestError
+
+Binding = Literal["", "speed", "acceleration", "joint travel", "position limits"]
+"""Limit that binds a ramp: without it alone, it would end faster or accelerate more slowly; empty if none does."""
+
+BEYOND_RESONANCE = 1.15
+"""Least end speed of a ramp over f_m2: the vibration has its largest amplitude behind the resonance."""
+END_OVER_RESONANCE = 1.35
+"""End speed of a ramp over f_m2 where f_a is known: a faster ramp gives no more information."""
+MARGIN_REV = 0.5
+"""Distance of a ramp from the bench file's position limits: a motor lags its set-point, 0.4 rev at 10 rps and K_pp = 25/s."""
+FIRST_ORDER_END, PASSED = 1.2, 1.08
+"""End speed of a ramp over f_a where order 1 is to pass the resonance as well, and the least with which it does."""
+ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
+"""Acceleration of a first pass, and the arm's frequency for which it is meant; it goes with the square of the frequency."""
+SLOWEST_RPS_S = 0.3
+ARM_HURRY = 2.0
+"""Acceleration over that of a first pass up to which a ramp on an arm goes on to a lower order: others show less on it."""
+DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
+LEAST_END_RPS, LEAST_WANTED_RPS = 0.5, 1.0
+SPEED_FRACTION = 0.95
+"""Fraction of the speed limit that a ramp uses."""
+ROOM = 1.001
+"""Acceleration of a ramp over the least that has room."""
+ADVISED_RPS_S = 50.0
+"""Acceleration from which none is advised."""
+
+
+def reach_rps(room_rev: float, acceleration_rps_s: float, deceleration_rps_s: float) -> float:
+    """Largest speed of a motor between two points of rest."""
+    return math.sqrt(2.0 * room_rev / (1.0 / acceleration_rps_s + 1.0 / deceleration_rps_s))
+
+
+@dataclass(frozen=True)
+class RampLimits:
+    """Limits of a ramp, at the motor.
+
+    Attributes:
+        axis: Axis number.
+        speed_rps: Speed limit.
+        acceleration_rps_s: Acceleration limit; infinite without one.
+        deceleration_rps_s: Deceleration with which ramps end, within that limit.
+        position_rev: Travel between the position limits, `MARGIN_REV` off either.
+        joint_rev: Travel of an arm's joint; infinite without an arm.
+        joint_deg: The same at the joint, to either side.
+    """
+
+    axis: int
+    speed_rps: float
+    acceleration_rps_s: float
+    deceleration_rps_s: float
+    position_rev: float
+    joint_rev: float = math.inf
+    joint_deg: float = math.inf
+
+    @classmethod
+    def of(cls, bench: Bench, axis: int) -> "RampLimits":
+        """Limits of an axis of a bench file."""
+        limits, motion = bench.axis[axis].limits, bench.constant_acceleration
+        most = math.inf if limits.acceleration_rps_s is None else limits.acceleration_rps_s
+        braking = DEFAULT_DECELERATION_RPS_S if motion is None else motion.deceleration_rps_s
+        between = limits.position_max_rev - limits.position_min_rev - 2.0 * MARGIN_REV
+        return cls(axis, limits.speed_rps, most, braking, between, bench.travel_rev(axis), bench.travel_deg)
+
+    @property
+    def top_rps(self) -> float:
+        """Largest speed of a ramp."""
+        return SPEED_FRACTION * self.speed_rps
+
+    @property
+    def braking_rps_s(self) -> float:
+        """Deceleration at the end of a ramp; no acceleration is raised beyond it."""
+        return min(self.deceleration_rps_s, self.acceleration_rps_s)
+
+    @property
+    def room_rev(self) -> float:
+        """Motor revolutions that a ramp may take."""
+        return max(min(self.position_rev, self.joint_rev), 0.0)
+
+    @property
+    def is_arm(self) -> bool:
+        """True on an arm, whose joint's travel is limited."""
+        return math.isfinite(self.joint_deg)
+
+    @property
+    def travel_limit(self) -> Binding:
+        """Limit that leaves the room."""
+        return "joint travel" if self.joint_rev < self.position_rev else "position limits"
+
+    def slowest(self, end_rps: float) -> float:
+        """Least acceleration with room for a ramp.
+
+        Infinite if not even the braking has room.
+        """
+        left = 2.0 * self.room_rev / end_rps**2 - 1.0 / self.braking_rps_s if end_rps > 0.0 else math.inf
+        return 1.0 / left if left > 0.0 else math.inf
+
+    def suited(self, arm_hz: float | None) -> float:
+        """Acceleration of a first pass in rev/s².
+
+        It gives the same number of periods in the resonance at any f_a; without an f_a it is 4. It is no larger than the
+        deceleration.
+        """
+        scale = 1.0 if arm_hz is None else (arm_hz / ACCELERATION_AT_HZ) ** 2
+        return min(max(ACCELERATION_RPS_S * scale, SLOWEST_RPS_S), self.braking_rps_s)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Wish for a ramp.
+
+    Attributes:
+        acceleration_rps_s: Its acceleration.
+        end_rps: Its end speed.
+        least_end_rps: End speed for which the acceleration is raised until there is room; 0: it is not raised.
+    """
+
+    acceleration_rps_s: float
+    end_rps: float
+    least_end_rps: float = 0.0
+
+
+def through_resonance(bench: Bench, arm_hz: float | None, acceleration_rps_s: float, *, is_raised: bool) -> Wanted:
+    """Wish for a ramp beyond f_m2 = f_a/2.
+
+    Without an f_a it goes as far as limits allow, and at least beyond f_m2 of an arm of `ACCELERATION_AT_HZ`.
+
+    Args:
+        bench: The bench file.
+        arm_hz: f_a; None if it is not known.
+        acceleration_rps_s: Acceleration of the ramp.
+        is_raised: True to raise the acceleration where travel is short.
+    """
+    least = end = max(END_OVER_RESONANCE * (ACCELERATION_AT_HZ if arm_hz is None else arm_hz) / 2.0, LEAST_WANTED_RPS)
+    if arm_hz is None:
+        motion = bench.constant_acceleration
+        # the end speed of that other experiment is no limit
+        end = max(DEFAULT_END_RPS, 0.0 if motion is None else motion.end_rps)
+    return Wanted(acceleration_rps_s, end, least if is_raised else 0.0)
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """Ramp within its limits.
+
+    Attributes:
+        limits: The limits.
+        wanted: The wish.
+        acceleration_rps_s: Acceleration.
+        end_rps: End speed.
+        binds: Limit that binds it.
+    """
+
+    limits: RampLimits
+    wanted: Wanted
+    acceleration_rps_s: float
+    end_rps: float
+    binds: Binding
+
+    @property
+    def travel_rev(self) -> float:
+        """Motor revolutions that it takes."""
+        return self._travel_rev(self.end_rps)
+
+    def _travel_rev(self, end_rps: float) -> float:
+        return 0.5 * end_rps**2 * (1.0 / self.acceleration_rps_s + 1.0 / self.limits.braking_rps_s)
+
+    @property
+    def bound(self) -> str:
+        """Words on what binds it, to end a sentence; empty if nothing does."""
+        limits = self.limits
+        words = {
+            "speed": f"its speed limit, {limits.speed_rps:g} rev/s",
+            "acceleration": f"its acceleration limit, {limits.acceleration_rps_s:g} rev/s²",
+            "joint travel": f"the travel of the arm's joint, ±{limits.joint_deg:g}° (identification_travel_deg)",
+            "position limits": "its position limits",
+        }
+        return f"; the limit is {words[self.binds]}" if self.binds else ""
+
+    def short_of(self, end_rps: float) -> str:
+        """Say what keeps a ramp of this acceleration from a speed, and what is needed; empty if nothing does."""
+        limits = self.limits
+        binds = plan_ramp(limits, Wanted(self.acceleration_rps_s, end_rps)).binds
+        if not binds:
+            return ""
+        if binds == "speed":
+            return f"its limit speed_rps is {limits.speed_rps:g}, {end_rps / SPEED_FRACTION:.2f} is needed"
+        where, remedies = "between its position limits", ["widen them"]
+        if limits.travel_limit == "joint travel":
+            where, remedies = f"within ±{limits.joint_deg:g}° of the joint", ["raise identification_travel_deg"]
+        least = limits.slowest(end_rps)
+        if binds == "acceleration":
+            remedies.insert(0, f"raise its limit acceleration_rps_s, {limits.acceleration_rps_s:g}")
+        elif least < min(ADVISED_RPS_S, limits.acceleration_rps_s):
+            remedies.insert(0, f"accelerate with {least:.2f} rev/s² or more")
+        return (
+            f"that takes {self._travel_rev(end_rps):.1f} rev at {self.acceleration_rps_s:.3g} rev/s², {where} there are "
+            f"{limits.room_rev:.1f} rev; {', or '.join(remedies)}"
+        )
+
+    def beyond(self, arm_hz: float | None) -> "Ramp":
+        """Return the ramp if it passes f_m2.
+
+        Args:
+            arm_hz: f_a; None: any ramp will do that moves at all.
+
+        Raises:
+            NotPossibleError: Limits keep it from that; with the number needed.
+        """
+        needed, why = LEAST_END_RPS, ""
+        if arm_hz is not None:
+            needed, why = BEYOND_RESONANCE * arm_hz / 2.0, f"to pass f_m2 = {arm_hz / 2.0:.2f} rev/s, "
+        if self.end_rps >= needed:
+            return self
+        head = f"axis {self.limits.axis} reaches {self.end_rps:.2f} rev/s; {why}{needed:.2f} rev/s are needed"
+        raise NotPossibleError(f"{head}: {self.short_of(needed)}", ("limits",))
+
+
+def plan_ramp(limits: RampLimits, wanted: Wanted) -> Ramp:
+    """Fit a ramp into its limits.
+
+    Raises:
+        NotPossibleError: The acceleration is none.
+        UnsafeRequestError: The acceleration is beyond its limit.
+    """
+    asked, most, top = wanted.acceleration_rps_s, limits.acceleration_rps_s, limits.top_rps
+    if not math.isfinite(asked) or asked <= 0.0:
+        raise NotPossibleError(f"an acceleration of {asked:g} rev/s² makes no ramp; it must be above 0")
+    if asked > most:
+        remedy = f"lower it, or raise axis.{limits.axis}.limits.acceleration_rps_s"
+        raise UnsafeRequestError(f"the acceleration of axis {limits.axis}", asked, most, "rev/s²", remedy)
+    least = ROOM * limits.slowest(min(wanted.least_end_rps, top))
+    acceleration = max(asked, min(least, limits.braking_rps_s))
+    by_travel = reach_rps(limits.room_rev, acceleration, limits.braking_rps_s)
+    end = min(wanted.end_rps, top, by_travel)
+    binds: Binding = ""
+    if end >= top:
+        binds = "speed"
+    elif end >= by_travel and acceleration >= most and most < limits.deceleration_rps_s:
+        binds = "acceleration"
+    elif end >= by_travel or acceleration > asked:
+        binds = limits.travel_limit
+    return Ramp(limits, wanted, acceleration, end, binds)
+
+
+def lower_order_ramp(limits: RampLimits, arm_hz: float, order: float, acceleration_rps_s: float) -> Ramp | None:
+    """Plan a ramp with which a low order passes the resonance.
+
+    Args:
+        limits: The limits.
+        arm_hz: f_a.
+        order: The order.
+        acceleration_rps_s: Acceleration of the ramp, raised where travel is short.
+
+    Returns:
+        The ramp; None if the limits do not allow it.
+    """
+    end = FIRST_ORDER_END * arm_hz / order
+    ramp = plan_ramp(limits, Wanted(acceleration_rps_s, end, end))
+    fastest = min(limits.braking_rps_s, ARM_HURRY * limits.suited(arm_hz) if limits.is_arm else math.inf)
+    has_room = limits.slowest(min(end, limits.top_rps)) < fastest
+    return ramp if has_room and ramp.end_rps >= PASSED * arm_hz / order else None
