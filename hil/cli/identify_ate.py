@@ -208,6 +208,6 @@ def _motion_line(bench: "Bench", request: "AteRequest", ramp: "Ramp") -> str:
     limits = bench.axis[request.axis].limits
     return (
         f"This moves axis {request.axis} on {bench.bus.address}: at most {request.passes} passes forwards and back, to "
-        f"{ramp.end_rps:.2f} rev/s at {ramp.acceleration_rps_s:g} rev/s² or slower, anywhere within "
-        f"{limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
+        f"{ramp.end_rps:.2f} rev/s at {ramp.acceleration_rps_s:g} rev/s² or slower, anywhere within {limits.position_min_rev:g} "
+        f"… {limits.position_max_rev:g} motor revolutions; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
     )

@@ -89,7 +89,7 @@ def test_order_1_is_followed_to_its_resonance_where_limits_allow_and_said_where_
     assert as_part(found.estimate, AteRequest(AXIS)).values.a1_arcsec == pytest.approx(40.0, rel=0.02)
     robot = built("order 1, noise")
     held = identified(RigSession(robot, blank_bench(robot, speed_rps=9.0)), passes=2)
-    assert any("order 1 meets the arm at 10.0" in note and "speed limit" in note for note in held.notes)
+    assert any("order 1 meets the arm at 10.0" in note and "its limit speed_rps is 9" in note for note in held.notes)
 
 
 @pytest.mark.slow
@@ -105,6 +105,12 @@ def test_ramps_follow_the_arm_and_not_the_bench_files_other_motion() -> None:
     ends = [each.ramps.trajectory.end_rps for each in found.passes]
     assert ends[0] == 10.0
     assert ends[1] > 1.15 * 11.0, "the second pass goes where the first did not reach"
+
+
+@pytest.mark.ci
+def test_a_blind_pass_that_ends_before_the_resonance_asks_for_another() -> None:
+    with pytest.raises(AteNotIdentifiedError, match=r"to pass f_m2 = 11\.\d+ rev/s: 10 rev/s .*; allow another pass"):
+        identified(RigSession(built("", f_a=22.0, a1=0.0)), passes=1)
 
 
 # -- what is refused, with its cause, before the second motion ----------------------------------------------------------
