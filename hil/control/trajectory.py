@@ -71,6 +71,11 @@ class ConstantAcceleration:
         return np.asarray(self.direction * 2.0 * math.pi * revolutions)
 
 
+def reach_rps(room_rev: float, acceleration_rps_s: float, deceleration_rps_s: float) -> float:
+    """Largest speed of a motor from rest to rest within so many revolutions."""
+    return math.sqrt(2.0 * room_rev / (1.0 / acceleration_rps_s + 1.0 / deceleration_rps_s))
+
+
 @dataclass(frozen=True)
 class PointToPoint:
     """Motion with equal constant acceleration and deceleration.

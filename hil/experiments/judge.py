@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from hil.analysis import BRAKING_S, TipScale, band_scale, joint_scale, last_rps, paper_scale, ramp_scale, tip_scale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
+from hil.control.trajectory import reach_rps
 from hil.design.frequency import CONTROL_PERIOD_S, Complex
 from hil.design.ringing import NoResonanceError, Ramp, Ringing, ringing
 from hil.errors import NotPossibleError
-from hil.experiments.ate.ramp import reach_rps
 from hil.experiments.shaping import rates_of
 from hil.recording import Recording
 from hil.robot_tables import ORDERS

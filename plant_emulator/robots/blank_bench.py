@@ -11,6 +11,7 @@ from drive_profiles.files.toml import Table, toml_value
 from hil.arm.mounting import Mounting
 from hil.arm.straight_line import JointLimits
 from hil.arm.tables import ArmTable
+from hil.control.trajectory import reach_rps
 from plant_emulator.robots.arm_motions import arm_ramp, first_line
 from plant_emulator.robots.drawn_arms import arm_facts
 from plant_emulator.robots.fleet import antiresonance_hz
@@ -202,8 +203,7 @@ def _motion(axis: RobotAxis) -> tuple[float, float]:
     """
     acceleration, end = ACCELERATIONS_RPS_S[0], 0.0
     for acceleration in ACCELERATIONS_RPS_S:
-        room = 0.9 * travel_rev(axis) / (0.5 / acceleration + 0.5 / DECELERATION_RPS_S)
-        end = min(0.85 * speed_limit_rps(axis), math.sqrt(room))
+        end = min(0.85 * speed_limit_rps(axis), reach_rps(0.9 * travel_rev(axis), acceleration, DECELERATION_RPS_S))
         if end >= SECOND_ORDER_END * antiresonance_hz(axis):
             break
     return acceleration, math.floor(10.0 * end) / 10.0

@@ -32,15 +32,7 @@ from hil.experiments.ate.motion import Ramps, ramps
 from hil.experiments.ate.order_scan import OrderScan, identify_orders
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
-from hil.experiments.ate.ramp import (
-    ACCELERATION_AT_HZ,
-    BEYOND_RESONANCE,
-    PASSED,
-    Ramp,
-    lower_order_ramp,
-    plan_ramp,
-    through_resonance,
-)
+from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, BEYOND_RESONANCE, PASSED, Ramp, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import (
     GEAR_FRACTION_ERROR,
     AteRequest,
@@ -165,8 +157,7 @@ def identify_on(
     ramp, identification = first_ramp(bench, request, knowledge), Identification()
     for number in range(1, request.passes + 1):
         session.check_interrupt()
-        here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
-        motion = ramps(bench, here_rev, ramp, bench.bus.sync_period_s)
+        motion = ramps(bench, session.axes[axis].position_rad() / math.tau, ramp)
         words = f"axis {axis} to {ramp.end_rps:.2f} rev/s at {ramp.acceleration_rps_s:.2f} rev/s² and back{ramp.bound}"
         reporter.step(f"pass {number} of at most {request.passes}: {words}")
         result = session.run(motion.motion, "none", "drive")
@@ -180,11 +171,11 @@ def identify_on(
         left = request.passes - number
         watch = _watch(identification, bench, request, knowledge)
         checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
-        is_through = _is_through(bench, axis, made, passes_left=left)
+        is_through = _is_through(axis, made, passes_left=left)
         before, identification.misses = identification.misses, request.goal.missed(made.estimate)
         if is_through and not _curable(identification, before):
             break
-        ramp = _next_ramp(bench, identification)
+        ramp = _next_ramp(identification)
     _remark(identification, bench, request, knowledge)
     if not request.sensorless:
         identification.scan = watch.scan(identification.estimate)
@@ -211,7 +202,7 @@ def _watch(identification: Identification, bench: Bench, request: AteRequest, kn
     """Passes so far, to be scanned for orders."""
     sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
     last = identification.passes[-1].ramps.ramp
-    return OrderWatch(bench, request.axis, sensing, last, [each.sweep for each in identification.passes])
+    return OrderWatch(bench.axis[request.axis].reduction_ratio, sensing, last, [each.sweep for each in identification.passes])
 
 
 def _fitted(
@@ -294,7 +285,7 @@ def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool
     return Sweep(angle, tip, recording.period_s, motion.direction())
 
 
-def _is_through(bench: Bench, axis: int, made: Pass, passes_left: int) -> bool:
+def _is_through(axis: int, made: Pass, passes_left: int) -> bool:
     """True if the ramps passed f_m2; False if the next ones can.
 
     Raises:
@@ -307,7 +298,7 @@ def _is_through(bench: Bench, axis: int, made: Pass, passes_left: int) -> bool:
     reached = min(reached_rps(angle, period, end) for end in ends)
     if reached >= needed:
         return True
-    last, further = made.ramps.ramp, _slower_ramp(bench, made)
+    last, further = made.ramps.ramp, resonance_ramp(made.ramps.ramp.limits, arm_hz, _slower(made), is_raised=True)
     if further.end_rps >= max(needed, FURTHER * last.end_rps) and passes_left:
         return False
     short = (further if further.end_rps < needed else last).short_of(needed)
@@ -323,12 +314,9 @@ def _curable(identification: Identification, before: list[Miss]) -> list[Miss]:
     These are orders that can yet pass the resonance, and misses by noise, not by the gear. A usable number that the last pass
     hardly improved is not among them.
     """
-    misses = identification.misses
-    unseen_yet = [
-        miss
-        for miss in misses
-        if not identification.is_reached(miss.order) and _order_ramp(identification, miss.order) is not None
-    ]
+    made, misses = identification.passes[-1], identification.misses
+    limits, arm_hz = made.ramps.ramp.limits, made.estimate.arm.resonance_hz
+    unseen_yet = [m for m in misses if not identification.is_reached(m.order) and limits.low_order_end(arm_hz, m.order)]
     if not identification.estimate.is_spring:
         return unseen_yet
     last = {miss.name: miss.over for miss in before}
@@ -340,27 +328,17 @@ def _curable(identification: Identification, before: list[Miss]) -> list[Miss]:
     ]
 
 
-def _next_ramp(bench: Bench, identification: Identification) -> Ramp:
+def _next_ramp(identification: Identification) -> Ramp:
     """Plan the ramp of the next pass.
 
     It has half the acceleration of the last, and goes through f_m2, or through f_a if order 1 needs it.
     """
-    low = [_order_ramp(identification, miss.order) for miss in identification.misses if miss.order < 2.0]
     made = identification.passes[-1]
-    furthest = max((ramp for ramp in low if ramp is not None), key=lambda ramp: ramp.end_rps, default=None)
-    return furthest or _slower_ramp(bench, made).beyond(made.estimate.arm.resonance_hz)
-
-
-def _order_ramp(identification: Identification, order: float) -> Ramp | None:
-    """Plan a next ramp through the resonance of a low order; None where limits do not allow it."""
-    made = identification.passes[-1]
-    return lower_order_ramp(made.ramps.ramp.limits, made.estimate.arm.resonance_hz, order, _slower(made))
-
-
-def _slower_ramp(bench: Bench, made: Pass) -> Ramp:
-    """Plan a next ramp through f_m2."""
-    arm_hz = made.estimate.arm.resonance_hz
-    return plan_ramp(made.ramps.ramp.limits, through_resonance(bench, arm_hz, _slower(made), is_raised=True))
+    limits, arm_hz, slower = made.ramps.ramp.limits, made.estimate.arm.resonance_hz, _slower(made)
+    end = max((limits.low_order_end(arm_hz, miss.order) for miss in identification.misses if miss.order < 2.0), default=0.0)
+    if end:
+        return plan_ramp(limits, slower, end, end)
+    return resonance_ramp(limits, arm_hz, slower, is_raised=True).beyond(arm_hz)
 
 
 def _slower(made: Pass) -> float:

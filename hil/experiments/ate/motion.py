@@ -52,7 +52,7 @@ class Ramps:
         return signs
 
 
-def ramps(bench: Bench, start_rev: float, ramp: Ramp, period_s: float) -> Ramps:
+def ramps(bench: Bench, start_rev: float, ramp: Ramp) -> Ramps:
     """Lay out one pass from the present position.
 
     The motor moves to the ramp's beginning, then forwards and back. The ramp is centred at the present position as far as the
@@ -64,16 +64,15 @@ def ramps(bench: Bench, start_rev: float, ramp: Ramp, period_s: float) -> Ramps:
         bench: The bench.
         start_rev: Present position of the motor, rev.
         ramp: The ramp, with its axis.
-        period_s: SYNC period.
     """
     axis, travel, braking = ramp.limits.axis, ramp.travel_rev, ramp.limits.braking_rps_s
-    table = bench.axis[axis]
+    limits, period_s = bench.axis[axis].limits, bench.bus.sync_period_s
     trajectory = ConstantAcceleration(ramp.acceleration_rps_s, ramp.end_rps, braking, DWELL_S, TAIL_S)
-    lowest = table.limits.position_min_rev + MARGIN_REV
-    low = min(max(start_rev - 0.5 * travel, lowest), table.limits.position_max_rev - MARGIN_REV - travel)
+    lowest = limits.position_min_rev + MARGIN_REV
+    low = min(max(start_rev - 0.5 * travel, lowest), limits.position_max_rev - MARGIN_REV - travel)
     turn = 2.0 * math.pi
     away = turn * (low - start_rev)
-    there = _approach(away, bench.approach_rps, table.limits.acceleration_rps_s, period_s)
+    there = _approach(away, bench.approach_rps, limits.acceleration_rps_s, period_s)
     up = trajectory.motor_angle(sample_times(trajectory.duration_s, period_s))
     home = away - there[1:] if bench.arm is not None else np.zeros(0)
     angle = np.concatenate([there, away + up, away + up[-1] - up, home])

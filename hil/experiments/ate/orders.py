@@ -6,7 +6,6 @@ They name orders that are seen but not in the set, and orders out of reach.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from hil.bench.bench import Bench
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Sensing, Sweep
 from hil.experiments.ate.checks import AteNotIdentifiedError, check_estimate
@@ -19,22 +18,20 @@ class OrderWatch:
     """Passes of one axis, to be scanned for orders.
 
     Attributes:
-        bench: The bench file.
-        axis: Axis number.
+        reduction_ratio: N.
         sensing: The kind of signal.
         ramp: Ramp of the last pass.
         sweeps: Passes so far.
     """
 
-    bench: Bench
-    axis: int
+    reduction_ratio: float
     sensing: Sensing
     ramp: Ramp
     sweeps: list[Sweep] = field(default_factory=list)
 
     def scan(self, estimate: JointEstimate) -> OrderScan:
         """Scan these passes for the orders of an estimate's vibration."""
-        return scan_orders(self.sweeps, self.bench.axis[self.axis].reduction_ratio, self.sensing, estimate)
+        return scan_orders(self.sweeps, self.reduction_ratio, self.sensing, estimate)
 
     def notes(self, estimate: JointEstimate, scan: OrderScan) -> list[str]:
         """Sentences on orders that are seen or out of reach.

@@ -2,7 +2,7 @@
 
 A ramp accelerates from rest, and brakes. It takes the revolutions v²/2 (1/a + 1/d) of the motor.
 
-The wish is an acceleration and an end speed. Where travel is short, the acceleration is raised for a least end speed, up to
+What is wanted is an acceleration and an end speed. Where travel is short, the acceleration is raised for a least end speed, up to
 that with which the ramp brakes; then the end speed is lowered. On an arm the travel is `identification_travel_deg` of the joint
 to either side, since further on it rings at other frequencies.
 """
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hil.bench.bench import Bench
+from hil.control.trajectory import reach_rps
 from hil.errors import NotPossibleError, UnsafeRequestError
 
 Binding = Literal["", "speed", "acceleration", "joint travel", "position limits"]
@@ -40,11 +41,6 @@ ADVISED_RPS_S = 50.0
 """Acceleration from which none is advised."""
 
 
-def reach_rps(room_rev: float, acceleration_rps_s: float, deceleration_rps_s: float) -> float:
-    """Largest speed of a motor between two points of rest."""
-    return math.sqrt(2.0 * room_rev / (1.0 / acceleration_rps_s + 1.0 / deceleration_rps_s))
-
-
 @dataclass(frozen=True)
 class RampLimits:
     """Limits of a ramp, at the motor.
@@ -57,6 +53,7 @@ class RampLimits:
         position_rev: Travel between the position limits, `MARGIN_REV` off either.
         joint_rev: Travel of an arm's joint; infinite without an arm.
         joint_deg: The same at the joint, to either side.
+        blind_end_rps: End speed that is wanted where no f_a is known.
     """
 
     axis: int
@@ -66,15 +63,18 @@ class RampLimits:
     position_rev: float
     joint_rev: float = math.inf
     joint_deg: float = math.inf
+    blind_end_rps: float = DEFAULT_END_RPS
 
     @classmethod
     def of(cls, bench: Bench, axis: int) -> "RampLimits":
         """Limits of an axis of a bench file."""
         limits, motion = bench.axis[axis].limits, bench.constant_acceleration
-        most = math.inf if limits.acceleration_rps_s is None else limits.acceleration_rps_s
-        braking = DEFAULT_DECELERATION_RPS_S if motion is None else motion.deceleration_rps_s
-        between = limits.position_max_rev - limits.position_min_rev - 2.0 * MARGIN_REV
-        return cls(axis, limits.speed_rps, most, braking, between, bench.travel_rev(axis), bench.travel_deg)
+        braking, blind = DEFAULT_DECELERATION_RPS_S, DEFAULT_END_RPS
+        if motion is not None:  # the end speed of that other experiment is no limit
+            braking, blind = motion.deceleration_rps_s, max(motion.end_rps, blind)
+        most = limits.acceleration_rps_s or math.inf
+        room = limits.position_max_rev - limits.position_min_rev - 2.0 * MARGIN_REV
+        return cls(axis, limits.speed_rps, most, braking, room, bench.travel_rev(axis), bench.travel_deg, blind)
 
     @property
     def top_rps(self) -> float:
@@ -118,39 +118,11 @@ class RampLimits:
         scale = 1.0 if arm_hz is None else (arm_hz / ACCELERATION_AT_HZ) ** 2
         return min(max(ACCELERATION_RPS_S * scale, SLOWEST_RPS_S), self.braking_rps_s)
 
-
-@dataclass(frozen=True)
-class Wanted:
-    """Wish for a ramp.
-
-    Attributes:
-        acceleration_rps_s: Its acceleration.
-        end_rps: Its end speed.
-        least_end_rps: End speed for which the acceleration is raised until there is room; 0: it is not raised.
-    """
-
-    acceleration_rps_s: float
-    end_rps: float
-    least_end_rps: float = 0.0
-
-
-def through_resonance(bench: Bench, arm_hz: float | None, acceleration_rps_s: float, *, is_raised: bool) -> Wanted:
-    """Wish for a ramp beyond f_m2 = f_a/2.
-
-    Without an f_a it goes as far as limits allow, and at least beyond f_m2 of an arm of `ACCELERATION_AT_HZ`.
-
-    Args:
-        bench: The bench file.
-        arm_hz: f_a; None if it is not known.
-        acceleration_rps_s: Acceleration of the ramp.
-        is_raised: True to raise the acceleration where travel is short.
-    """
-    least = end = max(END_OVER_RESONANCE * (ACCELERATION_AT_HZ if arm_hz is None else arm_hz) / 2.0, LEAST_WANTED_RPS)
-    if arm_hz is None:
-        motion = bench.constant_acceleration
-        # the end speed of that other experiment is no limit
-        end = max(DEFAULT_END_RPS, 0.0 if motion is None else motion.end_rps)
-    return Wanted(acceleration_rps_s, end, least if is_raised else 0.0)
+    def low_order_end(self, arm_hz: float, order: float) -> float:
+        """End speed at which a low order passes the resonance; 0 if the limits do not allow it."""
+        end = min(FIRST_ORDER_END * arm_hz / order, self.top_rps)
+        fastest = min(self.braking_rps_s, ARM_HURRY * self.suited(arm_hz) if self.is_arm else math.inf)
+        return end if self.slowest(end) < fastest and end >= PASSED * arm_hz / order else 0.0
 
 
 @dataclass(frozen=True)
@@ -159,14 +131,14 @@ class Ramp:
 
     Attributes:
         limits: The limits.
-        wanted: The wish.
+        asked_rps_s: Acceleration that was wanted.
         acceleration_rps_s: Acceleration.
         end_rps: End speed.
         binds: Limit that binds it.
     """
 
     limits: RampLimits
-    wanted: Wanted
+    asked_rps_s: float
     acceleration_rps_s: float
     end_rps: float
     binds: Binding
@@ -194,7 +166,7 @@ class Ramp:
     def short_of(self, end_rps: float) -> str:
         """Say what keeps a ramp of this acceleration from a speed, and what is needed; empty if nothing does."""
         limits = self.limits
-        binds = plan_ramp(limits, Wanted(self.acceleration_rps_s, end_rps)).binds
+        binds = plan_ramp(limits, self.acceleration_rps_s, end_rps).binds
         if not binds:
             return ""
         if binds == "speed":
@@ -230,47 +202,46 @@ class Ramp:
         raise NotPossibleError(f"{head}: {self.short_of(needed)}", ("limits",))
 
 
-def plan_ramp(limits: RampLimits, wanted: Wanted) -> Ramp:
+def plan_ramp(limits: RampLimits, asked_rps_s: float, end_rps: float, least_end_rps: float = 0.0) -> Ramp:
     """Fit a ramp into its limits.
+
+    Args:
+        limits: The limits.
+        asked_rps_s: Acceleration that is wanted.
+        end_rps: End speed that is wanted.
+        least_end_rps: End speed for which the acceleration is raised until there is room; 0: it is not raised.
 
     Raises:
         NotPossibleError: The acceleration is none.
         UnsafeRequestError: The acceleration is beyond its limit.
     """
-    asked, most, top = wanted.acceleration_rps_s, limits.acceleration_rps_s, limits.top_rps
-    if not math.isfinite(asked) or asked <= 0.0:
-        raise NotPossibleError(f"an acceleration of {asked:g} rev/s² makes no ramp; it must be above 0")
-    if asked > most:
+    most, braking, top = limits.acceleration_rps_s, limits.braking_rps_s, limits.top_rps
+    if not math.isfinite(asked_rps_s) or asked_rps_s <= 0.0:
+        raise NotPossibleError(f"an acceleration of {asked_rps_s:g} rev/s² makes no ramp; it must be above 0")
+    if asked_rps_s > most:
         remedy = f"lower it, or raise axis.{limits.axis}.limits.acceleration_rps_s"
-        raise UnsafeRequestError(f"the acceleration of axis {limits.axis}", asked, most, "rev/s²", remedy)
-    least = ROOM * limits.slowest(min(wanted.least_end_rps, top))
-    acceleration = max(asked, min(least, limits.braking_rps_s))
-    by_travel = reach_rps(limits.room_rev, acceleration, limits.braking_rps_s)
-    end = min(wanted.end_rps, top, by_travel)
+        raise UnsafeRequestError(f"the acceleration of axis {limits.axis}", asked_rps_s, most, "rev/s²", remedy)
+    acceleration = max(asked_rps_s, min(ROOM * limits.slowest(min(least_end_rps, top)), braking))
+    by_travel = reach_rps(limits.room_rev, acceleration, braking)
+    end = min(end_rps, top, by_travel)
     binds: Binding = ""
     if end >= top:
         binds = "speed"
     elif end >= by_travel and acceleration >= most and most < limits.deceleration_rps_s:
         binds = "acceleration"
-    elif end >= by_travel or acceleration > asked:
+    elif end >= by_travel or acceleration > asked_rps_s:
         binds = limits.travel_limit
-    return Ramp(limits, wanted, acceleration, end, binds)
+    return Ramp(limits, asked_rps_s, acceleration, end, binds)
 
 
-def lower_order_ramp(limits: RampLimits, arm_hz: float, order: float, acceleration_rps_s: float) -> Ramp | None:
-    """Plan a ramp with which a low order passes the resonance.
+def resonance_ramp(limits: RampLimits, arm_hz: float | None, asked_rps_s: float, *, is_raised: bool) -> Ramp:
+    """Plan a ramp beyond f_m2 = f_a/2, or as near to it as limits allow.
 
     Args:
         limits: The limits.
-        arm_hz: f_a.
-        order: The order.
-        acceleration_rps_s: Acceleration of the ramp, raised where travel is short.
-
-    Returns:
-        The ramp; None if the limits do not allow it.
+        arm_hz: f_a; None if it is not known: then `blind_end_rps` is wanted, and f_m2 of an arm of `ACCELERATION_AT_HZ` needed.
+        asked_rps_s: Acceleration that is wanted.
+        is_raised: True to raise it where travel is short.
     """
-    end = FIRST_ORDER_END * arm_hz / order
-    ramp = plan_ramp(limits, Wanted(acceleration_rps_s, end, end))
-    fastest = min(limits.braking_rps_s, ARM_HURRY * limits.suited(arm_hz) if limits.is_arm else math.inf)
-    has_room = limits.slowest(min(end, limits.top_rps)) < fastest
-    return ramp if has_room and ramp.end_rps >= PASSED * arm_hz / order else None
+    least = max(END_OVER_RESONANCE * (ACCELERATION_AT_HZ if arm_hz is None else arm_hz) / 2.0, LEAST_WANTED_RPS)
+    return plan_ramp(limits, asked_rps_s, limits.blind_end_rps if arm_hz is None else least, least if is_raised else 0.0)

@@ -13,7 +13,7 @@ from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import DELAY_S, Arm, OtherMode, Sensing
 from hil.design.ate.reaction import MotorSide
 from hil.errors import NotPossibleError
-from hil.experiments.ate.ramp import Ramp, RampLimits, plan_ramp, through_resonance
+from hil.experiments.ate.ramp import Ramp, RampLimits, resonance_ramp
 from hil.robot_tables import ORDERS, PlantTable
 
 FITTED_ORDERS = ORDERS
@@ -297,6 +297,7 @@ def first_ramp(bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> R
         raise NotPossibleError(f"{request.passes} passes identify nothing; at least 1 is needed")
     limits, asked = RampLimits.of(bench, request.axis), request.acceleration_rps_s
     arm_hz = None if knowledge.start is None else knowledge.start.resonance_hz
-    is_raised = asked is None and (limits.is_arm or arm_hz is not None)
-    acceleration = limits.suited(arm_hz) if asked is None else asked
-    return plan_ramp(limits, through_resonance(bench, arm_hz, acceleration, is_raised=is_raised)).beyond(arm_hz)
+    if asked is not None:
+        return resonance_ramp(limits, arm_hz, asked, is_raised=False).beyond(arm_hz)
+    is_raised = limits.is_arm or arm_hz is not None
+    return resonance_ramp(limits, arm_hz, limits.suited(arm_hz), is_raised=is_raised).beyond(arm_hz)

@@ -29,16 +29,7 @@ from hil.experiments.ate.motion import Ramps, ramps
 from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
-from hil.experiments.ate.ramp import (
-    ACCELERATION_RPS_S,
-    END_OVER_RESONANCE,
-    Ramp,
-    RampLimits,
-    Wanted,
-    lower_order_ramp,
-    plan_ramp,
-    through_resonance,
-)
+from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import modal_arm, searched_delay_s
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, measured_delay_s
 from hil.experiments.cancellation.following import LOWEST, DelaySearch, Following, motor_following
@@ -254,11 +245,12 @@ def learn(
     bench, table = session.bench, _table_of(session.bench, axis, passes)
     learning = _begun(bench, identified, axis, given_inertia(bench, identified, axis, motor_inertia_kg_m2))
     ramp, scale = learning_ramp(bench, identified, axis, acceleration_rps_s), axis_scale(bench, axis)
-    watch = OrderWatch(bench, axis, _sensing(table, identified, axis), ramp)
+    watch = OrderWatch(table.reduction_ratio, _sensing(table, identified, axis), ramp)
     delay, judge = DelaySearch(measured_delay_s(identified, axis)), PassJudge(bench, identified, axis, learning.known.values)
     for number in range(1, passes + 1):
         gain, is_last = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0, number == passes
-        motion = _ramps_from_here(session, ramp)
+        session.check_interrupt()
+        motion = ramps(bench, session.axes[axis].position_rad() / math.tau, ramp)
         words = f"axis {axis} to {ramp.end_rps:.2f} rev/s, {100.0 * gain:g} % of the cancellation{ramp.bound}"
         reporter.step(f"pass {number} of {passes}: {words}")
         cancellation = _cancellation(session, identified, learning, delay.delay_s, motion, actuation)
@@ -315,18 +307,13 @@ def learning_ramp(bench: Bench, identified: Identified | None, axis: int, accele
         NotPossibleError: There is no room for any ramp.
         UnsafeRequestError: The acceleration is beyond its limit.
     """
-    limits = RampLimits.of(bench, axis)
-    return _ramp_to(limits, acceleration_rps_s, _far_end(bench, limits, acceleration_rps_s, _known_hz(identified, axis)))
+    return _ramp(RampLimits.of(bench, axis), acceleration_rps_s, _known_hz(identified, axis))
 
 
-def _far_end(bench: Bench, limits: RampLimits, acceleration_rps_s: float, arm_hz: float | None) -> float:
-    """End speed beyond f_m2, or as near to it as possible."""
-    return plan_ramp(limits, through_resonance(bench, arm_hz, acceleration_rps_s, is_raised=limits.is_arm)).beyond(None).end_rps
-
-
-def _ramp_to(limits: RampLimits, acceleration_rps_s: float, end_rps: float) -> Ramp:
-    """Plan a ramp to an end speed that has room."""
-    return plan_ramp(limits, Wanted(acceleration_rps_s, end_rps, end_rps))
+def _ramp(limits: RampLimits, asked_rps_s: float, arm_hz: float | None, end_rps: float = 0.0) -> Ramp:
+    """Plan a ramp beyond f_m2, or as near to it as possible, and to an end speed that has room."""
+    end = max(resonance_ramp(limits, arm_hz, asked_rps_s, is_raised=limits.is_arm).beyond(None).end_rps, end_rps)
+    return plan_ramp(limits, asked_rps_s, end, end)
 
 
 def _next_ramp(bench: Bench, learning: AxisLearning, last: Ramp) -> Ramp:
@@ -335,14 +322,11 @@ def _next_ramp(bench: Bench, learning: AxisLearning, last: Ramp) -> Ramp:
     It goes through f_m2. Once they are cancelled, it goes through the resonance of lower orders too: of those that the bench's
     own motion meets, and as far as limits let it.
     """
-    arm_hz, limits, asked = learning.estimate.arm.resonance_hz, last.limits, last.wanted.acceleration_rps_s
-    ends = [_far_end(bench, limits, asked, arm_hz), _low_end(last.end_rps, learning.estimate)]
+    arm_hz, ends = learning.estimate.arm.resonance_hz, [_low_end(last.end_rps, learning.estimate)]
     if len(learning.passes) >= FURTHER_FROM:
         orders = {*learning.known.values, *learning.estimate.error.amplitude_arcsec}
-        met = [order for order in orders if order < LOWEST and shown_rps(bench) >= arm_hz / order]
-        low = [lower_order_ramp(limits, arm_hz, order, asked) for order in met]
-        ends += [ramp.end_rps for ramp in low if ramp is not None]
-    return _ramp_to(limits, asked, max(ends))
+        ends += [last.limits.low_order_end(arm_hz, k) for k in orders if k < LOWEST and shown_rps(bench) >= arm_hz / k]
+    return _ramp(last.limits, last.asked_rps_s, arm_hz, max(ends))
 
 
 def _low_end(end_rps: float, estimate: JointEstimate) -> float:
@@ -353,13 +337,6 @@ def _low_end(end_rps: float, estimate: JointEstimate) -> float:
     arm_hz = estimate.arm.resonance_hz
     low = [k for k in estimate.error.amplitude_arcsec if k < LOWEST and end_rps >= arm_hz / k and is_significant(estimate, k)]
     return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
-
-
-def _ramps_from_here(session: Session, ramp: Ramp) -> Ramps:
-    """Ramps from the present position of the axis."""
-    session.check_interrupt()
-    here_rev = session.axes[ramp.limits.axis].position_rad() / (2.0 * math.pi)
-    return ramps(session.bench, here_rev, ramp, session.bench.bus.sync_period_s)
 
 
 def _kept(number: int, result: RunResult, motion: Ramps, axis: int, bench: Bench, keep: PassKeeper) -> Recording:

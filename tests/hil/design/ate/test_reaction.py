@@ -34,7 +34,7 @@ def told(seed: int, kind: str, *, reacts: bool) -> Reaction | None:
     with Session(bench, InProcessChannel(World(robot), bitrate=robot.bus.bitrate), BusLog(None)) as session:
         session.bring_up()
         start_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
-        motion = ramps(bench, start_rev, first_ramp(bench, request, knowledge), bench.bus.sync_period_s)
+        motion = ramps(bench, start_rev, first_ramp(bench, request, knowledge))
         recording = session.run(motion.motion, "none", "drive").recording
     turned = Turning(recording.axis(axis, "position_rad"), recording.axis(axis, "torque_nm"), recording.period_s)
     error = TransmissionError(drawn_axis.ate.amplitudes_arcsec(), drawn_axis.ate.phases_deg())

@@ -7,7 +7,7 @@ import pytest
 
 from hil.bench.bench import load_bench
 from hil.experiments.ate.motion import ramps
-from hil.experiments.ate.ramp import RampLimits, Wanted, plan_ramp, through_resonance
+from hil.experiments.ate.ramp import RampLimits, plan_ramp, resonance_ramp
 from hil.master.request import check_set_points
 
 BENCH, ARM = load_bench("reference"), load_bench("reference-arm")
@@ -16,8 +16,8 @@ BENCH, ARM = load_bench("reference"), load_bench("reference-arm")
 @pytest.mark.parametrize("start_rev", [-21.0, -3.0, 0.0, 14.5, 21.9])
 @pytest.mark.parametrize("acceleration", [1.0, 2.0, 4.0])
 def test_a_pass_keeps_all_limits_wherever_it_starts(start_rev: float, acceleration: float) -> None:
-    ramp = plan_ramp(RampLimits.of(BENCH, 2), through_resonance(BENCH, 12.4, acceleration, is_raised=False))
-    found = ramps(BENCH, start_rev, ramp, 0.002)
+    ramp = resonance_ramp(RampLimits.of(BENCH, 2), 12.4, acceleration, is_raised=False)
+    found = ramps(BENCH, start_rev, ramp)
     turns = found.motion.motor_angle_rad[:, 0] / (2.0 * math.pi)
     absolute, limits = start_rev + turns, BENCH.axis[2].limits
     assert absolute[0] == pytest.approx(start_rev, abs=1e-9)
@@ -33,14 +33,15 @@ def test_a_pass_keeps_all_limits_wherever_it_starts(start_rev: float, accelerati
 def test_the_master_takes_the_set_points_of_an_axis_whose_acceleration_limit_is_below_the_deceleration(period_s: float) -> None:
     table = BENCH.axis[2]
     limits = table.limits.model_copy(update={"acceleration_rps_s": 6.0, "position_min_rev": -4.0, "position_max_rev": 4.0})
-    bench = BENCH.model_copy(update={"axis": {2: table.model_copy(update={"limits": limits})}})
-    ramp = plan_ramp(RampLimits.of(bench, 2), through_resonance(bench, 12.0, 4.0, is_raised=True))
+    bus = BENCH.bus.model_copy(update={"sync_period_s": period_s})
+    bench = BENCH.model_copy(update={"bus": bus, "axis": {2: table.model_copy(update={"limits": limits})}})
+    ramp = resonance_ramp(RampLimits.of(bench, 2), 12.0, 4.0, is_raised=True)
     assert ramp.acceleration_rps_s == 6.0
-    check_set_points(2, limits, ramps(bench, 2.0, ramp, period_s).motion.motor_angle_rad[:, 0], period_s)
+    check_set_points(2, limits, ramps(bench, 2.0, ramp).motion.motor_angle_rad[:, 0], period_s)
 
 
 def test_a_pass_has_a_ramp_in_each_direction_that_counts() -> None:
-    found = ramps(BENCH, 0.0, plan_ramp(RampLimits.of(BENCH, 2), Wanted(4.0, 10.0)), 0.002)
+    found = ramps(BENCH, 0.0, plan_ramp(RampLimits.of(BENCH, 2), 4.0, 10.0))
     speed = np.gradient(found.motion.motor_angle_rad[:, 0], 0.002) / (2.0 * math.pi)
     for sign in (1, -1):
         rows = found.direction() == sign
@@ -54,8 +55,8 @@ def test_a_pass_has_a_ramp_in_each_direction_that_counts() -> None:
 @pytest.mark.parametrize("axis", [2, 3, 5])
 @pytest.mark.parametrize("arm_hz", [None, 10.4])
 def test_on_an_arm_a_ramp_turns_the_joint_by_ten_degrees_at_most_and_ends_where_it_began(axis: int, arm_hz: float | None) -> None:
-    ramp = plan_ramp(RampLimits.of(ARM, axis), through_resonance(ARM, arm_hz, 4.0, is_raised=True))
-    found = ramps(ARM, 1.5, ramp, 0.002)
+    ramp = resonance_ramp(RampLimits.of(ARM, axis), arm_hz, 4.0, is_raised=True)
+    found = ramps(ARM, 1.5, ramp)
     turns = found.motion.motor_angle_rad[:, 0] / (2.0 * math.pi)
     assert np.max(np.abs(turns)) * 360.0 / ARM.axis[axis].reduction_ratio == pytest.approx(10.0, abs=0.1)
     assert abs(turns[-1]) < 1e-9
