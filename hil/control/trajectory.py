@@ -72,7 +72,7 @@ class ConstantAcceleration:
 
 
 def reach_rps(room_rev: float, acceleration_rps_s: float, deceleration_rps_s: float) -> float:
-    """Largest speed of a motor from rest to rest within so many revolutions."""
+    """Largest speed of a motor from rest to rest."""
     return math.sqrt(2.0 * room_rev / (1.0 / acceleration_rps_s + 1.0 / deceleration_rps_s))
 
 

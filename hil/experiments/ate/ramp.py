@@ -1,4 +1,4 @@
-"""Plan of a ramp: from limits and a wish to a ramp, and what binds it.
+"""Plan of a ramp within limits, with what binds it.
 
 A ramp accelerates from rest, and brakes. It takes the revolutions v²/2 (1/a + 1/d) of the motor.
 
@@ -83,7 +83,7 @@ class RampLimits:
 
     @property
     def braking_rps_s(self) -> float:
-        """Deceleration at the end of a ramp; no acceleration is raised beyond it."""
+        """Deceleration of every ramp; no acceleration is raised beyond it."""
         return min(self.deceleration_rps_s, self.acceleration_rps_s)
 
     @property
@@ -119,7 +119,10 @@ class RampLimits:
         return min(max(ACCELERATION_RPS_S * scale, SLOWEST_RPS_S), self.braking_rps_s)
 
     def low_order_end(self, arm_hz: float, order: float) -> float:
-        """End speed at which a low order passes the resonance; 0 if the limits do not allow it."""
+        """End speed at which a low order passes the resonance.
+
+        It is 0 if the limits do not allow it.
+        """
         end = min(FIRST_ORDER_END * arm_hz / order, self.top_rps)
         fastest = min(self.braking_rps_s, ARM_HURRY * self.suited(arm_hz) if self.is_arm else math.inf)
         return end if self.slowest(end) < fastest and end >= PASSED * arm_hz / order else 0.0
@@ -153,7 +156,7 @@ class Ramp:
 
     @property
     def bound(self) -> str:
-        """Words on what binds it, to end a sentence; empty if nothing does."""
+        """End of a sentence on what binds it; may be empty."""
         limits = self.limits
         words = {
             "speed": f"its speed limit, {limits.speed_rps:g} rev/s",
@@ -164,7 +167,10 @@ class Ramp:
         return f"; the limit is {words[self.binds]}" if self.binds else ""
 
     def short_of(self, end_rps: float) -> str:
-        """Say what keeps a ramp of this acceleration from a speed, and what is needed; empty if nothing does."""
+        """Say what keeps this acceleration from a speed, and what is needed.
+
+        Empty if nothing does.
+        """
         limits = self.limits
         binds = plan_ramp(limits, self.acceleration_rps_s, end_rps).binds
         if not binds:
@@ -235,7 +241,7 @@ def plan_ramp(limits: RampLimits, asked_rps_s: float, end_rps: float, least_end_
 
 
 def resonance_ramp(limits: RampLimits, arm_hz: float | None, asked_rps_s: float, *, is_raised: bool) -> Ramp:
-    """Plan a ramp beyond f_m2 = f_a/2, or as near to it as limits allow.
+    """Plan a ramp beyond f_m2 = f_a/2, or as near as possible.
 
     Args:
         limits: The limits.

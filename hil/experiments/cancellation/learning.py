@@ -311,7 +311,7 @@ def learning_ramp(bench: Bench, identified: Identified | None, axis: int, accele
 
 
 def _ramp(limits: RampLimits, asked_rps_s: float, arm_hz: float | None, end_rps: float = 0.0) -> Ramp:
-    """Plan a ramp beyond f_m2, or as near to it as possible, and to an end speed that has room."""
+    """Plan a ramp to an end with room, beyond f_m2 if possible."""
     end = max(resonance_ramp(limits, arm_hz, asked_rps_s, is_raised=limits.is_arm).beyond(None).end_rps, end_rps)
     return plan_ramp(limits, asked_rps_s, end, end)
 
