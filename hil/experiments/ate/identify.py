@@ -315,8 +315,7 @@ def _curable(identification: Identification, before: list[Miss]) -> list[Miss]:
     hardly improved is not among them.
     """
     made, misses = identification.passes[-1], identification.misses
-    limits, arm_hz = made.ramps.ramp.limits, made.estimate.arm.resonance_hz
-    unseen_yet = [m for m in misses if not identification.is_reached(m.order) and limits.low_order_end(arm_hz, m.order)]
+    unseen_yet = [m for m in misses if not identification.is_reached(m.order) and _low_order_end(made, m.order)]
     if not identification.estimate.is_spring:
         return unseen_yet
     last = {miss.name: miss.over for miss in before}
@@ -335,10 +334,15 @@ def _next_ramp(identification: Identification) -> Ramp:
     """
     made = identification.passes[-1]
     limits, arm_hz, slower = made.ramps.ramp.limits, made.estimate.arm.resonance_hz, _slower(made)
-    end = max((limits.low_order_end(arm_hz, miss.order) for miss in identification.misses if miss.order < 2.0), default=0.0)
+    end = max((_low_order_end(made, miss.order) for miss in identification.misses if miss.order < 2.0), default=0.0)
     if end:
         return plan_ramp(limits, slower, end, end)
     return resonance_ramp(limits, arm_hz, slower, is_raised=True).beyond(arm_hz)
+
+
+def _low_order_end(made: Pass, order: float) -> float:
+    """End speed of a next ramp through a low order's resonance, or 0."""
+    return made.ramps.ramp.limits.low_order_end(made.estimate.arm.resonance_hz, order, _slower(made))
 
 
 def _slower(made: Pass) -> float:

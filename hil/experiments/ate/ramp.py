@@ -118,13 +118,15 @@ class RampLimits:
         scale = 1.0 if arm_hz is None else (arm_hz / ACCELERATION_AT_HZ) ** 2
         return min(max(ACCELERATION_RPS_S * scale, SLOWEST_RPS_S), self.braking_rps_s)
 
-    def low_order_end(self, arm_hz: float, order: float) -> float:
+    def low_order_end(self, arm_hz: float, order: float, asked_rps_s: float) -> float:
         """End speed at which a low order passes the resonance.
 
-        It is 0 if the limits do not allow it.
+        It is 0 if the limits do not allow it, of a ramp for which an acceleration is wanted.
         """
         end = min(FIRST_ORDER_END * arm_hz / order, self.top_rps)
-        fastest = min(self.braking_rps_s, ARM_HURRY * self.suited(arm_hz) if self.is_arm else math.inf)
+        fastest = self.braking_rps_s
+        if self.is_arm:
+            fastest = min(ARM_HURRY * self.suited(arm_hz), max(asked_rps_s, fastest))
         return end if self.slowest(end) < fastest and end >= PASSED * arm_hz / order else 0.0
 
 

@@ -322,11 +322,11 @@ def _next_ramp(bench: Bench, learning: AxisLearning, last: Ramp) -> Ramp:
     It goes through f_m2. Once they are cancelled, it goes through the resonance of lower orders too: of those that the bench's
     own motion meets, and as far as limits let it.
     """
-    arm_hz, ends = learning.estimate.arm.resonance_hz, [_low_end(last.end_rps, learning.estimate)]
+    arm_hz, asked, ends = learning.estimate.arm.resonance_hz, last.asked_rps_s, [_low_end(last.end_rps, learning.estimate)]
     if len(learning.passes) >= FURTHER_FROM:
         orders = {*learning.known.values, *learning.estimate.error.amplitude_arcsec}
-        ends += [last.limits.low_order_end(arm_hz, k) for k in orders if k < LOWEST and shown_rps(bench) >= arm_hz / k]
-    return _ramp(last.limits, last.asked_rps_s, arm_hz, max(ends))
+        ends += [last.limits.low_order_end(arm_hz, k, asked) for k in orders if k < LOWEST and shown_rps(bench) >= arm_hz / k]
+    return _ramp(last.limits, asked, arm_hz, max(ends))
 
 
 def _low_end(end_rps: float, estimate: JointEstimate) -> float:

@@ -90,8 +90,8 @@ def test_on_an_arm_a_low_order_is_passed_by_the_acceleration_that_its_ramp_gets_
     """Twice the first pass' acceleration has room for it, the deceleration, beyond which no ramp is raised, has not."""
     limits = replace(LIMITS, joint_rev=36.0, joint_deg=60.0, speed_rps=50.0)
     assert limits.braking_rps_s < limits.slowest(1.2 * 25.0) < 2.0 * 4.0 * (25.0 / 12.0) ** 2
-    assert limits.low_order_end(25.0, 1.0) == 0.0
-    assert replace(limits, joint_rev=50.0, position_rev=80.0).low_order_end(24.0, 1.0) == 1.2 * 24.0
+    assert limits.low_order_end(25.0, 1.0, 4.0) == 0.0
+    assert replace(limits, joint_rev=50.0, position_rev=80.0).low_order_end(24.0, 1.0, 4.0) == 1.2 * 24.0
 
 
 limits_strategy = st.builds(
