@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import assume, given
@@ -18,7 +19,7 @@ LIMITS = RampLimits.of(BENCH, 2)
 NARROW = replace(LIMITS, position_rev=5.0)
 
 
-def through(bench: Bench, arm_hz: float | None, asked_rps_s: float = 4.0, **changes: float) -> Ramp:
+def through(bench: Bench, arm_hz: float | None, asked_rps_s: float = 4.0, **changes: Any) -> Ramp:
     """A ramp of axis 2 whose acceleration is not raised."""
     limits = replace(RampLimits.of(bench, 2), **changes)
     return resonance_ramp(limits, arm_hz, asked_rps_s, is_raised=False).beyond(arm_hz)
@@ -41,7 +42,7 @@ def test_a_known_arm_ends_the_ramp_where_nothing_more_is_to_be_learnt() -> None:
         ({"speed_rps": 6.0}, r"its limit speed_rps is 6, 7\.26 is needed"),
     ],
 )  # fmt: skip
-def test_what_keeps_a_ramp_from_the_resonance_is_said_with_what_is_needed(changes: dict[str, float], message: str) -> None:
+def test_what_keeps_a_ramp_from_the_resonance_is_said_with_what_is_needed(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(NotPossibleError, match=rf"to pass f_m2 = 6\.00 rev/s, 6\.90 rev/s are needed: .*{message}"):
         through(BENCH, 12.0, **changes)
 
@@ -71,7 +72,7 @@ def test_a_ramp_accelerates_and_brakes_within_an_acceleration_limit_below_its_de
 
 
 @pytest.mark.parametrize(("changes", "named"), [({"position_rev": 0.0}, "widen them"), ({"speed_rps": 0.4}, "speed_rps is 0.4")])
-def test_a_motor_that_may_hardly_move_is_refused_for_the_limit_that_holds_it(changes: dict[str, float], named: str) -> None:
+def test_a_motor_that_may_hardly_move_is_refused_for_the_limit_that_holds_it(changes: dict[str, Any], named: str) -> None:
     with pytest.raises(NotPossibleError, match=rf"0\.50 rev/s are needed: .*{named}"):
         through(BENCH, None, **changes)
 
@@ -141,14 +142,14 @@ def test_what_binds_a_ramp_relaxed_by_itself_lets_it_end_faster_or_be_gentler(wa
         "position limits": "position_rev",
     }
     if ramp.binds:
-        name = field[ramp.binds]
-        relaxed = plan_ramp(replace(limits, **{name: 1.1 * getattr(limits, name)}), asked, *ends)
+        wider: dict[str, Any] = {field[ramp.binds]: 1.1 * getattr(limits, field[ramp.binds])}
+        relaxed = plan_ramp(replace(limits, **wider), asked, *ends)
         is_gentler = relaxed.acceleration_rps_s < ramp.acceleration_rps_s and relaxed.end_rps >= ramp.end_rps
         assert relaxed.end_rps > ramp.end_rps or is_gentler
         assert ramp.bound.startswith("; the limit is ")
         return
-    free = replace(limits, **dict.fromkeys(field.values(), math.inf))
-    alone = plan_ramp(free, asked, *ends)
+    none: dict[str, Any] = dict.fromkeys(field.values(), math.inf)
+    alone = plan_ramp(replace(limits, **none), asked, *ends)
     assert (alone.end_rps, alone.acceleration_rps_s) == (ramp.end_rps, ramp.acceleration_rps_s)
     assert ramp.bound == ""
 
