@@ -169,7 +169,9 @@ def identify_on(
         made = _fitted(bench, request, knowledge, identification, motion, result.recording)
         identification.passes.append(made)
         left = request.passes - number
-        watch = _watch(identification, bench, request, knowledge)
+        sensing = sensing_of(bench, axis, knowledge, sensorless=request.sensorless)
+        sweeps = [each.sweep for each in identification.passes]
+        watch = OrderWatch(bench.axis[axis].reduction_ratio, sensing, ramp, sweeps)
         checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
         is_through = _is_through(axis, made, passes_left=left)
         before, identification.misses = identification.misses, request.goal.missed(made.estimate)
@@ -196,13 +198,6 @@ def _reaction(identification: Identification, axis: int, knowledge: AxisKnowledg
     error = identification.estimate.error
     seen = {k: size for k, size in error.amplitude_arcsec.items() if is_seen(identification.estimate, k)}
     return gear_reaction(turned, knowledge.side, TransmissionError(seen, {k: error.phase_deg[k] for k in seen}))
-
-
-def _watch(identification: Identification, bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> OrderWatch:
-    """Passes so far, to be scanned for orders."""
-    sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
-    last = identification.passes[-1].ramps.ramp
-    return OrderWatch(bench.axis[request.axis].reduction_ratio, sensing, last, [each.sweep for each in identification.passes])
 
 
 def _fitted(
