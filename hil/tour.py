@@ -43,7 +43,7 @@ from hil.experiments.treatment import known_from
 from hil.report.pages.ate import write_ate_report
 from hil.report.pages.design import write_design_report
 from hil.report.pages.plant import write_plant_report
-from hil.report.tables.paper_runs import value_and_error
+from hil.report.report_table import value_and_error
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
 from hil.results.comparison import TourPart, TourResult, TourStep

@@ -2,7 +2,7 @@
 
 from hil.master.lateness import duration_text
 from hil.report.material import Material, run_name
-from hil.report.tables.paper_runs import NONE, Cell, ReportTable
+from hil.report.report_table import NONE, Cell, ReportTable
 
 
 def timing_table(material: Material) -> ReportTable | None:

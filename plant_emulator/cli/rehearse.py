@@ -230,6 +230,7 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
 
     It also prints which goals are reached.
     """
+    from hil.report.report_table import markdown
     from plant_emulator.rehearsal.arms.summary import arm_claims, arm_tips
     from plant_emulator.rehearsal.many import tables
     from plant_emulator.rehearsal.many.claims import claims_of, document
@@ -248,11 +249,11 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
         print_json(whole)
     elif as_markdown and are_arms:
         both = tables.claims(found), arm_tips(rows)
-        typer.echo("\n\n".join(f"**{each.title}**\n\n{tables.markdown(each)}" for each in both))
+        typer.echo("\n\n".join(f"**{each.title}**\n\n{markdown(each)}" for each in both))
     elif as_markdown:
         made = (tables.claims(found), tables.tips(rows), tables.steps(rows), tables.causes(rows), tables.estimates(rows),
                 tables.probes(rows), tables.cost(rows))  # fmt: skip
-        typer.echo("\n\n".join(f"**{each.title}**\n\n{tables.markdown(each)}" for each in made if each is not None))
+        typer.echo("\n\n".join(f"**{each.title}**\n\n{markdown(each)}" for each in made if each is not None))
     else:
         signs = {True: "yes", False: "no", None: "not judged"}
         lines = [(each.name, each.asked, each.measured, signs[each.holds]) for each in found]

@@ -11,7 +11,7 @@ from hil.bench.model import IdentifiedError
 from hil.report.against.alike import RunPair
 from hil.report.material import Material, run_name, treatment_name
 from hil.report.order_names import symbol_of
-from hil.report.tables.paper_runs import NONE, Cell, ReportTable, number, value_and_error
+from hil.report.report_table import NONE, Cell, ReportTable, number, value_and_error
 from hil.results.ate import AteResult
 from hil.results.plant import PlantResult
 from hil.results.runs import RunEntry

@@ -25,8 +25,8 @@ from hil.report.figures.plant import PARAMETERS
 from hil.report.material import Material, run_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, moment_text, render
+from hil.report.report_table import Mark, number
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import Mark, number
 from hil.results.ate import AteResult
 from hil.results.base import RESULT_FILE, MeasuredResult
 from hil.results.files import load_any

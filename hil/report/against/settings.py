@@ -6,7 +6,7 @@ Settings are the bench file with gains, filters and model, the request, and the 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from hil.report.tables.paper_runs import NONE, Cell, ReportTable
+from hil.report.report_table import NONE, Cell, ReportTable
 from hil.results.ate import AteResult
 from hil.results.base import MeasuredResult
 from hil.results.plant import PlantResult

@@ -22,8 +22,8 @@ from hil.report.order_names import BY_ORDER, order_words, symbol, symbol_of
 from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
 from hil.report.plotted_run import smooth_spectrum
+from hil.report.report_table import Cell, Mark, ReportTable, number, value_and_error
 from hil.report.style import Drawing, Real
-from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number, value_and_error
 from hil.results.ate import AteResult, AteRun
 from hil.results.files import load_result
 from hil.robot_tables import amplitude_key, phase_key

@@ -13,8 +13,8 @@ from hil.design.modes.problem import ArmMode, modal_angle, modal_tip
 from hil.design.plant_problem import angle_response, tip_response
 from hil.report import style
 from hil.report.origin import origin_of
+from hil.report.report_table import Cell, Mark, ReportTable, value_and_error
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import Cell, Mark, ReportTable, value_and_error
 from hil.results.plant import FrequencyResponseEntry, PlantResult
 
 PARAMETERS = (

@@ -13,8 +13,8 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 
 from hil.report import palette, style
 from hil.report.order_names import BY_ORDER, symbol
+from hil.report.report_table import Cell, ReportTable, number, value_and_error
 from hil.report.style import Drawing, Real
-from hil.report.tables.paper_runs import Cell, ReportTable, number, value_and_error
 from hil.results.columns import load_columns
 from hil.results.files import load_result
 from hil.results.recorded_ate import SIGNAL_UNIT, Form, OrderEntry, RecordedAteResult, RecordedStretch

@@ -6,7 +6,7 @@ from hil.report import style
 from hil.report.figures import arm as figures_arm
 from hil.report.origin import origin_of_arm
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
-from hil.report.tables.paper_runs import Cell, ReportTable, number, value_and_error
+from hil.report.report_table import Cell, ReportTable, number, value_and_error
 from hil.results.arm import ArmResult
 from hil.results.files import load_result
 

@@ -11,8 +11,8 @@ from hil.report.figures.ate import AteMaterial
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.origin import origin_of
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.report_table import ReportTable
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import ReportTable
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from hil.report.figures import shapers as figures_shapers
 from hil.report.material import POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.report_table import Mark, ReportTable
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables.compare import case_name, cases
 from hil.report.tables.directions import directions as direction_table
-from hil.report.tables.paper_runs import Mark, ReportTable
 from hil.report.tables.shapers import shapers as shaper_table
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TourResult, TreatmentTable
 from hil.results.files import load_result

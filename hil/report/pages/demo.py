@@ -28,12 +28,13 @@ from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POI
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
 from hil.report.plotted_run import key_end, shown_runs
+from hil.report.report_table import NONE, Cell, Mark, ReportTable
+from hil.report.report_table import number as number_text
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables import paper_runs as tables
 from hil.report.tables.directions import directions as direction_table
 from hil.report.tables.directions import side_by_side
-from hil.report.tables.paper_runs import Mark, ReportTable
 from hil.report.tables.shapers import shapers as shaper_table
 from hil.report.tables.trial import trial_table
 from hil.report.timing import timing_table
@@ -237,7 +238,7 @@ def _whole_arm(material: Material) -> list[Drawing | ReportTable | None]:
 
 
 def _ended_early(result: TourResult, key: str, caption: str | Markup) -> ReportTable:
-    rows: list[list[tables.Cell]] = [[step.name, step.what, Mark(step.holds, "")] for step in result.tour.steps]
+    rows: list[list[Cell]] = [[step.name, step.what, Mark(step.holds, "")] for step in result.tour.steps]
     return ReportTable(key, "It ended early", "", ("step", "result", "done"), rows, frozenset({0, 1, 2}), caption, is_prose=True)
 
 
@@ -350,7 +351,7 @@ def millimetres(peak_mm: float | None, limit_mm: float) -> str:
     ('0.047 mm', '0.0502 mm')
     """
     if peak_mm is None:
-        return tables.NONE
+        return NONE
     digits = 3
     while digits < 6 and (round(peak_mm, digits) <= limit_mm) != (peak_mm <= limit_mm):
         digits += 1
@@ -411,7 +412,7 @@ def _missed(material: Material) -> list[str]:
 
 
 def _with_unit(value: float | str | None, unit: str) -> str:
-    return f"{tables.number(value, '{:.4g}')} {unit}".strip()
+    return f"{number_text(value, '{:.4g}')} {unit}".strip()
 
 
 def cards(material: Material) -> list[Card]:
@@ -436,26 +437,26 @@ def cards(material: Material) -> list[Card]:
         named = [(each, run, treatment_name(run.treatment) if is_named else "") for each, run in pairs]
         steps = tuple(
             CardStep(
-                tables.number(run.tip_peak_mm, "{:.3f}"),
+                number_text(run.tip_peak_mm, "{:.3f}"),
                 f"{_percent(each.tip_peak_reduction_pct)} peak" if finite(each.tip_peak_reduction_pct) else "",
                 Mark(run.within_spec, f"limit ±{limit_mm:g} mm"),
                 name,
             )
             for each, run, name in named
         )
-        made.append(Card(title, tables.number(without.tip_peak_mm, "{:.3f}"), "mm", steps))
+        made.append(Card(title, number_text(without.tip_peak_mm, "{:.3f}"), "mm", steps))
         # the paper judges the line by its spectrum: shown where the bench asks for less of it
         if axis is None and wanted is not None and all(finite(each.spectrum_area_reduction_pct) for each, _ in pairs):
             steps = tuple(
                 CardStep(
-                    tables.number(run.spectrum_area, "{:.2f}"),
+                    number_text(run.spectrum_area, "{:.2f}"),
                     f"{_percent(each.spectrum_area_reduction_pct)} area",
                     Mark(each.spectrum_area_reduction_pct >= wanted, f"at least −{wanted:g} %"),
                     name,
                 )
                 for each, run, name in named
             )
-            areas.append(Card(title, tables.number(without.spectrum_area, "{:.2f}"), "m/s²·Hz", steps))
+            areas.append(Card(title, number_text(without.spectrum_area, "{:.2f}"), "m/s²·Hz", steps))
     return made + areas
 
 

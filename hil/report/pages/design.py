@@ -11,8 +11,8 @@ from hil.report import style
 from hil.report.figures import design as figures_design
 from hil.report.origin import origin_of_design
 from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number
 
 
 def write_design_report(outcome: NotchDesignOutcome, path: Path) -> Path:

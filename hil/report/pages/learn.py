@@ -11,8 +11,8 @@ from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.order_names import symbol
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.report_table import Cell, Mark, ReportTable, number
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
 from hil.report.tables.trial import trial_table
 from hil.results.files import load_result
 from hil.results.learning import LearningPass, LearningResult, LearningRun

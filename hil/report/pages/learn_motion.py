@@ -6,8 +6,8 @@ from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.report_table import Cell, Mark, ReportTable, number
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
 from hil.results.files import load_result
 from hil.results.learning import MotionLearningResult, ProbedPart, ProbingRun
 

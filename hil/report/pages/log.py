@@ -7,7 +7,7 @@ from hil.logs.findings.finding import Finding, Severity
 from hil.report import style
 from hil.report.figures.log import finding_picture
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
-from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable
+from hil.report.report_table import NONE, Cell, Mark, ReportTable
 
 MOST_PICTURES = 40
 _MARKS = {Severity.FAULT: Mark(False, "fault"), Severity.WARNING: Mark(None, "warning"), Severity.NOTE: Mark(None, "note")}

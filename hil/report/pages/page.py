@@ -14,8 +14,8 @@ from hil.report import palette
 from hil.report.interactive.parts import InteractiveParts, interactive_parts
 from hil.report.origin import MEASURED, Origin
 from hil.report.paper import CITATION
+from hil.report.report_table import Mark, ReportTable
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import Mark, ReportTable
 
 
 @dataclass(frozen=True)

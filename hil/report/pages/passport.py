@@ -9,8 +9,8 @@ from hil.report import style
 from hil.report.figures.passport import order_over_dates
 from hil.report.origin import MEASURED, Origin
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.report_table import NONE, Cell, Mark, ReportTable, number, value_and_error
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number, value_and_error
 
 MOST_FIGURES = 60
 """Figures on one page; the table has all orders."""

@@ -6,8 +6,8 @@ from hil.report import style
 from hil.report.figures import plant as figures_plant
 from hil.report.origin import origin_of
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.report_table import ReportTable, value_and_error
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import ReportTable, value_and_error
 from hil.results.files import load_result
 from hil.results.plant import PlantResult
 

@@ -7,8 +7,8 @@ from hil.report import style
 from hil.report.figures import recorded_ate as figures
 from hil.report.figures.recorded_ate import RecordedMaterial
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.report_table import ReportTable
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import ReportTable
 
 
 def write_recorded_ate_report(directory: Path, *, is_interactive: bool = False) -> Path:

@@ -1,4 +1,4 @@
 """Tables of the reports.
 
-Each function returns a `hil.report.tables.paper_runs.ReportTable`, or None without data for it.
+Each function returns a `hil.report.report_table.ReportTable`, or None without data for it.
 """

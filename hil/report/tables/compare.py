@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from markupsafe import Markup
 
 from hil.experiments.treatment import TITLES
-from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number, value_and_error
+from hil.report.report_table import NONE, Cell, Mark, ReportTable, number, value_and_error
 from hil.results.comparison import AxisCompliance, ComparisonRow, TourResult, TreatmentTable
 
 

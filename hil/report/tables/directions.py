@@ -10,7 +10,7 @@ from markupsafe import Markup
 from hil.analysis import DIRECTIONS, Direction, DirectionMetrics
 from hil.experiments.treatment import TITLES
 from hil.report.material import Material, run_name
-from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
+from hil.report.report_table import Cell, Mark, ReportTable, number
 from hil.results.runs import RunEntry
 
 ALONG: tuple[Direction, ...] = ("x", "y", "z")

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from hil.experiments.treatment import TITLES
-from hil.report.tables.paper_runs import NONE, Cell, ReportTable, number
+from hil.report.report_table import NONE, Cell, ReportTable, number
 from hil.results.runs import RunEntry, ShapedMode
 
 

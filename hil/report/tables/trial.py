@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number, value_and_error
+from hil.report.report_table import Cell, Mark, ReportTable, number, value_and_error
 from hil.results.runs import TrialPart
 
 HEADER = ("", "Order", "Expected fall (%)", "Fall (%)", "± (%)", "Remaining (%)", "± (%)", "Factor", "Change of φ (°)", "Verdict")

@@ -13,8 +13,8 @@ from hil.report import style
 from hil.report.material import run_name, treatment_name
 from hil.report.origin import MEASURED, Origin
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.report_table import NONE, Cell, Mark, ReportTable, number, value_and_error
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number, value_and_error
 from hil.report.trend.figures import lateness_us, motion_figure
 from hil.report.trend.gather import GatheredRuns, TrendRun
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.report.tables.paper_runs import Cell, ReportTable
+from hil.report.report_table import Cell, ReportTable
 from plant_emulator.rehearsal.arms.conditions import NAMES
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.reading import is_quiet

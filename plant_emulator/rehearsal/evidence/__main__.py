@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 from drive_profiles.files.safefile import write_atomically
+from hil.report.report_table import markdown
 from plant_emulator.rehearsal.evidence.recordings import record, recorded_robots
 from plant_emulator.rehearsal.evidence.replay import replayed
 from plant_emulator.rehearsal.evidence.table import errors_table
 from plant_emulator.rehearsal.many.seeds import seeds_of
-from plant_emulator.rehearsal.many.tables import markdown
 
 
 def _given() -> argparse.Namespace:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from hil.report.tables.paper_runs import Cell, ReportTable
+from hil.report.report_table import Cell, ReportTable
 from plant_emulator.rehearsal.evidence.replay import REPLAYED
 from plant_emulator.rehearsal.many.reading import of_kind
 from plant_emulator.rehearsal.many.summary import FAR_Z, QuantityStatistics, quantities

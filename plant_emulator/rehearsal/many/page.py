@@ -11,8 +11,8 @@ from pathlib import Path
 from hil.report import style
 from hil.report.origin import Origin
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.report_table import ReportTable
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import ReportTable
 from plant_emulator.rehearsal.many import figures, tables
 from plant_emulator.rehearsal.many.claims import RehearsalClaim, claims_of
 from plant_emulator.rehearsal.many.figures import kinds_of

@@ -6,8 +6,8 @@ They are for the page, the terminal and, as Markdown, for the documents.
 from collections import Counter
 from collections.abc import Sequence
 
-from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable
-from hil.report.tables.paper_runs import number as number_text
+from hil.report.report_table import NONE, Cell, Mark, ReportTable
+from hil.report.report_table import number as number_text
 from plant_emulator.rehearsal.many.causes import CAUSES, main_refusal, refusals
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.figures import kinds_of
@@ -189,22 +189,6 @@ def robots(rows: Sequence[Row]) -> ReportTable | None:
     header = ("Seed", "Robot", "Tip / goal (mm)", "Last message")
     caption = f"{len(found)} robots; robots.csv has all. `plant-emulator rehearse --seeds SEED --keep --out FOLDER` repeats one."
     return ReportTable("robots", "Robots not within the goal", "", header, cells, frozenset({0, 1, 2, 3}), caption, is_prose=True)
-
-
-def markdown(table: ReportTable) -> str:
-    """Return a table as Markdown, with headings as rows."""
-    lines = [f"| {' | '.join(map(_plain, table.header))} |", f"|{'---|' * len(table.header)}"]
-    for index, row in enumerate(table.rows):
-        if index in table.groups:
-            lines.append(f"| **{table.groups[index]}** |{' |' * (len(table.header) - 1)}")
-        lines.append(f"| {' | '.join(_plain(cell) for cell in row)} |")
-    return "\n".join(lines)
-
-
-def _plain(cell: Cell) -> str:
-    if isinstance(cell, Mark):
-        return "not judged" if cell.value is None else "yes" if cell.value else "no"
-    return cell.replace("|", "\\|")
 
 
 def _seed(row: Row) -> str:

@@ -7,7 +7,7 @@ import pytest
 from hil.report import palette
 from hil.report.pages.demo import write_report
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
-from hil.report.tables.paper_runs import ReportTable
+from hil.report.report_table import ReportTable
 from tests.hil.report.browser import CHROMIUM, Browser
 
 pytestmark = [

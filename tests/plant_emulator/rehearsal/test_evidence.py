@@ -4,12 +4,12 @@ import pytest
 
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
+from hil.report.report_table import markdown
 from plant_emulator.rehearsal.evidence import recordings
 from plant_emulator.rehearsal.evidence.recordings import HELD_OUT_FROM, record, recorded_robots
 from plant_emulator.rehearsal.evidence.replay import REPLAYED, replayed
 from plant_emulator.rehearsal.evidence.table import errors_table
 from plant_emulator.rehearsal.many.one import drawn
-from plant_emulator.rehearsal.many.tables import markdown
 
 
 @pytest.mark.ci

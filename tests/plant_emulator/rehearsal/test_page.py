@@ -3,6 +3,7 @@
 import pytest
 
 from hil.report import palette
+from hil.report.report_table import markdown
 from plant_emulator.rehearsal.many import tables
 from plant_emulator.rehearsal.many.claims import claims_of
 from plant_emulator.rehearsal.many.page import write_page
@@ -90,10 +91,10 @@ def test_the_same_robots_make_the_same_page(robots, tmp_path):
 
 
 def test_a_table_in_markdown_keeps_its_columns_and_its_headings(robots):
-    lines = tables.markdown(tables.steps(robots)).splitlines()
+    lines = markdown(tables.steps(robots)).splitlines()
     assert lines[0] == "| Step | Done | Noted | Refused | Stopped | Crashed | Skipped |"
     assert {line.count("|") for line in lines} == {8}
     assert lines[2].startswith("| **Linear gears: 3 robots** |")
     for table in (tables.claims(claims_of(robots)), tables.estimates(robots), tables.causes(robots)):
-        lines = tables.markdown(table).replace("\\|", "").splitlines()
+        lines = markdown(table).replace("\\|", "").splitlines()
         assert {line.count("|") for line in lines} == {len(table.header) + 1}

@@ -11,7 +11,7 @@ from hil.design.ate.model import Arm, Sensing
 from hil.report import style
 from hil.report.figures import ate
 from hil.report.figures.ate import AteMaterial, DrawnPass
-from hil.report.tables.paper_runs import Mark
+from hil.report.report_table import Mark
 from hil.results.ate import AteResult, KnownArm
 from hil.robot_tables import TransmissionErrorTable
 from tests.hil.results.made import measured_bench, written

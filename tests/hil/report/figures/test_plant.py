@@ -10,7 +10,7 @@ from hil.report import style
 from hil.report.figures import plant
 from hil.report.pages.page import typeset
 from hil.report.pages.plant import verdict
-from hil.report.tables.paper_runs import value_and_error
+from hil.report.report_table import value_and_error
 from hil.results.plant import ExcitationPlan, FrictionCurve, PlantRequestEntry, PlantResult
 from tests.hil.results.made import measured_bench
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil.report.tables.paper_runs import number, value_and_error
+from hil.report.report_table import number, value_and_error
 
 
 @pytest.mark.parametrize(

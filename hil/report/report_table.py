@@ -1,0 +1,112 @@
+"""Tables of reports: cells, numbers as text, and a table as Markdown."""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+NONE = "–"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Yes, no or not judged, shown by colour, sign and word.
+
+    Attributes:
+        value: True for yes, False for no, None for not judged.
+        text: Word beside the sign.
+    """
+
+    value: bool | None
+    text: str = ""
+
+
+Cell = str | Mark
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """One table.
+
+    Cells that are not text begin with a number or a dash and are aligned to the right.
+
+    Attributes:
+        key: Anchor of the table.
+        title: Title of the table.
+        paper: Corresponding table of the paper; empty for none.
+        header: Column names with units.
+        rows: Cells, row by row.
+        text_columns: Indices of left-aligned columns.
+        caption: Sentences below the table.
+        is_prose: True if text wraps, and a row becomes a block on a narrow screen.
+        groups: Headings inside the table, by the row below each.
+    """
+
+    key: str
+    title: str
+    paper: str
+    header: tuple[str, ...]
+    rows: list[list[Cell]]
+    text_columns: frozenset[int] = field(default_factory=lambda: frozenset({0}))
+    caption: str = ""
+    is_prose: bool = False
+    groups: Mapping[int, str] = field(default_factory=dict)
+
+
+_NEGATIVE_ZERO = re.compile(r"-0(\.0*)?(?![\d.])")
+
+
+def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
+    """Format a number for a cell.
+
+    With a proper minus sign; a dash for None.
+    """
+    if value is None:
+        return NONE
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    text = form.format(value)
+    return (text[1:] if _NEGATIVE_ZERO.match(text) else text).replace("-", "−")
+
+
+def value_and_error(value: float, error: float) -> tuple[str, str]:
+    """Format value and standard error to the error's first digit.
+
+    Without an error, to at most four digits.
+
+    >>> value_and_error(48.9745, 0.0432), value_and_error(-0.00067115, 0.00008), value_and_error(12.5, 0.0)
+    (('48.97', '0.04'), ('−0.00067', '0.00008'), ('12.5', '0'))
+    >>> value_and_error(-0.2, 5.0)
+    ('0', '5')
+    """
+    if not error > 0.0 or not math.isfinite(error) or not math.isfinite(value):
+        return number(value, "{:.4g}"), number(error)
+    digits = max(0, -math.floor(math.log10(float(f"{error:.0e}"))))
+    return number(value, f"{{:.{digits}f}}"), number(error, f"{{:.{digits}f}}")
+
+
+def plain_text(cell: Cell) -> str:
+    """Return a cell as text, for a terminal or Markdown."""
+    if isinstance(cell, Mark):
+        return "not judged" if cell.value is None else "yes" if cell.value else "no"
+    return cell
+
+
+def markdown(table: ReportTable) -> str:
+    """Return a table as Markdown, with headings as rows."""
+    lines = [f"| {' | '.join(map(_escaped, table.header))} |", f"|{'---|' * len(table.header)}"]
+    for index, row in enumerate(table.rows):
+        if index in table.groups:
+            lines.append(f"| **{table.groups[index]}** |{' |' * (len(table.header) - 1)}")
+        lines.append(f"| {' | '.join(map(_escaped, row))} |")
+    return "\n".join(lines)
+
+
+def _escaped(cell: Cell) -> str:
+    return plain_text(cell).replace("|", "\\|")
