@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 NONE = "–"
@@ -19,6 +19,10 @@ class Mark:
 
     value: bool | None
     text: str = ""
+
+    def __str__(self) -> str:
+        """The word alone, for a terminal or Markdown."""
+        return self.text or {True: "yes", False: "no", None: "not judged"}[self.value]
 
 
 Cell = str | Mark
@@ -51,6 +55,19 @@ class ReportTable:
     caption: str = ""
     is_prose: bool = False
     groups: Mapping[int, str] = field(default_factory=dict)
+
+    def markdown(self) -> str:
+        """Return the table as Markdown, with headings as rows."""
+        lines = [_markdown(self.header), f"|{'---|' * len(self.header)}"]
+        for index, row in enumerate(self.rows):
+            if index in self.groups:
+                lines.append(f"| **{self.groups[index]}** |{' |' * (len(self.header) - 1)}")
+            lines.append(_markdown(row))
+        return "\n".join(lines)
+
+
+def _markdown(cells: Sequence[Cell]) -> str:
+    return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
 
 
 _NEGATIVE_ZERO = re.compile(r"-0(\.0*)?(?![\d.])")
@@ -89,24 +106,3 @@ def value_and_error(value: float, error: float) -> tuple[str, str]:
         return number(value, "{:.4g}"), number(error)
     digits = max(0, -math.floor(math.log10(float(f"{error:.0e}"))))
     return number(value, f"{{:.{digits}f}}"), number(error, f"{{:.{digits}f}}")
-
-
-def plain_text(cell: Cell) -> str:
-    """Return a cell as text, for a terminal or Markdown."""
-    if isinstance(cell, Mark):
-        return "not judged" if cell.value is None else "yes" if cell.value else "no"
-    return cell
-
-
-def markdown(table: ReportTable) -> str:
-    """Return a table as Markdown, with headings as rows."""
-    lines = [f"| {' | '.join(map(_escaped, table.header))} |", f"|{'---|' * len(table.header)}"]
-    for index, row in enumerate(table.rows):
-        if index in table.groups:
-            lines.append(f"| **{table.groups[index]}** |{' |' * (len(table.header) - 1)}")
-        lines.append(f"| {' | '.join(map(_escaped, row))} |")
-    return "\n".join(lines)
-
-
-def _escaped(cell: Cell) -> str:
-    return plain_text(cell).replace("|", "\\|")

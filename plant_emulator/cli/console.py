@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.completion import AxisCompleter, complete_reference
-from drive_profiles.cli.console import ToolExitStatus, epilog, fail
+from drive_profiles.cli.console import ToolExitStatus, epilog, fail, table
 from drive_profiles.cli.entry import interrupted
 
 if TYPE_CHECKING:  # --help must not wait for it
+    from hil.report.report_table import ReportTable
     from plant_emulator.robots.robot import Robot
 
 
@@ -38,6 +39,13 @@ RobotOption = Annotated[
     str, typer.Option("--robot", help="Robot file (TOML), or `reference`, or `reference-arm`.", autocompletion=complete_reference)
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+
+
+def show(made: "ReportTable") -> None:
+    """Print a table of a report."""
+    table(made.title, made.header, [tuple(map(str, row)) for row in made.rows])
+    if made.caption:
+        typer.echo(made.caption.replace("`", ""))
 
 
 @contextmanager

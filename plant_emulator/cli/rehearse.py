@@ -230,11 +230,10 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
 
     It also prints which goals are reached.
     """
-    from hil.report.report_table import markdown
-    from plant_emulator.rehearsal.arms.summary import arm_claims, arm_tips
-    from plant_emulator.rehearsal.many import tables
+    from plant_emulator.rehearsal.arms.summary import arm_claims, arm_sections
     from plant_emulator.rehearsal.many.claims import claims_of, document
-    from plant_emulator.rehearsal.many.page import write_page
+    from plant_emulator.rehearsal.many.page import sections, write_page
+    from plant_emulator.trials.page import as_markdown as tables_as_markdown
     from plant_emulator.trials.table import write_table
 
     rows = kept.rows()
@@ -242,18 +241,14 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
         raise fail(f"{kept.folder}: no robot has a result yet", EmulatorExitStatus.FILE)
     are_arms = kept.settings().kind == ARMS
     found = arm_claims(rows) if are_arms else claims_of(rows)
+    chapters = arm_sections(rows, found) if are_arms else sections(rows, found)
     whole = document(rows, found)
     written = [*write_table(kept.folder, rows), _claims_file(kept.folder, whole)]
-    written += [] if are_arms else [write_page(kept.folder / PAGE_FILE, rows)]
+    written.append(write_page(kept.folder / PAGE_FILE, rows, found, chapters))
     if as_json:
         print_json(whole)
-    elif as_markdown and are_arms:
-        both = tables.claims(found), arm_tips(rows)
-        typer.echo("\n\n".join(f"**{each.title}**\n\n{markdown(each)}" for each in both))
     elif as_markdown:
-        made = (tables.claims(found), tables.tips(rows), tables.steps(rows), tables.causes(rows), tables.estimates(rows),
-                tables.probes(rows), tables.cost(rows))  # fmt: skip
-        typer.echo("\n\n".join(f"**{each.title}**\n\n{markdown(each)}" for each in made if each is not None))
+        typer.echo(tables_as_markdown(chapters))
     else:
         signs = {True: "yes", False: "no", None: "not judged"}
         lines = [(each.name, each.asked, each.measured, signs[each.holds]) for each in found]

@@ -5,6 +5,7 @@ It states the fraction that meets the specification, and the unknowns that matte
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
+import shlex
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from drive_profiles.cli.console import epilog, fail, print_json, progress, table
+from drive_profiles.cli.console import epilog, fail, print_json, progress
 from hil.control.treatments import PlainTreatmentName, present_token
 from hil.control.treatments import treatment as treatment_named
 from plant_emulator.cli.console import (
@@ -23,6 +24,7 @@ from plant_emulator.cli.console import (
     axis_numbers,
     exit_on_error,
     exit_on_value_error,
+    show,
 )
 from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, exit_without_executors
 
@@ -30,13 +32,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hil.control.notch import Notch
+    from hil.report.report_table import ReportTable
     from plant_emulator.robots.robot import Robot
     from plant_emulator.robots.tuning import TunedAxis
     from plant_emulator.studies.robustness import Study
     from plant_emulator.studies.spread import PlantSpread
-    from plant_emulator.studies.summary import Influence, Summary
+    from plant_emulator.studies.summary import Summary
     from plant_emulator.trials.executors import Executors
-    from plant_emulator.trials.statistics import RunFraction
 
 ROBUSTNESS_EPILOG = epilog(
     (
@@ -52,16 +54,6 @@ ROBUSTNESS_EPILOG = epilog(
         EmulatorExitStatus.BUS: "no scheduler, or it is lost",
     },
 )
-RESULT_WORDS = {
-    "tip_peak_mm": "tip peak in mm",
-    "area_reduction_percent": "area reduced by %",
-    "following_error_rev": "following error in rev",
-    "residual_mm": "left at the end in mm",
-    "growth_per_s": "slowest pole in 1/s",
-}
-SHOWN = 10
-"""Unknowns in the table on standard output, at least where there are as many; the files have all."""
-
 ExperimentName = Literal["constant-acceleration", "line-motion"]
 
 AxesOption = Annotated[
@@ -94,7 +86,7 @@ AreaOption = Annotated[
 ]
 OnlyOption = Annotated[int | None, typer.Option("--only", min=0, metavar="INDEX", help="Only this plant, in detail.")]
 OutOption = Annotated[
-    Path | None, typer.Option("--out", help="Folder for robustness.json, draws.csv and robustness.svg; with --only, the run.")
+    Path | None, typer.Option("--out", help="Folder for report.html, robustness.json and draws.csv; with --only, the run.")
 ]
 
 
@@ -161,7 +153,8 @@ def robustness(
         if only is not None:
             _one(studies, only, out, as_json=as_json)
         else:
-            _many(studies, runs, executors_of(on, jobs), out, as_json=as_json)
+            options = {"--robot": robot, "--treatment": treatment, "--tuning": tuning, "--notch": notch, "--spread": spread}
+            _many(studies, runs, executors_of(on, jobs), options, out, as_json=as_json)
 
 
 def _robot(
@@ -243,9 +236,19 @@ def _studies(model: "Robot", numbers: Sequence[int | None], settings: Mapping[st
         return [Study(model, number, **options) for number in numbers]  # type: ignore[arg-type]
 
 
-def _many(studies: Sequence["Study"], runs: int, executors: "Executors", out: Path | None, *, as_json: bool) -> None:
+def _many(
+    studies: Sequence["Study"],
+    runs: int,
+    executors: "Executors",
+    options: Mapping[str, object],
+    out: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Run many plants of each study; `options` are those that choose the plants."""
     from plant_emulator.studies.many import judge_all
     from plant_emulator.studies.summary import document, summarise
+    from plant_emulator.studies.tables import tables
 
     begin = time.monotonic()
     try:
@@ -255,114 +258,65 @@ def _many(studies: Sequence["Study"], runs: int, executors: "Executors", out: Pa
         raise fail(f"{error}; run one of them alone with --only", EmulatorExitStatus.INTERNAL) from None
     took = time.monotonic() - begin
     summaries = [summarise(study, each, study.judge(-1)) for study, each in zip(studies, judged, strict=True)]
+    made = [(summary, tables(summary, shlex.join(_repeat(summary, options)))) for summary in summaries]
     whole = {"studies": [document(summary) for summary in summaries]}
     if out is not None:
-        _keep(out, summaries, whole)
+        _keep(out, made, whole)
     if as_json:
         print_json(whole)
     else:
-        for summary in summaries:
-            _show(summary)
+        for summary, each in made:
+            typer.echo(f"\n{summary.title}")
+            for one in each:
+                show(one)
     typer.echo(f"{runs * len(studies)} runs in {took:.1f} s, by {executors.name}", err=True)
 
 
-def _keep(out: Path, summaries: Sequence["Summary"], whole: Mapping[str, object]) -> None:
+def _repeat(summary: "Summary", options: Mapping[str, object]) -> list[str]:
+    """Return the command that repeats the worst plant: the options that were given, and the plant."""
+    study = summary.study
+    chosen = {"--experiment": "line-motion"} if study.axis is None else {"--axis": study.axis}
+    given = {name: value for name, value in options.items() if value is not None}
+    words = given | chosen | {"--seed": study.seed, "--only": summary.worst["index"]}
+    return ["plant-emulator", "robustness", *(str(word) for pair in words.items() for word in pair)]
+
+
+def _keep(out: Path, made: "Sequence[tuple[Summary, list[ReportTable]]]", whole: Mapping[str, object]) -> None:
     """Write the result files.
 
-    They are one JSON document and one figure of all studies, and a table of draws for each.
+    They are one page and one JSON document of all studies, and a table of draws for each.
     """
     import json
 
     from drive_profiles.files.safefile import write_atomically
-    from plant_emulator.studies.figure import figure_svg
+    from plant_emulator.studies.page import write_page
     from plant_emulator.studies.summary import draws_csv
 
     text = json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     write_atomically(out / "robustness.json", text.encode(), force=True)
-    for summary in summaries:
-        name = "draws.csv" if len(summaries) == 1 else f"draws-axis{summary.study.axis}.csv"
+    for summary, _ in made:
+        name = "draws.csv" if len(made) == 1 else f"draws-{summary.study.name}.csv"
         write_atomically(out / name, draws_csv(summary).encode(), force=True)
-    write_atomically(out / "robustness.svg", figure_svg(summaries).encode(), force=True)
+    write_page(out / "report.html", made)
     typer.echo(f"files in {out}", err=True)
-
-
-def _show(summary: "Summary") -> None:
-    from plant_emulator.studies.figure import title
-    from plant_emulator.studies.summary import PERCENTILES
-
-    study, unit = summary.study, "%" if summary.is_by_area else "mm"
-    limit = f"area −{study.area_reduction_percent:g} % or more" if summary.is_by_area else f"tip peak ≤ {study.tip_mm:g} mm"
-    rows: list[tuple[str, ...]] = [
-        (f"meets the specification, {limit}", *_fraction_cells(summary.meeting)),
-        ("stable", *_fraction_cells(summary.stable)),
-    ]
-    rows += [(f"  not: {fault}", str(count), "", "") for fault, count in summary.faults.items()]
-    table(title(summary), ("", "plants", "share", "95 % interval"), rows)
-    heads = tuple(f"{percent} %" for percent in PERCENTILES)
-    values = tuple(_number(summary.percentiles[percent]) for percent in PERCENTILES)
-    own, furthest = (_number(study.result(each)) for each in (summary.nominal, summary.worst))
-    name = "reduction of the area" if summary.is_by_area else "tip peak"
-    table("", (f"{name} in {unit}", "robot file", *heads, "worst"), [(f"seed {study.seed}", own, *values, furthest)])
-    if summary.influences:
-        count = max(SHOWN, sum(each.is_clear for each in summary.influences))
-        rows = [_influence(each) for each in summary.influences[:count]]
-        table("", ("unknown", "rank correlation", "95 % interval", "coefficient", "beyond chance"), rows)
-        if summary.explained is not None:
-            typer.echo(f"A linear regression over all unknowns explains {100.0 * summary.explained:.0f} % of the variance.")
-    worst = summary.worst
-    strongest = [each.name for each in summary.influences[:5]]
-    drawn = ", ".join(f"{name} {worst[name]:.4g}" for name in strongest)
-    chosen = "--experiment line-motion" if study.axis is None else f"--axis {study.axis}"
-    typer.echo(f"Worst: plant {worst['index']} of seed {study.seed}{': ' if drawn else ''}{drawn}")
-    typer.echo(f"  repeat it with: {chosen} --seed {study.seed} --only {worst['index']}")
-
-
-def _fraction_cells(fraction: "RunFraction") -> tuple[str, str, str]:
-    return (
-        str(fraction.count),
-        f"{100.0 * fraction.fraction:.1f} %",
-        f"{100.0 * fraction.low:.1f} … {100.0 * fraction.high:.1f} %",
-    )
-
-
-def _influence(each: "Influence") -> tuple[str, ...]:
-    coefficient = "–" if each.coefficient is None else f"{each.coefficient:+.2f}"
-    return (
-        each.label,
-        f"{each.correlation:+.2f}",
-        f"{each.low:+.2f} … {each.high:+.2f}",
-        coefficient,
-        "yes" if each.is_clear else "no",
-    )
-
-
-def _number(value: float) -> str:
-    return f"{value:.4g}"
 
 
 def _one(studies: Sequence["Study"], index: int, out: Path | None, *, as_json: bool) -> None:
     """Simulate one plant again, and save its run to a folder."""
     from drive_profiles.files.safefile import write_atomically
     from plant_emulator.studies.summary import run_document
+    from plant_emulator.studies.tables import plant
 
     documents = []
     for study in studies:
         row = study.judge(index)
         documents.append({"axis": study.axis, "seed": study.seed, **run_document(study, row)})
         if out is not None:
-            where = "line" if study.axis is None else f"axis{study.axis}"
-            path = out / f"run-{where}-{index}.csv"
+            path = out / f"run-{study.name}-{index}.csv"
             write_atomically(path, _run_csv(study, index).encode(), force=True)
             typer.echo(f"run in {path}", err=True)
         if not as_json:
-            found = [(words, _number(value)) for name, words in RESULT_WORDS.items() if isinstance(value := row[name], float)]
-            found += [
-                ("stable", f"no: {str(row['faults']).replace(' ', ', ')}" if row["faults"] else "yes"),
-                ("meets the specification", "yes" if row["meets"] else "no"),
-            ]
-            moved = "line motion" if study.axis is None else f"axis {study.axis}"
-            table(f"{moved}, plant {index} of seed {study.seed}", ("", ""), found)
-            table("", ("drawn", ""), [(unknown.name, f"{row[unknown.name]:.4g}") for unknown in study.unknowns])
+            show(plant(study, row, study.unknowns))
     if as_json:
         print_json({"runs": documents})
 

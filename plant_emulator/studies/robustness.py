@@ -175,6 +175,16 @@ class Study:
         return self.robot.chain_axes if self.axis is None else (self.axis,)
 
     @property
+    def name(self) -> str:
+        """Name in files: `line`, or the axis."""
+        return "line" if self.axis is None else f"axis{self.axis}"
+
+    @property
+    def words(self) -> str:
+        """The motion in words."""
+        return "line motion" if self.axis is None else f"axis {self.axis}, constant acceleration"
+
+    @property
     def is_by_area(self) -> bool:
         """True if the study is judged by the spectrum's area.
 

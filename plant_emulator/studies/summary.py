@@ -83,9 +83,10 @@ class Summary:
     worst: Row
 
     @property
-    def is_by_area(self) -> bool:
-        """True if the study is judged by the spectrum's area."""
-        return self.study.is_by_area
+    def title(self) -> str:
+        """The study in words."""
+        notch = "with" if any(self.study.filters.values()) else "without"
+        return f"{self.study.words}, {notch} notch, {len(self.judged)} plants"
 
     @property
     def results(self) -> Real:
@@ -223,7 +224,7 @@ def document(summary: Summary) -> dict[str, Any]:
         "sync_period_s": study.robot.sync_period_s,
         "f_al_hz": study.f_al_hz,
         "specification": {"area_reduction_percent": study.area_reduction_percent}
-        if summary.is_by_area
+        if study.is_by_area
         else {"tip_peak_mm": study.tip_mm},
         "gains": {str(number): asdict(cascade) for number, cascade in study.cascades.items()},
         "filters": {str(number): [asdict(notch) for notch in notches] for number, notches in study.filters.items()},

@@ -34,13 +34,14 @@ def run_fraction(count: int, runs: int) -> RunFraction:
 def fraction_text(count: int, whole: int) -> str:
     """Return a fraction with its interval as text.
 
-    >>> fraction_text(95, 100), fraction_text(0, 0)
-    ('95 of 100, 95 % (89–98)', '0 of 0')
+    >>> fraction_text(95, 100), fraction_text(300, 300), fraction_text(0, 0)
+    ('95 of 100, 95 % (89–98)', '300 of 300, 100 % (99–100)', '0 of 0')
     """
     if not whole:
         return "0 of 0"
     found = run_fraction(count, whole)
-    return f"{count} of {whole}, {100.0 * found.fraction:.3g} % ({100.0 * found.low:.2g}–{100.0 * found.high:.2g})"
+    low, high = (float(f"{100.0 * end:.2g}") for end in (found.low, found.high))  # 100, not 1e+02
+    return f"{count} of {whole}, {100.0 * found.fraction:.3g} % ({low:g}–{high:g})"
 
 
 def percentiles(values: Sequence[float] | NDArray[np.float64], percents: Iterable[int] = SHOWN_PERCENT) -> dict[int, float]:

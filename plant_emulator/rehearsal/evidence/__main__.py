@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 from drive_profiles.files.safefile import write_atomically
-from hil.report.report_table import markdown
 from plant_emulator.rehearsal.evidence.recordings import record, recorded_robots
 from plant_emulator.rehearsal.evidence.replay import replayed
 from plant_emulator.rehearsal.evidence.table import errors_table
@@ -42,7 +41,7 @@ def _main(given: argparse.Namespace) -> None:
     before = [] if given.before is None else json.loads(given.before.read_text(encoding="utf-8"))
     if given.rows is not None:
         write_atomically(given.rows, json.dumps(rows, indent=1, ensure_ascii=False).encode(), force=True)
-    sys.stdout.write(f"{markdown(errors_table(rows, before))}\n")
+    sys.stdout.write(f"{errors_table(rows, before).markdown()}\n")
 
 
 if __name__ == "__main__":

@@ -1,31 +1,25 @@
-"""The page of a rehearsal, one self-contained HTML file.
-
-It has the style of all pages.
-"""
+"""The page of a rehearsal."""
 
 from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
+from hil.counting import counted
 from hil.report import style
-from hil.report.origin import Origin
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
-from hil.report.report_table import ReportTable
-from hil.report.style import Drawing
+from hil.report.pages.page import PageVerdict, Section
 from plant_emulator.rehearsal.many import figures, tables
-from plant_emulator.rehearsal.many.claims import RehearsalClaim, claims_of
+from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.figures import kinds_of
 from plant_emulator.rehearsal.many.reading import is_quiet, of_kind
 from plant_emulator.rehearsal.many.seeds import spans_text
 from plant_emulator.rehearsal.many.wording import KIND_NAMES
+from plant_emulator.trials import page
 from plant_emulator.trials.rows import Row, text
 
-EMULATED = Origin("emulated", "Emulated robots: nothing on this page was measured on a real one.", is_emulated=True)
 
-
-def write_page(path: Path, rows: Sequence[Row]) -> Path:
-    """Write the page of these rows' robots, at least one.
+def write_page(path: Path, rows: Sequence[Row], found: Sequence[RehearsalClaim], chapters: list[Section]) -> Path:
+    """Write the page of these rows' robots or arms, at least one.
 
     Raises:
         OSError: The page cannot be written.
@@ -33,32 +27,25 @@ def write_page(path: Path, rows: Sequence[Row]) -> Path:
     """
     if not rows:
         raise ValueError("no robot has a result: there is nothing to show; run the rehearsal first")
-    found = claims_of(rows)
-    with style.styled():
-        chapters = sections(rows, found)
-    robots = f"{len(rows)} robots" if len(rows) > 1 else "one robot"
-    head = PageHead(
-        f"{robots} drawn by seed",
-        heading="The documented path, rehearsed",
-        subtitle="Each robot went through the documented path without manual edits, from a bench file without its parameters",
-        origin=EMULATED,
-        is_bench=False,
+    words = (
+        "The documented path, rehearsed",
+        f"{counted(len(rows), 'robot')} drawn by seed",
+        "Each robot went through the documented path without manual edits, from a bench file without its parameters",
     )
-    return render(path, head, verdict(rows, found), chapters, provenance=provenance(rows))
+    return page.write_page(path, words, verdict(rows, found), chapters, provenance(rows))
 
 
 def sections(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> list[Section]:
     """Return all chapters with data."""
-    chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
-        ("result", "Result", [tables.claims(found), figures.tips(rows), tables.tips(rows), figures.before_and_after(rows)]),
-        ("path", "Steps", [figures.steps(rows), tables.steps(rows), tables.causes(rows), figures.facts(rows)]),
-        ("honesty", "Estimates", [figures.errors(rows), tables.estimates(rows)]),
-        ("safety", "Never worse", [tables.worse(rows), tables.probes(rows)]),
-        ("time", "Cost", [figures.cost(rows), tables.cost(rows)]),
-        ("which", "Robots", [tables.robots(rows)]),
-    ]
-    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
-    return [section for section in filled if section.items]
+    with style.styled():
+        return page.sections((
+            ("result", "Result", [tables.claims(found), figures.tips(rows), tables.tips(rows), figures.before_and_after(rows)]),
+            ("path", "Steps", [figures.steps(rows), tables.steps(rows), tables.causes(rows), figures.facts(rows)]),
+            ("honesty", "Estimates", [figures.errors(rows), tables.estimates(rows)]),
+            ("safety", "Never worse", [tables.worse(rows), tables.probes(rows)]),
+            ("time", "Cost", [figures.cost(rows), tables.cost(rows)]),
+            ("which", "Robots", [tables.robots(rows)]),
+        ))  # fmt: skip
 
 
 def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict:
@@ -73,7 +60,7 @@ def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict
         for kind in kinds_of(rows)
         if (own := of_kind(rows, kind))
     )
-    details = [quiet, *(f"{each.name}: {each.measured}; required: {each.asked}" for each in failed)]
+    details = [*([quiet] if quiet else []), *(f"{each.name}: {each.measured}; required: {each.asked}" for each in failed)]
     if open_:
         details.append(f"Not judged, with too few robots: {'; '.join(each.name for each in open_)}")
     judged = len(found) - len(open_)
@@ -88,10 +75,10 @@ def provenance(rows: Sequence[Row]) -> list[tuple[str, str]]:
     versions = Counter(text(row, "version") for row in rows if text(row, "version"))
     ways = {True: "over the bus", False: "in one process, without frames"}
     over = [ways[value] for value in (False, True) if any(row.get("over_bus") is value for row in rows)]
-    by_kind = ((kind, [row["seed"] for row in of_kind(rows, kind)]) for kind in kinds_of(rows))
+    by_kind = [(KIND_NAMES[kind], of_kind(rows, kind)) for kind in kinds_of(rows)] or [("Arms", rows)]
     return [
-        *((KIND_NAMES[kind], f"seeds {_spans(seeds)}") for kind, seeds in by_kind),
-        ("Path", " and ".join(over) or "not known"),
+        *((name, f"seeds {_spans([row['seed'] for row in own])}") for name, own in by_kind),
+        *([("Path", " and ".join(over))] if over else []),
         ("Version", " and ".join(f"{name} ({count} robots)" for name, count in versions.items()) or "not known"),
     ]
 

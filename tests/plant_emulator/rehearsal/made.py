@@ -1,5 +1,7 @@
 """Rows as walks give them, made by the record of a walk itself: a robot that is cured, and what may differ."""
 
+from plant_emulator.rehearsal.many.claims import claims_of
+from plant_emulator.rehearsal.many.page import sections, write_page
 from plant_emulator.rehearsal.many.rows import WALKED
 from plant_emulator.rehearsal.record import FACTS, STEPS, PathRecord, ProbeRecord, QuantityRecord, StepRecord
 from plant_emulator.trials.rows import plain
@@ -61,3 +63,9 @@ def refused(seed, words, kind="linear", causes=(), **differs):
     """A row of a robot whose error was not identified: with these words and causes, by both steps that could."""
     ended = {**REFUSED, "design": "refused", "notch_designed": "skipped"}
     return row(seed, kind, ended=ended, words={"ate": words, "learn": words}, causes={"ate": causes, "learn": causes}, **differs)
+
+
+def page_of(path, rows):
+    """Write the page of robots; return its path."""
+    found = claims_of(rows)
+    return write_page(path, rows, found, sections(rows, found))

@@ -12,7 +12,6 @@ from hil.bench.model import Identified, IdentifiedError
 from hil.errors import InterruptedRunError
 from hil.experiments.motions import line_motion
 from hil.master.session import Session
-from hil.report.report_table import markdown
 from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.arms.conditions import NAMES, conditions_of, with_payload
 from plant_emulator.rehearsal.arms.path import REFERENCE_SEED, arm_of, run_arm_seed
@@ -83,7 +82,7 @@ def test_claims_and_table_count_arms_that_are_quiet_and_worse() -> None:
     shown = {str(cells[0]): [str(cell) for cell in cells[1:]] for cells in arm_tips(rows).rows}
     assert shown["a line beside it"] == ["0.4000", "0.0080", "0.5000", "0.0040", "2 of 3", "1"]
     assert shown["without the payload"][-1] == "0"
-    assert "a line beside it" in markdown(arm_tips(rows))
+    assert "a line beside it" in arm_tips(rows).markdown()
 
 
 @pytest.mark.slow

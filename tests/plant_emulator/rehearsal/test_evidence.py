@@ -4,7 +4,6 @@ import pytest
 
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
-from hil.report.report_table import markdown
 from plant_emulator.rehearsal.evidence import recordings
 from plant_emulator.rehearsal.evidence.recordings import HELD_OUT_FROM, record, recorded_robots
 from plant_emulator.rehearsal.evidence.replay import REPLAYED, replayed
@@ -29,7 +28,7 @@ def test_a_replay_gives_what_the_bus_gave_and_its_truth_is_the_drawn_robots(tmp_
             assert row[f"{name}_true"] == getattr(kept.robot.axis[axis].apparent_ate, name)
     assert row["ramps_arm_hz_estimate"] == pytest.approx(known.ate.arm_hz, rel=1e-5)
     assert row["antiresonance_hz_estimate"] == known.plant.antiresonance_hz
-    again = markdown(errors_table([row], [row]))
+    again = errors_table([row], [row]).markdown()
     assert "linear: 1 robots, 0 without an estimate" in again
     assert "| a2_arcsec | 1 (1) |" in again
 

@@ -3,12 +3,11 @@
 import pytest
 
 from hil.report import palette
-from hil.report.report_table import markdown
 from plant_emulator.rehearsal.many import tables
 from plant_emulator.rehearsal.many.claims import claims_of
 from plant_emulator.rehearsal.many.page import write_page
 from plant_emulator.rehearsal.many.rows import crashed
-from tests.plant_emulator.rehearsal.made import refused, row
+from tests.plant_emulator.rehearsal.made import page_of, refused, row
 
 QUANTITIES = {"a2_arcsec": (20.0, 20.1, 0.1), "phi2_deg": (359.0, 1.0, 1.0)}
 WORDS = "not identified: <hysteresis> of 0.8 N·m"
@@ -27,7 +26,7 @@ def robots():
 
 @pytest.fixture(scope="module")
 def page(robots, tmp_path_factory):
-    return write_page(tmp_path_factory.mktemp("page") / "report.html", robots).read_text(encoding="utf-8").replace("&nbsp;", " ")
+    return page_of(tmp_path_factory.mktemp("page") / "report.html", robots).read_text(encoding="utf-8").replace("&nbsp;", " ")
 
 
 @pytest.mark.slow
@@ -67,13 +66,13 @@ def test_the_robot_that_was_made_worse_is_named_with_its_order(page):
 
 
 def test_one_robot_that_broke_makes_a_page_too(tmp_path):
-    text = write_page(tmp_path / "report.html", [{"kind": "linear"} | dict(crashed(8))]).read_text(encoding="utf-8")
+    text = page_of(tmp_path / "report.html", [{"kind": "linear"} | dict(crashed(8))]).read_text(encoding="utf-8")
     assert "its process died 2 times" in text
 
 
 def test_no_robot_makes_no_page(tmp_path):
     with pytest.raises(ValueError, match="no robot has a result"):
-        write_page(tmp_path / "report.html", [])
+        write_page(tmp_path / "report.html", [], [], [])
 
 
 @pytest.mark.slow
@@ -81,20 +80,20 @@ def test_a_thousand_robots_make_a_page_that_a_browser_likes(tmp_path):
     """A figure has percentiles instead of the deviations of all, and the lists of robots end."""
     rows = [row(seed, "linear" if seed % 2 else "real", quantities=QUANTITIES, cpu_s=0.01 * seed) for seed in range(1000)]
     rows += [refused(1000 + seed, WORDS) for seed in range(200)]
-    assert write_page(tmp_path / "report.html", rows).stat().st_size < 1_000_000
+    assert page_of(tmp_path / "report.html", rows).stat().st_size < 1_000_000
 
 
 @pytest.mark.slow
 def test_the_same_robots_make_the_same_page(robots, tmp_path):
-    first, second = (write_page(tmp_path / name, robots).read_bytes() for name in ("a.html", "b.html"))
+    first, second = (page_of(tmp_path / name, robots).read_bytes() for name in ("a.html", "b.html"))
     assert first == second
 
 
 def test_a_table_in_markdown_keeps_its_columns_and_its_headings(robots):
-    lines = markdown(tables.steps(robots)).splitlines()
+    lines = tables.steps(robots).markdown().splitlines()
     assert lines[0] == "| Step | Done | Noted | Refused | Stopped | Crashed | Skipped |"
     assert {line.count("|") for line in lines} == {8}
     assert lines[2].startswith("| **Linear gears: 3 robots** |")
     for table in (tables.claims(claims_of(robots)), tables.estimates(robots), tables.causes(robots)):
-        lines = markdown(table).replace("\\|", "").splitlines()
+        lines = table.markdown().replace("\\|", "").splitlines()
         assert {line.count("|") for line in lines} == {len(table.header) + 1}

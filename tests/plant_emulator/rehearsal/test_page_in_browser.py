@@ -3,9 +3,8 @@
 import pytest
 
 from hil.report import palette
-from plant_emulator.rehearsal.many.page import write_page
 from tests.hil.report.browser import CHROMIUM, Browser
-from tests.plant_emulator.rehearsal.made import refused, row
+from tests.plant_emulator.rehearsal.made import page_of, refused, row
 
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine (Debian: apt-get install chromium)"),
@@ -21,7 +20,7 @@ def page(tmp_path_factory):
         refused(21, "a word that is " + "very " * 100 + "long", "linear"),
         refused(22, "a/" + "rehearsal/" * 7 + "model.toml: not there", "real"),
     ]
-    return write_page(tmp_path_factory.mktemp("page") / "report.html", rows)
+    return page_of(tmp_path_factory.mktemp("page") / "report.html", rows)
 
 
 @pytest.fixture(scope="module")

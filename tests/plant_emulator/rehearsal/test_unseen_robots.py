@@ -4,12 +4,12 @@ import pytest
 
 from plant_emulator.rehearsal.many.claims import claims_of
 from plant_emulator.rehearsal.many.one import BOTH, run_seed
-from plant_emulator.rehearsal.many.page import write_page
 from plant_emulator.rehearsal.many.reading import accepted, is_quiet, of_kind
 from plant_emulator.rehearsal.many.rows import crashed
 from plant_emulator.trials.executors import LocalProcesses
 from plant_emulator.trials.running import run_all
 from plant_emulator.trials.table import csv_text
+from tests.plant_emulator.rehearsal.made import page_of
 
 FIRST, ROBOTS = 10_041, 40
 """Seeds from here on are not used for anything else: a robot that was looked at is no test any more."""
@@ -44,7 +44,7 @@ def test_robots_that_nobody_has_seen_reach_the_numbers(tmp_path, seeds):
         run_all(seeds, run_seed, (BOTH, False, None, PROBED_EVERY), executors, rows.append, crashed)
     rows.sort(key=lambda row: row["seed"])
     (tmp_path / "robots.csv").write_text(csv_text(rows), encoding="utf-8")
-    write_page(tmp_path / "report.html", rows)
+    page_of(tmp_path / "report.html", rows)
     claims = {each.key: each for each in claims_of(rows)}
     missed = [
         f"{claims[key].words}: asked {claims[key].asked}, measured {claims[key].measured}"

@@ -29,12 +29,13 @@ from plant_emulator.robots.robot import REFERENCE, load_robot
 from plant_emulator.robots.tuning import REFERENCE_TUNING, Tuning, load_tuning, robot_tuning
 from plant_emulator.studies import summary as robustness_summary
 from plant_emulator.studies.closed_loop import frozen_laws, growth_per_s, linear_plant
-from plant_emulator.studies.figure import figure_svg
 from plant_emulator.studies.many import judge_all
+from plant_emulator.studies.page import write_page
 from plant_emulator.studies.robustness import RESULTS, Study
 from plant_emulator.studies.simulate import simulate
 from plant_emulator.studies.spread import AXIS_UNKNOWNS, SENSOR_UNKNOWNS, PlantSpread, drawn, drawn_axis, drawn_sensor, nominal
 from plant_emulator.studies.summary import document, draws_csv, influences, summarise
+from plant_emulator.studies.tables import tables
 from plant_emulator.trials.executors import LocalProcesses
 from plant_emulator.trials.statistics import run_fraction
 
@@ -312,7 +313,7 @@ def test_the_strongest_unknown_comes_first_and_what_is_unrelated_is_not_beyond_c
 
 
 @pytest.mark.ci
-def test_runs_that_cannot_be_measured_are_the_worst_and_json_still_takes_them():
+def test_runs_that_cannot_be_measured_are_the_worst_and_json_and_page_still_take_them(tmp_path):
     made, source = study(), np.random.default_rng(3)
     values = [drawn(made.unknowns, made.spread, source) for _ in range(100)]
     judged = fake(values, np.linspace(0.03, 0.06, 100))
@@ -324,7 +325,10 @@ def test_runs_that_cannot_be_measured_are_the_worst_and_json_still_takes_them():
     whole = json.loads(json.dumps(document(found), allow_nan=False))
     assert whole["worst"]["tip_peak_mm"] is None
     assert "inf" in draws_csv(found)
-    assert "<svg" in figure_svg([found])
+    page = write_page(tmp_path / "report.html", [(found, tables(found, "again"))]).read_text(encoding="utf-8")
+    assert "Worst: plant 7 of seed 1" in page
+    assert "∞" in page
+    assert 'class="verdict bad"' in page
 
 
 def test_shares_carry_wilsons_interval():
@@ -342,7 +346,7 @@ def test_with_too_few_runs_nothing_is_said_about_influences():
     assert found.influences == ()
     assert found.explained is None
     assert draws_csv(found).count("\n") == 4
-    assert figure_svg([found]) == figure_svg([found])
+    assert {each.key for each in tables(found, "again")} == {"criteria-axis2", "judged-axis2", "plant-axis2"}
 
 
 # ---- files
@@ -414,7 +418,7 @@ def test_equal_seeds_give_equal_runs_whatever_the_number_of_processes():
 
 
 @pytest.mark.slow
-def test_the_command_leaves_json_draws_and_a_figure_and_the_worst_plant_can_be_run_again(tmp_path):
+def test_the_command_leaves_json_draws_and_a_page_and_the_worst_plant_can_be_run_again(tmp_path):
     found = command("--axis", "2,3", "--runs", 20, "--jobs", 1, "--seed", 5, "--out", tmp_path, "--json")
     assert found.exit_code == 0, found.output
     whole = json.loads(found.stdout)
@@ -429,7 +433,14 @@ def test_the_command_leaves_json_draws_and_a_figure_and_the_worst_plant_can_be_r
     worst = max(rows, key=lambda row: float(row["tip_peak_mm"]))
     assert int(worst["index"]) == first["worst"]["index"]
     assert (tmp_path / "draws-axis3.csv").read_text().count("\n") == 21
-    assert (tmp_path / "robustness.svg").read_text().startswith("<?xml")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    for axis in (2, 3):
+        for key in ("figure", "criteria", "judged", "influences", "plant"):
+            assert f'id="{key}-axis{axis}"' in page
+    assert f"--axis 2 --seed 5 --only {worst['index']}</code> repeats it" in page
+    assert "nothing on this page was measured on a real one" in page
+    assert "<script" not in page
+    assert "src=" not in page
     again = command("--axis", 2, "--seed", 5, "--only", worst["index"], "--json", "--out", tmp_path)
     run = json.loads(again.stdout)["runs"][0]
     assert run["tip_peak_mm"] == first["worst"]["tip_peak_mm"]
