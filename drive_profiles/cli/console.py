@@ -11,6 +11,7 @@ import os
 import shutil
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from types import FrameType
@@ -68,6 +69,11 @@ def epilog(statuses: Iterable[ToolExitStatus], own: Mapping[ToolExitStatus, str]
     sentences = own or {}
     return f"Exit status: {'; '.join(f'{status:d} {sentences.get(status, status.sentence)}' for status in statuses)}."
 
+
+SAID_EVERY_S = 60.0
+"""Time between two lines of progress where there is no terminal."""
+RATE_OVER_S = 600.0
+"""Time over which a bar takes the rate: a step may take many seconds, and some many more."""
 
 EPILOG = epilog(status for status in ExitStatus if status is not ExitStatus.INTERNAL)
 """End of the tool's own help."""
@@ -153,21 +159,32 @@ def terminal_width(*, err: bool = False) -> int | None:
 
 
 @contextlib.contextmanager
-def progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar on standard error, if it is a terminal.
+def progress(label: str, total: int) -> Iterator[Callable[..., None]]:
+    """Show a progress bar on standard error; if it is no terminal, a line a minute.
 
-    Call the context's function with each number of finished steps.
+    Call the context's function with each number of finished steps, and with words about all of them if there are any.
     """
     if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
-        yield lambda count: None
+        begin = said = time.monotonic()
+        done = 0
+
+        def tell(count: int, words: str = "") -> None:
+            nonlocal done, said
+            done, now = done + count, time.monotonic()
+            if now - said >= SAID_EVERY_S:
+                said = now
+                left_min = (total - done) / done * (now - begin) / 60.0
+                typer.echo(", ".join(filter(None, (f"{label}: {done} of {total}", words, f"{left_min:.0f} min left"))), err=True)
+
+        yield tell
         return
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=RATE_OVER_S) as bar:
         task = bar.add_task(label, total=total)
-        yield lambda count: bar.advance(task, count)
+        yield lambda count, words="": bar.update(task, advance=count, description=words or label)
 
 
 def confirm(question: str, *, yes: bool) -> None:

@@ -2,13 +2,14 @@
 
 # ruff: noqa: PLC0415 - the executors are imported inside the command, so that --help stays quick
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drive_profiles.cli.console import fail
+from drive_profiles.cli.console import fail, progress
 from drive_profiles.processors import usable_processors
 from plant_emulator.cli.console import EmulatorExitStatus, exit_on_value_error
 
@@ -39,17 +40,23 @@ def executors_of(on: str | None, jobs: int | None) -> "Executors":
 
 
 @contextmanager
-def exit_without_executors(rest: Callable[[], str] = lambda: "") -> Iterator[None]:
-    """Turn the loss or refusal of executors into a message and an exit status.
+def trials(name: str, total: int, executors: "Executors", rest: Callable[[], str] = lambda: "") -> Iterator[Callable[..., None]]:
+    """Show the progress of trials; the loss or refusal of executors ends the command.
 
     Args:
+        name: The trials, in the plural.
+        total: Number of trials.
+        executors: Their executors.
         rest: End of the message of a loss: what was done, and how to go on.
     """
     from plant_emulator.trials.executors import ExecutorsLostError, ExecutorsRefusedError
 
+    begin = time.monotonic()
     try:
-        yield
+        with progress(name, total) as step:
+            yield step
     except ExecutorsRefusedError as error:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
     except ExecutorsLostError as error:
         raise fail("; ".join(filter(None, (str(error), rest()))), EmulatorExitStatus.BUS) from None
+    typer.echo(f"{name}: {total} in {time.monotonic() - begin:.1f} s, by {executors.name}", err=True)

@@ -5,11 +5,7 @@ The results go into one table and one report.
 
 # ruff: noqa: PLC0415 - numpy, scipy and the master are imported inside the command, so that --help stays quick
 
-import os
-import sys
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,7 +15,7 @@ from drive_profiles.cli.console import epilog, fail, print_json, table
 from drive_profiles.cli.entry import interrupted
 from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error, exit_on_value_error
 from plant_emulator.cli.fleet import KindName, KindOption, OutOption
-from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, exit_without_executors
+from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, trials
 
 if TYPE_CHECKING:
     from plant_emulator.rehearsal.many.claims import RehearsalClaim
@@ -48,11 +44,6 @@ EPILOG = epilog(
 ARMS = "arms"
 """What the settings of a rehearsal of arms have for a kind."""
 CLAIMS_FILE, PAGE_FILE = "claims.json", "report.html"
-SAID_EVERY_S = 60.0
-"""Time between two lines of progress where there is no terminal."""
-RATE_OVER_S = 600.0
-"""Time over which the rate is taken: a robot takes many seconds, and some many more."""
-
 SeedsOption = Annotated[str | None, typer.Option("--seeds", metavar="SEEDS", help="Seeds of the robots: 7, 1-1000, 1-40,50.")]
 ArmsOption = Annotated[
     bool, typer.Option("--arms", help="Whole arms: learn on their line, test on others; seed 0 is the reference arm.")
@@ -147,6 +138,7 @@ def _run_missing(
     """
     from plant_emulator.rehearsal.arms.path import run_arm_seed
     from plant_emulator.rehearsal.many.one import kind_of, run_seed
+    from plant_emulator.rehearsal.many.reading import is_quiet
     from plant_emulator.rehearsal.many.rows import crashed
     from plant_emulator.trials.running import run_all
 
@@ -156,21 +148,21 @@ def _run_missing(
         typer.echo(f"{len(seeds) - len(missing)} of {len(seeds)} robots are done already", err=True)
     if not missing:
         return
-    done = 0
+    done = quiet = 0
     files = str(kept.folder.resolve() / "files") if keep else None
 
     def kept_words() -> str:
         return f"{done} of {len(missing)} robots are done and kept; continue with --resume"
 
     try:
-        with exit_without_executors(kept_words), executors, _progress(len(missing)) as step:
+        with trials("robots" if kind else "arms", len(missing), executors, kept_words) as step, executors:
 
             def on_row(row: "Row") -> None:
-                nonlocal done
+                nonlocal done, quiet
                 seed = row["seed"]
                 kept.keep({"kind": kind_of(seed, kind)} | dict(row) if isinstance(seed, int) and kind is not None else row)
-                done += 1
-                step(row)
+                done, quiet = done + 1, quiet + is_quiet(row)
+                step(1, f"{quiet} of {done} within the goal")
 
             if kind is None:
                 run_all(missing, run_arm_seed, (files,), executors, on_row, crashed)
@@ -178,51 +170,6 @@ def _run_missing(
                 run_all(missing, run_seed, (kind, over_bus, files), executors, on_row, crashed)
     except KeyboardInterrupt as error:
         raise fail(f"{interrupted(error)}; {kept_words()}", EmulatorExitStatus.INTERRUPTED) from None
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[["Row"], None]]:
-    """Show progress on standard error.
-
-    A terminal gets a bar with rate and time left, other outputs a line a minute.
-    """
-    from plant_emulator.rehearsal.many.reading import is_quiet
-
-    begin, quiet, done = time.monotonic(), 0, 0
-
-    def words() -> str:
-        return f"{quiet} of {done} within the goal"
-
-    def rate() -> float:
-        return 60.0 * done / max(time.monotonic() - begin, 1e-3)
-
-    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
-        said = begin
-
-        def tell(row: "Row") -> None:
-            nonlocal quiet, done, said
-            quiet, done = quiet + is_quiet(row), done + 1
-            now = time.monotonic()
-            if now - said >= SAID_EVERY_S or done == total:
-                said = now
-                left = (total - done) / max(rate(), 1e-9)
-                typer.echo(f"{done} of {total} robots, {words()}, {rate():.2g} a minute, {left:.0f} min left", err=True)
-
-        yield tell
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=RATE_OVER_S) as bar:
-        task = bar.add_task("robots", total=total)
-
-        def show(row: "Row") -> None:
-            nonlocal quiet, done
-            quiet, done = quiet + is_quiet(row), done + 1
-            bar.update(task, advance=1, description=f"{words()}, {rate():.2g} a minute")
-
-        yield show
 
 
 def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False) -> None:

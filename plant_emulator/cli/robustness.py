@@ -6,14 +6,13 @@ It states the fraction that meets the specification, and the unknowns that matte
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
 import shlex
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from drive_profiles.cli.console import epilog, fail, print_json, progress
+from drive_profiles.cli.console import epilog, fail, print_json
 from hil.control.treatments import PlainTreatmentName, present_token
 from hil.control.treatments import treatment as treatment_named
 from plant_emulator.cli.console import (
@@ -26,7 +25,7 @@ from plant_emulator.cli.console import (
     exit_on_value_error,
     show,
 )
-from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, exit_without_executors
+from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, trials
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -250,13 +249,11 @@ def _many(
     from plant_emulator.studies.summary import document, summarise
     from plant_emulator.studies.tables import tables
 
-    begin = time.monotonic()
     try:
-        with exit_without_executors(), progress("plants", runs * len(studies)) as step:
+        with trials("plants", runs * len(studies), executors) as step:
             judged = judge_all(studies, runs, executors, step)
     except RuntimeError as error:
-        raise fail(f"{error}; run one of them alone with --only", EmulatorExitStatus.INTERNAL) from None
-    took = time.monotonic() - begin
+        raise fail(f"{error}; run it alone with --only", EmulatorExitStatus.INTERNAL) from None
     summaries = [summarise(study, each, study.judge(-1)) for study, each in zip(studies, judged, strict=True)]
     made = [(summary, tables(summary, shlex.join(_repeat(summary, options)))) for summary in summaries]
     whole = {"studies": [document(summary) for summary in summaries]}
@@ -269,7 +266,6 @@ def _many(
             typer.echo(f"\n{summary.title}")
             for one in each:
                 show(one)
-    typer.echo(f"{runs * len(studies)} runs in {took:.1f} s, by {executors.name}", err=True)
 
 
 def _repeat(summary: "Summary", options: Mapping[str, object]) -> list[str]:

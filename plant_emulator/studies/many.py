@@ -4,21 +4,21 @@ The result depends neither on the executors nor on their number.
 """
 
 from collections.abc import Callable, Sequence
-from itertools import chain
+from itertools import product
 
 from plant_emulator.studies.robustness import Study
 from plant_emulator.trials.executors import Executors
 from plant_emulator.trials.rows import Row, number
-from plant_emulator.trials.running import run_all
+from plant_emulator.trials.running import CRASHED_WORDS, run_all
 
-MOST_TOGETHER, SHARES = 50, 8
-"""Most plants of a task, and tasks per executor, so that all end together.
+MOST_TOGETHER = 50
+"""Most plants of a bundle.
 
-Each task prepares its study anew: 5 ms with a filter, where a plant takes 27 ms (medians of 15, one core of a two-core machine).
+Each bundle prepares its study anew: 5 ms with a filter; a plant takes 27 ms (medians of 15, one core of a two-core machine).
 """
 
-Chunk = tuple[int, int, int]
-"""Number of a study, its first plant, and the one after the last."""
+Plant = tuple[int, int]
+"""Number of a study, and index of a plant."""
 
 
 def judge_all(
@@ -34,29 +34,26 @@ def judge_all(
 
     Raises:
         ValueError: No runs.
-        RuntimeError: A process died twice at the same plants.
+        RuntimeError: A process died twice at the same plant.
         ExecutorsLostError: All executors are lost.
     """
     if runs < 1:
         raise ValueError(f"{runs} runs; at least 1 is needed")
     found: list[list[Row]] = [[] for _ in studies]
 
-    def keep(judged: tuple[int, list[Row]]) -> None:
-        found[judged[0]] += judged[1]
-        on_done(len(judged[1]))
+    def keep(judged: tuple[int, Row]) -> None:
+        found[judged[0]].append(judged[1])
+        on_done(1)
 
     with executors:
-        size = min(MOST_TOGETHER, max(1, len(studies) * runs // (SHARES * executors.capacity())))
-        chunks = (((number, first, min(first + size, runs)) for first in range(0, runs, size)) for number in range(len(studies)))
-        run_all(chain.from_iterable(chunks), _judge, (tuple(studies),), executors, keep, _crashed)
+        run_all(product(range(len(studies)), range(runs)), _judge, (tuple(studies),), executors, keep, _crashed, MOST_TOGETHER)
     return [sorted(each, key=lambda row: number(row, "index") or 0.0) for each in found]
 
 
-def _judge(chunk: Chunk, studies: Sequence[Study]) -> tuple[int, list[Row]]:
-    number, first, end = chunk
-    return number, [studies[number].judge(index) for index in range(first, end)]
+def _judge(plant: Plant, studies: Sequence[Study]) -> tuple[int, Row]:
+    number, index = plant
+    return number, studies[number].judge(index)
 
 
-def _crashed(chunk: Chunk) -> tuple[int, list[Row]]:
-    _, first, end = chunk
-    raise RuntimeError(f"the process that simulates plants {first} to {end - 1} died twice")
+def _crashed(plant: Plant) -> tuple[int, Row]:
+    raise RuntimeError(f"plant {plant[1]}: {CRASHED_WORDS}")

@@ -14,6 +14,9 @@ Key = TypeVar("Key", bound=Hashable)
 
 ATTEMPTS = 2
 """Processes that a task may cost before it counts as crashed."""
+CRASHED_WORDS = f"its process died {ATTEMPTS} times"
+SHARES = 8
+"""Bundles of tasks per executor at least, so that all end together."""
 
 
 def run_all(
@@ -23,6 +26,7 @@ def run_all(
     executors: Executors,
     on_result: Callable[[Result], None],
     crashed: Callable[[Key], Result],
+    most_together: int = 1,
 ) -> None:
     """Run a task for each key.
 
@@ -35,27 +39,32 @@ def run_all(
         executors: Executors of the tasks.
         on_result: Takes each result, and keeps it.
         crashed: Result of a key whose process died each time; it may raise.
+        most_together: Most tasks of a bundle, which gets the values once. After a death tasks go one by one.
 
     Raises:
         ExecutorsLostError: All executors are lost; the tasks that they had begun have no result.
     """
     waiting, deaths = deque(keys), Counter[Key]()
-    running: dict[Future[Result], Key] = {}
+    size = min(most_together, max(1, len(waiting) // (SHARES * executors.capacity())))
+    running: dict[Future[list[Result]], list[Key]] = {}
     while waiting or running:
-        for _ in range(min(len(waiting), executors.capacity() - len(running))):
-            key = waiting.popleft()
-            running[executors.submit(task, key, *values)] = key
+        for _ in range(executors.capacity() - len(running)):
+            if bundle := [waiting.popleft() for _ in range(min(len(waiting), 1 if deaths else size))]:
+                running[executors.submit(_run_bundle, task, bundle, values)] = bundle
         done, _ = wait(running, return_when=FIRST_COMPLETED)
         for future in done:
-            key = running.pop(future)
+            bundle = running.pop(future)
             try:
-                result = future.result()
+                results = future.result()
             except CancelledError:
                 raise ExecutorsLostError(executors.name) from None
             except executors.died:
-                deaths[key] += 1
-                if deaths[key] < ATTEMPTS:
-                    waiting.append(key)
-                    continue
-                result = crashed(key)
-            on_result(result)
+                deaths.update(bundle)
+                waiting.extend(key for key in bundle if deaths[key] < ATTEMPTS)
+                results = [crashed(key) for key in bundle if deaths[key] >= ATTEMPTS]
+            for result in results:
+                on_result(result)
+
+
+def _run_bundle(task: Callable[..., Result], bundle: list[Key], values: tuple[object, ...]) -> list[Result]:
+    return [task(key, *values) for key in bundle]

@@ -12,7 +12,7 @@ from pathlib import Path
 from drive_profiles.errors import FileError, Problem, RefusedError
 from drive_profiles.files.safefile import write_atomically
 from plant_emulator.trials.rows import Row, Value
-from plant_emulator.trials.running import ATTEMPTS
+from plant_emulator.trials.running import CRASHED_WORDS
 
 WALKED, BROKEN, CRASHED = "walked", "error", "crashed"
 """Ends of a robot's path: at its end, by an internal error, with its process."""
@@ -37,7 +37,7 @@ class RehearsalSettings:
 
 def crashed(seed: int) -> Row:
     """Return the row of a robot whose process died each time."""
-    return {"seed": seed, "walk": CRASHED, "walk_words": f"its process died {ATTEMPTS} times"}
+    return {"seed": seed, "walk": CRASHED, "walk_words": CRASHED_WORDS}
 
 
 class Kept:

@@ -455,7 +455,7 @@ def test_the_tables_say_shares_percentiles_influences_and_how_to_see_the_worst_a
     assert found.exit_code == 0, found.output
     for words in ("meets the specification, tip peak ≤ 0.05 mm", "stable", "95 %", "rank correlation", "Worst: plant", "--only"):
         assert words in found.stdout
-    assert "20 runs in" in found.stderr
+    assert "plants: 20 in" in found.stderr
     one = command("--axis", 3, "--only", 2)
     assert one.exit_code == 0
     assert "gear_stiffness_factor" in one.stdout
@@ -550,17 +550,19 @@ def test_ctrl_c_ends_the_command_and_its_workers(tmp_path):
 
 
 class Mortal:
-    """A study whose process dies of it."""
+    """A study whose process dies of plant 3."""
 
     def judge(self, index):
-        os.kill(os.getpid(), signal.SIGKILL)
+        if index == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return {"index": index}
 
 
 @pytest.mark.ci
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
-def test_plants_whose_process_dies_twice_end_the_study_and_are_named():
-    with pytest.raises(RuntimeError, match="plants 0 to 0 died twice"):
-        judge_all([Mortal()], 1, LocalProcesses(1))
+def test_the_plant_whose_process_dies_twice_ends_the_study_and_is_named():
+    with pytest.raises(RuntimeError, match="plant 3: its process died 2 times"):
+        judge_all([Mortal()], 40, LocalProcesses(1))
 
 
 def members(group):

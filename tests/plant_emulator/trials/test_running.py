@@ -73,6 +73,15 @@ def test_a_robot_whose_process_dies_again_is_recorded_as_crashed_and_the_others_
     assert len((tmp_path / "deaths").read_text()) == ATTEMPTS
 
 
+def test_of_a_bundle_whose_process_dies_only_the_mortal_robot_is_recorded_as_crashed(tmp_path):
+    found = []
+    with LocalProcesses(1) as executors:
+        run_all(range(1, 25), tasks.dies_always, (str(tmp_path), 3), executors, found.append, crashed, 50)
+    assert [row["seed"] for row in found if row["walk"] == CRASHED] == [3]
+    assert sorted(row["seed"] for row in found) == list(range(1, 25))
+    assert len((tmp_path / "deaths").read_text()) == ATTEMPTS
+
+
 def test_no_process_is_left_when_one_that_walks_is_not_wanted_any_more(tmp_path):
     def interrupted(row):
         raise KeyboardInterrupt
