@@ -9,7 +9,8 @@ from benchmarks.robots import bench_of, robot_of, swing
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.bus.medium import Timed, medium_for
+from plant_emulator.bus.medium import medium_for
+from plant_emulator.bus.timed import TimedBus
 from plant_emulator.world import World
 
 AXES, PERIOD_S, RUN_S = 3, 1e-3, 60.0
@@ -58,7 +59,7 @@ def memory(minutes: int = 10, *, bit_times: bool = True) -> list[str]:
 
 def _lost(medium: object) -> tuple[int | None, int | None]:
     """Frames that the wire has refused or lost, and those that it has carried; None without bit times."""
-    if not isinstance(medium, Timed):
+    if not isinstance(medium, TimedBus):
         return None, None
-    counts = medium._bus.wire.statistics
+    counts = medium.wire.statistics
     return counts.refused + counts.lost, counts.frames

@@ -10,7 +10,7 @@ from drive_profiles.address import LOCAL, Address
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.errors import BusLostError
 from hil.can.frame import Frame, frames_of, pack
-from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame, awaits_answer
+from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.medium import Instant, Medium
 from plant_emulator.world import World
 
@@ -132,7 +132,7 @@ class InProcessChannel:
         if not self._has_stranger:
             self._has_stranger = True
             self.medium.join(STRANGER)
-        self._deliver(self.medium.frame(STRANGER, frame, waits=awaits_answer(frame)))
+        self._deliver(self.medium.frame(STRANGER, frame))
 
     def hand_over(self, *frames: Frame) -> None:
         """Pass frames to the client alone.
@@ -152,7 +152,7 @@ class InProcessChannel:
         self._check()
         self._sent.append(frame)
         if frame.can_id != FunctionCode.SYNC:
-            self._deliver(self.medium.frame(FIRST_CLIENT, frame, waits=awaits_answer(frame)))
+            self._deliver(self.medium.frame(FIRST_CLIENT, frame))
             return
         self.syncs += 1
         self.on_sync(self.syncs)

@@ -3,17 +3,16 @@
 It is either instantaneous and in order, or a wire with bit times.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Protocol
 
 from hil.can import clock
 from hil.can.frame import Frame
 from plant_emulator.bus.heard import HeardFrame
-from plant_emulator.world import SECOND, World
+from plant_emulator.world import World
 
 if TYPE_CHECKING:  # a bus without bit times does not load them
     from plant_emulator.bus.faults import BusFaults
-    from plant_emulator.bus.timed import TimedBus
 
 NODES = 0
 """Port of all nodes together, where no bits are counted."""
@@ -54,14 +53,8 @@ class Medium(Protocol):
         """
         ...
 
-    def frame(self, port: int, frame: Frame, *, waits: bool) -> list[HeardFrame]:
-        """Send a client's frame that does not move the clock.
-
-        Args:
-            port: Port of the client.
-            frame: The frame.
-            waits: The client waits now: time may pass until the frame and its answers have ended.
-        """
+    def frame(self, port: int, frame: Frame) -> list[HeardFrame]:
+        """Send a client's frame that does not move the clock."""
         ...
 
     def idle(self) -> list[HeardFrame]:
@@ -71,10 +64,10 @@ class Medium(Protocol):
         """
         ...
 
-    def cycle(self, port: int, sync: Frame) -> Iterator[list[HeardFrame]]:
+    def cycle(self, port: int, sync: Frame) -> Iterable[list[HeardFrame]]:
         """Send the SYNC of the client that holds the clock.
 
-        Yields the frames until the next cycle, in parts that can be sent early.
+        Gives the frames until the next cycle, in parts that can be sent early.
         """
         ...
 
@@ -123,7 +116,7 @@ class Instant:
         """Advance to the next whole second."""
         return self._heard(self._world.begin_lock_step())
 
-    def frame(self, port: int, frame: Frame, *, waits: bool) -> list[HeardFrame]:
+    def frame(self, port: int, frame: Frame) -> list[HeardFrame]:
         """Deliver the frame and its answers at once.
 
         A SYNC that does not move the clock is worth no time.
@@ -160,83 +153,6 @@ class Instant:
         return [HeardFrame(frame, NODES, now) for frame in frames] if frames else []
 
 
-class Timed:
-    """Medium that is a wire, with or without bit times.
-
-    It runs in lock-step or by the wall clock.
-    """
-
-    def __init__(self, bus: "TimedBus", *, wall: bool) -> None:
-        """Put the wire between clients and world.
-
-        Args:
-            bus: World and wire.
-            wall: Time follows the wall clock; SYNC does not advance it.
-        """
-        self._bus = bus
-        self.clock = clock.WALL if wall else clock.LOCK_STEP
-        self.bitrate = bus.wire.bitrate
-        self._is_idle = True
-
-    def join(self, port: int) -> None:
-        """Attach a controller."""
-        self._bus.wire.attach(port)
-
-    def leave(self, port: int) -> None:
-        """Detach a controller; its queued frames are lost."""
-        self._bus.wire.detach(port)
-
-    @property
-    def due(self) -> int | None:
-        """Next instant at which a frame ends, or a node wakes."""
-        return self._bus.due
-
-    def free(self, until: int) -> list[HeardFrame]:
-        """Let time pass; return the delivered frames."""
-        return self._bus.free(until)
-
-    def begin_cycles(self) -> list[HeardFrame]:
-        """Advance to the next whole second."""
-        heard = self._bus.free(-(-self._bus.world.now // SECOND) * SECOND)
-        self._bus.begin_cycles()
-        return heard
-
-    def frame(self, port: int, frame: Frame, *, waits: bool) -> list[HeardFrame]:
-        """Queue the frame.
-
-        In lock-step time passes until it and its answers have ended, if the client waits; else it leaves with the next SYNC.
-        """
-        mark = self._bus.wire.mark
-        self._bus.offer(port, frame)
-        self._is_idle = False
-        return self._drained(mark) if waits else []
-
-    def idle(self) -> list[HeardFrame]:
-        """Let time pass until every waiting frame has been sent, answers included."""
-        return self._drained(self._bus.wire.mark)
-
-    def _drained(self, mark: int) -> list[HeardFrame]:
-        if self._is_idle or self.clock == clock.WALL:
-            return []
-        self._is_idle = True
-        return self._bus.drain(mark)
-
-    def cycle(self, port: int, sync: Frame) -> Iterator[list[HeardFrame]]:
-        """Let time pass up to the next cycle."""
-        self._is_idle = True
-        yield self._bus.cycle(port, sync, self._bus.world.period_ns)
-
-    def exchange(self, port: int, message: bytes) -> bytes | None:
-        """Let a whole cycle pass at once, where nothing disturbs it: see `TimedBus.exchange`."""
-        if self.clock == clock.WALL or not self._is_idle:
-            return None
-        return self._bus.exchange(port, message, self._bus.world.period_ns)
-
-    def finish_cycle(self) -> list[HeardFrame]:
-        """Return nothing: `exchange` lets the whole cycle pass."""
-        return []
-
-
 def medium_for(
     world: World,
     bitrate: int | None,
@@ -267,4 +183,4 @@ def medium_for(
     from plant_emulator.bus.wire import EmulatedWire  # noqa: PLC0415
 
     wire = EmulatedWire(bitrate, data_bitrate, faults=faults, now_ns=world.now)
-    return Timed(TimedBus(world, wire, round(1e9 * host_latency_s)), wall=wall)
+    return TimedBus(world, wire, round(1e9 * host_latency_s), wall=wall)

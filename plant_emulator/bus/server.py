@@ -18,7 +18,7 @@ from drive_profiles.standard.cia301 import FunctionCode
 from hil.can import clock
 from hil.can.frame import RECORD, Frame, frames_of, pack
 from plant_emulator.bus.clients import MAX_CLIENTS, Client, Listener
-from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame, awaits_answer
+from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.medium import Instant, Medium
 from plant_emulator.bus.stalls import LATE_NS, WallTime, spread, to_stderr
 from plant_emulator.world import SECOND, World
@@ -282,7 +282,7 @@ class Server:
             self._on_question(frame, sender)
             return
         if self._is_wall or frame.can_id != FunctionCode.SYNC or not sender.may_be_clock:
-            self._deliver(self.medium.frame(sender.port, frame, waits=awaits_answer(frame)))
+            self._deliver(self.medium.frame(sender.port, frame))
             return
         if self._clock is not sender:
             if self._clock is None:

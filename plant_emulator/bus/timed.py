@@ -6,12 +6,13 @@ Every frame takes its time there, and is received when it has ended.
 import contextlib
 from collections.abc import Callable
 
+from hil.can import clock
 from hil.can.bits import NOMINAL_BITS
 from hil.can.frame import MAX_DATA_LENGTH, Frame, frames_of, pack
 from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.rates import INTERMISSION_BITS
 from plant_emulator.bus.wire import EmulatedWire
-from plant_emulator.world import FREE_STEP_NS, World
+from plant_emulator.world import FREE_STEP_NS, SECOND, World
 
 MOST_BITS = 8 * MAX_DATA_LENGTH + NOMINAL_BITS + (8 * MAX_DATA_LENGTH + 34 - 1) // 4
 """A classic data frame with an 11-bit identifier at most: one stuff bit behind each four of its bits from SOF to the CRC."""
@@ -19,8 +20,15 @@ DRAIN_NS = 100_000_000
 """Longest wait of a frame outside of a SYNC cycle for a bus that others keep busy, in ns."""
 
 
+_PDOS, _HEARTBEATS = range(0x180, 0x580), range(0x700, 0x780)
+"""Process data and heartbeats in the predefined connection set (CiA 301, 7.3.3): no node answers them.
+
+All of a cycle leave with its SYNC, and the cycles keep their times. For any other frame the client waits.
+"""
+
+
 class TimedBus:
-    """The bus with bit times, sans IO.
+    """Medium that is a wire, with or without bit times, sans IO.
 
     Times are integer nanoseconds of the world's clock.
 
@@ -28,11 +36,15 @@ class TimedBus:
         world: Its nodes receive each frame at its end, and send from there.
         wire: The model of the bus.
         host_latency_ns: Time that a client's frame takes from its program to its controller.
+        wall: Time follows the wall clock; SYNC does not advance it.
     """
 
-    def __init__(self, world: World, wire: EmulatedWire, host_latency_ns: int = 0) -> None:
+    def __init__(self, world: World, wire: EmulatedWire, host_latency_ns: int = 0, *, wall: bool = False) -> None:
         """Join world and wire; no time passes."""
         self.world, self.wire = world, wire
+        self.clock = clock.WALL if wall else clock.LOCK_STEP
+        self.bitrate = wire.bitrate
+        self._is_idle = True
         for node in world.node_ids:
             wire.attach(node)
         self._nodes = frozenset(world.node_ids)
@@ -40,9 +52,17 @@ class TimedBus:
         self._latency_ns = host_latency_ns
         self._cycle_end_ns: int | None = None
 
+    def join(self, port: int) -> None:
+        """Attach a client's controller."""
+        self.wire.attach(port)
+
+    def leave(self, port: int) -> None:
+        """Detach a client's controller; its queued frames are lost."""
+        self.wire.detach(port)
+
     @property
     def due(self) -> int | None:
-        """Next instant at which something happens by itself."""
+        """Next instant at which a frame ends, or a node wakes."""
         dues = [due for due in (self.world.due, self.wire.due) if due is not None]
         return min(dues) if dues else None
 
@@ -124,11 +144,32 @@ class TimedBus:
         mark = self.wire.mark if mark is None else mark
         return self.run(self.world.now + DRAIN_NS, lambda: not self.wire.is_waiting(mark))
 
-    def begin_cycles(self) -> None:
-        """Let the next SYNC of the clock's holder begin a cycle."""
+    def begin_cycles(self) -> list[HeardFrame]:
+        """Advance to the next whole second; the next SYNC of the clock's holder begins a cycle."""
         self._cycle_end_ns = None
+        return self.free(-(-self.world.now // SECOND) * SECOND)
 
-    def exchange(self, port: int, message: bytes, period_ns: int) -> bytes | None:
+    def frame(self, port: int, frame: Frame) -> list[HeardFrame]:
+        """Offer a client's frame.
+
+        In lock-step time passes until it and its answers have ended, if the client waits; else it leaves with the next SYNC.
+        """
+        mark = self.wire.mark
+        self.offer(port, frame)
+        self._is_idle = False
+        return [] if frame[0] in _PDOS or frame[0] in _HEARTBEATS else self._drained(mark)
+
+    def idle(self) -> list[HeardFrame]:
+        """Let time pass until every waiting frame has been sent, answers included."""
+        return self._drained(self.wire.mark)
+
+    def _drained(self, mark: int) -> list[HeardFrame]:
+        if self._is_idle or self.clock == clock.WALL:
+            return []
+        self._is_idle = True
+        return self.drain(mark)
+
+    def exchange(self, port: int, message: bytes) -> bytes | None:
         """Let a cycle of plain drives pass, frames and answers at their times.
 
         It is what `offer` of each frame and `cycle` do, to the bit, while the bus is free of errors and all nodes only follow:
@@ -137,14 +178,15 @@ class TimedBus:
         Args:
             port: Port of the client that holds the clock.
             message: Records of its RPDOs, and of SYNC behind them.
-            period_ns: Time that SYNC is worth.
 
         Returns:
             Records of the frames that the client hears; None, and nothing has happened, if the frames must go one by one.
         """
         world, wire = self.world, self.wire
+        if self.clock == clock.WALL or not self._is_idle:
+            return None
         begin = world.now if self._cycle_end_ns is None else max(self._cycle_end_ns, world.now)
-        until, due, senders = begin + period_ns, world.due, world.senders(message)
+        until, due, senders = begin + world.period_ns, world.due, world.senders(message)
         if (
             senders is None
             or not wire.is_undisturbed
@@ -191,7 +233,11 @@ class TimedBus:
             wire.offer(node, frame, world.now)
         return b"".join(pack(frame) for frame, sender, _ in self.run(until) if sender != port)
 
-    def cycle(self, port: int, sync: Frame, period_ns: int) -> list[HeardFrame]:
+    def finish_cycle(self) -> list[HeardFrame]:
+        """Return nothing: `exchange` lets the whole cycle pass."""
+        return []
+
+    def cycle(self, port: int, sync: Frame) -> tuple[list[HeardFrame]]:
         """Queue the clock holder's SYNC, and let a period pass.
 
         The SYNC is queued after the client's other frames.
@@ -199,7 +245,8 @@ class TimedBus:
         The cycles never wait for the bus. Frames that do not fit stay in the queues and arrive in a later period; a full
         queue refuses them.
         """
+        self._is_idle = True
         begin = self.world.now if self._cycle_end_ns is None else max(self._cycle_end_ns, self.world.now)
         self.offer(port, sync)
-        self._cycle_end_ns = begin + period_ns
-        return self.run(self._cycle_end_ns)
+        self._cycle_end_ns = begin + self.world.period_ns
+        return (self.run(self._cycle_end_ns),)

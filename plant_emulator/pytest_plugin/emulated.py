@@ -11,7 +11,7 @@ from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.frame import Frame
 from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.bus.medium import Instant, Medium, Timed
+from plant_emulator.bus.medium import Instant, Medium
 from plant_emulator.bus.timed import TimedBus
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.drive.drive import Drive
@@ -111,7 +111,7 @@ class EmulatedRobot:
         self._wire: EmulatedWire | None = None
         if bitrate is not None:
             self._wire = EmulatedWire(bitrate, faults=interference.wire, now_ns=self.world.now)
-            medium = Timed(TimedBus(self.world, self._wire), wall=False)
+            medium = TimedBus(self.world, self._wire)
         interference.power_cycle = self._power_cycle
         interference.switch_bus_off = self._switch_bus_off
         self.channel = EmulatedChannel(self.world, medium, bitrate, interference)

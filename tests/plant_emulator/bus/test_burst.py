@@ -42,23 +42,23 @@ class TimedTwin(Twin):
 
     def cycle(self, *frames):
         together, (quick, slow) = [*frames, SYNC], self.buses
-        message, period_ns = b"".join(pack(frame) for frame in together), self.image.period_ns
-        answers = quick.exchange(FIRST_CLIENT, message, period_ns)
+        message = b"".join(pack(frame) for frame in together)
+        answers = quick.exchange(FIRST_CLIENT, message)
         if answers is None:
-            answers = self.one_by_one(quick, together, period_ns)
+            answers = self.one_by_one(quick, together)
         else:
             self.plain += 1
             answers = frames_of(answers)
-        assert answers == self.one_by_one(slow, together, period_ns)
+        assert answers == self.one_by_one(slow, together)
         self.compare()
         return answers
 
     @staticmethod
-    def one_by_one(bus, frames, period_ns):
+    def one_by_one(bus, frames):
         *rpdos, sync = frames
         for frame in rpdos:
             bus.offer(FIRST_CLIENT, frame)
-        return [each.frame for each in bus.cycle(FIRST_CLIENT, sync, period_ns) if each.port != FIRST_CLIENT]
+        return [each.frame for each in bus.cycle(FIRST_CLIENT, sync)[0] if each.port != FIRST_CLIENT]
 
     def compare(self):
         super().compare()

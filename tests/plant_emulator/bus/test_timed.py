@@ -7,7 +7,7 @@ from hil.can.bits import frame_bits
 from hil.can.frame import Frame
 from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.heard import FIRST_CLIENT
-from plant_emulator.bus.medium import Instant, Timed, medium_for
+from plant_emulator.bus.medium import Instant, medium_for
 from plant_emulator.bus.timed import TimedBus
 from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.robots.robot import load_robot
@@ -19,9 +19,9 @@ ROBOT = load_robot("reference")
 SDO_READ_TYPE = Frame(0x602, b"\x40\x00\x10\x00\x00\x00\x00\x00")
 
 
-def bus(bitrate=1_000_000, *, latency_ns=0, faults=None, cyclic=(2, 3, 5)):
+def bus(bitrate=1_000_000, *, latency_ns=0, faults=None, cyclic=(2, 3, 5), period_s=0.002):
     """A timed bus with one client; these nodes are operational and send their first TPDO with each SYNC."""
-    world = World(ROBOT)
+    world = World(ROBOT.model_copy(update={"sync_period_s": period_s}))
     made = TimedBus(world, EmulatedWire(bitrate, faults=faults), latency_ns)
     made.wire.attach(CLIENT)
     world.power_on()
@@ -59,7 +59,7 @@ def test_host_latency_comes_before_the_first_bit():
 def test_after_a_sync_the_answers_come_by_identifier_one_after_the_other_and_time_stops_at_the_next_beat():
     made = bus()
     began = made.world.now
-    heard = made.cycle(CLIENT, SYNC, 2_000_000)
+    [heard] = made.cycle(CLIENT, SYNC)
     assert [h.frame.can_id for h in heard] == [0x80, 0x182, 0x183, 0x185, 0x190]
     ends = [h.end_ns - began for h in heard]
     bits = [frame_bits(h.frame) for h in heard]
@@ -70,9 +70,9 @@ def test_after_a_sync_the_answers_come_by_identifier_one_after_the_other_and_tim
 def test_set_points_before_sync_do_not_move_the_beat():
     made = bus()
     began = made.world.now
-    made.cycle(CLIENT, SYNC, 2_000_000)
+    made.cycle(CLIENT, SYNC)
     made.offer(CLIENT, Frame(0x202, b"\x06\x00"))
-    heard = made.cycle(CLIENT, SYNC, 2_000_000)
+    [heard] = made.cycle(CLIENT, SYNC)
     assert [h.frame.can_id for h in heard[:2]] == [0x202, 0x80]
     assert heard[1].end_ns == began + 2_000_000 + 1000 * (frame_bits(heard[0].frame) + frame_bits(SYNC) - 3)
     assert made.world.now == began + 4_000_000
@@ -80,13 +80,13 @@ def test_set_points_before_sync_do_not_move_the_beat():
 
 @pytest.mark.parametrize(("bitrate", "fits"), [(1_000_000, True), (500_000, False), (250_000, False), (125_000, False)])
 def test_a_cycle_that_does_not_fit_lags_behind_its_beats_and_one_that_does_loses_nothing(bitrate, fits):
-    made = bus(bitrate)
+    made = bus(bitrate, period_s=0.001)
     answers = 0
     made.begin_cycles()
     for _ in range(200):
         for node in (2, 3, 5):
             made.offer(CLIENT, Frame(0x200 + node, b"\x06\x00"))
-        answers += sum(h.frame.can_id & 0x780 == 0x180 for h in made.cycle(CLIENT, SYNC, 1_000_000))
+        answers += sum(h.frame.can_id & 0x780 == 0x180 for h in made.cycle(CLIENT, SYNC)[0])
     if fits:
         assert answers == 4 * 200
         assert made.wire.statistics.refused == 0
@@ -98,11 +98,11 @@ def test_a_cycle_that_does_not_fit_lags_behind_its_beats_and_one_that_does_loses
 
 
 def test_nothing_is_kept_of_syncs_that_the_bus_refused():
-    made = bus(cyclic=())
+    made = bus(cyclic=(), period_s=0.001)
     kept = {name: len(value) for name, value in vars(made).items() if hasattr(value, "__len__")}
     made.wire.switch_off(CLIENT)
     for _ in range(20):
-        assert made.cycle(CLIENT, SYNC, 1_000_000) == []
+        assert made.cycle(CLIENT, SYNC) == ([],)
     assert made.wire.statistics.refused == 20
     assert {name: len(value) for name, value in vars(made).items() if hasattr(value, "__len__")} == kept
 
@@ -143,32 +143,30 @@ def test_what_can_be_on_no_bus_is_not_sent_and_harms_nobody():
 def test_the_simplest_medium_that_does_what_is_asked_for():
     world = World(ROBOT)
     assert isinstance(medium_for(world, None), Instant)
-    assert isinstance(medium_for(world, 500_000), Timed)
-    assert isinstance(medium_for(world, None, wall=True), Timed)
+    assert isinstance(medium_for(world, 500_000), TimedBus)
+    assert isinstance(medium_for(world, None, wall=True), TimedBus)
     assert medium_for(world, None, wall=True).bitrate is None
 
 
 @pytest.mark.ci
 def test_equal_worlds_behind_equal_wires_hear_equal_frames_at_equal_instants():
     def history():
-        made = bus(
-            500_000, faults=BusFaults([Fault("drop", probability=0.1), Fault("delay", delay_ns=50_000, probability=0.2)], seed=3)
-        )
-        return [h for _ in range(100) for h in made.cycle(CLIENT, SYNC, 1_000_000)]
+        faults = [Fault("drop", probability=0.1), Fault("delay", delay_ns=50_000, probability=0.2)]
+        made = bus(500_000, faults=BusFaults(faults, seed=3), period_s=0.001)
+        return [h for _ in range(100) for h in made.cycle(CLIENT, SYNC)[0]]
 
     assert history() == history()
 
 
 def test_a_heartbeat_of_the_client_leaves_with_its_next_sync_and_does_not_move_the_beat():
     made = bus()
-    medium = Timed(made, wall=False)
     for node in made.world._nodes:
         node.slave.dictionary.set(0x1006, 0, 2000)
-    list(medium.cycle(CLIENT, SYNC))
+    made.cycle(CLIENT, SYNC)
     beat = made.world.now
-    assert medium.frame(CLIENT, Frame(0x701, b"\5"), waits=False) == []
+    assert made.frame(CLIENT, Frame(0x701, b"\5")) == []
     assert made.world.now == beat
-    [heard] = medium.cycle(CLIENT, SYNC)
+    [heard] = made.cycle(CLIENT, SYNC)
     assert [h.frame.can_id for h in heard[:2]] == [0x701, 0x80]
     assert made.world.now == beat + 2_000_000
 
@@ -187,13 +185,12 @@ def test_what_was_delayed_before_does_not_stretch_the_beats_and_what_is_asked_is
     made = bus(
         faults=BusFaults([Fault("delay", can_id=0x182, delay_ns=40_000_000), Fault("delay", can_id=0x583, delay_ns=3_000_000)])
     )
-    medium = Timed(made, wall=False)
-    list(medium.cycle(CLIENT, SYNC))
+    made.cycle(CLIENT, SYNC)
     beat = made.world.now
-    heard = medium.frame(CLIENT, SDO_READ_TYPE, waits=True)
+    heard = made.frame(CLIENT, SDO_READ_TYPE)
     assert [h.frame.can_id for h in heard] == [0x602, 0x582]
     assert made.world.now < beat + 1_000_000
-    heard = medium.frame(CLIENT, Frame(0x603, SDO_READ_TYPE.data), waits=True)
+    heard = made.frame(CLIENT, Frame(0x603, SDO_READ_TYPE.data))
     assert [h.frame.can_id for h in heard] == [0x603, 0x583]
     assert beat + 3_000_000 < made.world.now < beat + 4_000_000
     late = made.free(beat + 50_000_000)
@@ -212,7 +209,7 @@ def test_on_a_fd_bus_a_cycle_takes_less_time_than_on_a_classic_one():
             dictionary.write(0x1800, 1, (0x8000_0180 + node).to_bytes(4, "little"))
             dictionary.write(0x1800, 2, b"\1")
             dictionary.write(0x1800, 1, (0x180 + node).to_bytes(4, "little"))
-            medium.frame(CLIENT, Frame(0, bytes((NmtCommand.START, node))), waits=True)
+            medium.frame(CLIENT, Frame(0, bytes((NmtCommand.START, node))))
         medium.begin_cycles()
         began = world.now
         [heard] = medium.cycle(CLIENT, SYNC)
@@ -231,6 +228,6 @@ def test_an_sdo_block_sent_at_once_finds_room_on_a_slow_bus():
     medium.join(CLIENT)
     heard = []
     for number in range(127):  # the most segments of a block (CiA 301, 7.2.4.3.9)
-        heard += medium.frame(CLIENT, Frame(0x1FF, bytes((number,))), waits=False)
+        heard += medium.frame(CLIENT, Frame(0x1FF, bytes((number,))))
     heard += medium.idle()
     assert [frame.data[0] for frame, port, _ in heard if port == CLIENT] == list(range(127))

@@ -7,7 +7,8 @@ from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.bus.medium import Timed, medium_for
+from plant_emulator.bus.medium import medium_for
+from plant_emulator.bus.timed import TimedBus
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 from tests.bench.fault_rig import T_S, bench
@@ -27,7 +28,7 @@ def run(tmp_path_factory):
     def made(faults=None, seed=0, data_bitrate=None):
         world = World(load_robot("reference"))
         medium = medium_for(world, RATE, data_bitrate, faults=None if faults is None else BusFaults(faults, seed))
-        assert isinstance(medium, Timed)
+        assert isinstance(medium, TimedBus)
         wire = medium._bus.wire
         ends = []
         channel = InProcessChannel(world, medium)
