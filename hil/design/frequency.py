@@ -80,11 +80,14 @@ class TwoInertia:
             1.0 + self.arm_inertia_kg_m2 / (self.reduction_ratio**2 * self.motor_inertia_kg_m2)
         )
 
-    def state_space(self) -> tuple[Real, Real]:
+    def state_space(self, torque_lag_s: float = 0.0) -> tuple[Real, Real]:
         """Matrices of the state space, from torque to motor and arm.
 
         ẋ = A x + B τ with A (4, 4) and B (4,)
         x = (θ_m, θ̇_m, N θ_l, N θ̇_l): the arm is referred to the motor.
+
+        Args:
+            torque_lag_s: Time constant of the torque behind its demand; if it has one, the torque is a fifth state.
         """
         n2 = self.reduction_ratio**2
         k, d = self.gear_stiffness_nm_rad / n2, self.gear_damping_nm_s_rad / n2
@@ -97,7 +100,11 @@ class TwoInertia:
                 [k / jl, d / jl, -k / jl, -(d + self.arm_damping_nm_s_rad / n2) / jl],
             ]
         )
-        return a, np.array([0.0, 1.0 / jm, 0.0, 0.0])
+        b = np.array([0.0, 1.0 / jm, 0.0, 0.0])
+        if not torque_lag_s > 0.0:
+            return a, b
+        lagged = np.block([[a, b[:, np.newaxis]], [np.zeros((1, 4)), np.full((1, 1), -1.0 / torque_lag_s)]])
+        return lagged, np.array([0.0, 0.0, 0.0, 0.0, 1.0 / torque_lag_s])
 
 
 @dataclass(frozen=True)
@@ -202,7 +209,7 @@ class Loop:
         The plant is discretised exactly (zero-order hold); the law's blocks are kept apart as state-space blocks, since
         the expanded polynomial has a dozen roots near z = 1 and loses its digits there.
         """
-        closed = closed_loop(*held(self.plant, self.period_s), self.law_block(speed_rps))
+        closed = closed_loop(*held(*self.plant.state_space(), self.period_s), self.law_block(speed_rps))
         return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
 
     def law_block(self, speed_rps: float = 0.0) -> "Block":
@@ -242,33 +249,33 @@ Block = tuple[Real, Real, Real, Real]
 """Matrices A, B, C, D of a discrete system with one input and one output."""
 
 
-def held(plant: TwoInertia, period_s: float, torque_lag_s: float = 0.0) -> tuple[Real, Real]:
-    """Discretise a plant exactly, with the demanded torque held over each period.
+def held(a: Real, b: Real, period_s: float) -> tuple[Real, Real]:
+    """Discretise ẋ = A x + B u exactly, with u held over each period.
 
     Args:
-        plant: The axis.
+        a: A; shape (n, n).
+        b: B; shape (n, inputs), or (n,) for one input.
         period_s: The period.
-        torque_lag_s: Time constant of the torque behind its demand; if it has one, the torque is a fifth state.
 
     Returns:
-        A (n, n) and B (n, 1), with the state of `TwoInertia.state_space`.
+        A (n, n) and B (n, inputs) of the steps.
     """
-    count = 5 if torque_lag_s > 0.0 else 4
-    rates = np.zeros((count + 1, count + 1))
-    rates[:4, :4], rates[:4, 4] = plant.state_space()
-    if torque_lag_s > 0.0:
-        rates[4, 4:] = -1.0 / torque_lag_s, 1.0 / torque_lag_s
-    step = exponential(rates * period_s)[:count]
-    return step[:, :count], step[:, count:]
+    n = len(a)
+    inputs = np.reshape(b, (n, -1))
+    rates = np.zeros((n + inputs.shape[1], n + inputs.shape[1]))
+    rates[:n, :n], rates[:n, n:] = a, inputs
+    step = exponential(rates * period_s)[:n]
+    return step[:, :n], step[:, n:]
 
 
-def closed_loop(a: Real, b: Real, law: "Block") -> Real:
-    """Close the loop: the matrix of plant and law together.
+def closed_loop(a: Real, b: Real, law: "Block", motor: int = 0) -> Real:
+    """Close a loop: the matrix of plant and law together.
 
     Args:
-        a: A of the plant, whose first state is the motor angle; shape (n, n).
-        b: B; shape (n, 1).
+        a: A of the plant; shape (n, n).
+        b: B of the motor's torque; shape (n, 1).
         law: Law −τ/θ_m, or a stack of laws of equal size along leading axes.
+        motor: Place of the motor angle in the plant's state.
 
     Returns:
         Shape (…, n + m, n + m).
@@ -277,9 +284,9 @@ def closed_loop(a: Real, b: Real, law: "Block") -> Real:
     n, m = len(a), law_a.shape[-1]
     closed = np.zeros((*law_a.shape[:-2], n + m, n + m))
     closed[..., :n, :n] = a
-    closed[..., :n, :1] -= b @ law_d
+    closed[..., :n, motor : motor + 1] -= b @ law_d
     closed[..., :n, n:] = -b @ law_c
-    closed[..., n:, :1], closed[..., n:, n:] = law_b, law_a
+    closed[..., n:, motor : motor + 1], closed[..., n:, n:] = law_b, law_a
     return closed
 
 

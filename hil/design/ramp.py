@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hil.control.angles import ARCSEC
 from hil.control.servo import LAW, ServoConfig
 from hil.core.library import CORE
-from hil.design.frequency import Loop, TwoInertia, exponential
+from hil.design.frequency import Loop, TwoInertia, held
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
@@ -68,7 +68,7 @@ def _discrete(plant: TwoInertia, period_s: float) -> tuple[Real, Real]:
     for i, by in ((1, motor), (3, arm)):
         a[i, 5], a[i, 6] = by * k, by * d / period_s
     a[5, 6] = 1.0 / period_s
-    return exponential(a * period_s)[:4], np.array(a[3])
+    return np.hstack(held(a[:6, :6], a[:6, 6:], period_s))[:4], np.array(a[3])
 
 
 def follow(

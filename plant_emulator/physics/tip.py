@@ -46,20 +46,6 @@ class MovedTip:
             self.shared.upper_arm_m, self.shared.tool_m = chain.upper_arm_m, chain.tool_m
             self.shared.forearm_m, self.shared.forearm_offset_m = chain.forearm_m
 
-    def accelerations(self, moved: Real) -> Real:
-        """Return the acceleration (X, Y, Z) of the tip in m/s², without gravity.
-
-        Args:
-            moved: Angle, speed and acceleration of all arms at some instants; shape (n, axes, 3), in rad and s.
-
-        Returns:
-            Shape (n, 3).
-        """
-        found = np.empty((len(moved), 3))
-        rows = CORE.pointer(np.ascontiguousarray(moved, np.float64))
-        CORE.call.tip_trace(self.shared, rows, len(moved), moved.shape[1], -1, CORE.pointer(found))
-        return found
-
 
 class TipSensor:
     """Noise and resolution of the accelerometer.

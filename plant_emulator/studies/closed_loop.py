@@ -47,6 +47,7 @@ def growth_per_s(axis: RobotAxis, laws: Sequence[Block], period_s: float) -> flo
     stiffest = full + axis.hysteresis_torque_nm / (axis.hysteresis_torsion_arcsec * ARCSEC)
     largest = 0.0
     for stiffness in {full, softest, stiffest}:
-        plant = held(replace(linear_plant(axis), gear_stiffness_nm_rad=stiffness), period_s, axis.current_time_constant_s)
+        plant = replace(linear_plant(axis), gear_stiffness_nm_rad=stiffness).state_space(axis.current_time_constant_s)
+        plant = held(*plant, period_s)
         largest = max(largest, *(float(np.max(np.abs(np.linalg.eigvals(closed_loop(*plant, law))))) for law in laws))
     return math.log(largest) / period_s

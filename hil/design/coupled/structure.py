@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hil.design.frequency import Block, Complex, Real, TwoInertia
+from hil.design.frequency import Block, Complex, Real, TwoInertia, closed_loop, held
 
 
 def closed(receptance: Complex, motor: int, law: Complex | None) -> Complex:
@@ -136,21 +136,9 @@ class Structure:
             laws: τ = −law(θ) of each motor, as a discrete system; motors without one are free.
             period_s: Sampling time of all.
         """
-        n = len(self.mass)
-        rate = np.zeros((2 * n + self.motors, 2 * n + self.motors))
-        rate[:n, n : 2 * n] = np.eye(n)
-        inverse = np.linalg.inv(self.mass)
-        rate[n : 2 * n, :n], rate[n : 2 * n, n : 2 * n] = -inverse @ self.stiffness, -inverse @ self.damping
-        rate[n : 2 * n, 2 * n :] = inverse[:, : self.motors]
-        held = scipy.linalg.expm(rate * period_s)[: 2 * n]
-        sizes = [len(law[0]) for law in laws.values()]
-        closed = np.zeros((2 * n + sum(sizes), 2 * n + sum(sizes)))
-        closed[: 2 * n, : 2 * n] = held[:, : 2 * n]
-        begin = 2 * n
-        for (motor, (a, b, c, d)), size in zip(laws.items(), sizes, strict=True):
-            own, torque = slice(begin, begin + size), held[:, 2 * n + motor]
-            closed[own, own], closed[own, motor] = a, b[:, 0]
-            closed[: 2 * n, own] = -np.outer(torque, c[0])
-            closed[: 2 * n, motor] -= torque * d[0, 0]
-            begin += size
-        return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
+        n, inverse = len(self.mass), np.linalg.inv(self.mass)
+        rates = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ self.stiffness, -inverse @ self.damping]])
+        a, b = held(rates, np.vstack([np.zeros((n, self.motors)), inverse[:, : self.motors]]), period_s)
+        for motor, law in laws.items():
+            a, b = closed_loop(a, b[:, [motor]], law, motor), np.vstack([b, np.zeros((len(law[0]), self.motors))])
+        return np.asarray(np.linalg.eigvals(a), dtype=np.complex128)
