@@ -7,7 +7,7 @@ import shutil
 import sys
 import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -28,6 +28,9 @@ from hil.cli.console import (
 from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import ForceOption, JsonOption
 from hil.cli.run import run_and_report
+
+if TYPE_CHECKING:  # --help must not wait for it
+    from hil.tour import TourOutcome
 
 ROBOT_SEED = 77
 """Seed of the robot that the tour shows unless another is chosen: one on which every step has something to show."""
@@ -158,8 +161,6 @@ def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
     """Run the tour, the demo's second part, and return the exit status."""
     from hil import tour  # noqa: PLC0415
     from hil.emulator import EmulatorProcess, draw_robot  # noqa: PLC0415
-    from hil.experiments.comparison.table import summary  # noqa: PLC0415
-    from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
     from hil.report.pages.demo import TOUR_FOLDER  # noqa: PLC0415
 
     say(f"your own robot: an unknown one, drawn by seed {seed}; --robot-seed draws another")
@@ -170,47 +171,42 @@ def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
             shown_live(live, str(emulator.address), str(robot.bench_file)),
         ):
             done = tour.run(str(emulator.address), out / TOUR_FOLDER, reporter=SpokenReporter(), robot=robot)
-    page = write_compare_report(out / TOUR_FOLDER)
-    for line in summary(done.result, terminal_width(err=as_json)):
-        typer.echo(line, err=as_json)
-    say(f"your own robot: {page}")
-    for what in [] if done.comparison is None else done.comparison.unmet:
-        say(f"not compared: {what}")
-    if done.failure is not None:
-        code = exit_status_of(done.failure)
-        if code == ExitStatus.INTERNAL:
-            raise done.failure
-        say(f"your own robot: {message_of(done.failure)}")
-        return code
-    return 0  # what was refused on a robot that anybody may draw is said, and no fault of the demo
+    # what was refused on a robot that anybody may draw is said, and no fault of the demo
+    return _tell("your own robot", out / TOUR_FOLDER, done, as_json=as_json)
 
 
 def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
     """Run the arm's tour, the demo's last part, and return the status."""
     from hil import arm_tour  # noqa: PLC0415
     from hil.emulator import EmulatorProcess  # noqa: PLC0415
-    from hil.experiments.comparison.table import summary  # noqa: PLC0415
-    from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
     from hil.report.pages.demo import ARM_FOLDER  # noqa: PLC0415
 
     say("a whole arm: six axes; only its joints and its motors' inertias are known")
     with EmulatorProcess("reference-arm") as emulator, shown_live(live, str(emulator.address), "reference-arm"):
         done = arm_tour.run(str(emulator.address), out / ARM_FOLDER, reporter=SpokenReporter())
-    page = write_compare_report(out / ARM_FOLDER)
+    return _tell("a whole arm", out / ARM_FOLDER, done, as_json=as_json)
+
+
+def _tell(what: str, folder: Path, done: "TourOutcome", *, as_json: bool) -> int:
+    """Write the page of a tour, print its results, and return the exit status."""
+    from hil.experiments.comparison.table import summary  # noqa: PLC0415
+    from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
+
+    page = write_compare_report(folder)
     for line in summary(done.result, terminal_width(err=as_json)):
         typer.echo(line, err=as_json)
-    for claim in done.result.tour.claims or ():
+    claims = done.result.tour.claims or ()
+    for claim in claims:
         found = "not judged" if claim.found is None else f"{claim.found:.4f} {claim.unit}".replace("-", "−")
         verdict = {True: "holds", False: "does not hold", None: "not judged"}[claim.holds]
         typer.echo(f"{verdict}: {claim.claim}: {found}", err=as_json)
-    say(f"a whole arm: {page}")
-    for what in [] if done.comparison is None else done.comparison.unmet:
-        say(f"not compared: {what}")
+    say(f"{what}: {page}")
+    for unmet in [] if done.comparison is None else done.comparison.unmet:
+        say(f"not compared: {unmet}")
     if done.failure is not None:
         code = exit_status_of(done.failure)
         if code == ExitStatus.INTERNAL:
             raise done.failure
-        say(f"a whole arm: {message_of(done.failure)}")
+        say(f"{what}: {message_of(done.failure)}")
         return code
-    is_met = all(claim.holds for claim in done.result.tour.claims or ())
-    return ExitStatus.DONE if is_met else ExitStatus.NOT_MET
+    return ExitStatus.DONE if all(claim.holds for claim in claims) else ExitStatus.NOT_MET

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drive_profiles.version import version_text
 from hil.report import style
-from hil.report.pages.page import PageVerdict
+from hil.report.pages.page import PageVerdict, filled_sections
 from hil.report.report_table import ReportTable
 from plant_emulator.studies.figure import distribution_and_influences
 from plant_emulator.studies.summary import Summary
@@ -24,7 +24,7 @@ def write_page(path: Path, studies: Sequence[tuple[Summary, Sequence[ReportTable
         OSError: The page cannot be written.
     """
     with style.styled():
-        chapters = page.sections(
+        chapters = filled_sections(
             (summary.study.name, summary.title, [distribution_and_influences(summary), *tables]) for summary, tables in studies
         )
     summaries = [summary for summary, _ in studies]

@@ -9,19 +9,8 @@ from pathlib import Path
 from hil.report.origin import Origin
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
 from hil.report.report_table import ReportTable
-from hil.report.style import Drawing
 
 EMULATED = Origin("emulated", "Emulated robots: nothing on this page was measured on a real one.", is_emulated=True)
-
-
-def sections(chapters: Iterable[tuple[str, str, Sequence[Drawing | ReportTable | None]]]) -> list[Section]:
-    """Return the chapters that have something to show.
-
-    Args:
-        chapters: Anchor, title and items of each; None stands for an item without data.
-    """
-    filled = (Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters)
-    return [section for section in filled if section.items]
 
 
 def write_page(

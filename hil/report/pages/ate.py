@@ -1,6 +1,5 @@
 """Page of an identified transmission error: one self-contained HTML file."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from hil.bench.model import values_in_words
@@ -9,17 +8,9 @@ from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.ate import AteMaterial
 from hil.report.figures.order_map import MarkedResonance, order_maps
-from hil.report.origin import origin_of
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.pages.page import PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import ReportTable
 from hil.report.style import Drawing
-
-
-@dataclass(frozen=True)
-class _Chapter:
-    key: str
-    title: str
-    items: tuple[Drawing | ReportTable | None, ...]
 
 
 def write_ate_report(directory: Path, *, is_interactive: bool = False) -> Path:
@@ -34,14 +25,7 @@ def write_ate_report(directory: Path, *, is_interactive: bool = False) -> Path:
     with style.styled():
         chapters = sections(material)
     result = material.result
-    head = PageHead(
-        result.bench.name,
-        result.bench.started_utc,
-        heading=f"Transmission error of axis {material.axis}",
-        aftermath=result.aftermath,
-        origin=origin_of(result),
-        is_paper=material.is_paper,
-    )
+    head = PageHead.of(result, f"Transmission error of axis {material.axis}")
     return render(
         directory / "report.html",
         head,
@@ -54,9 +38,9 @@ def write_ate_report(directory: Path, *, is_interactive: bool = False) -> Path:
 
 def sections(material: AteMaterial) -> list[Section]:
     """All chapters for which there is data."""
-    chapters = [
-        _Chapter("result", "Transmission error", _result(material)),
-        _Chapter(
+    chapters: list[tuple[str, str, tuple[Drawing | ReportTable | None, ...]]] = [
+        ("result", "Transmission error", _result(material)),
+        (
             "evidence",
             "Signal and model",
             (
@@ -66,15 +50,14 @@ def sections(material: AteMaterial) -> list[Section]:
                 figures_ate.windows(material, -1),
             ),
         ),
-        _Chapter(
+        (
             "confidence",
             "Confidence",
             (figures_ate.arm(material), figures_ate.arm_twice(material), figures_ate.agreement(material)),
         ),
-        _Chapter("runs", "Runs", (figures_ate.passes(material),)),
+        ("runs", "Runs", (figures_ate.passes(material),)),
     ]
-    filled = [Section(each.key, each.title, tuple(item for item in each.items if item is not None)) for each in chapters]
-    return [section for section in filled if section.items]
+    return filled_sections(chapters)
 
 
 def _order_maps(material: AteMaterial) -> Drawing | None:

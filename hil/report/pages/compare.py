@@ -10,7 +10,7 @@ from hil.report.figures import compare as figures_compare
 from hil.report.figures import shapers as figures_shapers
 from hil.report.material import POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import Mark, ReportTable
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
@@ -110,8 +110,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
     chapters.append(("robot", "True values of the robot", [tables_compare.revealed(result)]))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
-    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
-    return [section for section in filled if section.items]
+    return filled_sections(chapters)
 
 
 def _shaped(

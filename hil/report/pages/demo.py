@@ -1,7 +1,7 @@
 """One self-contained HTML file out of a directory of results."""
 
 import datetime
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from markupsafe import Markup
@@ -26,7 +26,7 @@ from hil.report.figures import (
 )
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.plotted_run import key_end, shown_runs
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
 from hil.report.report_table import number as number_text
@@ -148,8 +148,7 @@ def sections(material: Material) -> list[Section]:
             ],
         ),
     ]
-    filled = [Section(key, title, tuple(_present(items))) for key, title, items in chapters]
-    return [section for section in filled if section.items]
+    return filled_sections(chapters)
 
 
 def _tip_title(material: Material) -> str:
@@ -259,10 +258,6 @@ def _own_robot(material: Material) -> ReportTable | None:
 def _moment(text: str) -> datetime.datetime:
     instant = datetime.datetime.fromisoformat(text)
     return instant if instant.tzinfo is not None else instant.replace(tzinfo=datetime.UTC)
-
-
-def _present(items: Iterable[Drawing | ReportTable | None]) -> Iterable[Drawing | ReportTable]:
-    return (item for item in items if item is not None)
 
 
 def stopped(material: Material) -> list[tuple[str, str]]:

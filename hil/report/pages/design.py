@@ -10,7 +10,7 @@ from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
 from hil.report.figures import design as figures_design
 from hil.report.origin import origin_of_design
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
 from hil.report.style import Drawing
 
@@ -43,8 +43,7 @@ def sections(outcome: NotchDesignOutcome) -> list[Section]:
         ("plants", "Plants", (plants(outcome),)),
         ("arm", "On the arm", (on_the_arm(outcome),)),
     ]
-    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
-    return [section for section in filled if section.items]
+    return filled_sections(chapters)
 
 
 def verdict(outcome: NotchDesignOutcome) -> PageVerdict:

@@ -9,8 +9,7 @@ from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.order_names import symbol
-from hil.report.origin import origin_of
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import Cell, Mark, ReportTable, number
 from hil.report.style import Drawing
 from hil.report.tables.trial import trial_table
@@ -31,14 +30,7 @@ def write_learning_report(directory: Path, *, is_interactive: bool = False) -> P
     result = load_result(directory, LearningResult, "adaptive cancellation")
     with style.styled():
         chapters = sections(result, directory)
-    head = PageHead(
-        result.bench.name,
-        result.bench.started_utc,
-        heading="Adaptive cancellation",
-        aftermath=result.aftermath,
-        origin=origin_of(result),
-        is_paper=result.bench.file.is_paper,
-    )
+    head = PageHead.of(result, "Adaptive cancellation")
     return render(
         directory / "report.html",
         head,
@@ -73,8 +65,7 @@ def sections(result: LearningResult, directory: Path | None = None) -> list[Sect
             ],
         ),
     ]
-    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
-    return [section for section in filled if section.items]
+    return filled_sections(chapters)
 
 
 def _order_maps(result: LearningResult, directory: Path) -> list[Drawing | ReportTable | None]:

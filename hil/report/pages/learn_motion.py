@@ -4,8 +4,7 @@ from pathlib import Path
 
 from hil.report import style
 from hil.report.figures import ate as figures_ate
-from hil.report.origin import origin_of
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import Cell, Mark, ReportTable, number
 from hil.report.style import Drawing
 from hil.results.files import load_result
@@ -27,14 +26,7 @@ def write_motion_learning_report(directory: Path, *, is_interactive: bool = Fals
     result = load_result(directory, MotionLearningResult, "learning on a motion")
     with style.styled():
         chapters = sections(result)
-    head = PageHead(
-        result.bench.name,
-        result.bench.started_utc,
-        heading=f"Learning on the {result.motion.replace('-', ' ')}",
-        aftermath=result.aftermath,
-        origin=origin_of(result),
-        is_paper=result.bench.file.is_paper,
-    )
+    head = PageHead.of(result, f"Learning on the {result.motion.replace('-', ' ')}")
     return render(
         directory / "report.html",
         head,
@@ -52,8 +44,7 @@ def sections(result: MotionLearningResult) -> list[Section]:
     drawn += [figures_ate.errors(each.axis, each.ate, is_paper=result.bench.file.is_paper) for each in result.learnt]
     table: list[Drawing | ReportTable | None] = [runs(result)]
     chapters = [("result", "Transmission error", drawn), ("runs", "Runs", table)]
-    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
-    return [section for section in filled if section.items]
+    return filled_sections(chapters)
 
 
 def parts(result: MotionLearningResult) -> ReportTable | None:

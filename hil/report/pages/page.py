@@ -2,6 +2,7 @@
 
 import datetime
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,10 +13,11 @@ from markupsafe import Markup, escape
 from drive_profiles.files.safefile import naming
 from hil.report import palette
 from hil.report.interactive.parts import InteractiveParts, interactive_parts
-from hil.report.origin import MEASURED, Origin
+from hil.report.origin import MEASURED, Origin, origin_of
 from hil.report.paper import CITATION
 from hil.report.report_table import Mark, ReportTable
 from hil.report.style import Drawing
+from hil.results.base import MeasuredResult
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,13 @@ class PageHead:
     is_paper: bool = False
     is_bench: bool = True
 
+    @classmethod
+    def of(cls, result: MeasuredResult, heading: str) -> "PageHead":
+        """Return the head of the page of one measurement on one bench."""
+        bench, origin = result.bench, origin_of(result)
+        is_paper, aftermath = bench.file.is_paper, result.aftermath
+        return cls(bench.name, bench.started_utc, heading=heading, aftermath=aftermath, origin=origin, is_paper=is_paper)
+
     def tag(self, drawing: Drawing) -> str:
         """Return the origin of a figure in words.
 
@@ -59,6 +68,16 @@ class Section:
     key: str
     title: str
     items: tuple[Drawing | ReportTable, ...]
+
+
+def filled_sections(chapters: Iterable[tuple[str, str, Iterable[Drawing | ReportTable | None]]]) -> list[Section]:
+    """Return the chapters that have something to show.
+
+    Args:
+        chapters: Anchor, title and items of each; None stands for an item without data.
+    """
+    filled = (Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters)
+    return [section for section in filled if section.items]
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,7 @@ from pathlib import Path
 
 from hil.report import style
 from hil.report.figures import plant as figures_plant
-from hil.report.origin import origin_of
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.pages.page import PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import ReportTable, value_and_error
 from hil.report.style import Drawing
 from hil.results.files import load_result
@@ -25,15 +24,7 @@ def write_plant_report(directory: Path, *, is_interactive: bool = False) -> Path
     result = load_result(directory, PlantResult, "a plant identification")
     with style.styled():
         chapters = sections(result)
-    heading = f"Plant of axis {result.axis}"
-    head = PageHead(
-        result.bench.name,
-        result.bench.started_utc,
-        heading=heading,
-        aftermath=result.aftermath,
-        origin=origin_of(result),
-        is_paper=result.bench.file.is_paper,
-    )
+    head = PageHead.of(result, f"Plant of axis {result.axis}")
     return render(
         directory / "report.html", head, verdict(result), chapters, provenance=provenance(result), is_interactive=is_interactive
     )
@@ -51,8 +42,7 @@ def sections(result: PlantResult) -> list[Section]:
         ("slow", "Friction and gravity", (figures_plant.friction(result),)),
         ("limits", "How far these data reach", (_cannot_tell(result), figures_plant.checks(result))),
     ]
-    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
-    return [section for section in filled if section.items]
+    return filled_sections(chapters)
 
 
 def _cannot_tell(result: PlantResult) -> ReportTable | None:

@@ -6,7 +6,7 @@ from hil.bench.model import values_in_words
 from hil.report import style
 from hil.report.figures import recorded_ate as figures
 from hil.report.figures.recorded_ate import RecordedMaterial
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.pages.page import PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import ReportTable
 from hil.report.style import Drawing
 
@@ -47,8 +47,7 @@ def sections(material: RecordedMaterial) -> list[Section]:
         ("evidence", "Signal and fit", (figures.fit(material), figures.speed_map(material))),
         ("change", "From part to part", (figures.change(material), figures.stretches(material))),
     )
-    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
-    return [section for section in filled if section.items]
+    return filled_sections(chapters)
 
 
 def verdict(material: RecordedMaterial) -> PageVerdict:

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.report.pages.page import Section
+from hil.report.pages.page import Section, filled_sections
 from hil.report.report_table import Cell, ReportTable
 from plant_emulator.rehearsal.arms.conditions import NAMES
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.reading import is_quiet
 from plant_emulator.rehearsal.many.rows import WALKED
 from plant_emulator.rehearsal.many.tables import claims
-from plant_emulator.trials.page import sections
 from plant_emulator.trials.rows import Row, numbers, text
 from plant_emulator.trials.statistics import fraction_text
 
@@ -62,7 +61,7 @@ def arm_claims(rows: Sequence[Row]) -> list[RehearsalClaim]:
 
 def arm_sections(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> list[Section]:
     """Return the chapters of the page."""
-    return sections((("result", "Result", [claims(found), arm_tips(rows)]),))
+    return filled_sections((("result", "Result", [claims(found), arm_tips(rows)]),))
 
 
 def arm_tips(rows: Sequence[Row]) -> ReportTable:

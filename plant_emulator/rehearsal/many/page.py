@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hil.counting import counted
 from hil.report import style
-from hil.report.pages.page import PageVerdict, Section
+from hil.report.pages.page import PageVerdict, Section, filled_sections
 from plant_emulator.rehearsal.many import figures, tables
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.figures import kinds_of
@@ -38,7 +38,7 @@ def write_page(path: Path, rows: Sequence[Row], found: Sequence[RehearsalClaim],
 def sections(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> list[Section]:
     """Return all chapters with data."""
     with style.styled():
-        return page.sections((
+        return filled_sections((
             ("result", "Result", [tables.claims(found), figures.tips(rows), tables.tips(rows), figures.before_and_after(rows)]),
             ("path", "Steps", [figures.steps(rows), tables.steps(rows), tables.causes(rows), figures.facts(rows)]),
             ("honesty", "Estimates", [figures.errors(rows), tables.estimates(rows)]),
