@@ -271,7 +271,7 @@ def _many(
 def _repeat(summary: "Summary", options: Mapping[str, object]) -> list[str]:
     """Return the command that repeats the worst plant: the options that were given, and the plant."""
     study = summary.study
-    chosen = {"--experiment": "line-motion"} if study.axis is None else {"--axis": study.axis}
+    chosen: dict[str, object] = {"--experiment": "line-motion"} if study.axis is None else {"--axis": study.axis}
     given = {name: value for name, value in options.items() if value is not None}
     words = given | chosen | {"--seed": study.seed, "--only": summary.worst["index"]}
     return ["plant-emulator", "robustness", *(str(word) for pair in words.items() for word in pair)]

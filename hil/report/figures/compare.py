@@ -50,8 +50,7 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
         axis: Axis of a constant-acceleration run, else None.
         several: True if the comparison has more than one robot.
     """
-    rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
-    runs = [(row, run) for row in rows if (run := _drawn(material, row)) is not None]
+    runs = _drawn(robot, material, experiment, axis)
     if len(runs) < 2:
         return None
     key = f"vibration-{robot.directory}-{key_of(experiment, axis)}"
@@ -99,8 +98,7 @@ def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: in
     """
     if axis is None:
         return []
-    rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
-    drawn = [run for row in rows if (run := _drawn(material, row)) is not None]
+    drawn = [run for _, run in _drawn(robot, material, experiment, axis)]
     runs = [(run.label, run.recording) for run in drawn]
     title = f"{robot.name}, axis" if several else "Axis"
     key = f"orders-{robot.directory}-{key_of(experiment, axis)}"
@@ -125,11 +123,8 @@ def directions(robot: ComparisonRobot, material: Material, experiment: str, axis
         axis: Axis of a constant-acceleration run, else None.
         several: True if the comparison has more than one robot.
     """
-    rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
-    drawn = [(treatment_words(row), run) for row in rows if (run := _drawn(material, row)) is not None]
-    looked = [
-        PlottedRun(run.entry, run.recording, name, look) for (name, run), look in zip(drawn, style.OVERLAY_LINES, strict=False)
-    ]
+    drawn = _drawn(robot, material, experiment, axis)
+    looked = [replace(run, look=look) for (_, run), look in zip(drawn, style.OVERLAY_LINES, strict=False)]
     title = f"{f'{robot.name}, ' if several else ''}{case_name(experiment, axis)}: the tip along x, y and z"
     key = f"directions-{robot.directory}-{key_of(experiment, axis)}"
     return directions_of(material, looked, axis, key, title[0].upper() + title[1:])
@@ -155,9 +150,13 @@ def arm(robot: ComparisonRobot, material: Material, experiment: str, *, several:
     return [replace(each, title=f"{robot.name}: {each.title[0].lower()}{each.title[1:]}") for each in drawn]
 
 
-def _drawn(material: Material, row: ComparisonRow) -> PlottedRun | None:
-    run = material.find(row.experiment, row.axis, row.treatment, row.loop)
-    return plotted_run(material, run, treatment_words(row), style.WITH)
+def _drawn(
+    robot: ComparisonRobot, material: Material, experiment: str, axis: int | None
+) -> list[tuple[ComparisonRow, PlottedRun]]:
+    """Return the rows of a motion with their recorded runs."""
+    rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
+    found = ((row, material.find(experiment, axis, row.treatment, row.loop)) for row in rows)
+    return [(row, run) for row, one in found if (run := plotted_run(material, one, treatment_words(row), style.WITH)) is not None]
 
 
 def _label(row: ComparisonRow) -> str:

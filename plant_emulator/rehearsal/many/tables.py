@@ -17,11 +17,12 @@ from plant_emulator.rehearsal.many.summary import FAR_Z, quantities
 from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES, STEP_NAMES, TREATMENT_NAMES, robots_of
 from plant_emulator.rehearsal.record import PROBES, STEPS, TREATMENTS
 from plant_emulator.trials.rows import Row, number, numbers, text
-from plant_emulator.trials.statistics import percentiles
+from plant_emulator.trials.statistics import SHOWN_PERCENT, percentiles
 
 MOST_LISTED = 40
 """Robots that are listed one by one; the table of all is beside the page."""
 SHORT_WORDS = 220
+SPREAD_HEADER = ("", "Robots", *(f"{percent} %" for percent in SHOWN_PERCENT), "Worst")
 
 
 def claims(found: Sequence[RehearsalClaim]) -> ReportTable:
@@ -49,13 +50,16 @@ def tips(rows: Sequence[Row]) -> ReportTable | None:
                 values = [tip for row in done if (tip := worst_tip_mm(row, treatment)) is not None]
             if values:
                 name = "at the path's end" if treatment == "end" else TREATMENT_NAMES[treatment]
-                found = (*percentiles(values).values(), max(values))
-                cells.append([name, str(len(values)), *(number_text(value, "{:.2g}") for value in found)])
+                cells.append(_spread(name, values, "{:.2g}"))
     if not cells:
         return None
-    header = ("", "Robots", "5 %", "50 %", "95 %", "Worst")
     caption = "Peak of the tip's displacement in the worst order's window, in mm, on a quiet sensor; accepted treatments only."
-    return ReportTable("tip-table", "True tip (mm)", "", header, cells, frozenset({0}), caption, groups=groups)
+    return ReportTable("tip-table", "True tip (mm)", "", SPREAD_HEADER, cells, frozenset({0}), caption, groups=groups)
+
+
+def _spread(name: str, values: Sequence[float], form: str) -> list[Cell]:
+    """Return the row of some values under `SPREAD_HEADER`."""
+    return [name, str(len(values)), *(number_text(value, form) for value in (*percentiles(values).values(), max(values)))]
 
 
 def steps(rows: Sequence[Row]) -> ReportTable:
@@ -159,17 +163,9 @@ def cost(rows: Sequence[Row]) -> ReportTable | None:
     for column, name in columns.items():
         values = [value for value in numbers(rows, column) if value > 0.0]
         if values:
-            shown = (*percentiles(values).values(), max(values))
-            cells.append(
-                [
-                    name,
-                    str(len(values)),
-                    *(number_text(value, "{:.1f}") for value in shown),
-                ]
-            )
-    header = ("", "Robots", "5 %", "50 %", "95 %", "Worst")
+            cells.append(_spread(name, values, "{:.1f}"))
     caption = "In seconds. The truth: measuring the true tip and trying wrong corrections, which the path does not include."
-    return ReportTable("cost", "Processor time (s)", "", header, cells, frozenset({0}), caption) if cells else None
+    return ReportTable("cost", "Processor time (s)", "", SPREAD_HEADER, cells, frozenset({0}), caption) if cells else None
 
 
 def robots(rows: Sequence[Row]) -> ReportTable | None:
