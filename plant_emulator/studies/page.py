@@ -25,7 +25,8 @@ def write_page(path: Path, studies: Sequence[tuple[Summary, Sequence[ReportTable
     """
     with style.styled():
         chapters = filled_sections(
-            (summary.study.name, summary.title, [distribution_and_influences(summary), *tables]) for summary, tables in studies
+            (summary.study.name, summary.title[0].upper() + summary.title[1:], [distribution_and_influences(summary), *tables])
+            for summary, tables in studies
         )
     summaries = [summary for summary, _ in studies]
     study = summaries[0].study
