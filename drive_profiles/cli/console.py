@@ -173,7 +173,7 @@ def progress(label: str, total: int) -> Iterator[Callable[..., None]]:
             done, now = done + count, time.monotonic()
             if now - said >= SAID_EVERY_S:
                 said = now
-                left_min = (total - done) / done * (now - begin) / 60.0
+                left_min = (total - done) / max(done, 1) * (now - begin) / 60.0
                 typer.echo(", ".join(filter(None, (f"{label}: {done} of {total}", words, f"{left_min:.0f} min left"))), err=True)
 
         yield tell

@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import drive_profiles
+from drive_profiles.cli import console
 from drive_profiles.cli.console import ExitStatus, ToolExitStatus, epilog
 from drive_profiles.cli.main import app
 from drive_profiles.errors import DriveProfileError
@@ -104,3 +105,15 @@ def test_an_interrupt_that_comes_back_as_another_error_is_an_interrupt(before, s
     assert done.returncode == status
     assert words in done.stderr
     assert ("Traceback" in done.stderr) is (status == 1)
+
+
+def test_without_a_terminal_progress_is_a_line_a_minute(monkeypatch, capsys):
+    with console.progress("robots", 4) as step:
+        step(1)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(console, "SAID_EVERY_S", 0.0)
+    with console.progress("robots", 4) as step:
+        step(1, "0 of 1 within the goal")
+        step(3)
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["robots: 1 of 4, 0 of 1 within the goal, 0 min left", "robots: 4 of 4, 0 min left"]
