@@ -178,7 +178,7 @@ class Ramp:
         if not binds:
             return ""
         if binds == "speed":
-            return f"its limit speed_rps is {limits.speed_rps:g}, {end_rps / SPEED_FRACTION:.2f} is needed"
+            return f"its limit speed_rps is {limits.speed_rps:g}; at least {end_rps / SPEED_FRACTION:.2f} is needed"
         where, remedies = "between its position limits", ["widen them"]
         if limits.travel_limit == "joint travel":
             where, remedies = f"within ±{limits.joint_deg:g}° of the joint", ["raise identification_travel_deg"]
@@ -188,7 +188,7 @@ class Ramp:
         elif least < min(ADVISED_RPS_S, limits.acceleration_rps_s):
             remedies.insert(0, f"accelerate with {least:.2f} rev/s² or more")
         return (
-            f"that takes {self._travel_rev(end_rps):.1f} rev at {self.acceleration_rps_s:.3g} rev/s², {where} there are "
+            f"that takes {self._travel_rev(end_rps):.1f} rev at {self.acceleration_rps_s:.3g} rev/s²; {where} there are "
             f"{limits.room_rev:.1f} rev; {', or '.join(remedies)}"
         )
 

@@ -161,6 +161,6 @@ def test_limits_below_every_resonance_are_named() -> None:
 def test_a_known_arm_beyond_the_limits_is_named_before_any_motion() -> None:
     robot = built("", f_a=16.0)
     session = RigSession(robot, blank_bench(robot, speed_rps=8.0))
-    with pytest.raises(NotPossibleError, match=r"its limit speed_rps is 8, 9\.68 is needed"):
+    with pytest.raises(NotPossibleError, match=r"its limit speed_rps is 8; at least 9\.68 is needed"):
         identify_on(session, AteRequest(AXIS), replace(AxisKnowledge(), start=Arm(16.0, 0.04)))
     assert not session.motions

@@ -39,7 +39,7 @@ def test_a_known_arm_ends_the_ramp_where_nothing_more_is_to_be_learnt() -> None:
         ({"position_rev": 0.5}, r"between its position limits there are 0\.5 rev; widen them"),
         ({"position_rev": 3.0, "acceleration_rps_s": 10.0}, r"are 3\.0 rev; widen them"),
         ({"position_rev": 3.0, "acceleration_rps_s": 4.0}, r"raise its limit acceleration_rps_s, 4, or widen them"),
-        ({"speed_rps": 6.0}, r"its limit speed_rps is 6, 7\.26 is needed"),
+        ({"speed_rps": 6.0}, r"its limit speed_rps is 6; at least 7\.26 is needed"),
     ],
 )  # fmt: skip
 def test_what_keeps_a_ramp_from_the_resonance_is_said_with_what_is_needed(changes: dict[str, Any], message: str) -> None:
