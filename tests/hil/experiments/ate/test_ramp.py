@@ -34,7 +34,7 @@ def test_a_known_arm_ends_the_ramp_where_nothing_more_is_to_be_learnt() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"position_rev": 5.0}, r"that takes 7\.1 rev at 4 rev/s², between its position limits there are 5\.0 rev; "
+        ({"position_rev": 5.0}, r"that takes 7\.1 rev at 4 rev/s²; between its position limits there are 5\.0 rev; "
                                 r"accelerate with 6\.25 rev/s² or more, or widen them"),
         ({"position_rev": 0.5}, r"between its position limits there are 0\.5 rev; widen them"),
         ({"position_rev": 3.0, "acceleration_rps_s": 10.0}, r"are 3\.0 rev; widen them"),
