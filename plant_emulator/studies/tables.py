@@ -51,8 +51,8 @@ def _criteria(summary: Summary) -> ReportTable:
     rows: list[list[Cell]] = [
         [f"meets the specification, {limit}", fraction_text(summary.meeting.count, runs)],
         ["stable", fraction_text(summary.stable.count, runs)],
-        *([f"not stable: {fault}", str(count)] for fault, count in summary.faults.items()),
     ]
+    rows += [[f"not stable: {fault}", str(count)] for fault, count in summary.faults.items()]
     header = ("", f"plants ({100.0 * CONFIDENCE:g} % interval)")
     return ReportTable(f"criteria-{study.name}", "Criteria", "", header, rows, frozenset({0, 1}))
 

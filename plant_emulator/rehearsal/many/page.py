@@ -75,7 +75,7 @@ def provenance(rows: Sequence[Row]) -> list[tuple[str, str]]:
     versions = Counter(text(row, "version") for row in rows if text(row, "version"))
     ways = {True: "over the bus", False: "in one process, without frames"}
     over = [ways[value] for value in (False, True) if any(row.get("over_bus") is value for row in rows)]
-    by_kind = [(KIND_NAMES[kind], of_kind(rows, kind)) for kind in kinds_of(rows)] or [("Arms", rows)]
+    by_kind = [(KIND_NAMES[kind], of_kind(rows, kind)) for kind in kinds_of(rows)] or [("Arms", [*rows])]
     return [
         *((name, f"seeds {_spans([row['seed'] for row in own])}") for name, own in by_kind),
         *([("Path", " and ".join(over))] if over else []),
