@@ -201,8 +201,8 @@ class Rig:
 
     def disturb(self, kind: str, port: int, frame: Frame | None = None) -> None:
         """Let something happen to a port of the wire now; scheduled beforehand it would keep the set-up waiting."""
-        bus = self.channel.medium._bus  # type: ignore[attr-defined]
-        bus.wire.schedule(BusEvent(self.world.now, kind, port, None, frame))
+        wire = self.channel.medium.wire  # type: ignore[attr-defined]
+        wire.schedule(BusEvent(self.world.now, kind, port, None, frame))
 
     def _on_sync(self, number: int) -> None:
         self._look()

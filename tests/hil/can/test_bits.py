@@ -307,7 +307,7 @@ def test_a_short_fd_frame_counted_by_its_head_and_contents_is_as_long_as_counted
 
 
 def test_the_head_of_a_longer_fd_frame_is_refused():
-    with pytest.raises(ValueError, match="up to 8 bytes"):
+    with pytest.raises(ValueError, match="expected at most 8"):
         fd_head(0x181, 12)
 
 

@@ -68,7 +68,7 @@ def test_torque_offsets_are_sent_where_motion_or_adder_has_them() -> None:
 def test_a_torque_offset_needs_a_drive_with_csp() -> None:
     axis = axes(2)[0]
     axis.profile = Profile.load("harmonic_drive_yukondrive")
-    with pytest.raises(NotPossibleError, match="axis 2: a torque offset needs CSP, harmonic_drive_yukondrive has IP"):
+    with pytest.raises(NotPossibleError, match="axis 2: a torque offset needs CSP; harmonic_drive_yukondrive has IP"):
         RunRequest(OFFSET, "none", "drive").check([axis])
 
 

@@ -29,7 +29,7 @@ def run(tmp_path_factory):
         world = World(load_robot("reference"))
         medium = medium_for(world, RATE, data_bitrate, faults=None if faults is None else BusFaults(faults, seed))
         assert isinstance(medium, TimedBus)
-        wire = medium._bus.wire
+        wire = medium.wire
         ends = []
         channel = InProcessChannel(world, medium)
         channel.heard = lambda frame, end_ns: ends.append((frame, end_ns))

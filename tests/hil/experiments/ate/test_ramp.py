@@ -60,7 +60,7 @@ def test_what_is_no_acceleration_is_refused(acceleration: float) -> None:
 
 
 def test_an_acceleration_beyond_its_limit_is_refused() -> None:
-    with pytest.raises(UnsafeRequestError, match=r"the acceleration of axis 2 would be 101 rev/s², the limit is 100"):
+    with pytest.raises(UnsafeRequestError, match=r"the acceleration of axis 2 would be 101 rev/s²; the limit is 100"):
         plan_ramp(LIMITS, 101.0, 10.0)
 
 
