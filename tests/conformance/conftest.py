@@ -12,7 +12,7 @@ from tests.conformance import emulated
 from tests.conformance.device import Device
 from tests.conformance.ports import CanPort
 
-PERMITS = ("store", "lss", "alone", "factory", "manufacturer")
+PERMITS = ("motion", "store", "lss", "alone", "factory", "manufacturer")
 REAL = "the device"
 _NOT_PUT_BACK = pytest.StashKey[list]()
 
@@ -27,13 +27,17 @@ def pytest_addoption(parser):
     add("--boot-timeout", dest="conformance_boot_s", type=float, default=10.0, metavar="S", help="From reset to boot-up.")
     for name, words in (
         ("store", "write to 1010h and 1011h: its memory wears, and what was stored is lost"),
+        ("motion", "enable its power stage"),
         ("lss", "LSS: its node-ID is changed for a moment"),
         ("alone", "SYNC, broadcasts and global LSS: nothing else on the bus can be disturbed"),
         ("factory", "compare with the defaults of the EDS: it is as delivered"),
         ("manufacturer", "write to its objects 2000h to 5FFFh"),
     ):
-        option = f"--{name}" if name in {"alone", "factory"} else f"--allow-{name}"
-        add(option, dest=f"conformance_{name}", action="store_true", help=f"Of the real device: {words}.")
+        add(_named(name), dest=f"conformance_{name}", action="store_true", help=f"Of the real device: {words}.")
+
+
+def _named(permit):
+    return f"--{permit}" if permit in {"alone", "factory"} else f"--allow-{permit}"
 
 
 def _option(config, name):
@@ -65,8 +69,6 @@ def device_session(request):
     if path is None or node is None or not 1 <= node <= 127:
         pytest.exit("--bus needs --node N, 1 to 127, and --eds FILE", returncode=4)
     permits = {name for name in PERMITS if _option(config, name)}
-    if config.getoption("hil_allow_motion", False):
-        permits.add("motion")
     try:
         description = eds.load(Path(path), node_id=node)
         port = CanPort(str(parse_address(_option(config, "bus"))))
@@ -100,8 +102,7 @@ def permit(device):
 
     def need(name):
         if not device.may(name):
-            option = {"motion": "--allow-motion"}.get(name, f"--{name}" if name in {"alone", "factory"} else f"--allow-{name}")
-            pytest.skip(f"{option} is not given")
+            pytest.skip(f"{_named(name)} is not given")
 
     return need
 

@@ -140,13 +140,16 @@ class Device:
         """Let it send heartbeats."""
         self.set(0x1017, 0, period_ms)
 
-    def state(self, beats=2):
-        """The NMT state, by a heartbeat that was sent after this call: not the next, which may be on its way already."""
+    def state(self, beats=2, wanted=None):
+        """The NMT state, by a heartbeat that was sent after this call: not the next, which may be on its way already.
+
+        Of a real device later heartbeats count too where the state is not the wanted one: a computer may be slow.
+        """
         self.port.pump(0.0)
         patience = (beats + 0.5 if self.is_emulated else 25) * BEAT_MS / 1000
         heard, can_id, deadline = [], 0x700 + self.node_id, self.port.now_s + patience
         mark = len(self.port.seen)
-        while len(heard) < beats and (left := deadline - self.port.now_s) > 0.0:
+        while (len(heard) < beats or (wanted is not None and heard[-1] != wanted)) and (left := deadline - self.port.now_s) > 0.0:
             self.port.pump(left)
             heard = [frame.data[0] & 0x7F for frame in self.port.seen[mark:] if frame.can_id == can_id]
         return heard[-1] if heard else None

@@ -29,7 +29,7 @@ def enter(device, state):
     device.beat()
     for command in STATES[state]:
         device.nmt(command)
-    assert device.state() == state
+    assert device.state(wanted=state) == state
 
 
 @pytest.mark.parametrize("address", ["its own", "all nodes"])

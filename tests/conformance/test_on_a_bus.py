@@ -1,7 +1,9 @@
 """The suite against a node that it cannot look into: a served bus, python-can, the clock on the wall."""
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -45,3 +47,17 @@ def test_a_bus_without_a_node_or_an_eds_is_a_mistake_of_the_caller(eds):
     )  # fmt: skip
     assert done.returncode == 4
     assert "--node" in done.stdout + done.stderr
+
+
+@pytest.mark.ci
+def test_the_suite_takes_every_option_of_its_page(eds):
+    page = (Path(__file__).parents[2] / "docs" / "conformance.md").read_text()
+    options = re.findall(r"`(--[a-z-]+)(?: S)?`(?=[,` |])", page.partition("| option |")[2].partition("### Safety")[0])
+    assert "--allow-motion" in options
+    given = [f"{name}=1" if name.endswith("timeout") else name for name in options]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "--collect-only",
+         "tests/conformance/test_nmt.py", "--bus", "virtual:nowhere", "--node", "2", "--eds", str(eds), *given],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
