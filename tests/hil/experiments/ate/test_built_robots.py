@@ -155,7 +155,7 @@ def test_an_arm_that_is_held_is_named() -> None:
 @pytest.mark.ci
 def test_limits_below_every_resonance_are_named() -> None:
     robot = built("", f_a=16.0)
-    assert "its limit speed_rps is 8," in refusal(RigSession(robot, blank_bench(robot, speed_rps=8.0)))
+    assert "its limit speed_rps is 8;" in refusal(RigSession(robot, blank_bench(robot, speed_rps=8.0)))
 
 
 def test_a_known_arm_beyond_the_limits_is_named_before_any_motion() -> None:
