@@ -269,9 +269,8 @@ def test_the_command_prints_the_port_answers_there_and_ends(tmp_path):
     client.close()
     bad.close()
     assert process.returncode == 0
-    assert (
-        errors == f"virtualcan client {bad.name} is dropped: a message of {int.from_bytes(b'GET ', 'big')} bytes; expected 14\n"
-    )
+    said = [line for line in errors.splitlines() if "ms late" not in line]  # a busy machine may be
+    assert said == [f"virtualcan client {bad.name} is dropped: a message of {int.from_bytes(b'GET ', 'big')} bytes; expected 14"]
 
 
 def test_the_command_refuses_what_cannot_be_with_the_reason(tmp_path):
