@@ -8,9 +8,6 @@ from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
 
-SEEN_SIGMAS = 3.5
-"""Standard errors from which a torque or a reaction counts as seen: noise alone reaches them, one way, in 1 of 4300 cases."""
-
 
 class UnidentifiableError(ValueError):
     """Error: the data are too few or too poor to identify anything.

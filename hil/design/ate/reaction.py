@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.design.estimation import SEEN_SIGMAS
 from hil.design.order_map import order_tracks
 from hil.design.transmission_error import TransmissionError
 
@@ -30,6 +29,8 @@ SHOWN_OVER_RESONANCE = 0.6
 """k f_m up to which a window counts, in units of f_a: nearer, the arm's own part hides the reaction."""
 SMOOTHED_S = 0.5
 """Time over which the slow load is averaged."""
+SEEN_SIGMAS = 3.5
+"""Standard errors from which a reaction counts as seen."""
 LOSSLESS_ERROR = 0.1
 """How far the reaction of a gear may be from 1, that of a gear without losses; harmonic drives give back 80 to 95 %."""
 FAR_SIGMAS = 3.0
