@@ -36,7 +36,8 @@ class Rates:
         if bitrate is not None and bitrate <= 0:
             raise ValueError(f"{bitrate} bit/s is not a bit rate; expected more than 0")
         if data_bitrate is not None and (bitrate is None or data_bitrate < bitrate):
-            raise ValueError(f"a data bit rate of {data_bitrate} bit/s needs a bit rate of at most as much, not {bitrate}")
+            below = "has no bit rate beside it" if bitrate is None else f"is below the bit rate, {bitrate} bit/s"
+            raise ValueError(f"the data bit rate, {data_bitrate} bit/s, {below}; give a bit rate of at most {data_bitrate}")
         self.bitrate, self.data_bitrate = bitrate, data_bitrate
         self.bit_ns = SECOND // bitrate if bitrate and SECOND % bitrate == 0 else 0
         self.fast_bit_ns = SECOND // data_bitrate if data_bitrate and SECOND % data_bitrate == 0 else 0

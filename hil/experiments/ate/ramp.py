@@ -38,7 +38,7 @@ SPEED_FRACTION = 0.95
 ROOM = 1.001
 """Acceleration of a ramp over the least that has room."""
 ADVISED_RPS_S = 50.0
-"""Acceleration from which none is advised."""
+"""Accelerations from here on are not advised in messages."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,12 @@ class RampLimits:
     def low_order_end(self, arm_hz: float, order: float, asked_rps_s: float) -> float:
         """End speed at which a low order passes the resonance.
 
-        It is 0 if the limits do not allow it, of a ramp for which an acceleration is wanted.
+        It is 0 if the limits do not allow such a ramp.
+
+        Args:
+            arm_hz: f_a.
+            order: The order.
+            asked_rps_s: Acceleration that is wanted.
         """
         end = min(FIRST_ORDER_END * arm_hz / order, self.top_rps)
         fastest = self.braking_rps_s
@@ -220,7 +225,7 @@ def plan_ramp(limits: RampLimits, asked_rps_s: float, end_rps: float, least_end_
         least_end_rps: End speed for which the acceleration is raised until there is room; 0: it is not raised.
 
     Raises:
-        NotPossibleError: The acceleration is none.
+        NotPossibleError: The acceleration is not above 0, or not finite.
         UnsafeRequestError: The acceleration is beyond its limit.
     """
     most, braking, top = limits.acceleration_rps_s, limits.braking_rps_s, limits.top_rps
@@ -247,7 +252,7 @@ def resonance_ramp(limits: RampLimits, arm_hz: float | None, asked_rps_s: float,
 
     Args:
         limits: The limits.
-        arm_hz: f_a; None if it is not known: then `blind_end_rps` is wanted, and f_m2 of an arm of `ACCELERATION_AT_HZ` needed.
+        arm_hz: f_a. If it is None, the ramp aims at `blind_end_rps`, with room for f_m2 of an arm of `ACCELERATION_AT_HZ`.
         asked_rps_s: Acceleration that is wanted.
         is_raised: True to raise it where travel is short.
     """
