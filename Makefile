@@ -48,7 +48,9 @@ test-all: $(TESTABLE)
 	$(BIN)/python -m tests.stages all
 
 bench: $(INSTALLED)
-	$(BIN)/python -m benchmarks --out docs/performance.md
+	$(BIN)/python -m benchmarks master bench node sdo robustness startup --out docs/performance.md
+	$(BIN)/python -m benchmarks plant growth memory runs --title "Performance: growth and long runs" \
+	  --out docs/performance-growth.md
 
 lint: $(TESTABLE)
 	$(BIN)/python -m tests.stages lint

@@ -15,6 +15,7 @@ from benchmarks.master_path import master_path
 from benchmarks.measure import DisagreementError, machine, measure_once, progress
 from benchmarks.memory import memory
 from benchmarks.node_frames import node_frames
+from benchmarks.rehearsed import rehearsed
 from benchmarks.robustness import robustness
 from benchmarks.sdo import sdo
 from benchmarks.startup import calls, startup
@@ -64,7 +65,14 @@ def groups(minutes: int) -> dict[str, list[Section]]:
                 upload,
             ),
         ],
-        "robustness": [("Robustness: a thousand robots", "`plant-emulator robustness`, one axis, no bus.", robustness)],
+        "robustness": [
+            ("Robustness: a thousand robots", "`plant-emulator robustness`, one axis, no bus.", robustness),
+            (
+                "A robot's rehearsal",
+                "`plant-emulator rehearse`: the whole path in one process, without wrong corrections; each step as a part of it.",
+                rehearsed,
+            ),
+        ],
         "startup": [
             ("Start-up", "", startup),
             ("The core from Python", "Calls of the libraries in C, medians of their turns.", calls),
@@ -96,6 +104,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("group", nargs="*", help="what to measure; all unless named")
     parser.add_argument("--out", type=Path, help="Markdown file to write")
+    parser.add_argument("--title", default="Performance", help="heading of the page")
     parser.add_argument("--hour", action="store_true", help="an hour of bus time for the memory, instead of ten minutes")
     parser.add_argument("--once", action="store_true", help="everything once, to see that it runs; the figures are worth nothing")
     arguments = parser.parse_args()
@@ -108,7 +117,7 @@ def main() -> None:
     chosen = arguments.group or list(known)
     begin = time.monotonic()
     lines = [
-        "# Performance",
+        f"# {arguments.title}",
         "",
         f"`make bench`, or `python -m benchmarks {' '.join(arguments.group) or '[group ...]'}`. {NOTE}",
         "",

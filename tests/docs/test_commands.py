@@ -33,7 +33,7 @@ NOT_RUN = {
     ("CONTRIBUTING.md", "make test CI=1"): SUITE,
     ("CONTRIBUTING.md", "make test-all"): SUITE,
     ("CONTRIBUTING.md", "make demo"): "installs first; tests/hil/cli runs the demo itself",
-    ("CONTRIBUTING.md", "make bench"): "measures for many minutes, and overwrites docs/performance.md",
+    ("CONTRIBUTING.md", "make bench"): "measures for many minutes, and overwrites two pages of docs",
     ("docs/arm-learning.md", "plant-emulator rehearse --arms --seeds 0 --out arms"): ARMS,
     ("docs/arm-learning.md", "plant-emulator rehearse --arms --seeds 1-100 --out arms --resume"): ARMS,
     ("docs/arm-learning.md", "plant-emulator rehearse --summary arms"): ARMS,
