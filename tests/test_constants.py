@@ -80,7 +80,7 @@ def numbers(module: ast.Module) -> Iterator[str]:
         yield from (target.id for target, value in pairs if isinstance(target, ast.Name) and is_number(value))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("package", sorted(ALLOWED))
 def test_no_two_modules_of_a_package_give_one_name_to_numbers_of_their_own(package: str) -> None:
     found: dict[str, list[str]] = defaultdict(list)

@@ -35,7 +35,7 @@ DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
 LEAST_END_RPS, LEAST_WANTED_RPS = 0.5, 1.0
 SPEED_FRACTION = 0.95
 """Fraction of the speed limit that a ramp uses."""
-ROOM = 1.001
+ACCELERATION_ROOM = 1.001
 """Acceleration of a ramp over the least that has room."""
 ADVISED_RPS_S = 50.0
 """Accelerations from here on are not advised in messages."""
@@ -234,7 +234,7 @@ def plan_ramp(limits: RampLimits, asked_rps_s: float, end_rps: float, least_end_
     if asked_rps_s > most:
         remedy = f"lower it, or raise axis.{limits.axis}.limits.acceleration_rps_s"
         raise UnsafeRequestError(f"the acceleration of axis {limits.axis}", asked_rps_s, most, "rev/s²", remedy)
-    acceleration = max(asked_rps_s, min(ROOM * limits.slowest(min(least_end_rps, top)), braking))
+    acceleration = max(asked_rps_s, min(ACCELERATION_ROOM * limits.slowest(min(least_end_rps, top)), braking))
     by_travel = reach_rps(limits.room_rev, acceleration, braking)
     end = min(end_rps, top, by_travel)
     binds: Binding = ""
