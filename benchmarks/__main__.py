@@ -139,7 +139,7 @@ def main() -> None:
 NOTE = (
     "Times depend on machine and load; compare the ratios. Each ratio is of two programs measured alternately in one run, and "
     "of the medians of each. Both programs must give the same result, to the last bit unless a bound is stated; otherwise the "
-    "benchmark ends with an error."
+    "benchmark ends with an error. Pages: [performance](performance.md); [growth and long runs](performance-growth.md)."
 )
 
 if __name__ == "__main__":
