@@ -60,9 +60,12 @@ format: $(TESTABLE)
 	$(BIN)/ruff format
 
 # pip works on one processor: two of them install every second package of a lock each.
+HALVE := import re, sys; \
+each = re.findall(r"(?m)^[^ \#\n].*\n(?: .*\n)*", open(sys.argv[1], encoding="utf-8").read()); \
+[open(f".venv/half-{half}.lock", "w", encoding="utf-8").writelines(each[half::2]) for half in (0, 1)]
 define INSTALL
 echo "Installing $(1) into .venv (about $(2), once)"; \
-for half in 0 1; do awk '/^[^ #]/ { n++ } n % 2 == '$$half $(1) >.venv/half-$$half.lock; done; \
+$(BIN)/python -c '$(HALVE)' $(1) || exit 1; \
 $(PIP) --require-hashes -r .venv/half-0.lock & first=$$!; \
 $(PIP) --require-hashes -r .venv/half-1.lock; second=$$?; wait $$first && [ $$second = 0 ] && \
 rm .venv/half-0.lock .venv/half-1.lock

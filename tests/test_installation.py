@@ -78,7 +78,7 @@ def test_the_demo_installs_with_this_pip_exactly_what_its_lock_says(project, pip
 def test_the_demo_runs_where_there_is_no_compiler(project, tmp_path_factory):
     """The PATH has what make and its recipes need, and no cc."""
     folder = tmp_path_factory.mktemp("bin")
-    for name in ("sh", "bash", "env", "make", "touch", "git", "uname", "dirname", "cat", "rm", "mkdir", "sed", "awk"):
+    for name in ("sh", "bash", "env", "make", "touch", "git", "uname", "dirname", "cat", "rm", "mkdir", "sed"):
         if path := shutil.which(name):
             (folder / name).symlink_to(path)
     (folder / "python3").symlink_to(sys._base_executable)
