@@ -30,8 +30,8 @@ def groups(minutes: int) -> dict[str, list[Section]]:
     return {
         "master": [(
             "The master's path",
-            "Cycles per second of SYNC, N answers of 8 bytes, the servo law and N set-points. The N nodes only echo, in a "
-            "process of their own on the same core. Ours is `Run.step`: the exchange, the checks of every axis, its law, and a "
+            "One cycle is a SYNC, N answers of 8 bytes, the servo law and N set-points. The N nodes only echo frames, in "
+            "their own process on the same core. Ours is `Run.step`: the exchange, the checks of every axis, its law, and a "
             "row of the recording. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, as threads of "
             "one process. Bare: the same records, packed beforehand, written to and read from the same kind of socket, without "
             "law or checks; no master in Python can be faster on this path.",
@@ -45,11 +45,12 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         )],
         "plant": [(
             "The closed loop without a bus",
-            "The servo law every 250 µs and four Runge-Kutta steps of the plant in each, set-points every 2 ms. Loose: "
-            "the same sources, built for this processor with fused multiply-adds; ours has strict arithmetic. Loose and plain "
-            f"Python may differ from ours by {plant.SAME_STEPS:g}, because they round in another order. The general "
-            "solvers integrate each control period alone, with the law in Python in between. Their difference to ours, at most "
-            f"{plant.TRUNCATION:g}, is the truncation error of our fixed steps, mostly from friction near rest.",
+            "The servo law runs every 250 µs, with four Runge-Kutta steps of the plant in each period; set-points come every "
+            "2 ms. Loose: the same sources, built for this processor with fused multiply-adds; ours has strict arithmetic. "
+            f"Loose and plain Python may differ from ours by {plant.SAME_STEPS:g}, because they round in another order. "
+            "The general solvers integrate each control period alone, with the law in Python in between. "
+            f"They may differ from ours by {plant.TRUNCATION:g}: the truncation error of our fixed steps, mostly from friction "
+            "near rest.",
             plant.plant,
         )],
         "node": [(
@@ -61,7 +62,7 @@ def groups(minutes: int) -> dict[str, list[Section]]:
             ("SDO round trips", "One client, one node, one object at a time.", sdo),
             (
                 "Upload of 200 objects: snapshot, write, read back",
-                "Tool and emulated node in one process; each frame is held for its own bits.",
+                "Tool and emulated node in one process; each frame takes the time of its bits.",
                 upload,
             ),
         ],
@@ -75,12 +76,16 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         ],
         "startup": [
             ("Start-up", "", startup),
-            ("The core from Python", "Calls of the libraries in C, medians of their turns.", calls),
+            ("The core from Python", "Calls of the C libraries; each time is the median of several rounds.", calls),
         ],
         "growth": [
             ("Growth: the whole bench", "Drive-closed, SYNC every 1 ms, one process, no bit times.", whole_bench.growth),
             ("Growth: the closed loop without a bus", "", plant.growth),
-            ("An arm: the closed loop without a bus", "Links couple the axes, or each turns an inertia of its own.", arm),
+            (
+                "An arm: the closed loop without a bus",
+                "The links of the arm couple its axes; each decoupled axis turns an inertia of its own.",
+                arm,
+            ),
             ("An arm over the bus", "Six axes of the reference arm, drive-closed, SYNC every 2 ms, two processes.", arm_over_bus),
         ],
         "memory": [(
@@ -91,7 +96,7 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         "runs": [
             (
                 "The runs of the demo, lock-step over the local bus, two processes",
-                "Wall time is that of the whole run: set-up over SDO, settling, the motion, the way back, restoration.",
+                "Wall time is that of the whole run: set-up over SDO, settling, motion, return, restoration.",
                 demo_runs.lock_step,
             ),
             ("One SYNC of the emulated robot, three axes energised, in one process", "", demo_runs.world),
@@ -137,9 +142,10 @@ def main() -> None:
 
 
 NOTE = (
-    "Times depend on machine and load; compare the ratios. Each ratio is of two programs measured alternately in one run, and "
-    "of the medians of each. Both programs must give the same result, to the last bit unless a bound is stated; otherwise the "
-    "benchmark ends with an error. Pages: [performance](performance.md); [growth and long runs](performance-growth.md)."
+    "Times depend on machine and load; compare the ratios. Each ratio compares the medians of two programs that were "
+    "measured alternately in one run. Both programs must give the same result, to the last bit unless a bound is stated; "
+    "otherwise the benchmark ends with an error. "
+    "Pages: [performance](performance.md); [growth and long runs](performance-growth.md)."
 )
 
 if __name__ == "__main__":

@@ -53,7 +53,7 @@ def arm(duration_s: float = 1.0) -> list[str]:
     reference = found["six axes, decoupled"]
     periods = SYNC_S / TICKS
     rows: list[Row] = [(name, rate, shown(1e6 * periods / rate), shown(rate / reference)) for name, rate in found.items()]
-    return table(("", "simulated s per s", "µs per control period", "of six decoupled"), rows)
+    return table(("", "simulated s per s", "µs per control period", "speed relative to six decoupled"), rows)
 
 
 def arm_over_bus(duration_s: float = 3.0, rounds: int = 3) -> list[str]:

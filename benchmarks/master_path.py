@@ -277,7 +277,8 @@ def master_path(counts: tuple[int, ...] = (1, 3, 6)) -> list[str]:
         vcan = _on_vcan(count, path)
         together = found["together"]
         rows.append((count, mine, vcan, library, limit, together, mine / library, mine / limit, mine / together))
-    heads = ("axes", "ours, local bus, cycles/s", "ours, vcan0", "`canopen` on `virtual`", "bare, a message per frame",
-             "bare, a message each way", "ours / `canopen`", "ours / bare, per frame")  # fmt: skip
+    heads = ("axes", "ours, local bus, cycles/s", "ours, vcan0", "`canopen` on `virtual`", "bare, one message per frame",
+             "bare, one message per direction", "ours / `canopen`", "ours / bare, per frame")  # fmt: skip
     note = "" if Path("/sys/class/net", VCAN).exists() else f" There is no {VCAN} here, so SocketCAN was not measured."
-    return [*table((*heads, "ours / bare, each way"), rows), "", f"`canopen` on one core or free, whichever was faster.{note}"]
+    faster = "`canopen` ran on one core and on all cores; the table has the faster of the two."
+    return [*table((*heads, "ours / bare, per direction"), rows), "", f"{faster}{note}"]

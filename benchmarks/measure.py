@@ -132,7 +132,7 @@ def machine() -> list[str]:
         "Processor": f"{_processor()}, {usable} of {os.cpu_count()} cores usable, governor {_governor()}",
         "System": f"{platform.system()} {platform.release()}, {platform.machine()}",
         "Python": f"{platform.python_implementation()} {platform.python_version()}; {', '.join(versions)}",
-        "Load average before the run": f"{load} (1, 5, 15 minutes); well below the number of cores on a quiet machine",
+        "Load average before the run": f"{load} (1, 5, 15 minutes); on a quiet machine it is well below the number of cores",
     }
     return [f"- {name}: {value}" for name, value in facts.items()]
 

@@ -96,7 +96,7 @@ def node_frames() -> list[str]:
         "SDO write of 4 bytes": [write],
         "SDO block write of 840 bytes, per frame": _block(840),
         "NMT command to another node": [Frame(0x000, bytes((1, 126)))],
-        "a frame that is not for it": [Frame(0x181, bytes(8))],
+        "a frame for other nodes": [Frame(0x181, bytes(8))],
     }
     network = canopen.Network()
     sent: list[bytes] = []
@@ -121,4 +121,4 @@ def node_frames() -> list[str]:
         other = found.get(f"canopen {name}")
         theirs_us, ratio = (None, None) if other is None else (1e6 / other, found[name] / other)
         rows.append((name, 1e6 / found[name], theirs_us, ratio))
-    return table(("frame", "µs per frame, our drive", "µs, `canopen`'s local node", "ours / its"), rows)
+    return table(("frame", "µs per frame, our drive", "µs, `canopen`'s local node", "our speed / its"), rows)

@@ -240,7 +240,7 @@ def plant() -> list[str]:
         far[name] = agreed(name, difference, TRUNCATION)
     mine = found[OURS]
     rows: list[Row] = [(name, rate, mine / rate, _exponent(far.get(name))) for name, rate in found.items()]
-    heads = ("three axes, drive-closed, no bus", "simulated s per s", "ours / this", "largest relative difference to ours")
+    heads = ("three axes, drive-closed, no bus", "simulated s per s", "our speed / this", "largest relative difference from ours")
     missing = (
         [] if python_control is not None else ["", "python-control is not installed (`pip install -e .[bench]`): not measured."]
     )

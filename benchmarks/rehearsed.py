@@ -24,4 +24,4 @@ def rehearsed() -> list[str]:
         whole = float(row["cpu_s"] or 0.0)
         parts = [float(row[f"{step}_cpu_s"] or 0.0) / whole for step in STEPS]
         rows.append((f"{kind}, seed {seed}", whole, *parts, 1.0 - sum(parts)))
-    return table(("robot", "s of processor", *STEPS, "runs and the rest"), rows)
+    return table(("robot", "processor time, s", *STEPS, "runs and the rest"), rows)

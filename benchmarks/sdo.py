@@ -59,7 +59,7 @@ def sdo() -> list[str]:
         remote = near.add_node(canopen.RemoteNode(NODE, dictionary()))
         contenders: dict[str, Callable[[], bytes]] = {
             "`SdoPort`, local bus, emulator process": lambda: network.read_raw(NODE, 0x1018, 1),
-            "its frames alone, sent and received by hand": frames,
+            "the same two frames without `SdoPort`": frames,
             "`canopen` client and node on `virtual`": lambda: remote.sdo.upload(0x1018, 1),
         }
         for name, call in contenders.items():
@@ -68,4 +68,4 @@ def sdo() -> list[str]:
         found = in_turn({name: lambda call=call: rate(call) for name, call in contenders.items()}, 3)
     mine = next(iter(found.values()))
     rows: list[Row] = [(name, value, 1e6 / value, mine / value) for name, value in found.items()]
-    return table(("read of a 32-bit object", "per s", "µs", "ours / this"), rows)
+    return table(("read of a 32-bit object", "per s", "µs", "our speed / this"), rows)

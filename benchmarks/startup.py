@@ -106,7 +106,7 @@ def startup(repeats: int = 5) -> list[str]:
         "`hil demo --no-tour`, warm: eleven runs, figures and report": demo,
     }
     rows: list[Row] = [(name, times.waited_s, times.worked_s, times.worked_s / bare.worked_s) for name, times in found.items()]
-    return table(("a new process", "s", "s of processor", "`python -c pass` = 1"), rows)
+    return table(("a new process", "s", "processor time, s", "`python -c pass` = 1"), rows)
 
 
 def calls(repeats: int = 5) -> list[str]:

@@ -174,4 +174,4 @@ def growth(counts: tuple[int, ...] = (1, 3, 6, 12, 20, 30)) -> list[str]:
         cycle_us = 1e3 / factor
         first = first or cycle_us
         rows.append((count, factor, cycle_us, f"{shown(cycle_us / first)}"))
-    return table(("axes", "× real time", "µs per cycle", "of one axis'"), rows)
+    return table(("axes", "× real time", "µs per cycle", "relative to one axis"), rows)

@@ -235,7 +235,7 @@ def _notch_held(profile: Profile) -> Iterator[str]:
     yield "### The paper's notch (Table 3) in this drive"
     assumed_s = None if _knows_period(profile) else ASSUMED_PERIOD_S
     if assumed_s:
-        yield f"The period of its filter is not known; {1e6 * assumed_s:g} µs is assumed here."
+        yield f"The period of the drive's filter is not known; the table assumes {1e6 * assumed_s:g} µs."
     rows = []
     for axis, speed_rps, offset_hz, zeta_rn in (("2", 5.92, 0.5, 0.028), ("3", 5.72, 0.7, 0.036)):
         target = NotchTarget.at_speed(2, speed_rps, offset_hz, zeta_rn, 0.1)

@@ -209,7 +209,7 @@ def pull(
         typer.echo(f"not read: {line}", err=True)
     count = sum(1 for _ in pulled.items())
     if not count:
-        typer.echo(f"node {node}: none of its known objects could be read and written back", err=True)
+        typer.echo(f"node {node}: no known object gave a value that can be written back", err=True)
     if as_json:
         print_json(pulled.model_dump())
     elif out is None:

@@ -65,7 +65,9 @@ def restore(
     bus: BusOption,
     node: Annotated[
         int | None,
-        typer.Option("--node", min=1, max=127, help="Node-ID; a snapshot names its own.", autocompletion=complete_nodes),
+        typer.Option(
+            "--node", min=1, max=127, help="Node-ID; with --snapshot, default: the snapshot's.", autocompletion=complete_nodes
+        ),
     ] = None,
     *,
     snapshot: Annotated[
@@ -96,7 +98,7 @@ def restore(
     from drive_profiles.upload.result import UploadOptions
 
     if (snapshot is None) != defaults:
-        raise fail("give one of --snapshot FILE and --defaults", ExitStatus.USAGE)
+        raise fail("give either --snapshot FILE or --defaults", ExitStatus.USAGE)
     # the drive has given the values of a snapshot itself: no fact of a profile, no limit of an EDS speaks against them
     options = UploadOptions(
         store=store, journals=journals, allow_unverified=True, limits=False, force_commissioning=force_commissioning

@@ -137,7 +137,7 @@ class SdoBus:
             ValueError: The node-ID is not from 1 to 127.
         """
         if not 1 <= node <= MAX_NODE_ID:
-            raise ValueError(f"node-ID {node} is not in 1 to {MAX_NODE_ID}")
+            raise ValueError(f"node-ID {node}: expected 1 to {MAX_NODE_ID}")
         if node not in self._ports:
             self._lines[node] = _Line(self)
             line = self._lines[node]

@@ -150,7 +150,9 @@ def period_of(profile: Profile, period_s: float | None) -> float:
     for period in (period_s, notch, loop):
         if period is not None:
             return period
-    raise NotRealisableError(profile.label, ("the period of its filter is not known; give --period-us (in Python: period_s)",))
+    raise NotRealisableError(
+        profile.label, ("the period of the drive's filter is not known; give --period-us (in Python: period_s)",)
+    )
 
 
 def rule_of(notch: NotchFacts) -> Rule:

@@ -165,7 +165,7 @@ def check_counting(bench: Bench, recording: Recording, number: int) -> None:
     if abs(scale - 1.0) <= tolerance:
         return
     seen = (
-        f"axis {number}: the load encoder turned {scale:.4g} times as far as its joint did by the motor and reduction_ratio "
+        f"axis {number}: the load encoder turned {scale:.4g} times as far as motor angle / reduction_ratio "
         f"{table.reduction_ratio:g} ({math.degrees(travel):.2f}° of travel)"
     )
     if abs(scale + 1.0) <= tolerance:
@@ -175,8 +175,8 @@ def check_counting(bench: Bench, recording: Recording, number: int) -> None:
     if abs(scale) <= tolerance:
         raise NotPossibleError(f"{seen}: it does not move; load_encoder.object may be that of another joint, or of none")
     raise NotPossibleError(
-        f"{seen}: reduction_ratio {table.reduction_ratio / abs(scale):.4g} would agree with it, "
-        f"or counts_per_rev {encoder.counts_per_rev * abs(scale):.0f}; {encoder.counts_per_rev} is given"
+        f"{seen}; correct reduction_ratio to {table.reduction_ratio / abs(scale):.4g}, "
+        f"or load_encoder.counts_per_rev from {encoder.counts_per_rev} to {encoder.counts_per_rev * abs(scale):.0f}"
     )
 
 

@@ -77,7 +77,7 @@ def notch(
     bench_file: BenchOption,
     axis: Annotated[int, typer.Option("--axis", help="Axis of the notch.", autocompletion=AXES.one)],
     model: ModelOption = None,
-    order: Annotated[str, typer.Option(help="Harmonic order k, or two of them: 2, 1,2 or both for 2,4.")] = "2",
+    order: Annotated[str, typer.Option(help="Harmonic order k: one such as 2, two such as 1,2, or `both` (2,4).")] = "2",
     shape: Annotated[
         ShapeName, typer.Option(help="switched: constant between f_s and f_e; trapezoid: scheduled.")
     ] = ShapeName.BEST,
@@ -85,7 +85,7 @@ def notch(
     max_sensitivity: Annotated[float, typer.Option(help="Largest M_s at any speed.")] = 1.7,
     phase_margin_deg: Annotated[float, typer.Option(help="Least phase margin at any speed.")] = 35.0,
     gain_margin_db: Annotated[float, typer.Option(help="Least gain margin at any speed.")] = 6.0,
-    tip_mm: Annotated[float | None, typer.Option(help="Tip limit A_acc; default: the bench file's specification.")] = None,
+    tip_mm: Annotated[float | None, typer.Option(help="Limit of the tip peak, mm; default: the bench file's tip_mm.")] = None,
     uncertainty_percent: UncertaintyOption = None,
     period_s: Annotated[float | None, typer.Option(help="Sampling time of the loop; default: the drive family's.")] = None,
     delay_samples: Annotated[int, typer.Option(min=0, max=20, help="Whole samples between measurement and torque.")] = 0,
@@ -152,7 +152,7 @@ def _orders(text: str) -> tuple[int, ...]:
         return ORDERS[1:]
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isdecimal() for part in parts) or len(set(parts)) != len(parts):
-        raise ValueError(f"--order {text!r}: give an order like 2, two of them like 1,2, or both for 2,4")
+        raise ValueError(f"--order {text!r}: expected one order such as 2, two such as 1,2, or `both` (2,4)")
     return tuple(int(part) for part in parts)
 
 

@@ -106,7 +106,7 @@ def plant(
         float | None, typer.Option(help="Upper end of the band; default: by the pilot run, at most 0.4 of the SYNC rate.")
     ] = None,
     bias_rps: Annotated[
-        float | None, typer.Option(help="Motor speed under the excitation; default: away from the gear's resonance.")
+        float | None, typer.Option(help="Motor speed during the excitation; default: away from the gear's resonance.")
     ] = None,
     periods: Annotated[int, typer.Option(help="Least number of averaged periods.")] = 10,
     excitation: Annotated[

@@ -44,7 +44,7 @@ def passport(
         typer.Argument(metavar="DIR", help="Folders of identifications: result.json and model files below them."),
     ],
     file: Annotated[
-        Path | None, typer.Option("--file", help=f"The passport; default: {PASSPORT_FILE} in the first folder.", dir_okay=False)
+        Path | None, typer.Option("--file", help=f"Passport file; default: {PASSPORT_FILE} in the first folder.", dir_okay=False)
     ] = None,
     since: Annotated[
         str | None, typer.Option("--since", metavar="DATE", help="Watch runs from this date on, such as that of a new gear.")

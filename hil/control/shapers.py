@@ -184,7 +184,7 @@ def shaper_for(name: ShaperName, modes: Sequence[SwingingMode]) -> Shaper:
         ValueError: There is no mode.
     """
     if not modes:
-        raise ValueError(f"a {name} shaper without any mode")
+        raise ValueError(f"{name} shaper: no mode given; expected at least one")
     made = shaper(name, modes[0])
     for mode in modes[1:]:
         made = made.then(shaper(name, mode))

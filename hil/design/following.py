@@ -84,7 +84,10 @@ def resonance_of(response: Callable[[Real], Complex], f_al_hz: float) -> Resonan
         found = np.linalg.lstsq(both, wants, rcond=None)[0] * sizes
         below = s * s + found[2] * s + found[3]
     if not (found[2] > 0.0 and found[3] > 0.0):
-        raise ValueError(f"no resonance that rings down is found at {f_al_hz:.3g} Hz: a₁ = {found[2]:.3g}, a₀ = {found[3]:.3g}")
+        raise ValueError(
+            f"no resonance that rings down is found at {f_al_hz:.3g} Hz: a₁ = {found[2]:.3g}, a₀ = {found[3]:.3g}; "
+            "expected both above 0"
+        )
     b0, b1, a1, a0 = found.tolist()
     return Resonance(b0, b1, a1, a0, f_al_hz)
 

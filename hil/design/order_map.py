@@ -302,7 +302,7 @@ def _windows(motor_angle_rad: Real, signals: Sequence[Real], period_s: float, or
             yield _Window(place, weight, angle[there], together[:, there], speed, direction, period_s)
     if not count:
         raise ValueError(
-            f"the motor never makes {turns:g} turns in one direction at {SLOWEST_RPS:g} rev/s or more; an order map needs as many"
+            f"the motor never makes {turns:g} turns in one direction at {SLOWEST_RPS:g} rev/s or more, as an order map needs"
         )
 
 

@@ -97,14 +97,15 @@ def write_mcap(path: Path, series: Sequence[Series]) -> None:
 
     Raises:
         MissingPackageError: mcap is not installed.
-        ExportError: A stamp is before 0, which MCAP does not have.
+        ExportError: A time stamp is below 0, which MCAP cannot hold.
     """
     try:
         from mcap.writer import Writer  # noqa: PLC0415 - an extra
     except ImportError:
         raise MissingPackageError(path, "mcap", "mcap") from None
-    if any(len(each.time_s) and each.time_s.min() < 0.0 for each in series):
-        raise ExportError(path, "a stamp is below 0, which MCAP cannot hold")
+    earliest_s = min((float(each.time_s.min()) for each in series if len(each.time_s)), default=0.0)
+    if earliest_s < 0.0:
+        raise ExportError(path, f"the earliest time stamp is {earliest_s:g} s; MCAP holds none below 0; write a .parquet file")
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="", library="hil-bench")

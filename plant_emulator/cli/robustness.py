@@ -85,7 +85,8 @@ AreaOption = Annotated[
 ]
 OnlyOption = Annotated[int | None, typer.Option("--only", min=0, metavar="INDEX", help="Only this plant, in detail.")]
 OutOption = Annotated[
-    Path | None, typer.Option("--out", help="Folder for report.html, robustness.json and draws.csv; with --only, the run.")
+    Path | None,
+    typer.Option("--out", help="Folder for report.html, robustness.json and draws.csv; with --only, for a CSV of the run."),
 ]
 
 

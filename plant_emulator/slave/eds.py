@@ -56,7 +56,7 @@ class DeviceInfo:
         if unknown:
             raise ValueError(f"bit rates {unknown} kbit/s are not among {BIT_RATES}")
         if not 1 <= self.granularity <= 64:
-            raise ValueError(f"a granularity of {self.granularity} bits is not in 1 to 64")
+            raise ValueError(f"granularity {self.granularity} bits: expected 1 to 64")
 
 
 def write_eds(dictionary: Dictionary, info: DeviceInfo) -> str:

@@ -96,7 +96,7 @@ class Slave:
         autostart: bool = False,
     ) -> None:
         if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
-            raise ValueError(f"node-ID {node_id} is not in 1 to {MAX_NODE_ID}")
+            raise ValueError(f"node-ID {node_id}: expected 1 to {MAX_NODE_ID}, or {UNCONFIGURED} for none")
         self.dictionary = dictionary
         self.on_sync: Callable[[int], None] = _nothing
         self.on_nmt: Callable[[NmtState, NmtState], None] = _nothing

@@ -123,10 +123,10 @@ class Tpdo(PdoSetup):
         """Return the data of this instant.
 
         Raises:
-            ValueError: The owner of an entry gave a value that it cannot hold.
+            ValueError: A mapped object has a value that it cannot hold.
         """
         try:
             return self.packer.pack(*[c.value if (hook := c.read_hook) is None else hook() for c in self.cells])
         except (struct.error, ValueError) as error:
             names = ", ".join(cell.entry.name for cell in self.cells)
-            raise ValueError(f"the owner gave a value that its object cannot hold ({names}): {error}") from error
+            raise ValueError(f"a mapped object ({names}) has a value that it cannot hold: {error}") from error

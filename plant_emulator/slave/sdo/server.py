@@ -120,7 +120,7 @@ class SdoServer:
         silence_ns: int = 250_000_000,
     ) -> None:
         if not 1 <= block_size <= MAX_BLOCK_SIZE:
-            raise ValueError(f"block size {block_size} is not in 1 to {MAX_BLOCK_SIZE}")
+            raise ValueError(f"block size {block_size}: expected 1 to {MAX_BLOCK_SIZE}")
         self.response_id = response_id
         self._dictionary = dictionary
         self._max_bytes = max_bytes

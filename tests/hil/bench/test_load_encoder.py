@@ -69,9 +69,9 @@ def test_the_tip_is_the_lever_times_the_second_derivative_of_the_joint(hz):
     ("scale", "words"),
     [
         (-1.0, "counts the wrong way; state load_encoder.is_reversed = true"),
-        (120.0 / 101.0, r"reduction_ratio 101 would agree with it, or counts_per_rev 124\d{4}; 1048576 is given"),
+        (120.0 / 101.0, r"correct reduction_ratio to 101, or load_encoder.counts_per_rev from 1048576 to 124\d{4}"),
         (0.0, "does not move; load_encoder.object may be"),
-        (2.0, "reduction_ratio 60 would agree"),
+        (2.0, "correct reduction_ratio to 60, "),
     ],
 )
 def test_an_encoder_that_contradicts_the_motor_is_refused_with_the_numbers(scale, words):

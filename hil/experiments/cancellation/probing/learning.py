@@ -198,7 +198,9 @@ def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[floa
         )
         learning.outcomes[part] = PartOutcome(part, "not reached", words=words)
     if not parts:
-        raise NotPossibleError(f"no order reaches the band, {low:g} to {high:g} Hz; the motion is too slow to learn on it")
+        raise NotPossibleError(
+            f"no order is in the band, {low:g} to {high:g} Hz, for {LEAST_REACH_S:g} s; choose another pace or motion"
+        )
     return parts
 
 
@@ -360,6 +362,6 @@ def _check_quieter(learning: MotionLearning, run: MotionRun) -> None:
     noise = learning.noise_mm
     if peak_with >= peak or rms**2 - rms_with**2 <= BETTER_SIGMAS * noise.power_error(rms):
         raise MotionNotLearntError(
-            f"nothing is kept, because the learnt cancellation does not help; peak {peak:.4f} mm without and {peak_with:.4f} mm "
-            f"with it, root mean square {rms:.4f} and {rms_with:.4f} mm, noise {noise.rms:.4f} mm"
+            f"the learnt cancellation does not help, so nothing is kept; without and with it: peak {peak:.4f} and "
+            f"{peak_with:.4f} mm, root mean square {rms:.4f} and {rms_with:.4f} mm; noise {noise.rms:.4f} mm"
         )
