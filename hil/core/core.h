@@ -5,6 +5,7 @@
 #include "hil/control/cancellation.h"
 #include "hil/control/following.h"
 #include "hil/control/servo.h"
+#include "hil/design/gear.h"
 #include "hil/design/margins.h"
 #include "hil/design/ramp.h"
 #include "hil/logs/candump.h"

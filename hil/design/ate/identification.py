@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.design.ate.gear import GearLaw
 from hil.design.ate.misfit import APART_FROM, BEND, BEND_PHASE, misfit, structured_power
 from hil.design.ate.model import GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
 from hil.design.ate.motion import motion_factor
@@ -39,6 +40,7 @@ from hil.design.ate.refinement import (
     slopes_by_arms,
     without_rounding,
 )
+from hil.design.estimation import EstimatedParameter
 from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
 
 Real = NDArray[np.float64]
@@ -107,6 +109,8 @@ class JointEstimate:
         is_spring: False if the gear bends the strongest order visibly (hysteresis, a soft wind-up), or the directions differ
             by more than noise.
         structured: Fraction of the signal without the motor's own motion that neither θ_sync nor noise explains.
+        gear: The gear on which the arm was simulated; None for a linear one.
+        delay: Δ from that simulation.
     """
 
     error: TransmissionError
@@ -126,6 +130,8 @@ class JointEstimate:
     misfit: Mapping[float, float] = field(default_factory=dict)
     structured: float = 0.0
     is_spring: bool = True
+    gear: GearLaw | None = None
+    delay: EstimatedParameter | None = None
 
     @property
     def is_bent(self) -> bool:

@@ -47,12 +47,14 @@ class Sweep:
         signal: The tip acceleration in m/s², or the motor torque in N·m, sampled with it; shape (n,).
         period_s: Sampling period.
         direction: +1 where the motor speeds up forwards, −1 backwards, 0 for samples that do not count; shape (n,).
+        torque_nm: Torque of the motor beside a tip acceleration, which shows the arm's weight; None if it is not known.
     """
 
     motor_angle_rad: Real
     signal: Real
     period_s: float
     direction: Signs
+    torque_nm: Real | None = None
 
 
 @dataclass(frozen=True)

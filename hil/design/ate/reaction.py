@@ -184,8 +184,8 @@ def _windows(motion: Turning, known: MotorSide, error: TransmissionError, orders
     speed = np.gradient(angle, period_s)
     acceleration = np.gradient(speed, period_s)
     width = max(1, round(SMOOTHED_S / period_s))
-    slow_speed, slow_torque = _averaged(speed, width), _averaged(motion.torque_nm, width)
-    own = known.motor_inertia_kg_m2 * _averaged(acceleration, width) + known.motor_damping_nm_s_rad * slow_speed
+    slow_speed, slow_torque = averaged(speed, width), averaged(motion.torque_nm, width)
+    own = known.motor_inertia_kg_m2 * averaged(acceleration, width) + known.motor_damping_nm_s_rad * slow_speed
     slow_load = n * (slow_torque - own - known.coulomb_friction_nm * np.sign(slow_speed))
     slope = -np.sum([k * size[k] * np.sin(k * angle + phase[k]) for k in orders], axis=0)
     signals = (motion.torque_nm, acceleration, slow_load * slope)
@@ -216,7 +216,7 @@ def _windows(motion: Turning, known: MotorSide, error: TransmissionError, orders
     return parts
 
 
-def _averaged(values: Real, width: int) -> Real:
+def averaged(values: Real, width: int) -> Real:
     """Running mean over 2 width + 1 samples, the ends held."""
     padded = np.concatenate([np.full(width, values[0]), values, np.full(width, values[-1])])
     sums = np.cumsum(np.concatenate([[0.0], padded]))

@@ -136,6 +136,7 @@ class AxisKnowledge:
         gear_fraction_error: Standard error of the gear's fraction of the arm's damping.
         side: Identified motor and arm, from which the gear's reaction on the motor follows; None without them.
         delay_s: Delays of the accelerometer that are searched, from and to.
+        arm_inertia: J_l in kg·m² and its standard error; None if they are not known.
     """
 
     start: Arm | None = None
@@ -147,6 +148,7 @@ class AxisKnowledge:
     gear_fraction_error: float = GEAR_FRACTION_ERROR
     side: MotorSide | None = None
     delay_s: tuple[float, float] = DELAY_S
+    arm_inertia: tuple[float, float] | None = None
 
 
 def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, sensorless: bool) -> AxisKnowledge:
@@ -180,7 +182,7 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
         return AxisKnowledge(
             start, values, fraction, "the model file", errors.get("antiresonance_hz"), errors.get("damping"),
             _gear_fraction_error(total, errors), _motor_side(bench.axis[axis].reduction_ratio, part_of),
-            searched_delay_s(part_of),
+            searched_delay_s(part_of), (values.arm_inertia_kg_m2, errors.get("arm_inertia_kg_m2", 0.0)),
         )  # fmt: skip
     model = bench.axis[axis].model
     if not sensorless:

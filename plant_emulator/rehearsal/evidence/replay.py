@@ -11,7 +11,7 @@ from hil.bench.model import Identified, IdentifiedAxis, IdentifiedPlant
 from hil.control.angles import ARCSEC
 from hil.design.ate.model import Sweep
 from hil.errors import HilError
-from hil.experiments.ate.identify import as_part, estimate_of
+from hil.experiments.ate.identify import as_part, estimate_of, simulated
 from hil.experiments.ate.request import AteRequest, axis_knowledge
 from hil.recording import Recording
 from hil.results.ate import AteResult, AteRun
@@ -71,11 +71,13 @@ def _of_ramps(recorded: RecordedRobot, bench: Bench, axis: int, plant: Identifie
         )
     if estimate is None:
         return {}
+    linear = estimate
+    estimate = simulated(linear, sweeps, bench.axis[axis].reduction_ratio, result.sensing, knowledge)
     damping = None if knowledge.start is None else knowledge.start.damping
     part = as_part(estimate, request, "", knowledge.gear_fraction_error, None, damping)
     model = Identified(robot=bench.name, axis={axis: IdentifiedAxis(plant=plant, ate=part)})
     true_hz, true_damping = _arm_on_its_gear(recorded.robot, axis, sweeps, result.sensing.gain)
-    arm, error = estimate.arm, estimate.arm_error
+    arm, error = linear.arm, linear.arm_error
     return quantities_of(recorded.robot, axis, model, None) | {
         "ramps_arm_hz": QuantityRecord(true_hz, arm.resonance_hz, error.resonance_hz),
         "ramps_damping": QuantityRecord(true_damping, arm.damping, error.damping),
@@ -88,7 +90,8 @@ def _sweep(made: AteRun, recording: Recording, axis: int) -> Sweep:
     for from_s, sign in ((made.forward_from_s, 1), (made.backward_from_s, -1)):
         since = recording.time_s - recording.time_s[0] - from_s
         direction[(since > -0.5 * recording.period_s) & (since <= made.ramp_s + 1e-9)] = sign
-    return Sweep(recording.axis(axis, "position_rad"), recording.felt_m_s2, recording.period_s, direction)
+    torque = recording.axis(axis, "torque_nm")
+    return Sweep(recording.axis(axis, "position_rad"), recording.felt_m_s2, recording.period_s, direction, torque)
 
 
 def _arm_on_its_gear(robot: Robot, number: int, sweeps: Sequence[Sweep], lever_m: float) -> tuple[float, float]:

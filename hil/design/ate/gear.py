@@ -1,0 +1,143 @@
+"""An arm on a gear that is soft at small torsions and has hysteresis, along a measured motion of its motor.
+
+The equations are those of `gear.h`.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from hil.core.library import CORE
+
+Real = NDArray[np.float64]
+
+STEPS_PER_RADIAN = 2.0
+"""Steps per radian of the fastest vibration: a Runge-Kutta step of order 4 then turns it by 3e-4 rad too little (h⁵/120)."""
+
+
+@dataclass(frozen=True)
+class GearLaw:
+    """Spring, losses and load of a gear, all per arm inertia J_l.
+
+    Attributes:
+        resonance_hz: Resonance ω/2π at large torsions, the motor held and without hysteresis.
+        damping: Damping ratio ζ of gear and arm.
+        gear_fraction: Fraction of ζ that is the gear's.
+        softness: r, fraction of the stiffness that is missing at small torsions.
+        wind_up_rad: ψ_s, torsion over which it comes back.
+        hysteresis_rad: F/K_g, torsion that carries Dahl's friction.
+        hysteresis_torsion_rad: ψ_h, torsion over which that turns round.
+        gravity_rad_s2: (g_c, g_s): gravity decelerates the arm by g_c cos θ_l + g_s sin θ_l.
+    """
+
+    resonance_hz: float
+    damping: float
+    gear_fraction: float = 0.9
+    softness: float = 0.0
+    wind_up_rad: float = 1.0
+    hysteresis_rad: float = 0.0
+    hysteresis_torsion_rad: float = 1.0
+    gravity_rad_s2: tuple[float, float] = (0.0, 0.0)
+
+    def record(self, wound: float = 0.0) -> NDArray[np.void]:
+        """The law as `struct gear_law`; shape (1,)."""
+        made = np.zeros(1, CORE.dtype("gear_law"))
+        omega = 2.0 * math.pi * self.resonance_hz
+        made["stiffness"] = omega**2
+        made["gear_damping"] = 2.0 * self.gear_fraction * self.damping * omega
+        made["arm_damping"] = 2.0 * (1.0 - self.gear_fraction) * self.damping * omega
+        made["softness"], made["per_wind_up"] = self.softness, 1.0 / self.wind_up_rad
+        made["hysteresis"], made["per_hysteresis"] = omega**2 * self.hysteresis_rad, 1.0 / self.hysteresis_torsion_rad
+        made["gravity_cosine"], made["gravity_sine"] = self.gravity_rad_s2
+        made["wound"] = wound
+        return made
+
+    def follow(self, base_rad: Real, speed_rad_s: Real, step_s: float, wound: float = 0.0) -> Real:
+        """Acceleration of the arm along a motion of the gear's input, from rest.
+
+        Args:
+            base_rad: θ_m/N + θ_sync at every half step; shape (2 n + 1,).
+            speed_rad_s: Its rate of change, of the same shape.
+            step_s: Step of the integration.
+            wound: Dahl's friction over F at rest, which the motions before have left.
+
+        Returns:
+            θ̈_l in rad/s² at every step; shape (n + 1,).
+
+        Raises:
+            ValueError: The shapes differ, or there is no half step between two steps.
+        """
+        if base_rad.shape != speed_rad_s.shape or base_rad.ndim != 1 or len(base_rad) % 2 == 0:
+            raise ValueError(
+                f"base and speed have shapes {base_rad.shape} and {speed_rad_s.shape}; both must be (2 n + 1,), with half steps"
+            )
+        steps = len(base_rad) // 2
+        law, acceleration = self.record(wound), np.empty(steps + 1)
+        base, speed = (np.ascontiguousarray(each, dtype=np.float64) for each in (base_rad, speed_rad_s))
+        CORE.call.gear_follow(
+            CORE.pointer(law, "gear_law"), CORE.pointer(base), CORE.pointer(speed), steps, step_s, CORE.pointer(acceleration)
+        )
+        return acceleration
+
+
+@dataclass(frozen=True)
+class BaseMotion:
+    """Motion of a gear's input, at half steps of an integration.
+
+    It is the cubic spline through the measured motor angle, with the waves of some orders.
+
+    Attributes:
+        per_sample: Integration steps in a sample.
+        step_s: Step of the integration.
+        rigid: θ_m/N in rad, and its rate; shape (2, 2 n + 1).
+        waves: cos kθ_m and −sin kθ_m of each order k, and their rates; shape (2, 2 orders, 2 n + 1).
+    """
+
+    per_sample: int
+    step_s: float
+    rigid: Real
+    waves: Real
+
+    @classmethod
+    def of(
+        cls, motor_angle_rad: Real, period_s: float, reduction_ratio: float, orders: tuple[float, ...], fastest_hz: float
+    ) -> "BaseMotion":
+        """Motion along a measured motor angle.
+
+        Args:
+            motor_angle_rad: θ_m, equally spaced; shape (samples,).
+            period_s: Sampling period.
+            reduction_ratio: Reduction ratio N.
+            orders: Orders k.
+            fastest_hz: Fastest vibration that the steps resolve.
+        """
+        per_sample = max(1, math.ceil(STEPS_PER_RADIAN * 2.0 * math.pi * fastest_hz * period_s))
+        time = period_s * np.arange(len(motor_angle_rad))
+        spline = scipy.interpolate.CubicSpline(time, motor_angle_rad, bc_type="clamped")
+        halves = period_s / (2 * per_sample) * np.arange(2 * per_sample * (len(motor_angle_rad) - 1) + 1)
+        angle, speed = spline(halves), spline(halves, 1)
+        k = np.array(orders)[:, np.newaxis]
+        cosine, sine = np.cos(k * angle), np.sin(k * angle)
+        waves = np.stack([np.stack([cosine, -sine], 1), np.stack([-k * sine * speed, -k * cosine * speed], 1)])
+        rigid = np.stack([angle, speed]) / reduction_ratio
+        return cls(per_sample, period_s / per_sample, rigid, waves.reshape(2, 2 * len(orders), -1))
+
+    def shaken(self, noise_rad: Real, reduction_ratio: float) -> tuple[Real, Real]:
+        """What a disturbance of the measured motor angle adds to the input and to its rate; both of shape (2 n + 1,).
+
+        Args:
+            noise_rad: The disturbance at every sample; shape (samples,).
+            reduction_ratio: Reduction ratio N.
+        """
+        time = self.step_s * self.per_sample * np.arange(len(noise_rad))
+        spline = scipy.interpolate.CubicSpline(time, noise_rad / reduction_ratio, bc_type="clamped")
+        halves = 0.5 * self.step_s * np.arange(self.rigid.shape[1])
+        return spline(halves), spline(halves, 1)
+
+    def with_error(self, unknowns: Real) -> tuple[Real, Real]:
+        """θ_m/N + θ_sync and its rate, of A_k cos φ_k and A_k sin φ_k in rad; both of shape (2 n + 1,)."""
+        base, speed = self.rigid + np.einsum("u,wun->wn", unknowns, self.waves)
+        return base, speed

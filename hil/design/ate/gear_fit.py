@@ -1,0 +1,434 @@
+"""Transmission error, gear and sensor delay by maximum likelihood, the arm simulated on its gear.
+
+For given unknowns p the arm is simulated along the measured motor (`gear`). The residual of each ramp, e = y − ŷ(p), has the
+spectrum E(f), whose bins are independent and complex normal with the variance n S(f):
+
+    −log L = Σ |E|²/(n S) + log S,      S = s² + q² Q(f; p) + τ² V(f)
+
+s² is the sensor's variance, q² Q the encoder's noise as it passes through the arm, and τ² V the part of the vibration that the
+model misses. The unknowns have normal priors. Fisher's scoring finds p, and the curvature there is its covariance; s, q and τ
+maximise the likelihood in between.
+
+For p itself the determinant is left out: the encoder's noise is one of the regressor θ_m, and the motor's true motion is unknown.
+Its most likely value given θ_m and y leaves Σ |E|²/(n S) alone, as in Deming's regression. With the determinant, p would draw
+towards an arm that passes less of the encoder's noise.
+
+Sources: P. Whittle, Estimation and information in stationary time series, Arkiv för Matematik 2 (1953); W. A. Fuller, Measurement
+Error Models, Wiley 1987, section 1.3.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from hil.control.angles import ARCSEC
+from hil.design.ate.gear import GearLaw
+from hil.design.ate.gear_ramp import BAND, FACTORS, OF_ROUNDING, SHARED, Ramp, Setting
+from hil.design.ate.gravity import Weight
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Arm, Sensing, Sweep
+from hil.design.estimation import EstimatedParameter
+from hil.design.transmission_error import TransmissionError
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+GRAVITY_M_S2 = 9.81
+MOUNTING_HZ = 110.0
+"""A sensor's resonance on its mounting, as likely below as above, so its bend at an arm's frequency f is within ±(f/110 Hz)²."""
+SENSITIVITY_ERROR = 0.01
+"""Standard deviation of a calibrated accelerometer's sensitivity (data sheets: 0.5 to 2 %)."""
+LARGEST_ENCODER = 13.0
+"""Most of an encoder's noise over its rounding's q²/12: one count rms beside it, more than any data sheet allows."""
+LEAST_MISS = 1e-3
+"""Least fraction of the vibration that a model misses: the error of its steps, and of the spline between samples."""
+SMOOTHED_BINS = 5
+SEARCHING, FINISHING, STEPS = 2, 4, 8
+"""Rounds of scoring and noise from each gear and from the best, and most steps in a round."""
+MODEL_ERROR = 2e-3
+"""Error of A_k e^{jφ_k} without noise, relative to A_k: the model's steps, the spline between samples, the sensor's filter."""
+MOST_MISS = 0.05
+"""Most of a vibration that a gear may miss and still be the gear."""
+FAR_SIGMAS = 4.0
+GAINED = 0.05
+"""Gain in log-likelihood below which a step or a round is the last: a fifth of a standard error squared."""
+MOST_DAMPED = 1e7
+SIZES = {
+    "resonance": 1e-3, "damping": 0.02, "drag": 0.05, "gain": 1e-3, "bend": 1e-3, "delay": 1e-4, "softness": 0.05,
+    "wind_up": 0.05, "hysteresis": 0.05, "hysteresis_torsion": 0.05, "cosine": 0.3, "sine": 0.3,
+}  # fmt: skip
+"""Steps of the slopes by each unknown: where the signal changes by a per cent or less."""
+GEARS = (
+    {"softness": math.log(0.15), "hysteresis": math.log(5.0 * ARCSEC)},
+    {"softness": math.log(0.01), "hysteresis": math.log(0.1 * ARCSEC)},
+)
+"""Gears from which the search starts: a soft one with friction, and one that is nearly linear."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Normal prior of an unknown."""
+
+    mean: float
+    sigma: float
+
+
+def priors(gravity: tuple[Prior, Prior], resonance_hz: float) -> dict[str, Prior]:
+    """Priors of the shared unknowns.
+
+    Torsions, softness and friction have the spread of harmonic drives of all sizes.
+
+    Args:
+        gravity: Those of g_c and g_s.
+        resonance_hz: A resonance near the arm's own.
+    """
+    return {
+        "resonance": Prior(math.log(resonance_hz), 1.0),
+        "damping": Prior(math.log(0.03), 1.0),
+        "drag": Prior(math.log(0.004), 1.0),
+        "delay": Prior(0.01, 0.02),
+        "bend": Prior(0.0, (resonance_hz / MOUNTING_HZ) ** 2),
+        "gain": Prior(1.0, SENSITIVITY_ERROR),
+        "softness": Prior(math.log(0.1), 1.0),
+        "wind_up": Prior(math.log(60.0 * ARCSEC), 0.7),
+        "hysteresis": Prior(math.log(5.0 * ARCSEC), 1.5),
+        "hysteresis_torsion": Prior(math.log(20.0 * ARCSEC), 0.7),
+        "cosine": gravity[0],
+        "sine": gravity[1],
+    }
+
+
+@dataclass
+class _Noise:
+    """s², q² over the rounding's, and τ²."""
+
+    sensor: float
+    encoder: float = 1.0
+    miss: float = LEAST_MISS**2
+
+
+@dataclass(frozen=True)
+class GearEstimate:
+    """Unknowns with their covariance.
+
+    Attributes:
+        mean: Unknowns, `SHARED` first, then A_k cos φ_k and A_k sin φ_k of each order in rad.
+        covariance: Their covariance.
+        orders: Orders k.
+        law: The gear.
+        noise: s² in (m/s²)², q² over that of rounding, and τ².
+        chi2: Mean of |E|²/(n S) of each part, with its direction.
+    """
+
+    mean: Real
+    covariance: Real
+    orders: tuple[float, ...]
+    law: GearLaw
+    noise: _Noise
+    chi2: tuple[tuple[int, float], ...] = ()
+
+    def value(self, name: str) -> EstimatedParameter:
+        """A shared unknown."""
+        at = SHARED.index(name)
+        return EstimatedParameter(float(self.mean[at]), math.sqrt(float(self.covariance[at, at])))
+
+    @property
+    def is_true(self) -> bool:
+        """True if the gear explains the vibration and the sensor's sensitivity is a sensor's."""
+        gain = self.value("gain")
+        far = FAR_SIGMAS * math.hypot(gain.standard_error, SENSITIVITY_ERROR)
+        return self.noise.miss <= MOST_MISS**2 and abs(gain.value - 1.0) <= far
+
+    def order(self, row: int) -> tuple[EstimatedParameter, EstimatedParameter]:
+        """A_k in arcsec and φ_k in degrees."""
+        at = slice(len(SHARED) + 2 * row, len(SHARED) + 2 * row + 2)
+        c, s = self.mean[at]
+        size = max(math.hypot(c, s), 1e-3 * ARCSEC)
+        along, across = np.array([c, s]) / size, np.array([-s, c]) / size
+        square = self.covariance[at, at] + (MODEL_ERROR * size) ** 2 * np.eye(2)
+        turned = math.degrees(math.sqrt(across @ square @ across) / size)
+        return (
+            EstimatedParameter(size / ARCSEC, math.sqrt(along @ square @ along) / ARCSEC),
+            EstimatedParameter(math.degrees(math.atan2(s, c)) % 360.0, min(180.0, turned)),
+        )
+
+
+class GearFit:
+    """The likelihood of some ramps.
+
+    Args:
+        sweeps: Ramps in both directions.
+        reduction_ratio: Reduction ratio N.
+        sensing: The kind of signal: that of an accelerometer.
+        start: An arm near the true one.
+        error: A transmission error near the true one.
+        weight: Weight of the arm; None if it is not known.
+    """
+
+    def __init__(
+        self,
+        sweeps: Sequence[Sweep],
+        reduction_ratio: float,
+        sensing: Sensing,
+        start: Arm,
+        error: TransmissionError,
+        weight: Weight | None = None,
+    ) -> None:
+        hz = start.resonance_hz
+        top = 0.45 / max(each.period_s for each in sweeps)
+        self.orders = tuple(error.amplitude_arcsec)
+        self._setting = Setting(reduction_ratio, sensing.gain, self.orders, (BAND[0] * hz, min(BAND[1] * hz, top)))
+        first = len(SHARED) + 2 * len(self.orders)
+        self._ramps = [Ramp(each, self._setting, first + i) for i, each in enumerate(sweeps)]
+        most = GRAVITY_M_S2 / sensing.gain
+        known = weight or Weight((0.0, 0.0), (most, most))
+        gravity = [Prior(*each) for each in zip(known.values_rad_s2, known.errors_rad_s2, strict=True)]
+        self._priors = priors((gravity[0], gravity[1]), hz)
+        given = {
+            "resonance": math.log(hz), "damping": math.log(start.gear_fraction * start.damping),
+            "drag": math.log((1.0 - start.gear_fraction) * start.damping), "delay": start.delay_s, "bend": start.bend,
+        }  # fmt: skip
+        shared = [given.get(name, self._priors[name].mean) for name in SHARED]
+        waves = []
+        for order in self.orders:
+            size, phase = error.amplitude_arcsec[order] * ARCSEC, math.radians(error.phase_deg[order])
+            waves += [size * math.cos(phase), size * math.sin(phase)]
+        wound = [0.0] * len(sweeps)
+        self._small = (1.0, 1.0)
+        self.start = np.array(shared + waves + wound)
+        self._weight = np.array(
+            [1.0 / self._priors[name].sigma ** 2 for name in SHARED] + [0.0] * len(waves) + [3.0] * len(wound)
+        )
+        self._mean = np.array([self._priors[name].mean for name in SHARED] + [0.0] * len(waves) + wound)
+        self._size = np.array([SIZES[name] for name in SHARED] + [0.2 * ARCSEC] * len(waves) + [0.05] * len(wound))
+
+    # -- the likelihood ------------------------------------------------------------------------------------------------
+
+    def _left(self, p: Real) -> tuple[list[list[Complex]], list[Complex]]:
+        """Residual spectra of every ramp's parts, and the simulated spectra."""
+        law = self._setting.law(p)
+        moved = [ramp.moved(p, law) for ramp in self._ramps]
+        return [self._of(ramp, spectrum, p) for ramp, spectrum in zip(self._ramps, moved, strict=True)], moved
+
+    @staticmethod
+    def _of(ramp: Ramp, moved: Complex, p: Real) -> list[Complex]:
+        return [seen - shown for seen, shown in zip(ramp.seen, ramp.shown(moved, p), strict=True)]
+
+    def _small_motion(self, p: Real, moved: list[Complex]) -> tuple[float, float]:
+        """Factors of f_a and ζ for a motion as small as the encoder's rounding, beside all else that the gear does."""
+        law = self._setting.law(p)
+        power = [ramp.shaken(p, law, each) for ramp, each in zip(self._ramps, moved, strict=True)]
+        seen = np.concatenate([part for each in power for part in each])
+
+        def cost(x: Real) -> float:
+            small = (math.exp(x[0]), math.exp(x[1]))
+            q = np.concatenate([part for ramp in self._ramps for part in ramp.rounding(p, small)])
+            return float(np.sum(seen / q + np.log(q)))
+
+        found = scipy.optimize.minimize(cost, np.log(self._small), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2})
+        return float(math.exp(found.x[0])), float(math.exp(found.x[1]))
+
+    def _variances(self, p: Real, noise: _Noise, vibration: list[list[Real]]) -> list[list[Real]]:
+        return [
+            [noise.sensor + noise.encoder * q + noise.miss * v for q, v in zip(ramp.rounding(p, self._small), each, strict=True)]
+            for ramp, each in zip(self._ramps, vibration, strict=True)
+        ]
+
+    def _vibration(self, p: Real) -> list[list[Real]]:
+        """Smoothed power of the vibration that θ_sync makes, per sample."""
+        still = p.copy()
+        still[self._setting.waves] = 0.0
+        made, window = [], np.ones(SMOOTHED_BINS) / SMOOTHED_BINS
+        with_error, _ = self._left(p)
+        without, _ = self._left(still)
+        for ramp, one, other in zip(self._ramps, with_error, without, strict=True):
+            powers = [np.abs(a - b) ** 2 / n for a, b, n in zip(one, other, ramp.counts, strict=True)]
+            made.append([np.convolve(each, window, "same") for each in powers])
+        return made
+
+    def _cost(self, p: Real, left: list[list[Complex]], variances: list[list[Real]]) -> float:
+        """What scoring lowers: the determinant is left out, as errors of a regressor demand (Deming's regression)."""
+        total = 0.5 * float(np.sum(self._weight * (p - self._mean) ** 2))
+        for ramp, each, every in zip(self._ramps, left, variances, strict=True):
+            for spectrum, s, n in zip(each, every, ramp.counts, strict=True):
+                total += float(np.sum(np.abs(spectrum) ** 2 / (n * s)))
+        return total
+
+    def _noise(self, p: Real, left: list[list[Complex]], vibration: list[list[Real]], before: _Noise | None) -> _Noise:
+        """The noise that maximises the likelihood."""
+        parts = [zip(each, ramp.counts, strict=True) for ramp, each in zip(self._ramps, left, strict=True)]
+        power = np.concatenate([np.abs(spectrum) ** 2 / n for part in parts for spectrum, n in part])
+        rounding = np.concatenate([q for ramp in self._ramps for q in ramp.rounding(p, self._small)])
+        shaken = np.concatenate([v for each in vibration for v in each])
+        low = float(np.median(power)) / math.log(2.0)
+
+        def cost(x: Real) -> float:
+            s = math.exp(x[0]) + math.exp(x[1]) * rounding + math.exp(x[2]) * shaken
+            return float(np.sum(power / s + np.log(s)))
+
+        start = before or _Noise(low, 1.0, 1e-4)
+        bounds = np.log([(1e-6 * low, 1e3 * low), (1.0, LARGEST_ENCODER), (LEAST_MISS**2, 1.0)])
+        given = np.log([start.sensor, start.encoder, start.miss])
+        found = scipy.optimize.minimize(cost, given, method="L-BFGS-B", bounds=bounds)
+        return _Noise(*np.exp(found.x).tolist())
+
+    def _slopes(self, p: Real, moved: list[Complex]) -> list[list[Complex]]:
+        """Slopes of what the sensor shows by every unknown: a row each, per ramp and part."""
+        base = [ramp.shown(spectrum, p) for ramp, spectrum in zip(self._ramps, moved, strict=True)]
+        rows: list[list[list[Complex]]] = [[[] for _ in ramp.counts] for ramp in self._ramps]
+        for column in range(len(p)):
+            step = p.copy()
+            step[column] += self._size[column]
+            law = self._setting.law(step)
+            is_simulated = column >= len(SHARED) or SHARED[column] not in FACTORS
+            for i, ramp in enumerate(self._ramps):
+                if column >= self._ramps[0].wound_at and column != ramp.wound_at:
+                    for row in rows[i]:
+                        row.append(np.zeros_like(row[0]))
+                    continue
+                spectrum = ramp.moved(step, law) if is_simulated else moved[i]
+                for j, (after, at) in enumerate(zip(ramp.shown(spectrum, step), base[i], strict=True)):
+                    rows[i][j].append((after - at) / self._size[column])
+        return [[np.stack(part) for part in each] for each in rows]
+
+    def _curvature(
+        self, p: Real, left: list[list[Complex]], moved: list[Complex], variances: list[list[Real]], noise: _Noise
+    ) -> tuple[Real, Real]:
+        """Fisher's information with the priors', and minus the gradient of the cost."""
+        square = np.diag(self._weight).astype(float)
+        downhill = -self._weight * (p - self._mean)
+        slopes = self._slopes(p, moved)
+        columns = [SHARED.index(name) for name in OF_ROUNDING]
+        turned = {}
+        for column in columns:
+            step = p.copy()
+            step[column] += self._size[column]
+            turned[column] = [ramp.rounding(step, self._small) for ramp in self._ramps]
+        for i, ramp in enumerate(self._ramps):
+            now = ramp.rounding(p, self._small)
+            for j, n in enumerate(ramp.counts):
+                s, jacobian, e = variances[i][j], slopes[i][j], left[i][j]
+                square += 2.0 * (jacobian / (n * s) @ jacobian.conj().T).real
+                downhill += 2.0 * (jacobian.conj() @ (e / (n * s))).real
+                logs = np.stack([noise.encoder * (turned[c][i][j] - now[j]) / self._size[c] / s for c in columns])
+                downhill[columns] += logs @ (np.abs(e) ** 2 / (n * s))
+        return square, downhill
+
+    # -- the fit -------------------------------------------------------------------------------------------------------
+
+    def run(self) -> GearEstimate:
+        """The most likely unknowns, and their covariance."""
+        found = [self._climbed(self._from(gear), SEARCHING, is_gain_held=True) for gear in GEARS]
+        made = self._climbed(min(found, key=lambda each: each.cost).p, FINISHING, is_gain_held=False)
+        scale = 1.0 / np.sqrt(np.diag(made.square))
+        covariance = np.linalg.inv(made.square * np.outer(scale, scale)) * np.outer(scale, scale)
+        chi2 = tuple(
+            (sign, float(np.mean(np.abs(e) ** 2 / (n * s))))
+            for ramp, each, every in zip(self._ramps, made.left, made.variances, strict=True)
+            for sign, e, s, n in zip(ramp.signs, each, every, ramp.counts, strict=True)
+        )
+        return GearEstimate(made.p, covariance, self.orders, self._setting.law(made.p), made.noise, chi2)
+
+    def _from(self, gear: Mapping[str, float]) -> Real:
+        """The start with the values of a gear."""
+        p = self.start.copy()
+        for name, value in gear.items():
+            p[SHARED.index(name)] = value
+        return p
+
+    def _climbed(self, p: Real, rounds: int, *, is_gain_held: bool) -> "_State":
+        """Rounds of scoring and noise from some unknowns."""
+        gain, weight = SHARED.index("gain"), self._weight.copy()
+        if is_gain_held:
+            self._weight[gain] = 1e12
+        noise, began = None, math.inf
+        left, moved = self._left(p)
+        for _ in range(rounds):
+            vibration = self._vibration(p)
+            self._small = self._small_motion(p, moved)
+            noise = self._noise(p, left, vibration, noise)
+            state = self._scored(p, left, moved, vibration, noise)
+            cost = state.cost + sum(float(np.sum(np.log(s))) for each in state.variances for s in each)
+            p, left, moved = state.p, state.left, state.moved
+            if began - cost < GAINED:
+                break
+            began = cost
+        self._weight = weight
+        return replace(state, cost=cost)
+
+    def _scored(
+        self, p: Real, left: list[list[Complex]], moved: list[Complex], vibration: list[list[Real]], noise: _Noise
+    ) -> "_State":
+        """Fisher's scoring with damped steps, the noise held."""
+        variances = self._variances(p, noise, vibration)
+        cost, damped = self._cost(p, left, variances), 1e-3
+        for _ in range(STEPS):
+            square, downhill = self._curvature(p, left, moved, variances, noise)
+            while damped < MOST_DAMPED:
+                trial = p + np.linalg.solve(square + damped * np.diag(np.diag(square)), downhill)
+                left_t, moved_t = self._left(trial)
+                variances_t = self._variances(trial, noise, vibration)
+                cost_t = self._cost(trial, left_t, variances_t)
+                if cost_t < cost:
+                    break
+                damped *= 8.0
+            else:
+                return _State(p, left, moved, variances, noise, cost, square)
+            gained, damped = cost - cost_t, max(1e-6, damped * 0.2)
+            p, left, moved, variances, cost = trial, left_t, moved_t, variances_t, cost_t
+            if gained < GAINED:
+                break
+        return _State(p, left, moved, variances, noise, cost, square)
+
+
+@dataclass(frozen=True)
+class _State:
+    """Unknowns with what follows from them."""
+
+    p: Real
+    left: list[list[Complex]]
+    moved: list[Complex]
+    variances: list[list[Real]]
+    noise: _Noise
+    cost: float
+    square: Real
+
+
+def on_its_gear(
+    estimate: JointEstimate, sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, weight: Weight | None
+) -> JointEstimate:
+    """An estimate with A_k, φ_k and the delay of the simulated gear.
+
+    The estimate stays as it is if the arm has several modes, or no gear explains its vibration.
+
+    Args:
+        estimate: Estimate with a linear arm, from which the fit starts.
+        sweeps: The recordings.
+        reduction_ratio: Reduction ratio N.
+        sensing: The kind of signal: that of an accelerometer.
+        weight: Weight of the arm; None if it is not known.
+    """
+    if estimate.arm.others:
+        return estimate
+    try:
+        found = GearFit(sweeps, reduction_ratio, sensing, estimate.arm, estimate.error, weight).run()
+    except np.linalg.LinAlgError:
+        return estimate
+    if not (np.all(np.isfinite(found.mean)) and np.all(np.diag(found.covariance) > 0.0) and found.is_true):
+        return estimate
+    orders = {order: found.order(row) for row, order in enumerate(found.orders)}
+    return replace(
+        estimate,
+        error=TransmissionError(
+            {order: size.value for order, (size, _) in orders.items()},
+            {order: phase.value for order, (_, phase) in orders.items()},
+        ),
+        amplitude_error_arcsec={order: size.standard_error for order, (size, _) in orders.items()},
+        phase_error_deg={order: phase.standard_error for order, (_, phase) in orders.items()},
+        gear=found.law,
+        delay=found.value("delay"),
+    )

@@ -1,0 +1,155 @@
+"""A recorded ramp beside the simulated arm, as spectra."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from hil.design.ate.gear import BaseMotion, GearLaw
+from hil.design.ate.model import Arm, Sweep, levelled, resolution_rad
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+BAND = (0.3, 2.1)
+"""Band of the fit by the arm's frequency: the motion itself lies below it, noise alone above it."""
+TAPERED = 0.05
+"""Part of each ramp over which its ends fade: the motion below the band does not leak into it."""
+SHARED = (
+    "resonance", "damping", "drag", "gain", "bend", "delay",
+    "softness", "wind_up", "hysteresis", "hysteresis_torsion", "cosine", "sine",
+)  # fmt: skip
+"""Unknowns of arm, gear and sensor. Resonance, damping (ζ of the gear), drag (ζ of the arm) and all of the gear's are logarithms;
+the last two are gravity's."""
+FACTORS = ("gain", "bend", "delay")
+"""Those that need no simulation: factors of the spectrum."""
+OF_ROUNDING = ("resonance", "damping", "drag", "gain", "bend")
+"""Those on which the noise of the encoder depends."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all ramps share.
+
+    A vector of unknowns has `SHARED` first, then A_k cos φ_k and A_k sin φ_k of each order in rad, then z/F at the beginning of
+    each ramp.
+
+    Attributes:
+        reduction_ratio: N.
+        lever_m: Tip lever.
+        orders: Orders k.
+        band_hz: Band of the fit.
+    """
+
+    reduction_ratio: float
+    lever_m: float
+    orders: tuple[float, ...]
+    band_hz: tuple[float, float]
+
+    @property
+    def waves(self) -> slice:
+        """Unknowns of the orders."""
+        return slice(len(SHARED), len(SHARED) + 2 * len(self.orders))
+
+    @staticmethod
+    def shared(p: Real) -> dict[str, float]:
+        """The shared unknowns by name."""
+        return dict(zip(SHARED, p.tolist(), strict=False))
+
+    def law(self, p: Real) -> GearLaw:
+        """The gear of a vector of unknowns."""
+        v = self.shared(p)
+        gear, arm = math.exp(v["damping"]), math.exp(v["drag"])
+        return GearLaw(
+            math.exp(v["resonance"]), gear + arm, gear / (gear + arm), math.exp(v["softness"]), math.exp(v["wind_up"]),
+            math.exp(v["hysteresis"]), math.exp(v["hysteresis_torsion"]), (v["cosine"], v["sine"]),
+        )  # fmt: skip
+
+
+class Ramp:
+    """A recording: its motion, and its spectra in the band, one for each direction.
+
+    Args:
+        sweep: The recording.
+        setting: What all ramps share.
+        wound_at: Place of this ramp's z/F among the unknowns.
+
+    Attributes:
+        signs: Direction of each part.
+        counts: Samples of each part.
+        hz: Frequencies of each part's bins.
+        seen: Spectra of the signal.
+    """
+
+    def __init__(self, sweep: Sweep, setting: Setting, wound_at: int) -> None:
+        self._setting, self._period_s, self.wound_at = setting, sweep.period_s, wound_at
+        self._motion = BaseMotion.of(
+            sweep.motor_angle_rad, sweep.period_s, setting.reduction_ratio, setting.orders, setting.band_hz[1]
+        )
+        self._count = len(sweep.motor_angle_rad)
+        self._length = int(scipy.fft.next_fast_len(self._count, real=True))
+        self._fine_hz = scipy.fft.rfftfreq(self._length * self._motion.per_sample, self._motion.step_s)
+        turned = int(np.flatnonzero(sweep.direction == sweep.direction[np.flatnonzero(sweep.direction)[0]])[-1])
+        later = np.flatnonzero(sweep.direction[turned:] == -sweep.direction[turned])
+        between = turned + (int(later[0]) // 2 if len(later) else 0)
+        self._pieces = [slice(0, between), slice(between, self._count)] if len(later) else [slice(0, self._count)]
+        self.signs = [int(sweep.direction[turned]), -int(sweep.direction[turned])][: len(self._pieces)]
+        self.counts = [piece.stop - piece.start for piece in self._pieces]
+        low, high = setting.band_hz
+        self._tapers = [scipy.signal.windows.tukey(count, TAPERED) for count in self.counts]
+        self._lines = [np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, count), 2))[0] for count in self.counts]
+        rates = [scipy.fft.rfftfreq(count, self._period_s) for count in self.counts]
+        self._inside = [slice(*np.searchsorted(hz, (low, high))) for hz in rates]
+        self.hz = [hz[inside] for hz, inside in zip(rates, self._inside, strict=True)]
+        self.seen = self._spectra(levelled(sweep.signal))
+        step = resolution_rad(sweep.motor_angle_rad)
+        size = setting.lever_m * step / setting.reduction_ratio
+        self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]
+        rounded = np.random.default_rng(wound_at).uniform(-0.5, 0.5, self._count) * (step or 1e-9)
+        self._shaken = self._motion.shaken(rounded, setting.reduction_ratio)
+
+    def _spectra(self, signal: Real) -> list[Complex]:
+        """Spectra of each part in the band, without its straight line."""
+        made = []
+        for piece, line, taper, inside in zip(self._pieces, self._lines, self._tapers, self._inside, strict=True):
+            part = signal[piece]
+            made.append(scipy.fft.rfft((part - line @ (part @ line)) * taper)[inside])
+        return made
+
+    def moved(self, p: Real, law: GearLaw) -> Complex:
+        """Spectrum of the simulated acceleration at the integration's steps."""
+        base, speed = self._motion.with_error(p[self._setting.waves])
+        acceleration = law.follow(base, speed, self._motion.step_s, float(p[self.wound_at]))
+        return np.asarray(scipy.fft.rfft(acceleration, self._length * self._motion.per_sample))
+
+    def shown(self, moved: Complex, p: Real) -> list[Complex]:
+        """Spectra of each part as the sensor shows them, of one at the integration's steps."""
+        late_s, hz = self._setting.shared(p)["delay"], self._fine_hz
+        late = moved * self._setting.lever_m * self._mounted(hz, p) * np.exp(-2j * math.pi * hz * late_s)
+        fine = scipy.fft.irfft(late, self._length * self._motion.per_sample)
+        return self._spectra(fine[:: self._motion.per_sample][: self._count])
+
+    def shaken(self, p: Real, law: GearLaw, moved: Complex) -> list[Real]:
+        """Power that one draw of the rounding adds, simulated; per sample."""
+        base, speed = self._motion.with_error(p[self._setting.waves])
+        added = law.follow(base + self._shaken[0], speed + self._shaken[1], self._motion.step_s, float(p[self.wound_at]))
+        spectrum = np.asarray(scipy.fft.rfft(added, self._length * self._motion.per_sample)) - moved
+        return [np.abs(each) ** 2 / n for each, n in zip(self.shown(spectrum, p), self.counts, strict=True)]
+
+    def rounding(self, p: Real, small: tuple[float, float]) -> list[Real]:
+        """Variance of a sample's bin that the encoder's rounding gives.
+
+        For so small a motion the arm is linear; `small` holds the factors by which f_a and ζ are others there.
+        """
+        law, found = self._setting.law(p), []
+        for hz, size in zip(self.hz, self._rounding, strict=True):
+            arm = Arm(small[0] * law.resonance_hz, small[1] * law.damping, 0.0, law.gear_fraction).response(hz)
+            found.append(size * np.abs(self._mounted(hz, p) * arm) ** 2)
+        return found
+
+    def _mounted(self, hz: Real, p: Real) -> Real:
+        """Gain of the sensor on its mounting."""
+        v = self._setting.shared(p)
+        return np.asarray(v["gain"] / (1.0 - v["bend"] * np.minimum(hz / math.exp(v["resonance"]), BAND[1]) ** 2))
