@@ -40,8 +40,6 @@ Complex = NDArray[np.complex128]
 GRAVITY_M_S2 = 9.81
 MOUNTING_HZ = 110.0
 """A sensor's resonance on its mounting, as likely below as above, so its bend at an arm's frequency f is within ±(f/110 Hz)²."""
-SENSITIVITY_ERROR = 0.01
-"""Standard deviation of a calibrated accelerometer's sensitivity (data sheets: 0.5 to 2 %)."""
 LARGEST_ENCODER = 13.0
 """Most of an encoder's noise over its rounding's q²/12: one count rms beside it, more than any data sheet allows."""
 LEAST_MISS = 1e-3
@@ -53,20 +51,24 @@ MODEL_ERROR = 2e-3
 """Error of A_k e^{jφ_k} without noise, relative to A_k: the model's steps, the spline between samples, the sensor's filter."""
 MOST_MISS = 0.05
 """Most of a vibration that a gear may miss and still be the gear."""
-FAR_SIGMAS = 4.0
 GAINED = 0.05
 """Gain in log-likelihood below which a step or a round is the last: a fifth of a standard error squared."""
 MOST_DAMPED = 1e7
 SIZES = {
-    "resonance": 1e-3, "damping": 0.02, "drag": 0.05, "gain": 1e-3, "bend": 1e-3, "delay": 1e-4, "softness": 0.05,
+    "resonance": 1e-3, "damping": 0.02, "drag": 0.05, "bend": 1e-3, "delay": 1e-4, "softness": 0.05,
     "wind_up": 0.05, "hysteresis": 0.05, "hysteresis_torsion": 0.05, "cosine": 0.3, "sine": 0.3,
 }  # fmt: skip
 """Steps of the slopes by each unknown: where the signal changes by a per cent or less."""
 GEARS = (
     {"softness": math.log(0.15), "hysteresis": math.log(5.0 * ARCSEC)},
     {"softness": math.log(0.01), "hysteresis": math.log(0.1 * ARCSEC)},
+    {"softness": math.log(0.3), "hysteresis": math.log(0.5 * ARCSEC)},
+    {"softness": math.log(0.03), "hysteresis": math.log(10.0 * ARCSEC)},
 )
-"""Gears from which the search starts: a soft one with friction, and one that is nearly linear."""
+"""Gears from which the search starts: a soft one with friction, a nearly linear one; then one that is soft alone, and one with
+friction alone."""
+FIRST_GEARS, SMALL_MISS = 2, 0.01
+"""The others are tried where the best of these misses more of the vibration than that."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,6 @@ def priors(gravity: tuple[Prior, Prior], resonance_hz: float) -> dict[str, Prior
         "drag": Prior(math.log(0.004), 1.0),
         "delay": Prior(0.01, 0.02),
         "bend": Prior(0.0, (resonance_hz / MOUNTING_HZ) ** 2),
-        "gain": Prior(1.0, SENSITIVITY_ERROR),
         "softness": Prior(math.log(0.1), 1.0),
         "wind_up": Prior(math.log(60.0 * ARCSEC), 0.7),
         "hysteresis": Prior(math.log(5.0 * ARCSEC), 1.5),
@@ -138,10 +139,8 @@ class GearEstimate:
 
     @property
     def is_true(self) -> bool:
-        """True if the gear explains the vibration and the sensor's sensitivity is a sensor's."""
-        gain = self.value("gain")
-        far = FAR_SIGMAS * math.hypot(gain.standard_error, SENSITIVITY_ERROR)
-        return self.noise.miss <= MOST_MISS**2 and abs(gain.value - 1.0) <= far
+        """True if the gear explains the vibration."""
+        return self.noise.miss <= MOST_MISS**2
 
     def order(self, row: int) -> tuple[EstimatedParameter, EstimatedParameter]:
         """A_k in arcsec and φ_k in degrees."""
@@ -271,7 +270,8 @@ class GearFit:
             return float(np.sum(power / s + np.log(s)))
 
         start = before or _Noise(low, 1.0, 1e-4)
-        bounds = np.log([(1e-6 * low, 1e3 * low), (1.0, LARGEST_ENCODER), (LEAST_MISS**2, 1.0)])
+        limits = ((1e-6 * low, 1e3 * low), (1.0, LARGEST_ENCODER), (LEAST_MISS**2, 1.0))
+        bounds = [(math.log(least), math.log(most)) for least, most in limits]
         given = np.log([start.sensor, start.encoder, start.miss])
         found = scipy.optimize.minimize(cost, given, method="L-BFGS-B", bounds=bounds)
         return _Noise(*np.exp(found.x).tolist())
@@ -322,8 +322,12 @@ class GearFit:
 
     def run(self) -> GearEstimate:
         """The most likely unknowns, and their covariance."""
-        found = [self._climbed(self._from(gear), SEARCHING, is_gain_held=True) for gear in GEARS]
-        made = self._climbed(min(found, key=lambda each: each.cost).p, FINISHING, is_gain_held=False)
+        found: list[_State] = []
+        for number, gear in enumerate(GEARS):
+            if number >= FIRST_GEARS and min(found, key=lambda each: each.cost).noise.miss <= SMALL_MISS**2:
+                break
+            found.append(self._climbed(self._from(gear), SEARCHING))
+        made = self._climbed(min(found, key=lambda each: each.cost).p, FINISHING)
         scale = 1.0 / np.sqrt(np.diag(made.square))
         covariance = np.linalg.inv(made.square * np.outer(scale, scale)) * np.outer(scale, scale)
         chi2 = tuple(
@@ -340,11 +344,8 @@ class GearFit:
             p[SHARED.index(name)] = value
         return p
 
-    def _climbed(self, p: Real, rounds: int, *, is_gain_held: bool) -> "_State":
+    def _climbed(self, p: Real, rounds: int) -> "_State":
         """Rounds of scoring and noise from some unknowns."""
-        gain, weight = SHARED.index("gain"), self._weight.copy()
-        if is_gain_held:
-            self._weight[gain] = 1e12
         noise, began = None, math.inf
         left, moved = self._left(p)
         for _ in range(rounds):
@@ -357,7 +358,6 @@ class GearFit:
             if began - cost < GAINED:
                 break
             began = cost
-        self._weight = weight
         return replace(state, cost=cost)
 
     def _scored(
@@ -403,7 +403,8 @@ def on_its_gear(
 ) -> JointEstimate:
     """An estimate with A_k, φ_k and the delay of the simulated gear.
 
-    The estimate stays as it is if the arm has several modes, or no gear explains its vibration.
+    The estimate stays as it is if the arm has several modes or an unknown weight, or no gear explains its vibration.
+    Without the weight, a soft gear's fit has several minima.
 
     Args:
         estimate: Estimate with a linear arm, from which the fit starts.
@@ -412,7 +413,7 @@ def on_its_gear(
         sensing: The kind of signal: that of an accelerometer.
         weight: Weight of the arm; None if it is not known.
     """
-    if estimate.arm.others:
+    if estimate.arm.others or weight is None:
         return estimate
     try:
         found = GearFit(sweeps, reduction_ratio, sensing, estimate.arm, estimate.error, weight).run()

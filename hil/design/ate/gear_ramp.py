@@ -18,14 +18,14 @@ BAND = (0.3, 2.1)
 TAPERED = 0.05
 """Part of each ramp over which its ends fade: the motion below the band does not leak into it."""
 SHARED = (
-    "resonance", "damping", "drag", "gain", "bend", "delay",
+    "resonance", "damping", "drag", "bend", "delay",
     "softness", "wind_up", "hysteresis", "hysteresis_torsion", "cosine", "sine",
 )  # fmt: skip
 """Unknowns of arm, gear and sensor. Resonance, damping (ζ of the gear), drag (ζ of the arm) and all of the gear's are logarithms;
 the last two are gravity's."""
-FACTORS = ("gain", "bend", "delay")
+FACTORS = ("bend", "delay")
 """Those that need no simulation: factors of the spectrum."""
-OF_ROUNDING = ("resonance", "damping", "drag", "gain", "bend")
+OF_ROUNDING = ("resonance", "damping", "drag", "bend")
 """Those on which the noise of the encoder depends."""
 
 
@@ -152,4 +152,4 @@ class Ramp:
     def _mounted(self, hz: Real, p: Real) -> Real:
         """Gain of the sensor on its mounting."""
         v = self._setting.shared(p)
-        return np.asarray(v["gain"] / (1.0 - v["bend"] * np.minimum(hz / math.exp(v["resonance"]), BAND[1]) ** 2))
+        return np.asarray(1.0 / (1.0 - v["bend"] * np.minimum(hz / math.exp(v["resonance"]), BAND[1]) ** 2))

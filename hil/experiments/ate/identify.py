@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError
+from hil.control.angles import ARCSEC
+from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_fit import on_its_gear
 from hil.design.ate.gravity import weight_of
 from hil.design.ate.identification import JointEstimate
@@ -385,7 +387,7 @@ def _with_inertia_error(estimate: JointEstimate, fraction: float) -> JointEstima
 def _remark(identification: Identification, bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> None:
     """Add notes for the engineer to a result that passed."""
     estimate, table = identification.estimate, bench.axis[request.axis]
-    apart = [each for each in estimate.agreement if each.sigma > AGREEMENT_SIGMAS]
+    apart = [each for each in estimate.agreement if each.sigma > AGREEMENT_SIGMAS and estimate.gear is None]
     identification.notes += [
         f"{each.words}, {each.sigma:.1f} times what noise explains; the standard errors contain the difference "
         f"(widened {estimate.widened:.1f} times)"
@@ -409,7 +411,9 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         )
     shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
     identification.notes += [miss.sentence for miss in shown]
-    if not estimate.is_spring and not estimate.is_bent:
+    if estimate.gear is not None:
+        identification.notes += _gear_words(estimate.gear) if not estimate.is_spring else []
+    elif not estimate.is_spring and not estimate.is_bent:
         identification.notes.append(
             "the directions differ by more than noise: gravity gives the arm another resonance in each posture, "
             "or the arm has friction, backlash or hysteresis; the standard errors contain the difference"
@@ -422,6 +426,15 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
             f"vibration ({estimate.arm.resonance_hz:.2f} Hz{also}); the standard errors contain the shift, and "
             "more passes do not change it"
         )
+
+
+def _gear_words(gear: GearLaw) -> list[str]:
+    """Describe the gear on which the arm was simulated."""
+    return [
+        f"the gear is nonlinear: {100.0 * gear.softness:.2g} % softer at torsions below {gear.wind_up_rad / ARCSEC:.0f}″, and "
+        f"its friction carries {gear.hysteresis_rad / ARCSEC:.2g}″; the fit simulates this gear, "
+        "so A_k and φ_k hold for any amplitude"
+    ]
 
 
 def standard_errors(estimate: JointEstimate) -> dict[str, float]:
