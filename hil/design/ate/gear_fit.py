@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
 from hil.design.ate.gear import GearLaw
-from hil.design.ate.gear_ramp import BAND, FACTORS, OF_ROUNDING, SHARED, Ramp, Setting
+from hil.design.ate.gear_ramp import FACTORS, GEAR_BAND, OF_ROUNDING, SHARED, Ramp, Setting
 from hil.design.ate.gravity import Weight
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm, Sensing, Sweep
+from hil.design.ate.refinement import MOUNTING_HZ
 from hil.design.estimation import EstimatedParameter
 from hil.design.transmission_error import TransmissionError
 
@@ -38,16 +39,14 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 GRAVITY_M_S2 = 9.81
-MOUNTING_HZ = 110.0
-"""A sensor's resonance on its mounting, as likely below as above, so its bend at an arm's frequency f is within ±(f/110 Hz)²."""
 LARGEST_ENCODER = 13.0
 """Most of an encoder's noise over its rounding's q²/12: one count rms beside it, more than any data sheet allows."""
 LEAST_MISS = 1e-3
 """Least fraction of the vibration that a model misses: the error of its steps, and of the spline between samples."""
 SMOOTHED_BINS = 5
-SEARCHING, FINISHING, STEPS = 2, 4, 8
+SEARCHING, FINISHING, SCORING_STEPS = 2, 4, 8
 """Rounds of scoring and noise from each gear and from the best, and most steps in a round."""
-MODEL_ERROR = 2e-3
+GEAR_MODEL_ERROR = 2e-3
 """Error of A_k e^{jφ_k} without noise, relative to A_k: the model's steps, the spline between samples, the sensor's filter."""
 MOST_MISS = 0.05
 """Most of a vibration that a gear may miss and still be the gear."""
@@ -148,7 +147,7 @@ class GearEstimate:
         c, s = self.mean[at]
         size = max(math.hypot(c, s), 1e-3 * ARCSEC)
         along, across = np.array([c, s]) / size, np.array([-s, c]) / size
-        square = self.covariance[at, at] + (MODEL_ERROR * size) ** 2 * np.eye(2)
+        square = self.covariance[at, at] + (GEAR_MODEL_ERROR * size) ** 2 * np.eye(2)
         turned = math.degrees(math.sqrt(across @ square @ across) / size)
         return (
             EstimatedParameter(size / ARCSEC, math.sqrt(along @ square @ along) / ARCSEC),
@@ -180,7 +179,7 @@ class GearFit:
         hz = start.resonance_hz
         top = 0.45 / max(each.period_s for each in sweeps)
         self.orders = tuple(error.amplitude_arcsec)
-        self._setting = Setting(reduction_ratio, sensing.gain, self.orders, (BAND[0] * hz, min(BAND[1] * hz, top)))
+        self._setting = Setting(reduction_ratio, sensing.gain, self.orders, (GEAR_BAND[0] * hz, min(GEAR_BAND[1] * hz, top)))
         first = len(SHARED) + 2 * len(self.orders)
         self._ramps = [Ramp(each, self._setting, first + i) for i, each in enumerate(sweeps)]
         most = GRAVITY_M_S2 / sensing.gain
@@ -366,7 +365,7 @@ class GearFit:
         """Fisher's scoring with damped steps, the noise held."""
         variances = self._variances(p, noise, vibration)
         cost, damped = self._cost(p, left, variances), 1e-3
-        for _ in range(STEPS):
+        for _ in range(SCORING_STEPS):
             square, downhill = self._curvature(p, left, moved, variances, noise)
             while damped < MOST_DAMPED:
                 trial = p + np.linalg.solve(square + damped * np.diag(np.diag(square)), downhill)
@@ -421,6 +420,7 @@ def on_its_gear(
         return estimate
     if not (np.all(np.isfinite(found.mean)) and np.all(np.diag(found.covariance) > 0.0) and found.is_true):
         return estimate
+    delay, least_s = found.value("delay"), GEAR_MODEL_ERROR / (2.0 * math.pi * found.law.resonance_hz)
     orders = {order: found.order(row) for row, order in enumerate(found.orders)}
     return replace(
         estimate,
@@ -431,5 +431,5 @@ def on_its_gear(
         amplitude_error_arcsec={order: size.standard_error for order, (size, _) in orders.items()},
         phase_error_deg={order: phase.standard_error for order, (_, phase) in orders.items()},
         gear=found.law,
-        delay=found.value("delay"),
+        delay=replace(delay, standard_error=math.hypot(delay.standard_error, least_s)),
     )

@@ -13,7 +13,7 @@ from hil.design.ate.model import Arm, Sweep, levelled, resolution_rad
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-BAND = (0.3, 2.1)
+GEAR_BAND = (0.3, 2.1)
 """Band of the fit by the arm's frequency: the motion itself lies below it, noise alone above it."""
 TAPERED = 0.05
 """Part of each ramp over which its ends fade: the motion below the band does not leak into it."""
@@ -152,4 +152,4 @@ class Ramp:
     def _mounted(self, hz: Real, p: Real) -> Real:
         """Gain of the sensor on its mounting."""
         v = self._setting.shared(p)
-        return np.asarray(1.0 / (1.0 - v["bend"] * np.minimum(hz / math.exp(v["resonance"]), BAND[1]) ** 2))
+        return np.asarray(1.0 / (1.0 - v["bend"] * np.minimum(hz / math.exp(v["resonance"]), GEAR_BAND[1]) ** 2))

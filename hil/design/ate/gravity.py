@@ -14,7 +14,7 @@ Real = NDArray[np.float64]
 
 SLOWEST_RAD_S = 2.0
 """Least motor speed of a sample that counts: slower than that friction depends on the speed."""
-SMOOTHED_S = 0.1
+MEAN_S = 0.1
 """Width of the mean over which torque and motion are slow."""
 BLOCK_S = 0.5
 """Length of the blocks between which the standard errors are read: the torque ripples with the vibration."""
@@ -52,7 +52,7 @@ def weight_of(sweeps: Sequence[Sweep], reduction_ratio: float, arm_inertia: tupl
     for sweep in sweeps:
         if sweep.torque_nm is None:
             return None
-        width = max(1, round(SMOOTHED_S / sweep.period_s))
+        width = max(1, round(MEAN_S / sweep.period_s))
         angle, torque = averaged(sweep.motor_angle_rad, width), averaged(sweep.torque_nm, width)
         speed = np.gradient(angle, sweep.period_s)
         posture = angle / reduction_ratio
