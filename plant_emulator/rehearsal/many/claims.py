@@ -16,17 +16,17 @@ from plant_emulator.rehearsal.record import PROBES, STEPS
 from plant_emulator.trials.rows import Row, numbers, text
 from plant_emulator.trials.statistics import fraction_text
 
-QUIET_FRACTION = {"linear": 0.95, "real": 0.85}
+QUIET_FRACTION = {"linear": 0.97, "real": 0.90}
 """Smallest part of a kind's robots that end with a true tip within the goal."""
 TRUE_CAUSE_FRACTION = 0.90
 """Smallest part of the others that are refused, with the cause that is the true one."""
-RMS_Z = (0.7, 1.5)
+RMS_Z = (0.8, 1.25)
 """Range of the root mean square of the deviations in standard errors, of every stated quantity."""
-FAR_FRACTION = 0.01
+FAR_FRACTION = 0.005
 """Fraction of the deviations beyond `FAR_Z` standard errors stays below this."""
 FEWEST_Z, FEWEST_FAR = 10, 100
 """Values of a quantity from which its root mean square, and its fraction beyond, are judged."""
-CPU_S = 20.0
+CPU_S = 10.0
 """Longest processor time of one robot's whole path in one process."""
 
 
