@@ -46,8 +46,9 @@ LEAST_MISS = 1e-3
 SMOOTHED_BINS = 5
 SEARCHING, FINISHING, SCORING_STEPS = 2, 4, 8
 """Rounds of scoring and noise from each gear and from the best, and most steps in a round."""
-GEAR_MODEL_ERROR = 2e-3
-"""Error of A_k e^{jφ_k} without noise, relative to A_k: the model's steps, the spline between samples, the sensor's filter."""
+GEAR_MODEL_ERROR = 1e-3
+"""Error of A_k e^{jφ_k} without noise, relative to A_k: the model's steps, the spline between samples, the sensor's filter. On 39
+drawn robots the rms of z of A_k and φ_k is 0.83 to 0.99 with it, and 1.1 to 3.3 without."""
 MOST_MISS = 0.05
 """Most of a vibration that a gear may miss and still be the gear."""
 GAINED = 0.05
