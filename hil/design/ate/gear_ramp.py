@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.ate.gear import BaseMotion, GearLaw
-from hil.design.ate.model import Arm, Sweep, levelled, resolution_rad
+from hil.design.ate.model import Arm, Sweep, resolution_rad
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -17,6 +17,8 @@ GEAR_BAND = (0.3, 2.1)
 """Band of the fit by the arm's frequency: the motion itself lies below it, noise alone above it."""
 TAPERED = 0.05
 """Part of each ramp over which its ends fade: the motion below the band does not leak into it."""
+LEAST_STEP_RAD = 1e-9
+"""Step of an encoder whose readings show none: finer than any."""
 SHARED = (
     "resonance", "damping", "drag", "bend", "delay",
     "softness", "wind_up", "hysteresis", "hysteresis_torsion", "cosine", "sine",
@@ -77,7 +79,6 @@ class Ramp:
         wound_at: Place of this ramp's z/F among the unknowns.
 
     Attributes:
-        signs: Direction of each part.
         counts: Samples of each part.
         hz: Frequencies of each part's bins.
         seen: Spectra of the signal.
@@ -95,7 +96,6 @@ class Ramp:
         later = np.flatnonzero(sweep.direction[turned:] == -sweep.direction[turned])
         between = turned + (int(later[0]) // 2 if len(later) else 0)
         self._pieces = [slice(0, between), slice(between, self._count)] if len(later) else [slice(0, self._count)]
-        self.signs = [int(sweep.direction[turned]), -int(sweep.direction[turned])][: len(self._pieces)]
         self.counts = [piece.stop - piece.start for piece in self._pieces]
         low, high = setting.band_hz
         self._tapers = [scipy.signal.windows.tukey(count, TAPERED) for count in self.counts]
@@ -103,11 +103,11 @@ class Ramp:
         rates = [scipy.fft.rfftfreq(count, self._period_s) for count in self.counts]
         self._inside = [slice(*np.searchsorted(hz, (low, high))) for hz in rates]
         self.hz = [hz[inside] for hz, inside in zip(rates, self._inside, strict=True)]
-        self.seen = self._spectra(levelled(sweep.signal))
-        step = resolution_rad(sweep.motor_angle_rad)
+        self.seen = self._spectra(sweep.signal)
+        step = max(resolution_rad(sweep.motor_angle_rad), LEAST_STEP_RAD)
         size = setting.lever_m * step / setting.reduction_ratio
         self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]
-        rounded = np.random.default_rng(wound_at).uniform(-0.5, 0.5, self._count) * (step or 1e-9)
+        rounded = np.random.default_rng(wound_at).uniform(-0.5, 0.5, self._count) * step
         self._shaken = self._motion.shaken(rounded, setting.reduction_ratio)
 
     def _spectra(self, signal: Real) -> list[Complex]:

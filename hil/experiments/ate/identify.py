@@ -411,14 +411,16 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         )
     shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
     identification.notes += [miss.sentence for miss in shown]
+    if estimate.is_spring:
+        return
     if estimate.gear is not None:
-        identification.notes += _gear_words(estimate.gear) if not estimate.is_spring else []
-    elif not estimate.is_spring and not estimate.is_bent:
+        identification.notes.append(_gear_words(estimate.gear))
+    elif not estimate.is_bent:
         identification.notes.append(
             "the directions differ by more than noise: gravity gives the arm another resonance in each posture, "
             "or the arm has friction, backlash or hysteresis; the standard errors contain the difference"
         )
-    elif not estimate.is_spring:
+    else:
         arms = ", ".join(f"{arm.resonance_hz:.2f} Hz at order {order:g}" for order, arm in estimate.own_arms.items())
         also = f", {arms}" if arms else ""
         identification.notes.append(
@@ -428,13 +430,13 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         )
 
 
-def _gear_words(gear: GearLaw) -> list[str]:
+def _gear_words(gear: GearLaw) -> str:
     """Describe the gear on which the arm was simulated."""
-    return [
+    return (
         f"the gear is nonlinear: {100.0 * gear.softness:.2g} % softer at torsions below {gear.wind_up_rad / ARCSEC:.0f}″, and "
         f"its friction carries {gear.hysteresis_rad / ARCSEC:.2g}″; the fit simulates this gear, "
         "so A_k and φ_k hold for any amplitude"
-    ]
+    )
 
 
 def standard_errors(estimate: JointEstimate) -> dict[str, float]:

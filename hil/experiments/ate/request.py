@@ -178,11 +178,12 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
         if total > 0.0:
             start = replace(start, gear_fraction=values.gear_damping_nm_s_rad / total)
         errors = part_of.standard_error
-        fraction = errors.get("arm_inertia_kg_m2", 0.0) / values.arm_inertia_kg_m2 if sensorless else 0.0
+        inertia_error = errors.get("arm_inertia_kg_m2")
+        fraction = (inertia_error or 0.0) / values.arm_inertia_kg_m2 if sensorless else 0.0
         return AxisKnowledge(
             start, values, fraction, "the model file", errors.get("antiresonance_hz"), errors.get("damping"),
             _gear_fraction_error(total, errors), _motor_side(bench.axis[axis].reduction_ratio, part_of),
-            searched_delay_s(part_of), (values.arm_inertia_kg_m2, errors.get("arm_inertia_kg_m2", 0.0)),
+            searched_delay_s(part_of), None if inertia_error is None else (values.arm_inertia_kg_m2, inertia_error),
         )  # fmt: skip
     model = bench.axis[axis].model
     if not sensorless:

@@ -20,6 +20,8 @@ from hil.design.transmission_error import TransmissionError
 RATIO, LEVER, ORDERS, DELAY_S, NOISE = 100.0, 0.6, (1.0, 2.0, 4.0), 0.004, 0.02
 SOFT = GearLaw(12.0, 0.03, 0.8, 0.2, 60.0 * ARCSEC, 6.0 * ARCSEC, 20.0 * ARCSEC, (8.0, -5.0))
 LINEAR = GearLaw(12.0, 0.03, 0.8, gravity_rad_s2=(8.0, -5.0))
+UNLIKE = GearLaw(12.0, 0.05, 0.6, 0.35, 150.0 * ARCSEC, 15.0 * ARCSEC, 60.0 * ARCSEC, (8.0, -5.0))
+"""Its torsions are 2.5 and 3 times those around which the priors are centred."""
 TRUE = {1.0: (11.0, 30.0), 2.0: (25.0, 325.0), 4.0: (4.5, 27.0)}
 START = TransmissionError({1.0: 12.0, 2.0: 27.0, 4.0: 4.0}, {1.0: 35.0, 2.0: 320.0, 4.0: 20.0})
 NEAR = Arm(11.8, 0.04, 0.0035)
@@ -86,6 +88,7 @@ def far(estimate):
     [
         pytest.param(SOFT, {}, 0.01, id="soft gear under load"),
         pytest.param(LINEAR, {}, 0.01, id="linear gear", marks=pytest.mark.ci),
+        pytest.param(UNLIKE, {}, 0.01, id="unlike the priors", marks=pytest.mark.ci),
         pytest.param(SOFT, {"counts": 2**13, "period_s": 0.004}, 0.05, id="13 bits", marks=pytest.mark.ci),
     ],
 )
