@@ -43,7 +43,6 @@ class LearningPass(ResultPart):
         gain: Fraction of the cancellation that acted.
         vibration_m_s2: Vibration of the tip around f_al, at the speeds that excite the arm.
         set_point_delay_s: Delay of the set-points as estimated after this pass.
-        following: Motor's motion over the intended one; None if it was not measured.
         values: Amplitudes A_k and phases φ_k.
         parts: Verdict on each order that was cancelled in the pass.
     """
@@ -51,7 +50,6 @@ class LearningPass(ResultPart):
     gain: float
     vibration_m_s2: float
     set_point_delay_s: float
-    following: float | None
     values: TransmissionErrorTable
     parts: tuple[TrialPart, ...] = ()
 

@@ -154,8 +154,8 @@ class _Path:
 
         def act() -> Note:
             outcome = steps.run(treatment, is_learnt=self._is_done("learn"))
-            self.left_out[name], self.result.falls[name] = outcome.left_out, outcome.fall
-            self.result.causes[name], self.result.left[name] = (outcome.causes, outcome.left), outcome.left_mm
+            self.left_out[name], self.result.causes[name] = outcome.left_out, (outcome.causes, outcome.left)
+            self.result.left[name], self.result.hidden[name] = outcome.left_mm, outcome.noise_mm
             return outcome.note
 
         self._take(name, act, needs)

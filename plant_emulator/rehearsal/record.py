@@ -124,8 +124,8 @@ class PathRecord:
         steps: End of each step, by `STEPS`.
         quantities: By `QUANTITIES`.
         tips: True tip in mm by treatment, then by order; an order whose resonance the motion does not pass has none.
-        falls: Fraction by which the vibration fell in the trial of each cancellation.
         left: Tip's peak in the worst window with each cancellation, in mm, as its own trial saw it.
+        hidden: Tip's peak in mm that the noise of that trial may hide.
         floor: The true tip without a transmission error, by order.
         tracked: Order-tracked amplitude of the true tip in mm by treatment, and `floor`, then by order.
         probes: Wrong corrections, by `PROBES`.
@@ -144,8 +144,8 @@ class PathRecord:
     steps: dict[str, StepRecord] = field(default_factory=dict)
     quantities: dict[str, QuantityRecord] = field(default_factory=dict)
     tips: dict[str, dict[float, float]] = field(default_factory=dict)
-    falls: dict[str, float | None] = field(default_factory=dict)
     left: dict[str, float | None] = field(default_factory=dict)
+    hidden: dict[str, float] = field(default_factory=dict)
     floor: dict[float, float] = field(default_factory=dict)
     tracked: dict[str, dict[float, float]] = field(default_factory=dict)
     probes: dict[str, ProbeRecord] = field(default_factory=dict)
@@ -159,12 +159,16 @@ class PathRecord:
     def end_treatment(self) -> str:
         """Treatment at the path's end.
 
-        It is the cancellation whose trial measured the smaller remainder at the tip, else the designed notch, else none.
+        It is the learnt cancellation, unless its trial left more at the tip than the other's, by more than the noise; else the
+        designed notch, else none.
         """
         done = [name for name in TREATMENTS if self.steps.get(name, StepRecord()).is_done and name in self.tips]
-        cancelled = [name for name in ("cancellation", "cancellation_learnt") if name in done]
+        cancelled = [name for name in ("cancellation_learnt", "cancellation") if name in done]
+        if len(cancelled) == 2:
+            hidden_mm = max(self.hidden.get(name, 0.0) for name in cancelled)
+            return cancelled[self._left_mm("cancellation_learnt") > self._left_mm("cancellation") + hidden_mm]
         if cancelled:
-            return min(cancelled, key=lambda name: (self._left_mm(name), -(self.falls.get(name) or 0.0)))
+            return cancelled[0]
         return "notch_designed" if "notch_designed" in done else "none"
 
     def _left_mm(self, name: str) -> float:

@@ -38,18 +38,18 @@ class RunNote(NamedTuple):
     Attributes:
         note: Its note.
         left_out: Orders that a trial has left out.
-        fall: Fraction by which the vibration fell in the trial's last run, that of all that is used; None without a trial.
         causes: Causes of the excess over the goal; empty if there is none, or none was stated.
         left: Its remainder of the vibration, in words.
         left_mm: The tip's peak in the worst window, as the trial saw it; None without a trial.
+        noise_mm: Peak that the noise may hide.
     """
 
     note: Note = None
     left_out: tuple[Part, ...] = ()
-    fall: float | None = None
     causes: tuple[str, ...] = ()
     left: str = ""
     left_mm: float | None = None
+    noise_mm: float = 0.0
 
 
 class TrialRefusedError(HilError):
@@ -221,9 +221,10 @@ def note_of_run(result: ExperimentsResult) -> RunNote:
         raise TrialRefusedError(str(run.invalid), run.trial)
     notes += [part.words for part in run.trial.left_out]
     left_out = tuple(Part(part.axis, part.order) for part in run.trial.left_out)
-    fall, rest = run.trial.trials[-1].reduction_fraction if run.trial.trials else None, run.trial.remainder
-    note = "; ".join(notes) or None
-    return RunNote(note, left_out, fall) if rest is None else RunNote(note, left_out, fall, rest.causes, rest.words, rest.left_mm)
+    note, rest = "; ".join(notes) or None, run.trial.remainder
+    if rest is None:
+        return RunNote(note, left_out)
+    return RunNote(note, left_out, rest.causes, rest.words, rest.left_mm, rest.noise_mm)
 
 
 def _raise(failure: Exception | None) -> None:

@@ -14,6 +14,7 @@ from hil.design.inverse import Actuation
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S
 from hil.experiments.bus_demand import BusDemand
+from hil.experiments.cancellation.correction import AGREE_SIGMAS
 from hil.experiments.cancellation.learning import PASSES, AxisLearning, learn, learning_ramp
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.experiments.motor_inertia import given_inertia
@@ -29,7 +30,7 @@ class LearnRequest:
 
     Attributes:
         axes: Axis numbers, learnt one after the other.
-        passes: Number of passes of each axis.
+        passes: Most passes of each axis.
         acceleration_rps_s: Acceleration of every ramp.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         note: Load, temperature: goes into the model file beside the date.
@@ -198,9 +199,11 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
     """Estimates and reduction of the vibration as text, a line per axis."""
     lines = []
     for axis, learnt in outcome.learnt.items():
-        delay_ms = 1e3 * learnt.passes[-1].set_point_delay_s
+        correction = learnt.correction
         orders = ", ".join(value.words(k) for k, value in learnt.values().items() if value.source == "learnt")
-        late = f"; the motor follows {delay_ms:.2f} ms later than expected" if delay_ms else ""
+        delay_ms, error_ms = 1e3 * correction.set_point_delay_s, 1e3 * correction.delay_error_s
+        is_late = delay_ms > AGREE_SIGMAS * error_ms
+        late = f"; the motor follows {delay_ms:.2f} ± {error_ms:.2f} ms later than expected" if is_late else ""
         lines += [f"left out: {verdict.words}" for verdict in learnt.left_out.values()]
         lines += [f"axis {axis}: {words}" for words in learnt.kept()]
         lines += [f"axis {axis}: note: {words}" for words in learnt.notes]

@@ -3,20 +3,18 @@
 The axis moves to and fro; its transmission error is learnt from pass to pass, then frozen.
 
 The first pass is without cancellation, the second with half of it, every later one with all of it. After each pass each order
-of it is judged as in a trial (`verdict`), and one whose cancellation is wrong is left out from there on. And the fit is made anew
-from all passes and from the motor angle as it was measured: it finds the transmission error itself, and not what the cancellation
-leaves of it. Learning is between passes only: a cancellation that adapted during acceleration would follow the motion, not the
-error. What was known of an order before, and the passes do not better, is kept (`known_orders`). For the method see
-docs/learning.md.
+of it is judged as in a trial (`verdict`), and one whose cancellation is wrong is left out from there on. The first two are fitted
+for what is not known; what a later one leaves corrects the correction (`correction`), until another pass would not change it.
+Learning is between passes only: a cancellation that adapted during acceleration would follow the motion, not the error. For the
+method see docs/learning.md.
 """
 
 import datetime
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from hil.analysis import TipScale
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, significant, update_file
 from hil.design.ate.identification import JointEstimate
@@ -31,9 +29,8 @@ from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import modal_arm, searched_delay_s
-from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, measured_delay_s
-from hil.experiments.cancellation.following import LOWEST, DelaySearch, Following, motor_following
-from hil.experiments.cancellation.known_orders import KnownOrders, OrderValue, error_of
+from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on
+from hil.experiments.cancellation.correction import LEAST_CHANGE, Correction, OrderValue, error_of
 from hil.experiments.cancellation.pass_judge import PassJudge
 from hil.experiments.cancellation.reaction_watch import ReactionWatch
 from hil.experiments.cancellation.verdict import PartVerdict, part_entry
@@ -48,12 +45,17 @@ from hil.reporter import SILENT, Reporter
 from hil.results.learning import LearningPass, LearntAxis
 from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phase_key
 
+LOWEST = 2.0
+"""Order whose resonance every ramp passes; a lower one's where the limits allow."""
+
 FURTHER_FROM = 2
 """Passes after which the ramps go on through the resonance of a lower order.
 
 Until then its whole vibration would hide what the higher orders do; from then on it is cancelled."""
 PASSES = 5
 SECOND_GAIN = 0.5
+FIRST_WHOLE = 3
+"""Number of the first pass with the whole cancellation."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,9 @@ class LearntPass:
     Attributes:
         gain: Fraction of the cancellation that acted.
         vibration_m_s2: Vibration of the tip, both ramps, in the band around f_al, at the speeds that excite the arm.
-        estimate: Estimate from all passes so far.
+        estimate: Fit of the passes without the whole cancellation.
         set_point_delay_s: Delay of the set-points as estimated after this pass.
-        following: Motor's motion over the intended one, after a pass with the whole cancellation; 1 where the motor follows.
+        values: Amplitude and phase of each order as they are known after this pass.
         verdicts: Verdict on each order that was cancelled in it.
     """
 
@@ -73,17 +75,16 @@ class LearntPass:
     vibration_m_s2: float
     estimate: JointEstimate
     set_point_delay_s: float
-    following: float | None
+    values: Mapping[float, OrderValue]
     verdicts: tuple[PartVerdict, ...] = ()
 
     def entry(self) -> LearningPass:
         """Entry of the pass for the result file."""
-        error = self.estimate.error
+        error = error_of(self.values)
         return LearningPass(
             gain=self.gain,
             vibration_m_s2=self.vibration_m_s2,
             set_point_delay_s=self.set_point_delay_s,
-            following=self.following,
             values=TransmissionErrorTable.of(error.amplitude_arcsec, error.phase_deg),
             parts=tuple(part_entry(verdict) for verdict in self.verdicts),
         )
@@ -100,7 +101,7 @@ class AxisLearning:
         motor_inertia_kg_m2: J_m as it was given, where no plant is known.
         left_out: Orders that are not cancelled, with the verdicts on them.
         notes: Sentences for the engineer.
-        known: Orders that were known before.
+        correction: What is known of the correction of each order.
         passed: Orders whose resonance the ramps have passed.
         reaction: Reaction of the gear on its motor; None before the learning begins.
     """
@@ -111,13 +112,13 @@ class AxisLearning:
     motor_inertia_kg_m2: float | None = None
     left_out: dict[float, PartVerdict] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    known: KnownOrders = field(default_factory=KnownOrders)
+    correction: Correction = field(default_factory=Correction)
     passed: frozenset[float] = frozenset()
     reaction: ReactionWatch | None = None
 
     @property
     def estimate(self) -> JointEstimate:
-        """Estimate from all passes."""
+        """Fit of the passes without the whole cancellation."""
         return self.passes[-1].estimate
 
     @property
@@ -132,8 +133,7 @@ class AxisLearning:
 
     def values(self) -> dict[float, OrderValue]:
         """Amplitude and phase of each order that is not left out."""
-        chosen = self.known.choices(self.estimate, self.passed)
-        return {order: value for order, value in chosen.items() if order not in self.left_out}
+        return {order: value for order, value in self.correction.values().items() if order not in self.left_out}
 
     def kept(self) -> tuple[str, ...]:
         """Orders that were known before, and are kept, in words."""
@@ -150,7 +150,7 @@ class AxisLearning:
             note: Load, temperature: a note of the engineer.
             on: Date of the passes; today's unless it is given.
         """
-        estimate, last, values = self.estimate, self.passes[-1], self.values()
+        estimate, values = self.estimate, self.values()
         errors, cancelled = standard_errors(estimate), error_of(values)
         for order, value in values.items():
             for key, error in ((amplitude_key(order), value.amplitude_error), (phase_key(order), value.phase_error)):
@@ -172,7 +172,7 @@ class AxisLearning:
             arm_hz=estimate.arm.resonance_hz,
             damping=estimate.arm.damping,
             accelerometer_delay_s=estimate.arm.delay_s,
-            set_point_delay_s=last.set_point_delay_s,
+            set_point_delay_s=self.correction.set_point_delay_s,
             gear_reaction=0.0 if self.reaction is None else self.reaction.value,
             learnt_by="adaptive",
             motor_inertia_kg_m2=self.motor_inertia_kg_m2,
@@ -246,29 +246,38 @@ def learn(
     learning = _begun(bench, identified, axis, given_inertia(bench, identified, axis, motor_inertia_kg_m2))
     ramp, scale = learning_ramp(bench, identified, axis, acceleration_rps_s), axis_scale(bench, axis)
     watch = OrderWatch(table.reduction_ratio, _sensing(table, identified, axis), ramp)
-    delay, judge = DelaySearch(measured_delay_s(identified, axis)), PassJudge(bench, identified, axis, learning.known.values)
+    correction = learning.correction
+    judge = PassJudge(bench, identified, axis, correction.known)
     for number in range(1, passes + 1):
-        gain, is_last = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0, number == passes
+        gain = (0.0, SECOND_GAIN)[number - 1] if number < FIRST_WHOLE else 1.0
         session.check_interrupt()
         motion = ramps(bench, session.axes[axis].position_rad() / math.tau, ramp)
         words = f"axis {axis} to {ramp.end_rps:.2f} rev/s, {100.0 * gain:g} % of the cancellation{ramp.bound}"
-        reporter.step(f"pass {number} of {passes}: {words}")
-        cancellation = _cancellation(session, identified, learning, delay.delay_s, motion, actuation)
+        reporter.step(f"pass {number} of at most {passes}: {words}")
+        cancellation = _cancellation(session, identified, learning, motion, actuation)
         result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
         recording = _kept(number, result, motion, axis, bench, keep)
-        following = _following(learning, gain, recording, motion, table, scale)
         watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False, sensor=bench.accelerometer.title))
-        estimate = _fitted(watch, table, learning, orders, _known_plant(identified, axis))
-        checked(watch, estimate, sensorless=False, passes_left=passes - number, has_acted=learning.has_acted)
-        scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first: all are judged alike
+        if number < FIRST_WHOLE:
+            estimate = _fitted(watch, table, learning, orders, _known_plant(identified, axis))
+            checked(watch, estimate, sensorless=False, passes_left=passes - number, has_acted=learning.has_acted)
+        arm_hz = estimate.arm.resonance_hz
+        scale = scale or scale_at(bench, axis, arm_hz)  # of the first: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
-        verdicts = judge.judge(recording, motion, tuple(learning.known.acted), gain, estimate, scale)
-        learning.passed = frozenset(k for k in orders if is_passed(watch.sweeps, estimate.arm.resonance_hz, k))
-        factor = delay.take(following, vibration, is_last=is_last)
-        learning.passes.append(LearntPass(gain, vibration, estimate, delay.delay_s, factor, verdicts))
+        seen = judge.read(recording, motion, tuple(correction.acted), gain, estimate, scale)
+        learning.passed = frozenset(k for k in orders if is_passed(watch.sweeps, arm_hz, k))
+        if number < FIRST_WHOLE:
+            correction.begin(estimate, learning.passed)
+        else:
+            correction.take(seen, learning.passed, arm_hz)
+        is_last = number == passes or (number >= FIRST_WHOLE and correction.change(arm_hz) < LEAST_CHANGE)
+        verdicts = judge.verdicts(seen, gain)
+        learning.passes.append(LearntPass(gain, vibration, estimate, correction.set_point_delay_s, learning.values(), verdicts))
         _leave_out_wrong(learning, number, recording, is_last=is_last)
+        if is_last:
+            break
         watch.ramp, ramp = ramp, _next_ramp(bench, learning, ramp)
-    return replace(learning, notes=watch.notes(estimate, watch.scan(estimate)))
+    return replace(learning, notes=[*correction.notes(), *watch.notes(estimate, watch.scan(estimate))])
 
 
 def _sensing(table: AxisTable, identified: Identified | None, axis: int) -> Sensing:
@@ -291,7 +300,9 @@ def _begun(bench: Bench, identified: Identified | None, axis: int, inertia_kg_m2
     """Begin a learning with the known values of the axis."""
     part = None if identified is None or axis not in identified.axis else identified.axis[axis].ate
     reaction = ReactionWatch.of(bench, identified, axis, part)
-    return AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, known=KnownOrders.of_axis(identified, axis), reaction=reaction)
+    return AxisLearning(
+        axis, motor_inertia_kg_m2=inertia_kg_m2, correction=Correction.of_axis(identified, axis), reaction=reaction
+    )
 
 
 def learning_ramp(bench: Bench, identified: Identified | None, axis: int, acceleration_rps_s: float) -> Ramp:
@@ -324,7 +335,7 @@ def _next_ramp(bench: Bench, learning: AxisLearning, last: Ramp) -> Ramp:
     """
     arm_hz, asked, ends = learning.estimate.arm.resonance_hz, last.asked_rps_s, [_low_end(last.end_rps, learning.estimate)]
     if len(learning.passes) >= FURTHER_FROM:
-        orders = {*learning.known.values, *learning.estimate.error.amplitude_arcsec}
+        orders = {*learning.correction.known, *learning.estimate.error.amplitude_arcsec}
         ends += [last.limits.low_order_end(arm_hz, k, asked) for k in orders if k < LOWEST and shown_rps(bench) >= arm_hz / k]
     return _ramp(last.limits, asked, arm_hz, max(ends))
 
@@ -352,19 +363,6 @@ def _kept(number: int, result: RunResult, motion: Ramps, axis: int, bench: Bench
     return result.recording
 
 
-def _following(
-    learning: AxisLearning, gain: float, recording: Recording, motion: Ramps, table: AxisTable, scale: TipScale | None
-) -> Following | None:
-    """Measure how the motor followed in a pass.
-
-    None in a pass without the whole cancellation.
-    """
-    if gain < 1.0 or scale is None:
-        return None
-    error = learning.known.acted_error()
-    return motor_following(recording, motion, learning.axis, table.reduction_ratio, error, scale.band_hz)
-
-
 def _leave_out_wrong(learning: AxisLearning, number: int, recording: Recording, *, is_last: bool) -> None:
     """Leave out the orders whose cancellation is wrong.
 
@@ -374,7 +372,7 @@ def _leave_out_wrong(learning: AxisLearning, number: int, recording: Recording, 
         CancellationRefusedError: None is left.
     """
     verdicts = learning.passes[-1].verdicts
-    learning.left_out |= learning.known.judged(verdicts, learning.estimate, learning.passed, is_last=is_last)
+    learning.left_out |= learning.correction.judged(verdicts, learning.passed, is_last=is_last)
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
         raise CancellationRefusedError(f"the result of pass {number - 1} for axis {learning.axis}", verdicts)
     if learning.passes[-1].gain == 1.0 and learning.reaction is not None:
@@ -398,23 +396,24 @@ def _cancellation(
     session: Session,
     identified: Identified | None,
     learning: AxisLearning,
-    delay_s: float,
     motion: Ramps,
     actuation: Actuation,
 ) -> Cancellation | None:
     """Cancellation of what has been learnt; None before the first pass."""
     if not learning.passes:
         return None
-    so_far = _with_estimate(session, identified, learning, delay_s)
+    model = Identified(robot=session.bench.name) if identified is None else identified
+    so_far = model.with_part(learning.axis, learning.part())
     made, values = cancellation_on(session, so_far, motion.motion, actuation=actuation), learning.values()
-    learning.known.acted = {order: values[order] for order in made.tables[learning.axis].orders}
+    learning.correction.acted = {order: values[order] for order in made.tables[learning.axis].orders}
+    learning.correction.acted_delay_s = learning.correction.set_point_delay_s
     return made
 
 
 def _fitted(
     watch: OrderWatch, table: AxisTable, learning: AxisLearning, orders: Sequence[float], plant: IdentifiedPlant | None
 ) -> JointEstimate:
-    """Fit the transmission error to all passes so far.
+    """Fit the transmission error to the passes so far.
 
     For an arm with several modes, those of its plant count beside it.
 
@@ -427,10 +426,3 @@ def _fitted(
         return identify_orders(watch.sweeps, table.reduction_ratio, watch.sensing, start, orders, is_near=is_near)
     except ValueError as error:
         raise NotPossibleError(f"not learnt: {error}", ("limits",)) from error
-
-
-def _with_estimate(session: Session, identified: Identified | None, learning: AxisLearning, delay_s: float) -> Identified:
-    """Model file with the estimate that has been learnt so far."""
-    model = Identified(robot=session.bench.name) if identified is None else identified
-    part_of = learning.part().model_copy(update={"set_point_delay_s": delay_s})
-    return model.with_part(learning.axis, part_of)

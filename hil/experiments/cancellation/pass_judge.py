@@ -3,7 +3,7 @@
 They compare the pass with the first one, which has no cancellation.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from hil.analysis import TipScale
@@ -35,9 +35,9 @@ class PassJudge:
         self._known_orders = tuple(known)
         self._bench, self._axis, self._known = bench, axis, response_of(bench, identified, axis)
         self._response: Response | None = None
-        self._without: dict[Part, list[Seen]] = {}
+        self._without: dict[float, list[Seen]] = {}
 
-    def judge(
+    def read(
         self,
         recording: Recording,
         motion: Ramps,
@@ -45,8 +45,10 @@ class PassJudge:
         gain: float,
         estimate: JointEstimate,
         scale: TipScale,
-    ) -> tuple[PartVerdict, ...]:
-        """Verdict on each order that was cancelled; none after the first pass.
+    ) -> dict[float, list[Seen]]:
+        """Read what is left of each order that was cancelled, in each direction.
+
+        The first pass, without a cancellation, is what the others are compared with.
 
         Args:
             recording: Recording of the pass.
@@ -59,10 +61,19 @@ class PassJudge:
         if self._response is None:
             self._response = self._first(recording, motion, estimate, scale)
             fitted = tuple({*estimate.error.amplitude_arcsec, *self._known_orders})
-            self._without = self._seen(recording, motion, fitted, dict.fromkeys(fitted, 0.0), scale)
-            return ()
-        seen = self._seen(recording, motion, orders, dict.fromkeys(orders, gain), scale)
-        return tuple(judge(part, gain, [*self._without[part], *sights]) for part, sights in seen.items())
+            self._without = self._seen(recording, motion, fitted, 0.0, scale)
+            return {}
+        return self._seen(recording, motion, orders, gain, scale)
+
+    def verdicts(self, seen: Mapping[float, Sequence[Seen]], gain: float) -> tuple[PartVerdict, ...]:
+        """Verdict on each order of a pass, against the first one.
+
+        Args:
+            seen: What is left of each order.
+            gain: Fraction of the cancellation that acted.
+        """
+        axis = self._axis
+        return tuple(judge(Part(axis, k), gain, [*self._without[k], *sights]) for k, sights in seen.items())
 
     def _first(self, recording: Recording, motion: Ramps, estimate: JointEstimate, scale: TipScale) -> Response:
         """The response, refined on the first pass."""
@@ -77,18 +88,19 @@ class PassJudge:
         return waves_of(self._bench, {self._axis: response}, {self._axis: orders}, motion.motion, recording)
 
     def _seen(
-        self, recording: Recording, motion: Ramps, orders: Sequence[float], gains: dict[float, float], scale: TipScale
-    ) -> dict[Part, list[Seen]]:
+        self, recording: Recording, motion: Ramps, orders: Sequence[float], gain: float, scale: TipScale
+    ) -> dict[float, list[Seen]]:
         assert self._response is not None  # noqa: S101 - made by the first pass
         waves = self._waves(recording, motion, tuple(self._orders(orders)), self._response)
         directions = motion.direction()[: len(recording.time_s)]
-        found: dict[Part, list[Seen]] = {Part(self._axis, order): [] for order in orders}
+        found: dict[float, list[Seen]] = {order: [] for order in orders}
         for way in DIRECTIONS:
             sighting = sight(recording, waves, directions == way, scale.band_hz)
-            for part, sights in found.items():
-                sights.append(Seen(way, gains[part.order], sighting.amplitude[part], sighting.variance(part)))
+            for order, sights in found.items():
+                part = Part(self._axis, order)
+                sights.append(Seen(way, gain, sighting.amplitude[part], sighting.variance(part)))
         return found
 
     def _orders(self, orders: Sequence[float]) -> set[float]:
         """Orders that are fitted: those of this and the first pass."""
-        return {*orders, *(part.order for part in self._without)}
+        return {*orders, *self._without}

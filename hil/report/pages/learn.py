@@ -101,8 +101,9 @@ def estimates(result: LearningResult) -> ReportTable | None:
     ]
     header = ("", "After pass", *symbols, "Set-point delay (ms)")
     caption = (
-        "Each estimate uses all passes so far and the measured motor angle: it finds the whole error, not only the part "
-        "that remains under cancellation. Set-point delay: lag of the motor beyond its SYNC period and its interpolation."
+        "The correction that silences the tip, as it is known after each pass: of the first two by a fit of both, of later "
+        "ones by the vibration that they leave. Set-point delay: lag of the motor beyond its SYNC period and its "
+        "interpolation."
     )
     return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)
 
@@ -129,7 +130,6 @@ def passes(result: LearningResult) -> ReportTable | None:
         "Pass",
         "Cancellation (%)",
         "Vibration (m/s²)",
-        "Followed (%)",
         "Acceleration (rev/s²)",
         "Top speed (rev/s)",
         "Cycles",
@@ -138,20 +138,17 @@ def passes(result: LearningResult) -> ReportTable | None:
     )
     caption = (
         "Pass 1 has no cancellation, pass 2 half of the cancellation, later passes all of it. Vibration: root mean "
-        "square of the tip's vertical acceleration, around f_al, at the speeds that excite the arm. Followed: share of the "
-        "cancellation's motion that the motor has made."
+        "square of the tip's vertical acceleration, around f_al, at the speeds that excite the arm."
     )
-    return ReportTable("passes", "Passes", "", header, rows, frozenset({0, 9}), caption)
+    return ReportTable("passes", "Passes", "", header, rows, frozenset({0, 8}), caption)
 
 
 def _pass(run: LearningRun, after: LearningPass | None) -> list[Cell]:
-    following = None if after is None or after.following is None else 100.0 * after.following
     return [
         f"axis {run.axis}",
         str(run.number),
         number(None if after is None else 100.0 * after.gain, "{:.0f}"),
         number(None if after is None else after.vibration_m_s2, "{:.4f}"),
-        number(following, "{:.1f}"),
         number(run.acceleration_rps_s, "{:.2f}"),
         number(run.end_rps, "{:.2f}"),
         str(run.cycles),

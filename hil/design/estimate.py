@@ -1,0 +1,66 @@
+"""Gaussian estimate of several quantities, with its covariance."""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Gaussian estimate of named quantities.
+
+    Attributes:
+        names: Names of the quantities; n of them.
+        mean: Their means; shape (n,).
+        covariance: Their covariance; shape (n, n).
+    """
+
+    names: tuple[str, ...]
+    mean: Real
+    covariance: Real
+
+    @classmethod
+    def independent(cls, values: dict[str, tuple[float, float]]) -> Self:
+        """Estimate of independent quantities, from mean and standard error by name."""
+        means, errors = (np.array(each) for each in zip(*values.values(), strict=True))
+        return cls(tuple(values), means, np.diag(errors**2))
+
+    def value(self, name: str) -> float:
+        """Mean of a quantity."""
+        return float(self.mean[self.names.index(name)])
+
+    def standard_error(self, name: str) -> float:
+        """Standard error of a quantity."""
+        index = self.names.index(name)
+        return math.sqrt(self.covariance[index, index])
+
+    def replaced(self, name: str, mean: float, standard_error: float) -> Self:
+        """Estimate with a new and independent value of one quantity."""
+        index = self.names.index(name)
+        means, covariance = self.mean.copy(), self.covariance.copy()
+        covariance[index, :] = covariance[:, index] = 0.0
+        means[index], covariance[index, index] = mean, standard_error**2
+        return type(self)(self.names, means, covariance)
+
+    def observed(self, rows: Real, values: Real, variances: Real) -> Self:
+        """Posterior after an observation, by Bayes' rule.
+
+        y = H x + noise: x̂ ← x̂ + K (y − H x̂), P ← (1 − K H) P, K = P Hᵀ (H P Hᵀ + R)⁻¹.
+
+        Args:
+            rows: H; shape (m, n).
+            values: y; shape (m,).
+            variances: Diagonal of R; shape (m,).
+
+        Source: R. E. Kalman, J. Basic Engineering 82 (1960) 35.
+        """
+        gain = np.linalg.solve(rows @ self.covariance @ rows.T + np.diag(variances), rows @ self.covariance).T
+        # Joseph's form stays symmetric and positive
+        kept = np.eye(len(self.mean)) - gain @ rows
+        covariance = kept @ self.covariance @ kept.T + (gain * variances) @ gain.T
+        return type(self)(self.names, self.mean + gain @ (values - rows @ self.mean), covariance)

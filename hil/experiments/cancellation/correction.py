@@ -1,0 +1,323 @@
+"""Correction of an axis that silences its tip, and the delay of its set-points.
+
+What is learnt is z_k = A_k e^{jφ_k} of the correction with which order k shakes the tip no more. Where the motor makes the
+correction as calculated, that is the transmission error itself.
+
+A pass with the whole correction c_k leaves in direction d = ±1 of turning
+
+    s_k = z_k − c_k + j d ω c_k (δ − δ_c),
+
+where δ is the delay of the set-points, δ_c the one that the correction was made for, and ω that of the resonance. The prior of
+z_k is what the model file knows, or what the passes without the whole correction show. s_k is off by its noise, and by the
+fraction by which the arm's response may be wrong: the less vibration a pass leaves, the more it counts.
+"""
+
+import cmath
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from hil.bench.model import Identified, IdentifiedError, significant
+from hil.design.ate.identification import JointEstimate
+from hil.design.estimate import Estimate
+from hil.design.transmission_error import TransmissionError
+from hil.experiments.ate.order_scan import is_significant
+from hil.experiments.cancellation.verdict import PartVerdict, Seen
+from hil.robot_tables import amplitude_key, phase_key
+
+Source = Literal["known", "learnt"]
+"""`known` before the first pass, or `learnt` from the passes."""
+
+OFF_ERROR = 0.2
+"""Standard error of the arm's response as a fraction of it. Fits of soft gears' first passes are off by up to 15 % (13 bits)."""
+MADE_ERROR = 0.03
+"""Standard error of the motor's motion as a fraction of the correction.
+
+On drawn robots the corrections that silence the tip were 0.2 to 2 % off the error, most at a SYNC period of 8 ms."""
+DELAY_ERROR_S = 3e-3
+"""Standard error of the set-points' delay before a pass has shown it: late answers are some SYNC periods late."""
+AGREE_SIGMAS = 3.0
+"""Standard errors of their difference up to which two values are the same one."""
+LEAST_CHANGE = 0.01
+"""Change of the correction, as a fraction of it, below which another pass is not worth its time."""
+DELAY = "delay"
+
+
+@dataclass(frozen=True)
+class OrderValue:
+    """Amplitude and phase of an order.
+
+    Attributes:
+        source: Origin of the values.
+        amplitude_arcsec: A_k.
+        phase_deg: φ_k.
+        amplitude_error: Standard error of A_k in arcsec; None if none is known.
+        phase_error: Standard error of φ_k in degrees; None if none is known.
+        why: Reason why it is this one, of one that was known.
+    """
+
+    source: Source
+    amplitude_arcsec: float
+    phase_deg: float
+    amplitude_error: float | None
+    phase_error: float | None
+    why: str = ""
+
+    @property
+    def phasor(self) -> complex:
+        """A_k e^{jφ_k} in arcsec."""
+        return cmath.rect(self.amplitude_arcsec, math.radians(self.phase_deg))
+
+    @property
+    def sigma_arcsec(self) -> float:
+        """Standard error of the phasor; A_k itself if none is known."""
+        if self.amplitude_error is None or self.phase_error is None:
+            return self.amplitude_arcsec
+        return math.hypot(self.amplitude_error, self.amplitude_arcsec * math.radians(self.phase_error))
+
+    def agrees(self, other: "OrderValue") -> bool:
+        """True if two values agree within their standard errors."""
+        return abs(self.phasor - other.phasor) <= AGREE_SIGMAS * math.hypot(self.sigma_arcsec, other.sigma_arcsec)
+
+    def words(self, order: float) -> str:
+        """The value in words."""
+        a, phi = (f" ± {each:.2f}" if each is not None else "" for each in (self.amplitude_error, self.phase_error))
+        return f"A_{order:g} = {self.amplitude_arcsec:.2f}{a}″, φ_{order:g} = {self.phase_deg:.1f}{phi}°"
+
+
+@dataclass
+class Correction:
+    """Correction of an axis from pass to pass.
+
+    Attributes:
+        known: Significant orders of what was known.
+        delay_s: Delay of the set-points as it was known.
+        acted: Values that the last pass cancelled.
+        acted_delay_s: Delay that it was made for.
+        contradicted: Orders whose known value the passes contradict, with the known value.
+    """
+
+    known: Mapping[float, OrderValue] = field(default_factory=dict)
+    delay_s: float = 0.0
+    acted: dict[float, OrderValue] = field(default_factory=dict)
+    acted_delay_s: float = 0.0
+    contradicted: dict[float, OrderValue] = field(default_factory=dict)
+    _begun: dict[float, OrderValue] = field(default_factory=dict)
+    _unseen: dict[float, str] = field(default_factory=dict)
+    _prior: Estimate | None = None
+    _posterior: Estimate | None = None
+
+    @classmethod
+    def of(cls, part: IdentifiedError | None) -> "Correction":
+        """Correction of a part of a model file."""
+        if part is None:
+            return cls()
+        table, errors = significant(part), part.standard_error
+        phases = table.phases_deg()
+        return cls({
+            order: OrderValue(
+                "known", amplitude, phases[order] % 360.0, errors.get(amplitude_key(order)), errors.get(phase_key(order))
+            )
+            for order, amplitude in table.amplitudes_arcsec().items()
+        }, part.set_point_delay_s)  # fmt: skip
+
+    @classmethod
+    def of_axis(cls, identified: Identified | None, axis: int) -> "Correction":
+        """Correction of an axis in a model file; empty without one."""
+        return cls.of(None if identified is None or axis not in identified.axis else identified.axis[axis].ate)
+
+    def begin(self, estimate: JointEstimate, passed: Collection[float]) -> None:
+        """Take the prior of each order from what was known and from a fit.
+
+        A fit that contradicts what was known holds, with their difference for its standard error.
+
+        Args:
+            estimate: Fit of the passes without the whole correction.
+            passed: Orders whose resonance their ramps pass.
+        """
+        self._begun, self._unseen, self.contradicted = {}, {}, {}
+        for order in sorted({*self.known, *estimate.error.amplitude_arcsec}):
+            self._begun[order] = self._first_value(order, estimate, passed)
+        values = {DELAY: (self.delay_s, DELAY_ERROR_S)}
+        for order, value in self._begun.items():
+            error = math.hypot(self._sigma(order, value), MADE_ERROR * value.amplitude_arcsec)
+            values |= {_real(order): (value.phasor.real, error), _imaginary(order): (value.phasor.imag, error)}
+        self._prior = self._posterior = Estimate.independent(values)
+
+    def _first_value(self, order: float, estimate: JointEstimate, passed: Collection[float]) -> OrderValue:
+        known, fitted = self.known.get(order), _fitted(order, estimate)
+        if known is None or fitted is None:
+            value = known or fitted
+            assert value is not None  # noqa: S101 - the order is of one of both
+            return value
+        if order not in passed:
+            self._unseen[order] = "the ramps end below its resonance"
+            return known
+        if not is_significant(estimate, order):
+            return known
+        if known.agrees(fitted):
+            return min(known, fitted, key=lambda each: each.sigma_arcsec)
+        self.contradicted[order] = known
+        return fitted
+
+    def _sigma(self, order: float, value: OrderValue) -> float:
+        other = self.contradicted.get(order)
+        return value.sigma_arcsec if other is None else max(value.sigma_arcsec, abs(value.phasor - other.phasor))
+
+    def values(self) -> dict[float, OrderValue]:
+        """Value of each order to cancel and store.
+
+        One that the passes do not know better stays as it was.
+        """
+        return {order: self._value(order) for order in self._begun}
+
+    def _value(self, order: float) -> OrderValue:
+        begun, prior, found = self._begun[order], self._prior, self._posterior
+        assert prior is not None and found is not None  # noqa: S101, PT018 - it has begun
+        sigma, name = found.standard_error(_real(order)), _real(order)
+        # an observation that says less than the prior has left more than half of its variance
+        if sigma > math.sqrt(0.5) * prior.standard_error(name):
+            why = self._unseen.get(order, "the passes show it less exactly")
+            return replace(begun, why=why) if begun.source == "known" else begun
+        z = self._phasor(order)
+        return OrderValue("learnt", abs(z), math.degrees(cmath.phase(z)) % 360.0, sigma, math.degrees(sigma / max(abs(z), sigma)))
+
+    def _phasor(self, order: float) -> complex:
+        assert self._posterior is not None  # noqa: S101 - it has begun
+        return complex(self._posterior.value(_real(order)), self._posterior.value(_imaginary(order)))
+
+    @property
+    def set_point_delay_s(self) -> float:
+        """Delay of the set-points; the known one if no pass has shown it."""
+        return self.delay_s if self._posterior is None else self._posterior.value(DELAY)
+
+    @property
+    def delay_error_s(self) -> float:
+        """Standard error of the delay."""
+        return DELAY_ERROR_S if self._posterior is None else self._posterior.standard_error(DELAY)
+
+    def take(self, seen: Mapping[float, Sequence[Seen]], passed: Collection[float], resonance_hz: float) -> None:
+        """Learn from what a pass with the whole correction leaves.
+
+        Where it contradicts the prior of an order, that is as uncertain as the contradiction is large.
+
+        Args:
+            seen: What is left of each order, by direction.
+            passed: Orders whose resonance the ramps have passed; of the others nothing is learnt.
+            resonance_hz: Frequency at which the arm rings.
+        """
+        found = self._posterior
+        assert found is not None  # noqa: S101 - it has begun
+        observed: list[tuple[float, Seen]] = []
+        for order, sights in seen.items():
+            if order not in passed or order not in self.acted:
+                continue
+            self._unseen.pop(order, None)
+            left = complex(np.mean([each.amplitude for each in sights]))
+            surprise = abs(self.acted[order].phasor + left - self._phasor(order))
+            noise = float(np.mean([_variance(each) for each in sights])) / len(sights)
+            if surprise > AGREE_SIGMAS * math.sqrt(found.standard_error(_real(order)) ** 2 + noise):
+                for name in (_real(order), _imaginary(order)):
+                    found = found.replaced(name, found.value(name), math.hypot(surprise, found.standard_error(name)))
+            observed += [(order, each) for each in sights]
+        if not observed:
+            return
+        rows, values, variances = np.zeros((2 * len(observed), len(found.names))), [], []
+        for index, (order, each) in enumerate(observed):
+            correction = self.acted[order].phasor
+            late = 1j * each.direction * 2.0 * math.pi * resonance_hz * correction
+            shown = each.amplitude + correction + late * self.acted_delay_s
+            for row, name, part, by_delay in (
+                (2 * index, _real(order), shown.real, late.real), (2 * index + 1, _imaginary(order), shown.imag, late.imag)
+            ):  # fmt: skip
+                rows[row, found.names.index(name)], rows[row, found.names.index(DELAY)] = 1.0, by_delay
+                values.append(part)
+                variances.append(_variance(each))
+        self._posterior = found.observed(rows, np.array(values), np.array(variances))
+
+    def change(self, resonance_hz: float) -> float:
+        """Change from the correction that acted last, as a fraction of all of it.
+
+        Args:
+            resonance_hz: Frequency at which the arm rings.
+        """
+        values = self.values()
+        late = 2.0 * math.pi * resonance_hz * (self.set_point_delay_s - self.acted_delay_s)
+        changed = sum(
+            abs(values[order].phasor - acted.phasor) ** 2 + abs(late * acted.phasor) ** 2
+            for order, acted in self.acted.items()
+            if order in values
+        )
+        whole = sum(abs(acted.phasor) ** 2 for acted in self.acted.values())
+        return math.sqrt(changed / max(whole, 1e-30))
+
+    def judged(self, verdicts: Sequence[PartVerdict], passed: Collection[float], *, is_last: bool) -> dict[float, PartVerdict]:
+        """Orders that are to be left out after a pass, with the verdicts on them.
+
+        A refused value gives way to the known one if that is another. The foot of a resonance refuses nothing that was known:
+        there the motion's own jolt weighs as much.
+
+        Args:
+            verdicts: Verdicts on the orders that it cancelled.
+            passed: Orders whose resonance the passes' ramps pass.
+            is_last: True after the last pass: then an order that was not known and could not be judged is left out too.
+        """
+        left_out = {}
+        for verdict in verdicts:
+            order = verdict.part.order
+            known = self.known.get(order)
+            if verdict.verdict == "refused" and (known is None or order in passed):
+                if known is not None and order in self.contradicted and not known.agrees(self.acted[order]):
+                    self._return_to(order, known)
+                else:
+                    left_out[order] = verdict
+            elif is_last and verdict.verdict == "not judged" and known is None:
+                left_out[order] = verdict
+        return left_out
+
+    def _return_to(self, order: float, known: OrderValue) -> None:
+        """Return to the known value of an order."""
+        assert self._posterior is not None and self._prior is not None  # noqa: S101, PT018 - it has begun
+        self._begun[order] = known
+        del self.contradicted[order]
+        sigma = math.hypot(known.sigma_arcsec, MADE_ERROR * known.amplitude_arcsec)
+        for name, part in ((_real(order), known.phasor.real), (_imaginary(order), known.phasor.imag)):
+            self._posterior, self._prior = (each.replaced(name, part, sigma) for each in (self._posterior, self._prior))
+
+    def notes(self) -> list[str]:
+        """Sentences on the known values that the passes contradict."""
+        return [
+            f"order {order:g} is not as it was known ({known.words(order)}): the passes show {self._begun[order].words(order)}"
+            for order, known in self.contradicted.items()
+        ]
+
+
+def _real(order: float) -> str:
+    return f"re{order:g}"
+
+
+def _imaginary(order: float) -> str:
+    return f"im{order:g}"
+
+
+def _variance(seen: Seen) -> float:
+    """Variance of either component of what is left."""
+    return seen.variance + 0.5 * (OFF_ERROR * abs(seen.amplitude)) ** 2
+
+
+def error_of(values: Mapping[float, OrderValue]) -> TransmissionError:
+    """Transmission error of the values of some orders."""
+    amplitudes = {order: value.amplitude_arcsec for order, value in values.items()}
+    return TransmissionError(amplitudes, {order: value.phase_deg for order, value in values.items()})
+
+
+def _fitted(order: float, estimate: JointEstimate) -> OrderValue | None:
+    """Value of an order by the fit of the passes; None if it was not fitted."""
+    error = estimate.error
+    if order not in error.amplitude_arcsec:
+        return None
+    errors = estimate.amplitude_error_arcsec[order], estimate.phase_error_deg[order]
+    return OrderValue("learnt", error.amplitude_arcsec[order], error.phase_deg[order], *errors)
