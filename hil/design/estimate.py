@@ -47,6 +47,19 @@ class Estimate:
         means[index], covariance[index, index] = mean, standard_error**2
         return type(self)(self.names, means, covariance)
 
+    def with_others(self, values: dict[str, tuple[float, float]]) -> Self:
+        """Estimate with more independent quantities; one that is there already is replaced."""
+        found, new = self, {name: each for name, each in values.items() if name not in self.names}
+        for name in values.keys() - new.keys():
+            found = found.replaced(name, *values[name])
+        if not new:
+            return found
+        others = self.independent(new)
+        covariance = np.zeros((len(found.names) + len(new),) * 2)
+        covariance[: len(found.names), : len(found.names)] = found.covariance
+        covariance[len(found.names) :, len(found.names) :] = others.covariance
+        return type(self)((*found.names, *others.names), np.concatenate([found.mean, others.mean]), covariance)
+
     def observed(self, rows: Real, values: Real, variances: Real) -> Self:
         """Posterior after an observation, by Bayes' rule.
 

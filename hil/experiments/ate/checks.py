@@ -137,7 +137,7 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
             raise AteNotIdentifiedError(what, stretches, FLAT_STRETCHES - 1, "", remedy, at_most=True)
 
 
-def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0, has_acted: bool = False) -> None:
+def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
     """Check that a fit belongs to this axis and is significant.
 
     A fit that further passes may make significant passes too.
@@ -146,16 +146,13 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
         estimate: The fit.
         sensorless: True if it is of the motor torque.
         passes_left: Number of passes that may follow.
-        has_acted: True if a cancellation of the error has been seen to act as it should: then it is there, however far the
-            gear is from a spring, which the standard errors hold.
 
     Raises:
         AteNotIdentifiedError: One of the checks fails.
     """
     if not sensorless:
         _check_factor(estimate)
-    if not has_acted:
-        _check_significance(estimate, sensorless=sensorless, passes_left=passes_left)
+    _check_significance(estimate, sensorless=sensorless, passes_left=passes_left)
     of_vibration = estimate.explained_by_error / max(estimate.explained_by_error + estimate.structured, 1e-30)
     if of_vibration < LEAST_EXPLAINED:
         signal = "motor torque's" if sensorless else "tip's"

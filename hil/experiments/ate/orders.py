@@ -72,9 +72,7 @@ def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
     ]
 
 
-def checked(
-    watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0, has_acted: bool = False
-) -> None:
+def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
     """Check an estimate; a failure names the unrequested orders seen.
 
     See `check_estimate`.
@@ -84,13 +82,12 @@ def checked(
         estimate: Estimate from them.
         sensorless: True if it is of the motor torque.
         passes_left: Number of passes that may follow.
-        has_acted: True if a cancellation of the error has been seen to act as it should.
 
     Raises:
         AteNotIdentifiedError: One of the checks fails.
     """
     try:
-        check_estimate(estimate, sensorless=sensorless, passes_left=passes_left, has_acted=has_acted)
+        check_estimate(estimate, sensorless=sensorless, passes_left=passes_left)
     except AteNotIdentifiedError as error:
         if not error.is_of_orders:
             raise

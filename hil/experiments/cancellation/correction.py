@@ -37,8 +37,12 @@ MADE_ERROR = 0.03
 """Standard error of the motor's motion as a fraction of the correction.
 
 On drawn robots the corrections that silence the tip were 0.2 to 2 % off the error, most at a SYNC period of 8 ms."""
-DELAY_ERROR_S = 3e-3
-"""Standard error of the set-points' delay before a pass has shown it: late answers are some SYNC periods late."""
+DELAY_PERIODS = 0.1
+"""Standard error of the set-points' delay in SYNC periods before a pass has shown it.
+
+Drawn drives were up to 0.2 ms late at a period of 8 ms."""
+LATE_S = 3e-3
+"""The same where passes contradict it: answers that come late are some milliseconds late."""
 AGREE_SIGMAS = 3.0
 """Standard errors of their difference up to which two values are the same one."""
 LEAST_CHANGE = 0.01
@@ -95,6 +99,7 @@ class Correction:
     Attributes:
         known: Significant orders of what was known.
         delay_s: Delay of the set-points as it was known.
+        period_s: SYNC period.
         acted: Values that the last pass cancelled.
         acted_delay_s: Delay that it was made for.
         contradicted: Orders whose known value the passes contradict, with the known value.
@@ -102,19 +107,21 @@ class Correction:
 
     known: Mapping[float, OrderValue] = field(default_factory=dict)
     delay_s: float = 0.0
+    period_s: float = 1e-3
     acted: dict[float, OrderValue] = field(default_factory=dict)
     acted_delay_s: float = 0.0
     contradicted: dict[float, OrderValue] = field(default_factory=dict)
     _begun: dict[float, OrderValue] = field(default_factory=dict)
     _unseen: dict[float, str] = field(default_factory=dict)
+    _left: list["_Left"] = field(default_factory=list)
     _prior: Estimate | None = None
     _posterior: Estimate | None = None
 
     @classmethod
-    def of(cls, part: IdentifiedError | None) -> "Correction":
-        """Correction of a part of a model file."""
+    def of(cls, part: IdentifiedError | None, period_s: float) -> "Correction":
+        """Correction of a part of a model file, at a SYNC period."""
         if part is None:
-            return cls()
+            return cls(period_s=period_s)
         table, errors = significant(part), part.standard_error
         phases = table.phases_deg()
         return cls({
@@ -122,30 +129,33 @@ class Correction:
                 "known", amplitude, phases[order] % 360.0, errors.get(amplitude_key(order)), errors.get(phase_key(order))
             )
             for order, amplitude in table.amplitudes_arcsec().items()
-        }, part.set_point_delay_s)  # fmt: skip
+        }, part.set_point_delay_s, period_s)  # fmt: skip
 
     @classmethod
-    def of_axis(cls, identified: Identified | None, axis: int) -> "Correction":
-        """Correction of an axis in a model file; empty without one."""
-        return cls.of(None if identified is None or axis not in identified.axis else identified.axis[axis].ate)
+    def of_axis(cls, identified: Identified | None, axis: int, period_s: float) -> "Correction":
+        """Correction of an axis in a model file, empty without one, at a SYNC period."""
+        return cls.of(None if identified is None or axis not in identified.axis else identified.axis[axis].ate, period_s)
 
     def begin(self, estimate: JointEstimate, passed: Collection[float]) -> None:
         """Take the prior of each order from what was known and from a fit.
 
-        A fit that contradicts what was known holds, with their difference for its standard error.
+        A fit that contradicts what was known holds, with their difference for its standard error. What passes have left counts as
+        before.
 
         Args:
-            estimate: Fit of the passes without the whole correction.
+            estimate: Fit of the passes so far.
             passed: Orders whose resonance their ramps pass.
         """
         self._begun, self._unseen, self.contradicted = {}, {}, {}
         for order in sorted({*self.known, *estimate.error.amplitude_arcsec}):
             self._begun[order] = self._first_value(order, estimate, passed)
-        values = {DELAY: (self.delay_s, DELAY_ERROR_S)}
+        values = {DELAY: (self.delay_s, DELAY_PERIODS * self.period_s)}
         for order, value in self._begun.items():
-            error = math.hypot(self._sigma(order, value), MADE_ERROR * value.amplitude_arcsec)
+            error = _component(self._sigma(order, value), value)
             values |= {_real(order): (value.phasor.real, error), _imaginary(order): (value.phasor.imag, error)}
         self._prior = self._posterior = Estimate.independent(values)
+        if self._left:
+            self._posterior = self._learnt()
 
     def _first_value(self, order: float, estimate: JointEstimate, passed: Collection[float]) -> OrderValue:
         known, fitted = self.known.get(order), _fitted(order, estimate)
@@ -197,7 +207,7 @@ class Correction:
     @property
     def delay_error_s(self) -> float:
         """Standard error of the delay."""
-        return DELAY_ERROR_S if self._posterior is None else self._posterior.standard_error(DELAY)
+        return DELAY_PERIODS * self.period_s if self._posterior is None else self._posterior.standard_error(DELAY)
 
     def take(self, seen: Mapping[float, Sequence[Seen]], passed: Collection[float], resonance_hz: float) -> None:
         """Learn from what a pass with the whole correction leaves.
@@ -209,34 +219,45 @@ class Correction:
             passed: Orders whose resonance the ramps have passed; of the others nothing is learnt.
             resonance_hz: Frequency at which the arm rings.
         """
-        found = self._posterior
-        assert found is not None  # noqa: S101 - it has begun
-        observed: list[tuple[float, Seen]] = []
         for order, sights in seen.items():
-            if order not in passed or order not in self.acted:
-                continue
-            self._unseen.pop(order, None)
-            left = complex(np.mean([each.amplitude for each in sights]))
-            surprise = abs(self.acted[order].phasor + left - self._phasor(order))
-            noise = float(np.mean([_variance(each) for each in sights])) / len(sights)
-            if surprise > AGREE_SIGMAS * math.sqrt(found.standard_error(_real(order)) ** 2 + noise):
-                for name in (_real(order), _imaginary(order)):
-                    found = found.replaced(name, found.value(name), math.hypot(surprise, found.standard_error(name)))
-            observed += [(order, each) for each in sights]
-        if not observed:
-            return
-        rows, values, variances = np.zeros((2 * len(observed), len(found.names))), [], []
-        for index, (order, each) in enumerate(observed):
-            correction = self.acted[order].phasor
-            late = 1j * each.direction * 2.0 * math.pi * resonance_hz * correction
-            shown = each.amplitude + correction + late * self.acted_delay_s
-            for row, name, part, by_delay in (
-                (2 * index, _real(order), shown.real, late.real), (2 * index + 1, _imaginary(order), shown.imag, late.imag)
-            ):  # fmt: skip
-                rows[row, found.names.index(name)], rows[row, found.names.index(DELAY)] = 1.0, by_delay
-                values.append(part)
-                variances.append(_variance(each))
-        self._posterior = found.observed(rows, np.array(values), np.array(variances))
+            if order in passed and order in self.acted:
+                self._unseen.pop(order, None)
+                acted = self.acted[order].phasor
+                self._left += [_Left(order, each, acted, self.acted_delay_s, 2.0 * math.pi * resonance_hz) for each in sights]
+        if self._left:
+            self._posterior = self._learnt()
+
+    def _learnt(self) -> Estimate:
+        """Posterior of everything that passes have left.
+
+        What the directions differ by beyond a delay is no noise, and returns in each pass: each direction has a bias of its own.
+        """
+        assert self._prior is not None  # noqa: S101 - it has begun
+        known_s, error_s = (of(DELAY) for of in (self._prior.value, self._prior.standard_error))
+        self._prior = self._prior.replaced(DELAY, known_s, LATE_S)
+        late_s = _observed(self._prior, self._left).value(DELAY)
+        for order in {each.order for each in self._left}:
+            sides = [[each for each in self._left if each.order == order and each.seen.direction == way] for way in (1, -1)]
+            shown = [complex(np.mean([each.shown(late_s) for each in side])) for side in sides if side]
+            noise = float(np.mean([_variance(each.seen) for side in sides for each in side])) / max(len(side) for side in sides)
+            bias = math.sqrt(max(0.25 * abs(shown[0] - shown[-1]) ** 2 - noise, 0.0))
+            self._prior = self._prior.with_others({name: (0.0, bias) for way in (1, -1) for name in _bias(order, way)})
+            self._widen(order, complex(np.mean(shown)), math.sqrt(0.5 * (bias**2 + noise)))
+        found = _observed(self._prior, self._left)
+        if abs(found.value(DELAY) - known_s) > AGREE_SIGMAS * math.hypot(error_s, found.standard_error(DELAY)):
+            return found
+        self._prior = self._prior.replaced(DELAY, known_s, error_s)
+        return _observed(self._prior, self._left)
+
+    def _widen(self, order: float, shown: complex, noise: float) -> None:
+        """Widen the prior of an order that passes contradict."""
+        assert self._prior is not None  # noqa: S101 - it has begun
+        prior = self._prior
+        surprise = abs(shown - complex(prior.value(_real(order)), prior.value(_imaginary(order))))
+        if surprise > AGREE_SIGMAS * math.sqrt(2.0) * math.hypot(prior.standard_error(_real(order)), noise):
+            for name in (_real(order), _imaginary(order)):
+                prior = prior.replaced(name, prior.value(name), surprise)
+            self._prior = prior
 
     def change(self, resonance_hz: float) -> float:
         """Change from the correction that acted last, as a fraction of all of it.
@@ -283,7 +304,7 @@ class Correction:
         assert self._posterior is not None and self._prior is not None  # noqa: S101, PT018 - it has begun
         self._begun[order] = known
         del self.contradicted[order]
-        sigma = math.hypot(known.sigma_arcsec, MADE_ERROR * known.amplitude_arcsec)
+        sigma = _component(known.sigma_arcsec, known)
         for name, part in ((_real(order), known.phasor.real), (_imaginary(order), known.phasor.imag)):
             self._posterior, self._prior = (each.replaced(name, part, sigma) for each in (self._posterior, self._prior))
 
@@ -301,6 +322,64 @@ def _real(order: float) -> str:
 
 def _imaginary(order: float) -> str:
     return f"im{order:g}"
+
+
+def _component(sigma_arcsec: float, value: OrderValue) -> float:
+    """Standard error of either component of a correction, with what the motor makes of it."""
+    return math.hypot(sigma_arcsec, MADE_ERROR * value.amplitude_arcsec) / math.sqrt(2.0)
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What a pass has left of an order in one direction, and with which correction.
+
+    Attributes:
+        order: Order k.
+        seen: s_k.
+        acted: c_k.
+        delay_s: δ_c.
+        omega: ω.
+    """
+
+    order: float
+    seen: Seen
+    acted: complex
+    delay_s: float
+    omega: float
+
+    @property
+    def late(self) -> complex:
+        """Change of s_k with the delay."""
+        return 1j * self.seen.direction * self.omega * self.acted
+
+    def shown(self, delay_s: float) -> complex:
+        """z_k that it shows with a delay of the set-points."""
+        return self.seen.amplitude + self.acted - self.late * (delay_s - self.delay_s)
+
+
+def _observed(prior: Estimate, left: Sequence[_Left]) -> Estimate:
+    """Posterior of z_k and δ after what passes have left."""
+    rows, values, variances = np.zeros((2 * len(left), len(prior.names))), [], []
+    at = {name: index for index, name in enumerate(prior.names)}
+    for index, each in enumerate(left):
+        shown, names = (
+            each.shown(0.0),
+            zip((_real(each.order), _imaginary(each.order)), _bias(each.order, each.seen.direction), strict=True),
+        )
+        for row, (name, bias), part, by_delay in zip(
+            (2 * index, 2 * index + 1), names, (shown.real, shown.imag), (each.late.real, each.late.imag), strict=True
+        ):
+            rows[row, at[name]], rows[row, at[DELAY]] = 1.0, by_delay
+            if bias in at:
+                rows[row, at[bias]] = 1.0
+            values.append(part)
+            variances.append(_variance(each.seen))
+    return prior.observed(rows, np.array(values), np.array(variances))
+
+
+def _bias(order: float, direction: int) -> tuple[str, str]:
+    """Names of the components of a direction's bias."""
+    return f"re{order:g}{direction:+d}", f"im{order:g}{direction:+d}"
 
 
 def _variance(seen: Seen) -> float:

@@ -18,7 +18,7 @@ from pathlib import Path
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, significant, update_file
 from hil.design.ate.identification import JointEstimate
-from hil.design.ate.model import Sensing
+from hil.design.ate.model import Sensing, Sweep
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_moved, check_run
@@ -121,10 +121,10 @@ class AxisLearning:
         """Fit of the passes without the whole cancellation."""
         return self.passes[-1].estimate
 
-    @property
-    def has_acted(self) -> bool:
-        """True if some order's cancellation has been accepted in a pass."""
-        return any(verdict.verdict == "accepted" for each in self.passes for verdict in each.verdicts)
+    def reaches_another(self, sweeps: Sequence[Sweep], orders: Sequence[float]) -> bool:
+        """True if passes reach the resonance of an order that those before had not."""
+        arm_hz = self.estimate.arm.resonance_hz
+        return any(is_passed(sweeps, arm_hz, order) for order in orders if order not in self.passed)
 
     @property
     def reduction_fraction(self) -> float:
@@ -258,17 +258,19 @@ def learn(
         result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
         recording = _kept(number, result, motion, axis, bench, keep)
         watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False, sensor=bench.accelerometer.title))
-        if number < FIRST_WHOLE:
+        # an order whose resonance is reached for the first time is fitted like those of the first passes
+        is_fitted = number < FIRST_WHOLE or learning.reaches_another(watch.sweeps, orders)
+        if is_fitted:
             estimate = _fitted(watch, table, learning, orders, _known_plant(identified, axis))
-            checked(watch, estimate, sensorless=False, passes_left=passes - number, has_acted=learning.has_acted)
+            checked(watch, estimate, sensorless=False, passes_left=passes - number)
         arm_hz = estimate.arm.resonance_hz
         scale = scale or scale_at(bench, axis, arm_hz)  # of the first: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
         seen = judge.read(recording, motion, tuple(correction.acted), gain, estimate, scale)
         learning.passed = frozenset(k for k in orders if is_passed(watch.sweeps, arm_hz, k))
-        if number < FIRST_WHOLE:
+        if is_fitted:
             correction.begin(estimate, learning.passed)
-        else:
+        if number >= FIRST_WHOLE:
             correction.take(seen, learning.passed, arm_hz)
         is_last = number == passes or (number >= FIRST_WHOLE and correction.change(arm_hz) < LEAST_CHANGE)
         verdicts = judge.verdicts(seen, gain)
@@ -301,7 +303,10 @@ def _begun(bench: Bench, identified: Identified | None, axis: int, inertia_kg_m2
     part = None if identified is None or axis not in identified.axis else identified.axis[axis].ate
     reaction = ReactionWatch.of(bench, identified, axis, part)
     return AxisLearning(
-        axis, motor_inertia_kg_m2=inertia_kg_m2, correction=Correction.of_axis(identified, axis), reaction=reaction
+        axis,
+        motor_inertia_kg_m2=inertia_kg_m2,
+        correction=Correction.of_axis(identified, axis, bench.bus.sync_period_s),
+        reaction=reaction,
     )
 
 

@@ -125,12 +125,12 @@ def test_the_speed_at_the_end_of_a_ramp() -> None:
     assert reached_rps(2.0 * math.pi * 7.0 * np.arange(500) * 0.002, 0.002, 400) == pytest.approx(7.0)
 
 
-def test_an_error_whose_cancellation_has_acted_is_there_though_both_directions_differ() -> None:
+def test_an_error_that_further_passes_may_show_is_not_refused() -> None:
     """A gear with hysteresis widens the standard errors: 4.9 of them where 5 are asked."""
     wide = replace(GOOD, amplitude_error_arcsec={2: 5.0 / 4.9, 4: 3.0 / 4.9}, widened=30.0)
     with pytest.raises(AteNotIdentifiedError, match=r"ratio of the largest amplitude, A_\d, to its standard error"):
         check_estimate(wide, sensorless=False)
-    check_estimate(wide, sensorless=False, has_acted=True)
+    check_estimate(wide, sensorless=False, passes_left=3)
 
 
 @pytest.mark.parametrize(

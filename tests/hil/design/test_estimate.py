@@ -1,0 +1,41 @@
+"""A Gaussian estimate: Bayes' rule against weighted least squares."""
+
+import numpy as np
+import pytest
+
+from hil.design.estimate import Estimate
+
+PRIOR = Estimate.independent({"x": (1.0, 2.0), "y": (-3.0, 0.5), "z": (0.0, 1e3)})
+
+
+def test_an_observation_is_weighed_as_least_squares_weighs_it() -> None:
+    rng = np.random.default_rng(5)
+    rows, values, variances = rng.normal(size=(7, 3)), rng.normal(size=7), rng.uniform(0.1, 2.0, 7)
+    # the prior as three more observations
+    all_rows = np.concatenate([rows, np.eye(3)])
+    weight = 1.0 / np.sqrt(np.concatenate([variances, np.diag(PRIOR.covariance)]))
+    wanted, *_ = np.linalg.lstsq(all_rows * weight[:, None], np.concatenate([values, PRIOR.mean]) * weight, rcond=None)
+    found = PRIOR.observed(rows, values, variances)
+    assert found.mean == pytest.approx(wanted)
+    information = all_rows.T @ np.diag(weight**2) @ all_rows
+    assert found.covariance @ information == pytest.approx(np.eye(3), abs=1e-9)
+    assert found.standard_error("y") == pytest.approx(np.sqrt(np.linalg.inv(information)[1, 1]))
+
+
+def test_observations_one_by_one_are_the_same_as_together() -> None:
+    rows, values, variances = np.array([[1.0, 1.0, 0.0], [0.0, 1.0, -2.0]]), np.array([0.3, 7.0]), np.array([0.2, 0.4])
+    one_by_one = PRIOR
+    for row, value, variance in zip(rows, values, variances, strict=True):
+        one_by_one = one_by_one.observed(row[None], np.array([value]), np.array([variance]))
+    together = PRIOR.observed(rows, values, variances)
+    assert one_by_one.mean == pytest.approx(together.mean)
+    assert one_by_one.covariance == pytest.approx(together.covariance, rel=1e-6, abs=1e-9)
+
+
+def test_a_replaced_quantity_is_independent_of_the_others() -> None:
+    observed = PRIOR.observed(np.array([[1.0, 1.0, 1.0]]), np.array([2.0]), np.array([0.1]))
+    replaced = observed.replaced("y", 4.0, 0.25)
+    assert (replaced.value("y"), replaced.standard_error("y")) == (4.0, 0.25)
+    assert not replaced.covariance[1, [0, 2]].any()
+    assert replaced.value("x") == observed.value("x")
+    assert observed.covariance[1, 0] != 0.0, "the first one is as it was"

@@ -1,0 +1,202 @@
+"""The correction that silences the tip: what it begins with, and what it learns from what a pass leaves."""
+
+import cmath
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import pytest
+
+from hil.bench.model import IdentifiedError
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Arm
+from hil.design.transmission_error import TransmissionError
+from hil.experiments.cancellation.correction import Correction, OrderValue
+from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
+from hil.robot_tables import TransmissionErrorTable, amplitude_key, phase_key
+
+GOOD = JointEstimate(
+    TransmissionError({2: 5.0}, {2: 222.0}), {2: 0.03}, {2: 0.2},
+    Arm(6.2, 0.038, 1e-4), Arm(0.01, 0.001, 1e-4), 0.01, 0.99, 0.99, 1.0, 0.03, (), 1.0, (3.1, 13.0),
+)  # fmt: skip
+TRUE = MappingProxyType({1: (28.0, 30.0), 2: (14.6, 247.0), 4: (1.7, 58.0)})
+ALL = frozenset(TRUE)
+ARM_HZ = 12.0
+
+
+def known(values: Mapping[float, tuple[float, float]] = TRUE, error: float = 0.1, error_deg: float = 0.5) -> Correction:
+    """What an identification has found."""
+    errors = {amplitude_key(order): error for order in values} | {phase_key(order): error_deg for order in values}
+    table = TransmissionErrorTable.of({k: each[0] for k, each in values.items()}, {k: each[1] for k, each in values.items()})
+    return Correction.of(IdentifiedError(values=table, standard_error=errors), 0.002)
+
+
+def fitted(values: Mapping[float, tuple[float, float]] = TRUE, error: float = 0.2, error_deg: float = 1.0) -> JointEstimate:
+    """What the first passes have found."""
+    return replace(
+        GOOD,
+        error=TransmissionError({k: each[0] for k, each in values.items()}, {k: each[1] for k, each in values.items()}),
+        amplitude_error_arcsec=dict.fromkeys(values, error),
+        phase_error_deg=dict.fromkeys(values, error_deg),
+    )
+
+
+def phasor(value: tuple[float, float]) -> complex:
+    return cmath.rect(value[0], math.radians(value[1]))
+
+
+def left(
+    correction: Correction, silent: Mapping[float, complex], noise: float = 0.01, late_s: float = 0.0, response: complex = 1.0
+) -> dict[float, list[Seen]]:
+    """What a pass leaves where `silent` would have silenced the tip, seen through a response that is off."""
+    found: dict[float, list[Seen]] = {}
+    for order, value in correction.acted.items():
+        late = late_s - correction.acted_delay_s
+        made = {way: value.phasor * cmath.exp(-2j * math.pi * ARM_HZ * way * late) for way in (1, -1)}
+        found[order] = [Seen(way, 1.0, response * (silent[order] - made[way]), noise**2) for way in (1, -1)]
+    return found
+
+
+def act(correction: Correction) -> None:
+    """A pass that cancels what is known."""
+    correction.acted, correction.acted_delay_s = correction.values(), correction.set_point_delay_s
+
+
+def verdict(order: float, acted: OrderValue, true: tuple[float, float], sigma: float = 0.02) -> PartVerdict:
+    """The verdict on a value's cancellation, with so much noise."""
+    there, variance = phasor(true), (sigma * true[0]) ** 2
+    return judge(Part(2, order), 1.0, [Seen(1, gain, there - gain * acted.phasor, variance) for gain in (0.0, 1.0)])
+
+
+@pytest.mark.parametrize("response", [1.0, 0.8 + 0.2j, 1.2 - 0.2j])
+def test_passes_end_at_the_correction_that_silences_the_tip_though_the_motor_makes_less_and_late(response: complex) -> None:
+    correction = known()
+    correction.begin(fitted(), ALL)
+    silent = {order: phasor(value) * cmath.rect(1.02, math.radians(1.0)) for order, value in TRUE.items()}
+    for _ in range(4):
+        act(correction)
+        correction.take(left(correction, silent, late_s=4e-4, response=response), ALL, ARM_HZ)
+    for order, value in correction.values().items():
+        assert value.source == "learnt"
+        assert abs(value.phasor - silent[order]) < 0.002 * abs(silent[order]) + 3.0 * value.sigma_arcsec
+    assert correction.set_point_delay_s == pytest.approx(4e-4, abs=2e-5)
+    assert correction.change(ARM_HZ) < 0.003
+
+
+@pytest.mark.parametrize("late_s", [5e-3, 1e-3])
+def test_a_delay_of_several_milliseconds_is_found(late_s: float) -> None:
+    correction = known()
+    correction.begin(fitted(), ALL)
+    silent = {order: phasor(value) for order, value in TRUE.items()}
+    for _ in range(4):
+        act(correction)
+        correction.take(left(correction, silent, late_s=late_s), ALL, ARM_HZ)
+    assert correction.set_point_delay_s == pytest.approx(late_s, abs=5e-5)
+    assert correction.values()[1].phasor == pytest.approx(silent[1], rel=0.003)
+
+
+def test_a_standard_error_is_that_of_the_noise_and_falls_with_the_passes() -> None:
+    silent = {order: phasor(value) for order, value in TRUE.items()}
+    errors = []
+    correction = known(error=1.0)
+    correction.begin(fitted(error=2.0), ALL)
+    for _ in range(3):
+        act(correction)
+        correction.take(left(correction, silent, noise=0.1), ALL, ARM_HZ)
+        errors.append(correction.values()[2].amplitude_error)
+    assert errors == pytest.approx([0.1 / math.sqrt(2.0 * n) for n in (1, 2, 3)], rel=0.15)
+
+
+def test_noise_above_what_is_known_changes_nothing_and_the_order_says_so() -> None:
+    correction = known()
+    correction.begin(fitted(), ALL)
+    act(correction)
+    silent = {order: phasor(value) + 0.4 for order, value in TRUE.items()}
+    correction.take(left(correction, silent, noise=3.0), ALL, ARM_HZ)
+    found = correction.values()[4]
+    assert (found.source, found.amplitude_arcsec, found.why) == ("known", 1.7, "the passes show it less exactly")
+    assert "A_4 = 1.70 ± 0.10″, φ_4 = 58.0 ± 0.50°" in found.words(4)
+
+
+def test_an_order_that_the_ramps_do_not_reach_is_kept_with_its_standard_errors() -> None:
+    correction = known()
+    correction.begin(fitted({**TRUE, 1: (24.5, 33.0)}, 0.01, 0.01), {2, 4})
+    act(correction)
+    silent = {order: phasor(value) + (9.0 if order == 1 else 0.0) for order, value in TRUE.items()}
+    correction.take(left(correction, silent), {2, 4}, ARM_HZ)
+    found = correction.values()[1]
+    assert (found.source, found.amplitude_arcsec, found.phase_deg) == ("known", 28.0, 30.0)
+    assert (found.amplitude_error, found.phase_error) == (0.1, 0.5)
+    assert found.why == "the ramps end below its resonance"
+
+
+def test_an_order_that_the_passes_lack_or_lose_in_noise_begins_with_what_was_known() -> None:
+    correction = known({**TRUE, 3: (2.0, 10.0)})
+    correction.begin(fitted(error=1.0, error_deg=30.0), ALL)
+    assert {order: each.amplitude_arcsec for order, each in correction.values().items()} == {1: 28.0, 2: 14.6, 3: 2.0, 4: 1.7}
+
+
+def test_of_two_values_that_agree_the_more_exact_one_begins() -> None:
+    slightly = {order: (size + 0.1, angle + 0.2) for order, (size, angle) in TRUE.items()}
+    for errors, wanted in (((0.2, 1.0), 14.6), ((0.05, 0.1), 14.7)):
+        correction = known()
+        correction.begin(fitted(slightly, *errors), ALL)
+        assert correction.values()[2].amplitude_arcsec == pytest.approx(wanted)
+    without = Correction.of(IdentifiedError(values=TransmissionErrorTable(a2_arcsec=14.0, phi2_deg=240.0)), 0.002)
+    without.begin(fitted(), ALL)
+    assert without.values()[2].amplitude_arcsec == 14.6, "a value without a standard error is no exact one"
+
+
+def test_an_error_that_has_changed_is_noticed_said_and_learnt_anew() -> None:
+    changed = {**TRUE, 2: (14.6, 200.0)}
+    correction = known()
+    correction.begin(fitted(changed), ALL)
+    assert correction.values()[2].phase_deg == 200.0
+    assert correction.notes() == [
+        "order 2 is not as it was known (A_2 = 14.60 ± 0.10″, φ_2 = 247.0 ± 0.50°): "
+        "the passes show A_2 = 14.60 ± 0.20″, φ_2 = 200.0 ± 1.00°"
+    ]
+
+
+def test_a_fit_that_is_wrong_is_corrected_by_the_passes_though_it_claimed_to_be_exact() -> None:
+    correction = Correction()
+    correction.begin(fitted({**TRUE, 2: (12.0, 225.0)}, 0.01, 0.01), ALL)
+    silent = {order: phasor(value) for order, value in TRUE.items()}
+    for _ in range(4):
+        act(correction)
+        correction.take(left(correction, silent), ALL, ARM_HZ)
+    assert correction.values()[2].phasor == pytest.approx(silent[2], rel=0.005)
+
+
+def test_a_refused_value_gives_way_to_the_known_one_or_the_order_is_left_out() -> None:
+    correction = known()
+    correction.begin(fitted({**TRUE, 2: (14.6, 67.0)}), ALL)
+    act(correction)
+    assert correction.judged([verdict(2, correction.acted[2], TRUE[2])], ALL, is_last=False) == {}
+    assert correction.values()[2].phase_deg == 247.0
+    correction = known()
+    correction.begin(fitted(), ALL)
+    act(correction)
+    wrong = correction.judged([verdict(2, correction.acted[2], (14.6, 67.0))], ALL, is_last=False)
+    assert set(wrong) == {2}, "both are the same, and wrong"
+
+
+def test_the_foot_of_a_resonance_refuses_nothing_that_was_known() -> None:
+    for correction, refused in ((known(), set()), (Correction(), {1})):
+        correction.begin(fitted(), {2, 4})
+        act(correction)
+        at_the_foot = verdict(1, correction.acted[1], (28.0, 210.0))
+        assert at_the_foot.verdict == "refused"
+        assert set(correction.judged([at_the_foot], {2, 4}, is_last=True)) == refused
+
+
+def test_what_a_last_pass_cannot_judge_is_kept_where_it_was_known_and_else_left_out() -> None:
+    for correction, without in ((known(), set()), (Correction(), {2})):
+        correction.begin(fitted(), ALL)
+        act(correction)
+        unclear = verdict(2, correction.acted[2], TRUE[2], sigma=2.0)
+        assert unclear.verdict == "not judged"
+        assert correction.judged([unclear], ALL, is_last=False) == {}
+        assert set(correction.judged([unclear], ALL, is_last=True)) == without
