@@ -112,11 +112,11 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
         )
     if estimate.modes:
         sentences.append(
-            "J_l and K_g are those of the leading mode alone, which fit its f_a and the tip; whether modes depend on the "
-            "amplitude or the load, and how they move with the posture"
+            "J_l and K_g are those of the leading mode alone, which fit its f_a and the tip; one run does not show whether modes "
+            "depend on amplitude or load, nor how they move with the posture"
         )
     if estimate.tip is None:
-        sentences.append("the tip lever, and whether it was this axis that moved: the tip is not in the fit")
+        sentences.append("the tip is not in the fit: neither the tip lever is checked, nor whether this axis moved it")
     return tuple(sentences)
 
 
