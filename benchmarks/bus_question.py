@@ -420,7 +420,7 @@ def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
     peaks = [f.tip_mm for f in with_notch if f.tip_mm is not None]
     above = sum(peak > limit for peak in peaks)
     return [
-        f"""Close the loop in the drive. At bit rates that carry it, the notch lowers axis 2's tip peak by
+        f"""Close the loop in the drive. At bit rates that carry the frames, the notch lowers axis 2's tip peak by
         {taken(2, "drive", real)}. It lowers the area of the line's spectrum by {taken(None, "drive", real)}.""",
         f"""The bus then carries only set-points: its period affects their smoothness, not the stability of the loop. On an
         ideal bus the notch lowers the tip peak by {taken(2, "drive", (None,))}, at any period from 0.25 to 4 ms.""",

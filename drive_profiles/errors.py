@@ -213,6 +213,20 @@ class NoAnswerError(NodeError):
         super().__init__(node, f"no answer to {what} within {after_s:g} s", "check its supply and the node-ID")
 
 
+class NoLssAnswerError(NoAnswerError):
+    """No node has answered an LSS service, which knows no node-ID.
+
+    Args:
+        what: The service.
+        after_s: Time that was waited.
+        remedy: What the user can do about it.
+    """
+
+    def __init__(self, what: str, after_s: float, remedy: str) -> None:
+        self.node, self.what, self.after_s, self.remedy = 0, what, after_s, remedy
+        DriveProfileError.__init__(self, f"no node answers {what} within {after_s:g} s; {remedy}")
+
+
 class SharedNodeError(NoAnswerError):
     """A node whose answers were lost or went to another client.
 

@@ -89,13 +89,19 @@ REALISE_EPILOG = epilog((*_FILES, ExitStatus.NOT_REALISABLE, ExitStatus.INTERRUP
 """End of the help of a command that realises values in a drive family."""
 
 READ_EPILOG = epilog((*_READING, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
-"""End of the help of a command that reads a drive."""
+"""End of the help of a command that reads a drive, or gives it a command; it restores nothing."""
 
 COMPARE_EPILOG = epilog((*_READING, ExitStatus.DIFFERS, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
 """End of the help of a command that compares with a drive."""
 
 WRITE_EPILOG = epilog((*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED))
 """End of the help of a command that writes to a drive."""
+
+STORE_EPILOG = epilog(
+    (*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED),
+    {**_NOTHING_WRITTEN, ExitStatus.UNKNOWN: "unknown whether the drive has stored its values"},
+)
+"""End of the help of the command that lets a drive store."""
 
 
 @contextlib.contextmanager

@@ -114,9 +114,9 @@ def _show(profile: Profile, realisation: Realisation) -> None:
 def gains(
     name: ProfileName,
     *,
-    position_gain: Annotated[float, typer.Option(help="K_p, 1/s.")],
-    velocity_gain: Annotated[float, typer.Option(help="K_v, N·m·s/rad, motor side.")],
-    velocity_integral_gain: Annotated[float, typer.Option(help="K_v/T_i, N·m/rad, motor side.")],
+    position_gain: Annotated[float, typer.Option(help="K_pp, 1/s.")],
+    velocity_gain: Annotated[float, typer.Option(help="K_vp, N·m·s/rad, motor side.")],
+    velocity_integral_gain: Annotated[float, typer.Option(help="K_vi, N·m/rad, motor side.")],
     torque_constant: Annotated[
         float | None, typer.Option(help="Torque constant of the motor, N·m/A, for drives that work in amperes.")
     ] = None,

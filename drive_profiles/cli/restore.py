@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.completion import complete_nodes
-from drive_profiles.cli.console import WRITE_EPILOG, ExitStatus, Interrupts, confirm, exit_on_error, fail, print_json
+from drive_profiles.cli.console import (
+    STORE_EPILOG,
+    WRITE_EPILOG,
+    ExitStatus,
+    Interrupts,
+    confirm,
+    exit_on_error,
+    fail,
+    print_json,
+)
 from drive_profiles.cli.options import (
     JOURNALS,
     BusOption,
@@ -35,7 +44,7 @@ if TYPE_CHECKING:
 
 def mount(app: typer.Typer) -> None:
     """Add these commands to an application."""
-    app.command("store", epilog=WRITE_EPILOG)(store)
+    app.command("store", epilog=STORE_EPILOG)(store)
     app.command("restore", epilog=WRITE_EPILOG)(restore)
 
 

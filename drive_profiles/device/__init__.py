@@ -21,5 +21,5 @@ r"""Drives on a bus, read and written through SDO.
 <State.OPERATION_ENABLED: 'operation enabled'>
 >>> device.check_quiet()
 Traceback (most recent call last):
-drive_profiles.errors.NodeError: node 2: it is in state 'operation enabled'; disable it first; it is not written to
+drive_profiles.errors.NodeError: node 2: it is in state 'operation enabled'; disable it first; nothing is written to it
 """

@@ -190,7 +190,7 @@ class Device:
             if state is None:
                 raise NodeError(self.node, f"its status word {data.hex(' ')} is not a state of CiA 402", "is it a drive?")
             if state in _MOVING:
-                raise NodeError(self.node, f"it is in state {state.value!r}", "disable it first; it is not written to")
+                raise NodeError(self.node, f"it is in state {state.value!r}", "disable it first; nothing is written to it")
 
     def reset(self, within_s: float) -> None:
         """Reset the node and wait until it answers again.

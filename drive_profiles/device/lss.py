@@ -13,12 +13,13 @@ from typing import Any
 from canopen.lss import LssError, LssMaster
 
 from drive_profiles.device.bus import SdoBus
-from drive_profiles.errors import NoAnswerError, RefusedError
+from drive_profiles.errors import NoLssAnswerError, RefusedError
 from drive_profiles.standard.cia305 import BIT_TIMINGS
 
 BIT_RATES = {rate: index for index, rate in BIT_TIMINGS.items()}
 """Bit rates and their index in the standard's table of bit timings."""
 UNCONFIGURED = 0xFF
+_REMEDY = "check its identity, its supply and its NMT state"
 
 
 @dataclass(frozen=True)
@@ -74,18 +75,18 @@ class Lss:
             unconfigured: It is one without a node-ID, found by fast scan.
 
         Raises:
-            NoAnswerError: No such node answers.
+            NoLssAnswerError: No such node answers.
         """
         self._all_wait()
         try:
             if unconfigured:
                 found, numbers = self._master.fast_scan()
                 if not found:
-                    raise NoAnswerError(0, "LSS fast scan: found no node without a node-ID", self._timeout_s)
+                    raise NoLssAnswerError("the LSS fast scan", self._timeout_s, "every node has a node-ID, or check the supply")
                 yield LssAddress(*numbers)
             elif address is not None:
                 if not self._tried(lambda: self._master.send_switch_state_selective(*address.numbers)):
-                    raise NoAnswerError(0, f"LSS of {address}", self._timeout_s)
+                    raise NoLssAnswerError(f"LSS as {address}", self._timeout_s, _REMEDY)
                 yield address
             else:
                 self._master.send_switch_state_global(self._master.CONFIGURATION_STATE)
@@ -97,11 +98,11 @@ class Lss:
         """Return the node-ID of the chosen node, or None.
 
         Raises:
-            NoAnswerError: It does not answer.
+            NoLssAnswerError: It does not answer.
         """
         found = self._tried(self._master.inquire_node_id)
         if found is None or found is False:
-            raise NoAnswerError(0, "LSS inquire node-ID", self._timeout_s)
+            raise NoLssAnswerError("the LSS inquiry of its node-ID", self._timeout_s, _REMEDY)
         return None if found == UNCONFIGURED else int(found)
 
     def configure_node_id(self, node_id: int) -> None:
@@ -140,7 +141,7 @@ class Lss:
     def _asked(self, service: int) -> int:
         found = self._tried(lambda: self._master.inquire_lss_address(service))
         if found is None:
-            raise NoAnswerError(0, "LSS inquire identity", self._timeout_s)
+            raise NoLssAnswerError("the LSS inquiry of its identity", self._timeout_s, _REMEDY)
         return int(found)
 
     def _configured(self, action: Any, what: str) -> None:

@@ -42,8 +42,6 @@ class ParameterChange(Table):
     Each key of a parameter may be left out. Source and evidence are the product's, unless they are given. A parameter that
     the first product lacks is stated whole.
 
-    Source and evidence are the product's, unless they are given. A parameter that the first product has not is stated whole.
-
     Attributes:
         without: Keys that the first product's parameter has and this one has not.
     """

@@ -175,7 +175,7 @@ class StraightLine:
         why = f"the arm does not bring its tip to x = {x:.3f}, y = {y:.3f}, z = {z:.3f} m"
         if self.with_frame:
             why += " in the required direction"
-        why += f"; the nearest found is {1e3 * missing_m:.3g} mm" + (
+        why += f"; the nearest place found is {1e3 * missing_m:.3g} mm" + (
             f" and {math.degrees(missing_rad):.2g}°" if self.with_frame else ""
         )
         raise LineError(fraction, self.length_m, f"{why} away")

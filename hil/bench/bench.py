@@ -96,8 +96,8 @@ class Bus(Table):
 class Limits(Table):
     """Limits of an axis (motor side), held by master and drive.
 
-    `acceleration_rps_s` is the largest change of speed of a motion; left out, `torque_nm` alone bounds it, by the inertia
-    that the bench file knows. The additions of an identification or a cancellation to the set-points are no part of the
+    `acceleration_rps_s` is the largest acceleration of a motion; left out, `torque_nm` alone bounds it, by the inertia in
+    the bench file. The additions of an identification or a cancellation to the set-points are no part of the
     motion: torque, speed and `cancellation_rev` bound them. `cancellation_rev` is the largest addition of a cancellation to
     a set-point; left out, a twentieth of `following_error_rev`.
     """
@@ -148,7 +148,7 @@ class AxisTable(Table):
         serial_number: Serial number of the drive; None if any is accepted.
         reduction_ratio: Reduction ratio N of the gear.
         joint: Name of its joint in the arm's URDF file.
-        tip_lever_m: Distance of the tip from the axis; left out on a bench with an arm, whose kinematics has it: 0 until then.
+        tip_lever_m: Distance of the tip from the axis; left out on a bench with an arm, whose links give it.
         limits: Limits that the axis must never exceed.
         control: Gains of its loop, or `as found`: the drive's, which are neither written nor known.
         gains_are_set: True if the drive has the gains of `control` already, since only its maker's tool can set them.

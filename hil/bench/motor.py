@@ -17,10 +17,6 @@ class MotorTable(Table):
     Attributes:
         pole_pairs: Pole pairs p; None if they are not known.
         slots: Slots of the stator; None if they are not known.
-
-    Attributes:
-        pole_pairs: Pole pairs p; None if they are not known.
-        slots: Slots of the stator, likewise.
     """
 
     pole_pairs: Count | None = None

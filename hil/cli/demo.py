@@ -51,7 +51,7 @@ def demo(
         str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.", autocompletion=complete_reference)
     ] = "reference",
     robot_seed: Annotated[
-        int, typer.Option("--robot-seed", min=0, help="Seed of the robot that the tour shows (plant-emulator fleet).")
+        int, typer.Option("--robot-seed", min=0, help="Seed of the unknown robot (plant-emulator fleet).")
     ] = ROBOT_SEED,
     no_tour: Annotated[
         bool, typer.Option("--no-tour", help="Only the paper's experiments, without the other two robots.")

@@ -60,7 +60,7 @@ NewOutOption = Annotated[Path | None, typer.Option("--out", help="Directory; def
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace the files of an older result in --out.")]
 OverloadOption = Annotated[bool, typer.Option("--overload", help="Run even if the frames do not fit on the bus (hil plan).")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Move a real robot without asking.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print result.json on standard output, all else on standard error.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, all else on standard error.")]
 
 INERTIA = "--motor-inertia-kg-m2"
 LEAST_INERTIA_KG_M2, MOST_INERTIA_KG_M2 = 1e-9, 10.0

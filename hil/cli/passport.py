@@ -70,7 +70,7 @@ def passport(
 
         for each in directory:
             if not each.is_dir():
-                say(f"{each}: no folder")
+                say(f"{each}: there is no such folder")
                 raise typer.Exit(ExitStatus.FILE)
         where, begin = file or directory[0] / PASSPORT_FILE, _date(since)
         motors = _motors(pole_pairs or [], slots or [])

@@ -120,7 +120,7 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
     table(f"The cycle every {period}, worst case", _HEADINGS, [_rate(verdict, wire) for wire in _wires(verdict)])
     table(f"Per second at {at}", ("what", "frames/s", "worst bits/s", "load %"), _second_rows(verdict, adviser.wire))
     header = ("frame", "id", "with heartbeats", "with SDO, EMCY", "deadline", "met")
-    table(f"Latest arrival at {at}, µs from SYNC or from when it is queued", header, _response_rows(verdict, adviser.wire))
+    table(f"Latest arrival at {at}, µs from SYNC, or from its queueing", header, _response_rows(verdict, adviser.wire))
     table("Stability at that delay", _STABILITY, [_stability_row(axis) for axis in verdict.stability])
     if verdict.gaps:
         table("What is lacking, or beyond limits", ("what",), [(gap,) for gap in verdict.gaps])

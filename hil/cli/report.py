@@ -64,7 +64,7 @@ def report(
             return
         for each in (directory, against):
             if each is not None and not each.is_dir():
-                say(f"{each}: no folder")
+                say(f"{each}: there is no such folder")
                 raise typer.Exit(ExitStatus.FILE)
             if each is not None and not (each / "result.json").is_file():
                 say(f"{each} has no result.json; {_advice(each)}")
@@ -113,6 +113,6 @@ def _advice(directory: Path) -> str:
         return "it belongs to a design; hil design notch writes its report (design.html)"
     below = sorted((path.parent for path in directory.glob("*/result.json")), key=lambda each: each.stat().st_mtime)
     if below:
-        count = "a folder in it has one" if len(below) == 1 else f"{len(below)} folders in it have one; the newest"
+        count = "a folder in it has one" if len(below) == 1 else f"{len(below)} folders in it have one; for the newest"
         return f"{count}: hil report {below[-1]}"
     return "hil run, identify, learn, compare and demo make one: give its directory, in bench-out unless you gave --out"

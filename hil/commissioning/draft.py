@@ -41,7 +41,7 @@ class ArmDrawing:
     Attributes:
         path: URDF file.
         folder: Folder of the bench file, from which its path counts.
-        joints: Joints of the drives, in rising node-IDs; empty if that is not known.
+        joints: Joints of the drives, in ascending order of node-IDs; empty if that is not known.
         tip_link: Link that is the tip; None: the only one at the end.
     """
 
@@ -126,7 +126,9 @@ def _joints(drawing: ArmDrawing, drives: int) -> dict[int, str]:
     if unknown:
         raise NotPossibleError(f"{drawing.path} has no turning joint {unknown[0]}; it has {', '.join(drawing.names)}")
     if len(drawing.joints) != drives or len(set(drawing.joints)) != drives:
-        raise NotPossibleError(f"{len(drawing.joints)} joints for {drives} drives: name one for each, in rising node-IDs")
+        raise NotPossibleError(
+            f"{len(drawing.joints)} joints for {drives} drives: name one for each, in ascending order of node-IDs"
+        )
     return dict(enumerate(drawing.joints))
 
 

@@ -28,8 +28,8 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
     if found is None:
         raise NotPossibleError(
             f"the motor inertia of axis {number} is not known, and a cancellation needs it; give --plant "
-            f"model.toml of hil identify plant, [axis.{number}.model] in the bench file, or, from the motor's "
-            f"data sheet, motor_inertia_kg_m2 in [axis.{number}] or --motor-inertia-kg-m2"
+            f"model.toml of hil identify plant, or [axis.{number}.model] in the bench file. Otherwise take it from the motor's "
+            f"data sheet: motor_inertia_kg_m2 in [axis.{number}], or --motor-inertia-kg-m2"
         )
     return found
 

@@ -109,7 +109,8 @@ def fitted_shaper(name: ShaperName, bench: Bench, axes: Sequence[int], identifie
     for axis in known or axes[:1]:
         modes += modes_of(rates_of(bench, axis, identified))
     if not modes:
-        raise NotPossibleError(f"{name}: no mode to shape for while the loops hold {', '.join(f'axis {axis}' for axis in axes)}")
+        held = ", ".join(f"axis {axis}" for axis in axes)
+        raise NotPossibleError(f"{name}: no mode rings while the loops hold {held}, so a stop needs no shaper; leave it out")
     modes.sort(key=lambda mode: mode.frequency_hz)
     chosen = modes[:1]
     for mode in modes[1:]:

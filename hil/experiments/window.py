@@ -196,7 +196,7 @@ def check_range(bench: Bench, recording: Recording) -> None:
         if count:
             raise ValueError(
                 f"the accelerometer was at the end of its range of {limit:g} m/s² in {count} samples of {name}; "
-                "move more slowly, or take one with a wider range"
+                "move more slowly, or take a sensor with a wider range"
             )
 
 

@@ -39,16 +39,6 @@ class Damage:
         first_backwards: Position of the first of them, from 0; −1 without any.
         furthest_back_ns: The largest of those steps, as a positive number of ns.
         ended: Reason why the reading ended before the end of the file, or "".
-
-    Attributes:
-        unreadable: Lines that are no frame.
-        first_unreadable: Number of the first of them, from 1; 0 without any.
-        flexible: Frames of CAN FD, which are left out.
-        elsewhere: Frames of other interfaces, which are left out too.
-        backwards: Frames whose stamp is before that of the frame before them.
-        first_backwards: Position of the first of them, from 0; −1 without any.
-        furthest_back_ns: The largest of those steps, as a positive number of ns.
-        ended: Why the file ended before its end, or "".
     """
 
     unreadable: int = 0

@@ -149,12 +149,6 @@ def _without_conditions(x: Real, own: Real, design: Design, size: float | None) 
         own: Their standard errors.
         design: Their conditions.
         size: As in `watched`.
-
-    Args:
-        x: Values.
-        own: Their standard errors.
-        design: Their conditions.
-        size: As in `watched`.
     """
     whole = float(np.var(x)) if len(x) else 0.0
     if not design.names or len(x) <= FEWEST_BEFORE or whole == 0.0:

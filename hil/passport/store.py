@@ -225,7 +225,9 @@ def add(path: Path, runs: Iterable[PassportRun]) -> int:
         (after,) = connection.execute("SELECT count(*) FROM run").fetchone()
         if after > MOST_KEPT_RUNS:
             connection.execute("ROLLBACK")
-            raise PassportFileError(path, f"it would hold {after} runs; at most {MOST_KEPT_RUNS} are allowed; begin another")
+            raise PassportFileError(
+                path, f"it would hold {after} runs; at most {MOST_KEPT_RUNS} are allowed; give another --file"
+            )
         connection.execute("COMMIT")
     return int(after - before)
 

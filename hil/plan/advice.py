@@ -193,8 +193,8 @@ class Adviser:
             "; dummy entries 0005h-0007h in the drives" if several else "",
         )
         changes: list[tuple[bool, str, str, list[Cycle], WireTiming]] = [
-            (True, "TPDO with the position alone (4 bytes)", "status word and torque apart, event-driven; today the guards read "
-             "both in every cycle", [position_only(cycle)], self.wire),
+            (True, "TPDO with the position alone (4 bytes)", "status word and torque apart, event-driven; at present the master "
+             "checks both in every cycle", [position_only(cycle)], self.wire),
             (True, "control word out of the cyclic RPDO", "an RPDO of its own, sent when it changes",
              [without_control_word(cycle)], self.wire),
             (True, "no notch state TPDO", "a report without the state of the filter",

@@ -200,7 +200,7 @@ def sync_refusals(bench: Bench, axes: tuple[int, ...], period_s: float) -> list[
         low, high = sync.min_period_s or 0.0, sync.max_period_s or math.inf
         if not low <= period_s <= high:
             limits = f"from {1e3 * low:g} to {1e3 * high:g} ms" if high < math.inf else f"from {1e3 * low:g} ms on"
-            refused.append(f"axis {number} takes SYNC {limits}")
+            refused.append(f"axis {number} accepts SYNC periods {limits}")
     return refused
 
 

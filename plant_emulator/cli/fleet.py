@@ -29,8 +29,8 @@ KindOption = Annotated[
     KindName,
     typer.Option(
         "--kind",
-        help="Gears. linear; real: hysteresis up to 2 N·m, softness, current lag; any: the same up to 5 N·m; "
-        "both: linear for odd seeds, real for even ones.",
+        help="Gears: linear; real (hysteresis up to 2 N·m, softness, current lag); any (the same, up to 5 N·m); "
+        "both (linear for odd seeds, real for even ones).",
     ),
 ]
 ArmsOption = Annotated[bool, typer.Option("--arms", help="Whole arms of six coupled axes, instead of single axes.")]

@@ -41,9 +41,9 @@ def following(
     out: Annotated[Path | None, typer.Option("--out", help="CSV file for every law on every motion of every robot.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare tracking cancellations with the feed-forward, on drawn robots.
+    """Compare cancellations that follow with a fixed one, on drawn robots.
 
-    A tracking cancellation (observer, filtered-x LMS or repetition) updates itself during the motion.
+    A cancellation that follows (observer, filtered-x LMS or repetition) adapts during the motion.
 
     Example: plant-emulator following --seed 1 --robots 100 --law observer --out following.csv
     """

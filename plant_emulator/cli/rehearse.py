@@ -79,7 +79,7 @@ def rehearse(
 ) -> None:
     """Rehearse the documented path on many drawn robots.
 
-    The report states on how many the tip becomes quiet, on which it does not, and why.
+    The report states on how many robots the tip becomes quiet, on which it does not, and why.
 
     Each robot is drawn by its seed and treated with a bench file that has no knowledge of it: identification, design,
     cancellation, learning; then its true tip is measured. Each robot's row is saved at once, so an interruption loses

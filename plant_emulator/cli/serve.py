@@ -115,7 +115,7 @@ UntilStdinClosesOption = Annotated[
     ),
 ]
 SlcanOption = Annotated[
-    str | None, typer.Option("--slcan", metavar="PATH", help="Also be a serial CAN adapter (slcan) at this path.")
+    str | None, typer.Option("--slcan", metavar="PATH", help="Also serve the bus as a serial CAN adapter (slcan) at this path.")
 ]
 VirtualcanOption = Annotated[
     str | None,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import Tool
-from drive_profiles.cli.console import READ_EPILOG, WRITE_EPILOG, ExitStatus, confirm, exit_on_error, fail
+from drive_profiles.cli.console import READ_EPILOG, ExitStatus, confirm, exit_on_error, fail
 from drive_profiles.cli.options import BusOption
 
 if TYPE_CHECKING:
@@ -37,8 +37,8 @@ LssTimeoutOption = Annotated[float, typer.Option("--timeout-s", min=0.01, max=10
 def mount(app: typer.Typer) -> None:
     """Add the group of commands to an application."""
     lss_app.command("show", epilog=READ_EPILOG)(show)
-    lss_app.command("node-id", epilog=WRITE_EPILOG)(node_id)
-    lss_app.command("bit-rate", epilog=WRITE_EPILOG)(bit_rate)
+    lss_app.command("node-id", epilog=READ_EPILOG)(node_id)
+    lss_app.command("bit-rate", epilog=READ_EPILOG)(bit_rate)
     app.add_typer(lss_app)
 
 

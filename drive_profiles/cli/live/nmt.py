@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.completion import complete_nodes
-from drive_profiles.cli.console import WRITE_EPILOG, ExitStatus, confirm, exit_on_error, fail, table
+from drive_profiles.cli.console import READ_EPILOG, ExitStatus, confirm, exit_on_error, fail, table
 from drive_profiles.cli.live.faults import devices_at
 from drive_profiles.cli.options import BusOption
 
@@ -45,7 +45,7 @@ _COMMANDS = {
 
 def mount(app: typer.Typer) -> None:
     """Add the command to an application."""
-    app.command("nmt", epilog=WRITE_EPILOG)(nmt)
+    app.command("nmt", epilog=READ_EPILOG)(nmt)
 
 
 def nmt(

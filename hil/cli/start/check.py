@@ -87,6 +87,6 @@ def _lines(bench: "Bench", axes: tuple[int, ...]) -> Iterator[str]:
         limits, ratio = bench.axis[number].limits, bench.axis[number].reduction_ratio
         yield (
             f"  axis {number}: a third of a motor turn at {PROBE_RPS:g} rev/s, then {ASKED_REV:g} rev to either side "
-            f"({360.0 * ASKED_REV / ratio:.2f}° of the joint), at most {limits.torque_nm:g} N·m; it is stopped "
-            f"{min(CHECK_FOLLOWING_REV, limits.following_error_rev):g} rev from its set-point, {ROOM_REV:g} rev from its start"
+            f"({360.0 * ASKED_REV / ratio:.2f}° of the joint), at most {limits.torque_nm:g} N·m. It stops at "
+            f"{min(CHECK_FOLLOWING_REV, limits.following_error_rev):g} rev from its set-point, or {ROOM_REV:g} rev from its start"
         )

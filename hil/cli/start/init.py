@@ -34,7 +34,7 @@ def init(
     name: Annotated[str | None, typer.Option(help="Name of the bench; default: that of the file.")] = None,
     urdf: Annotated[Path | None, typer.Option(help="URDF file of the arm, with its lengths and levers.")] = None,
     joints: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME", help="With --urdf: the joints of the drives, by rising node-ID.")
+        str | None, typer.Option(metavar="NAME,NAME", help="With --urdf: the joints of the drives, by ascending node-ID.")
     ] = None,
     tip_link: Annotated[
         str | None,

@@ -325,7 +325,7 @@ def _is_through(axis: int, made: Pass, passes_left: int) -> bool:
     short = (further if further.end_rps < needed else last).short_of(needed)
     if last.end_rps >= needed:
         short = f"the ramps went to {last.end_rps:.2f} rev/s, so the motor did not follow its set-points"
-    what, why = f"the speed that the ramps reached, to pass f_m2 = {arm_hz / 2.0:.2f} rev/s", short or "allow another pass"
+    what, why = f"the speed that the ramps reached, to pass f_a/2 = {arm_hz / 2.0:.2f} rev/s", short or "allow another pass"
     raise AteNotIdentifiedError(what, reached, needed, "rev/s", why, causes=("limits",))
 
 

@@ -208,7 +208,7 @@ class Ramp:
         """
         needed, why = LEAST_END_RPS, ""
         if arm_hz is not None:
-            needed, why = BEYOND_RESONANCE * arm_hz / 2.0, f"to pass f_m2 = {arm_hz / 2.0:.2f} rev/s, "
+            needed, why = BEYOND_RESONANCE * arm_hz / 2.0, f"to pass f_a/2 = {arm_hz / 2.0:.2f} rev/s, "
         if self.end_rps >= needed:
             return self
         head = f"axis {self.limits.axis} reaches {self.end_rps:.2f} rev/s; {why}{needed:.2f} rev/s are needed"

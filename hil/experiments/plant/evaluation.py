@@ -99,8 +99,8 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
         f"D_l is {_shown(parameters['arm_damping_nm_s_rad'])} N·m·s/rad, and follows only from the difference in damping "
         f"between f_a and f_r; D_g + D_l is well known, from ζ",
         f"hysteresis of the gear looks like damping and stiffness: f_a, K_g and ζ hold for a torsion of "
-        f"{estimate.torsion_rad / ARCSEC:.0f} arcsec, the amplitude of this run; take ζ for the notch from the transmission "
-        "error's ramp where both are known",
+        f"{estimate.torsion_rad / ARCSEC:.0f} arcsec, the amplitude of this run; for a notch, prefer the ζ of "
+        "hil identify ate",
         "a stiffness that depends on the load appears as one number, for the torque of this run",
     ]
     if plant.arm_damping_nm_s_rad < 0.0 or plant.motor_damping_nm_s_rad < 0.0:
@@ -112,11 +112,11 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
         )
     if estimate.modes:
         sentences.append(
-            "J_l and K_g are those of the leading mode alone, which fit its f_a and the tip; whether modes depend on the "
-            "amplitude or the load, and how they move with the posture"
+            "J_l and K_g are those of the leading mode alone, which fit its f_a and the tip; one run does not show whether modes "
+            "depend on amplitude or load, nor how they move with the posture"
         )
     if estimate.tip is None:
-        sentences.append("the tip lever, and whether it was this axis that moved: the tip is not in the fit")
+        sentences.append("the tip is not in the fit: neither the tip lever is checked, nor whether this axis moved it")
     return tuple(sentences)
 
 

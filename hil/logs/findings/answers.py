@@ -50,7 +50,7 @@ def _process_data(trace: Trace, node: Node, pdo: Pdo) -> Iterator[Said]:
                 f"{pdo.name} is missing or late in {len(gone)} of {len(rhythm.counts)} cycles",
                 "check the bus load first, then whether the node is too slow for the period or the receiver loses frames",
                 stamps_of(stream.stamp_ns, rows), len(gone), node.number,
-                picture_of(stream.stamp_ns * 1e-9, rhythm.late_ns * 1e-6, ("time [s]", "off its place [ms]")),
+                picture_of(stream.stamp_ns * 1e-9, rhythm.late_ns * 1e-6, ("time [s]", "off its place by [ms]")),
             )  # fmt: skip
         # behind a late one the next comes in the same cycle: that is one node
         twice = np.flatnonzero((rhythm.counts > 1) & (np.concatenate([[1], rhythm.counts[:-1]]) > 0))

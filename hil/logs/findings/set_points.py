@@ -127,7 +127,7 @@ def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]
     if abs(sent_s / held_s - 1.0) > max(SAME_PERIOD, 2e-6 / held_s):
         difference_hz = abs(1.0 / sent_s - 1.0 / held_s)
         step = picture_of(stream.stamp_ns[1:] * 1e-9, np.diff(stream.stamp_ns) * 1e-6,
-            ("time [s]", f"distance of {name}s [ms]"), (("60C2h", held_s * 1e3),))  # fmt: skip
+            ("time [s]", f"interval between {name}s [ms]"), (("60C2h", held_s * 1e3),))  # fmt: skip
         effect = "stops for the rest of each cycle" if held_s < sent_s else "has not arrived when the next one comes"
         yield Finding(
             "set-point-beat", Severity.FAULT,

@@ -49,7 +49,7 @@ def starving_findings(trace: Trace) -> Iterator[Said]:
                 f"spread the frames of {culprit:03X}h (inhibit time, fewer at once), give it an identifier above "
                 f"{pdo.can_id:03X}h, or raise the bit rate",
                 stamps_of(stream.stamp_ns, late), len(late), node.number,
-                picture_of(stream.stamp_ns * 1e-9, rhythm.late_ns * 1e-6, ("time [s]", f"{pdo.name} off its place [ms]")),
+                picture_of(stream.stamp_ns * 1e-9, rhythm.late_ns * 1e-6, ("time [s]", f"{pdo.name}: off its place by [ms]")),
             )  # fmt: skip
 
 

@@ -27,7 +27,7 @@ def sync_findings(trace: Trace) -> Iterator[Said]:
     period, gaps = cycles.period_ns, np.diff(cycles.stamp_ns) / cycles.period_ns
     time_s = cycles.stamp_ns[1:] * 1e-9
     drawn = picture_of(
-        time_s, gaps * period * 1e-6, ("time [s]", "distance of SYNCs [ms]"), (("one is missing", GAP * period * 1e-6),)
+        time_s, gaps * period * 1e-6, ("time [s]", "interval between SYNCs [ms]"), (("one is missing", GAP * period * 1e-6),)
     )
     missing = np.flatnonzero(gaps > GAP)
     if len(missing):

@@ -62,7 +62,7 @@ IP: Final = CyclicMode(
 def mode_of(loop: LoopName, profile: Profile) -> CyclicMode | None:
     """Return the mode of a drive in a run, or None.
 
-    CST if the host closes the loop, else CSP, IP or the maker's own mode.
+    CST if the host closes the loop, else CSP, the maker's own mode or IP.
     """
     has = profile.supported_modes
     if loop == "host":

@@ -169,9 +169,9 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
         "Open loop with the filter",
         "Fig. 12",
         "computed",
-        "Nyquist diagrams of L(jω) for the nominal plant with the filters frozen at motor speeds from f_s (faint) to f_e "
-        f"(strong), sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay; cross: −1. No curve "
-        "may enter the dashed circle of the allowed M_s.",
+        "Nyquist diagrams of L(jω) for the nominal plant. The filters are frozen at motor speeds from f_s (faint) to f_e "
+        f"(strong); the loop is sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay. "
+        "Cross: −1. No curve may enter the dashed circle of the allowed M_s.",
         style.to_svg(figure, "nyquist", is_zoomable=True),
     )
 

@@ -81,19 +81,17 @@ def transmission_errors(material: Material) -> Drawing | None:
     panels[-1, 0].set_xlabel("Motor angle (rev)")
     style.legend_above(figure, *panels[:2, 0])
     how = (
-        "The solid line is identified from the motion of the tip while the motor passed through both "
-        "resonances without a "
-        "notch (joint least squares of all orders through the arm on its gear, driven by the measured motor "
-        "angle); "
+        "The solid line is identified from the tip while the motor passed both resonances without a notch. "
+        "It is a joint least-squares fit of all orders through the arm on its gear, driven by the measured motor angle. "
         if identified
-        else "There is no run without a notch to identify it from; "
+        else "There is no run without a notch from which it could be identified. "
     )
     return Drawing(
         "transmission-errors",
         "Synchronous transmission error",
         "Fig. 5",
         "measured and computed" if identified else "computed",
-        f"θ_sync over two revolutions of the motor, at the arm. {how}the dashed line is that of the {material.model_source}. "
+        f"θ_sync over two revolutions of the motor, at the arm. {how}The dashed line is that of the {material.model_source}. "
         "Below each: their difference, enlarged, and the range that noise alone explains. Dotted lines: whole revolutions.",
         style.to_svg(figure, "transmission-errors"),
     )

@@ -200,12 +200,9 @@ def families(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | 
         "Fig. 11",
         "computed",
         f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong). Middle: dots mark each curve at its own "
-        "harmonic ω = 2π k f_m, "
-        "which is the only frequency that the transmission error has at that speed, and the only one at which "
-        "constraint (5), "
-        "|G_al| ≤ A_acc ω²/(L A_k), has to hold. Bottom: the same dots for all speeds as one curve, without and with "
-        "the notch, "
-        "at constant speed.",
+        "harmonic ω = 2π k f_m, the only frequency of the transmission error at that speed. Only there must constraint (5), "
+        "|G_al| ≤ A_acc ω²/(L A_k), hold. Bottom: the same dots for all speeds as one curve, without and with the notch, at "
+        "constant speed.",
         style.to_svg(figure, key, is_zoomable=True),
     )
 

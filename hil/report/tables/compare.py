@@ -116,8 +116,8 @@ def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTab
         "Tip peak: in the judged window. Whole ramp: except the jerks at its ends. Area: in the judged window of the untreated "
         "run. Changes are relative to no treatment, with the loop closed in the same place. Trial: a cancellation's own "
         "check at the tip before it is used. Compliance: how many times further the motor yields to a disturbing torque than "
-        "without the treatment, at 1 Hz and where it yields most between 0.1 and 30 Hz. It is that of the worst moved axis at "
-        "the worst speed, and comes from the model." + _host_words(rows, left),
+        "without the treatment. Its columns hold for 1 Hz, and for the frequency from 0.1 to 30 Hz at which it yields most. It "
+        "is that of the worst moved axis at the worst speed, and comes from the model." + _host_words(rows, left),
     )
 
 

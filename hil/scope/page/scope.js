@@ -112,7 +112,7 @@ function choices(id, names, preferred) {
 function pause(isPaused) {
   if (isPaused && !scope.frozen) scope.frozen = scope.store.copy();
   if (!isPaused) { scope.frozen = null; scope.cursors = { A: null, B: null }; for (const name of ["A", "B", "trigger"]) scope.figures.mark(name, null); }
-  byId("pause").textContent = isPaused ? "go on" : "pause";
+  byId("pause").textContent = isPaused ? "resume" : "pause";
   byId("pause").setAttribute("aria-pressed", String(isPaused));
   scope.dirty = true;
   tell();

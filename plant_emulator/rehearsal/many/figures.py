@@ -201,8 +201,8 @@ def facts(rows: Sequence[Row]) -> Drawing | None:
     for panel in panels[:, 0]:
         panel.set(ylabel="Within the goal", ylim=(0.0, 1.05))
     caption = (
-        "Fraction of the robots whose path ends within the goal, in up to five groups of equal size, drawn at their median, "
-        "with the 95 % interval of the fraction. A falling curve shows what is still difficult."
+        "Fraction of the robots whose path ends within the goal, with its 95 % interval. The robots form up to five groups of "
+        "equal size, each drawn at its median. A falling curve shows what is still difficult."
     )
     return Drawing("facts", "Robots within the goal by property", "", COMPUTED, caption, style.to_svg(figure, "facts"))
 

@@ -16,6 +16,7 @@ from drive_profiles.cli.main import app
 from drive_profiles.errors import DriveProfileError
 
 READING = (["scan"], ["info"], ["pull"], ["get"], ["diff"], ["verify"])
+COMMANDING = (["faults"], ["nmt"], ["lss", "node-id"], ["lss", "bit-rate"])
 WRITING = (["set"], ["upload"], ["store"], ["restore"])
 ELSE = (["list"], ["show"], ["convert"], ["realise"], ["gains"], ["pages"], ["eds", "check"], ["eds", "show"], ["eds", "convert"])
 
@@ -55,11 +56,18 @@ def test_help_lists_exit_statuses_of_the_table_in_their_order(words):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("words", [*READING, *WRITING], ids=" ".join)
+@pytest.mark.parametrize("words", [*READING, *COMMANDING, *WRITING], ids=" ".join)
 def test_help_of_a_command_on_a_bus_lists_the_status_of_every_error_but_of_realising(words):
     expected = {one.exit_code for one in error_classes()} - {ExitStatus.INTERNAL, ExitStatus.NOT_REALISABLE}
     assert expected <= set(listed(words))
     assert (ExitStatus.UNKNOWN in listed(words)) == (words in WRITING)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("words", [*COMMANDING, ["store"]], ids=" ".join)
+def test_help_of_a_command_that_restores_nothing_promises_no_restored_values(words):
+    text = " ".join(CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "300"}).output.split())
+    assert "restored" not in text.partition("Exit status: ")[2]
 
 
 def test_a_commands_own_sentence_stands_before_the_tables():

@@ -48,7 +48,9 @@ def test_a_node_without_a_node_id_is_found_and_given_one_that_acts_after_a_reset
     assert re.findall(r"^(\d+) ", run("scan"), re.MULTILINE) == ["2", "5", "7", "16"]
 
     assert f"{identity}: node-ID 7" in run("lss", "show", "--identity", identity, *PATIENT)
-    run("lss", "show", "--unconfigured", *PATIENT, code=5)  # there is none any more
+    said = run("lss", "show", "--unconfigured", *PATIENT, code=5)  # there is none any more
+    assert "no node answers the LSS fast scan within" in said
+    assert "node 0" not in said
     run("lss", "bit-rate", "500k", "--identity", identity, "--yes", *PATIENT)
     run("lss", "bit-rate", "123456", "--identity", identity, "--yes", *PATIENT, code=3)
 

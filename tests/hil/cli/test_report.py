@@ -100,7 +100,7 @@ def test_a_directory_of_directories_is_told_which_of_them_to_name(tmp_path):
         os.utime(tmp_path / name, (age, age))
     code, output = report(tmp_path)
     assert code == 3
-    assert f"has no result.json; 2 folders in it have one; the newest: hil report {tmp_path / 'new'}" in output
+    assert f"has no result.json; 2 folders in it have one; for the newest: hil report {tmp_path / 'new'}" in output
 
 
 def test_any_other_directory_is_none_of_hils(tmp_path):

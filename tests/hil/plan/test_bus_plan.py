@@ -321,7 +321,7 @@ def test_a_drive_that_does_not_follow_so_short_a_period_is_no_fit():
     for period in (125e-6, 40e-3):
         verdict = check(BENCH, (2,), "drive", period)
         assert verdict.fits is False
-        assert "axis 2 takes SYNC from 0.25 to 20 ms" in verdict.sentence
+        assert "axis 2 accepts SYNC periods from 0.25 to 20 ms" in verdict.sentence
 
 
 def test_an_axis_without_model_or_bench_is_said_to_be_so():

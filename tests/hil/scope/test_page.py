@@ -98,7 +98,7 @@ def test_one_who_comes_late_sees_the_past(browser, shown, tmp_path):
 def test_what_is_zoomed_stands_still_and_its_spectrum_is_shown(browser, shown):
     begin = browser.value("scope.store.times[scope.store.begin]")
     browser.value(f"scope.figures.zoom({begin + 1.0}, {begin + 1.5})")
-    assert browser.value("document.querySelector('#pause').textContent") == "go on"
+    assert browser.value("document.querySelector('#pause').textContent") == "resume"
     wait(browser, "Math.abs(scope.window[1] - scope.window[0] - 0.5) < 1e-6")
     wait(browser, "scope.spectrum.source.data.x.length === 126")
     browser.value("document.querySelector('#pause').click()")
@@ -162,7 +162,7 @@ def test_a_trigger_freezes_the_window_with_the_time_before_it(browser, shown, ch
     status = FAULT if kind == "status" else OPERATION_ENABLED
     played(channel, traffic.run(150, status=status).heard(), 60.0)
     wait(browser, "scope.frozen && document.querySelector('#trigger-state').textContent.startsWith('triggered at')")
-    assert browser.value("document.querySelector('#pause').textContent") == "go on"
+    assert browser.value("document.querySelector('#pause').textContent") == "resume"
     line = browser.value("[scope.figures.spans.trigger[0].visible, scope.figures.spans.trigger[0].location]")
     window = browser.value("[...scope.window]")
     assert line == [True, pytest.approx(window[0] + 0.1)]

@@ -109,7 +109,7 @@ def test_ramps_follow_the_arm_and_not_the_bench_files_other_motion() -> None:
 
 @pytest.mark.ci
 def test_a_blind_pass_that_ends_before_the_resonance_asks_for_another() -> None:
-    with pytest.raises(AteNotIdentifiedError, match=r"to pass f_m2 = 1\d\.\d+ rev/s: 9\.\d+ rev/s .*; allow another pass"):
+    with pytest.raises(AteNotIdentifiedError, match=r"to pass f_a/2 = 1\d\.\d+ rev/s: 9\.\d+ rev/s .*; allow another pass"):
         identified(RigSession(built("", f_a=22.0, a1=0.0)), passes=1)
 
 

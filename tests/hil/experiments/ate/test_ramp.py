@@ -43,7 +43,7 @@ def test_a_known_arm_ends_the_ramp_where_nothing_more_is_to_be_learnt() -> None:
     ],
 )  # fmt: skip
 def test_what_keeps_a_ramp_from_the_resonance_is_said_with_what_is_needed(changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(NotPossibleError, match=rf"to pass f_m2 = 6\.00 rev/s, 6\.90 rev/s are needed: .*{message}"):
+    with pytest.raises(NotPossibleError, match=rf"to pass f_a/2 = 6\.00 rev/s, 6\.90 rev/s are needed: .*{message}"):
         through(BENCH, 12.0, **changes)
 
 

@@ -183,7 +183,7 @@ def test_only_the_motors_inertia_is_needed_and_somebody_must_know_it(bench: Benc
     at = slice(40, 160)
     assert np.abs(found.reference[0, at]) == pytest.approx(np.abs(known.reference[0, at]), rel=0.01)
     with pytest.raises(
-        NotPossibleError, match=r"from the motor's data sheet, motor_inertia_kg_m2 in \[axis\.2\] or --motor-inertia-kg-m2"
+        NotPossibleError, match=r"from the motor's data sheet: motor_inertia_kg_m2 in \[axis\.2\], or --motor-inertia-kg-m2"
     ):
         given_inertia(blank, None, 2, None)
     sheet = blank.model_copy(update={"axis": {**axes, 2: axes[2].model_copy(update={"motor_inertia_kg_m2": 2e-4})}})
