@@ -340,13 +340,13 @@ def test_identified_cancellation_at_1_ms_and_1_mbit() -> None:
 
 
 @pytest.mark.slow
-def test_after_five_passes_at_1_ms_and_1_mbit(tmp_path: Path) -> None:
+def test_learnt_at_1_ms_and_1_mbit_the_line_is_quiet(tmp_path: Path) -> None:
     session = session_of(robot_of(NOISY, seed=2), 0.001, MBIT)
     session.bench = without_ate(session.bench)
     model = Identified(robot="reference")
     for axis in (2, 3):
         learnt = learn(session, axis)
-        assert len(learnt.passes) == 5
+        assert 3 <= len(learnt.passes) <= 5
         assert learnt.reduction_fraction > 0.9
         model = learnt.store(tmp_path / "model.toml", "reference")
     motion = line_motion(session.bench, 0.001)

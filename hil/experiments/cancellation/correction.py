@@ -45,8 +45,8 @@ LATE_S = 3e-3
 """The same where passes contradict it: answers that come late are some milliseconds late."""
 AGREE_SIGMAS = 3.0
 """Standard errors of their difference up to which two values are the same one."""
-LEAST_CHANGE = 0.01
-"""Change of the correction, as a fraction of it, below which another pass is not worth its time."""
+LEAST_LEFT = 0.01
+"""Fraction of the vibration below which another pass is not worth its time."""
 DELAY = "delay"
 
 
@@ -259,21 +259,25 @@ class Correction:
                 prior = prior.replaced(name, prior.value(name), surprise)
             self._prior = prior
 
-    def change(self, resonance_hz: float) -> float:
-        """Change from the correction that acted last, as a fraction of all of it.
+    def left_fraction(self, resonance_hz: float) -> float:
+        """Fraction that the last correction leaves of the vibration, as it is expected.
+
+        √(Σ E|z_k − c_k e^{−jω(δ − δ_c)}|² / Σ|c_k|²) over the orders whose resonance is passed.
 
         Args:
             resonance_hz: Frequency at which the arm rings.
         """
-        values = self.values()
-        late = 2.0 * math.pi * resonance_hz * (self.set_point_delay_s - self.acted_delay_s)
-        changed = sum(
-            abs(values[order].phasor - acted.phasor) ** 2 + abs(late * acted.phasor) ** 2
-            for order, acted in self.acted.items()
-            if order in values
-        )
-        whole = sum(abs(acted.phasor) ** 2 for acted in self.acted.values())
-        return math.sqrt(changed / max(whole, 1e-30))
+        values, found = self.values(), self._posterior
+        assert found is not None  # noqa: S101 - it has begun
+        omega, late_s = 2.0 * math.pi * resonance_hz, self.set_point_delay_s - self.acted_delay_s
+        left = whole = 0.0
+        for order, acted in self.acted.items():
+            if order in values and order not in self._unseen:
+                size = abs(acted.phasor) ** 2
+                whole += size
+                left += abs(values[order].phasor - acted.phasor) ** 2 + 2.0 * found.standard_error(_real(order)) ** 2
+                left += omega**2 * (late_s**2 + self.delay_error_s**2) * size
+        return math.sqrt(left / max(whole, 1e-30))
 
     def judged(self, verdicts: Sequence[PartVerdict], passed: Collection[float], *, is_last: bool) -> dict[float, PartVerdict]:
         """Orders that are to be left out after a pass, with the verdicts on them.

@@ -4,7 +4,7 @@ The axis moves to and fro; its transmission error is learnt from pass to pass, t
 
 The first pass is without cancellation, the second with half of it, every later one with all of it. After each pass each order
 of it is judged as in a trial (`verdict`), and one whose cancellation is wrong is left out from there on. The first two are fitted
-for what is not known; what a later one leaves corrects the correction (`correction`), until another pass would not change it.
+for what is not known; what a later one leaves corrects the correction (`correction`), until next to nothing is left.
 Learning is between passes only: a cancellation that adapted during acceleration would follow the motion, not the error. For the
 method see docs/learning.md.
 """
@@ -30,7 +30,7 @@ from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import modal_arm, searched_delay_s
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on
-from hil.experiments.cancellation.correction import LEAST_CHANGE, Correction, OrderValue, error_of
+from hil.experiments.cancellation.correction import LEAST_LEFT, Correction, OrderValue, error_of
 from hil.experiments.cancellation.pass_judge import PassJudge
 from hil.experiments.cancellation.reaction_watch import ReactionWatch
 from hil.experiments.cancellation.verdict import PartVerdict, part_entry
@@ -272,7 +272,7 @@ def learn(
             correction.begin(estimate, learning.passed)
         if number >= FIRST_WHOLE:
             correction.take(seen, learning.passed, arm_hz)
-        is_last = number == passes or (number >= FIRST_WHOLE and correction.change(arm_hz) < LEAST_CHANGE)
+        is_last = number == passes or (number >= FIRST_WHOLE and correction.left_fraction(arm_hz) < LEAST_LEFT)
         verdicts = judge.verdicts(seen, gain)
         learning.passes.append(LearntPass(gain, vibration, estimate, correction.set_point_delay_s, learning.values(), verdicts))
         _leave_out_wrong(learning, number, recording, is_last=is_last)

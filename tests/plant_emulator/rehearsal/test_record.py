@@ -45,12 +45,14 @@ def test_phases_are_compared_on_the_circle():
     assert QuantityRecord(1.0, None, 0.1).z() is None
 
 
-def test_the_path_ends_with_the_better_cancellation_by_its_trial_or_the_notch():
+def test_the_path_ends_with_the_learnt_cancellation_unless_its_trial_clearly_left_more_or_with_the_notch():
     tips = {"none": {2: 0.3}, "notch_designed": {2: 0.1}, "cancellation": {2: 0.02}, "cancellation_learnt": {2: 0.03}}
     both = {"cancellation": DONE, "cancellation_learnt": DONE, "notch_designed": DONE}
-    assert record(tips=tips, steps=both).end_treatment == "cancellation"
-    falls = {"cancellation": 0.90, "cancellation_learnt": 0.95}
-    assert record(tips=tips, steps=both, falls=falls).end_treatment == "cancellation_learnt"
+    assert record(tips=tips, steps=both).end_treatment == "cancellation_learnt"
+    left, hidden = {"cancellation": 0.004, "cancellation_learnt": 0.006}, {"cancellation": 0.001, "cancellation_learnt": 0.003}
+    assert record(tips=tips, steps=both, left=left, hidden=hidden).end_treatment == "cancellation_learnt"
+    left["cancellation_learnt"] = 0.008
+    assert record(tips=tips, steps=both, left=left, hidden=hidden).end_treatment == "cancellation"
     learnt = both | {"cancellation": StepRecord("refused", "HilError", "no")}
     assert record(tips=tips, steps=learnt).end_treatment == "cancellation_learnt"
     refused = StepRecord("refused", "CancellationRefusedError", "no")

@@ -82,7 +82,7 @@ def test_passes_end_at_the_correction_that_silences_the_tip_though_the_motor_mak
         assert value.source == "learnt"
         assert abs(value.phasor - silent[order]) < 0.002 * abs(silent[order]) + 3.0 * value.sigma_arcsec
     assert correction.set_point_delay_s == pytest.approx(4e-4, abs=2e-5)
-    assert correction.change(ARM_HZ) < 0.003
+    assert correction.left_fraction(ARM_HZ) < 0.005
 
 
 @pytest.mark.parametrize("late_s", [5e-3, 1e-3])
