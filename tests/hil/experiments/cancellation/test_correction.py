@@ -80,7 +80,7 @@ def test_passes_end_at_the_correction_that_silences_the_tip_though_the_motor_mak
         correction.take(left(correction, silent, late_s=4e-4, response=response), ALL, ARM_HZ)
     for order, value in correction.values().items():
         assert value.source == "learnt"
-        assert abs(value.phasor - silent[order]) < 0.002 * abs(silent[order]) + 3.0 * value.sigma_arcsec
+        assert abs(value.phasor - silent[order]) < 0.002 * abs(silent[order]) + 3.0 * correction.error_arcsec(order)
     assert correction.set_point_delay_s == pytest.approx(4e-4, abs=2e-5)
     assert correction.left_fraction(ARM_HZ) < 0.005
 
@@ -105,7 +105,7 @@ def test_a_standard_error_is_that_of_the_noise_and_falls_with_the_passes() -> No
     for _ in range(3):
         act(correction)
         correction.take(left(correction, silent, noise=0.1), ALL, ARM_HZ)
-        errors.append(correction.values()[2].amplitude_error)
+        errors.append(correction.error_arcsec(2))
     assert errors == pytest.approx([0.1 / math.sqrt(2.0 * n) for n in (1, 2, 3)], rel=0.15)
 
 
