@@ -177,6 +177,11 @@ class Correction:
         other = self.contradicted.get(order)
         return value.sigma_arcsec if other is None else max(value.sigma_arcsec, abs(value.phasor - other.phasor))
 
+    @property
+    def is_known(self) -> bool:
+        """True if every order begins as it was known, and the first pass does not contradict it."""
+        return bool(self._begun) and not self.contradicted and all(each.source == "known" for each in self._begun.values())
+
     def values(self) -> dict[float, OrderValue]:
         """Value of each order to cancel and store.
 

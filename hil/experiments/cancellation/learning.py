@@ -123,6 +123,8 @@ class AxisLearning:
 
     def reaches_another(self, sweeps: Sequence[Sweep], orders: Sequence[float]) -> bool:
         """True if passes reach the resonance of an order that those before had not."""
+        if not self.passes:
+            return True
         arm_hz = self.estimate.arm.resonance_hz
         return any(is_passed(sweeps, arm_hz, order) for order in orders if order not in self.passed)
 
@@ -259,7 +261,8 @@ def learn(
         recording = _kept(number, result, motion, axis, bench, keep)
         watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False, sensor=bench.accelerometer.title))
         # an order whose resonance is reached for the first time is fitted like those of the first passes
-        is_fitted = number < FIRST_WHOLE or learning.reaches_another(watch.sweeps, orders)
+        is_unknown = number < FIRST_WHOLE and not correction.is_known
+        is_fitted = is_unknown or learning.reaches_another(watch.sweeps, orders)
         if is_fitted:
             estimate = _fitted(watch, table, learning, orders, _known_plant(identified, axis))
             checked(watch, estimate, sensorless=False, passes_left=passes - number)
