@@ -113,6 +113,7 @@ class Correction:
     contradicted: dict[float, OrderValue] = field(default_factory=dict)
     _begun: dict[float, OrderValue] = field(default_factory=dict)
     _unseen: dict[float, str] = field(default_factory=dict)
+    _returned: set[float] = field(default_factory=set)
     _left: list["_Left"] = field(default_factory=list)
     _prior: Estimate | None = None
     _posterior: Estimate | None = None
@@ -166,7 +167,7 @@ class Correction:
         if order not in passed:
             self._unseen[order] = "the ramps end below its resonance"
             return known
-        if not is_significant(estimate, order):
+        if order in self._returned or not is_significant(estimate, order):
             return known
         if known.agrees(fitted):
             return min(known, fitted, key=lambda each: each.sigma_arcsec)
@@ -290,6 +291,16 @@ class Correction:
                 left += omega**2 * (late_s**2 + self.delay_error_s**2) * size
         return math.sqrt(left / max(whole, 1e-30))
 
+    def is_open(self, verdicts: Sequence[PartVerdict], resonance_hz: float) -> bool:
+        """True if another pass with the whole correction is worth its time.
+
+        Args:
+            verdicts: Verdicts on the orders of the last one.
+            resonance_hz: Frequency at which the arm rings.
+        """
+        is_unjudged = any(each.verdict == "not judged" and each.part.order not in self.known for each in verdicts)
+        return is_unjudged or self.left_fraction(resonance_hz) >= LEAST_LEFT
+
     def judged(self, verdicts: Sequence[PartVerdict], passed: Collection[float], *, is_last: bool) -> dict[float, PartVerdict]:
         """Orders that are to be left out after a pass, with the verdicts on them.
 
@@ -318,6 +329,7 @@ class Correction:
         """Return to the known value of an order."""
         assert self._posterior is not None and self._prior is not None  # noqa: S101, PT018 - it has begun
         self._begun[order] = known
+        self._returned.add(order)
         del self.contradicted[order]
         sigma = _component(known.sigma_arcsec, known)
         for name, part in ((_real(order), known.phasor.real), (_imaginary(order), known.phasor.imag)):

@@ -30,7 +30,7 @@ from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import modal_arm, searched_delay_s
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on
-from hil.experiments.cancellation.correction import LEAST_LEFT, Correction, OrderValue, error_of
+from hil.experiments.cancellation.correction import Correction, OrderValue, error_of
 from hil.experiments.cancellation.pass_judge import PassJudge
 from hil.experiments.cancellation.reaction_watch import ReactionWatch
 from hil.experiments.cancellation.verdict import PartVerdict, part_entry
@@ -65,7 +65,7 @@ class LearntPass:
     Attributes:
         gain: Fraction of the cancellation that acted.
         vibration_m_s2: Vibration of the tip, both ramps, in the band around f_al, at the speeds that excite the arm.
-        estimate: Fit of the passes without the whole cancellation.
+        estimate: Last fit of the passes.
         set_point_delay_s: Delay of the set-points as estimated after this pass.
         values: Amplitude and phase of each order as they are known after this pass.
         verdicts: Verdict on each order that was cancelled in it.
@@ -118,7 +118,7 @@ class AxisLearning:
 
     @property
     def estimate(self) -> JointEstimate:
-        """Fit of the passes without the whole cancellation."""
+        """Last fit of the passes."""
         return self.passes[-1].estimate
 
     def reaches_another(self, sweeps: Sequence[Sweep], orders: Sequence[float]) -> bool:
@@ -275,8 +275,8 @@ def learn(
             correction.begin(estimate, learning.passed)
         if number >= FIRST_WHOLE:
             correction.take(seen, learning.passed, arm_hz)
-        is_last = number == passes or (number >= FIRST_WHOLE and correction.left_fraction(arm_hz) < LEAST_LEFT)
         verdicts = judge.verdicts(seen, gain)
+        is_last = number == passes or (number >= FIRST_WHOLE and not correction.is_open(verdicts, arm_hz))
         learning.passes.append(LearntPass(gain, vibration, estimate, correction.set_point_delay_s, learning.values(), verdicts))
         _leave_out_wrong(learning, number, recording, is_last=is_last)
         if is_last:

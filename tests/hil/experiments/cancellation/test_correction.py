@@ -176,11 +176,27 @@ def test_a_refused_value_gives_way_to_the_known_one_or_the_order_is_left_out() -
     act(correction)
     assert correction.judged([verdict(2, correction.acted[2], TRUE[2])], ALL, is_last=False) == {}
     assert correction.values()[2].phase_deg == 247.0
+    correction.begin(fitted({**TRUE, 2: (14.6, 67.0)}), ALL)
+    assert correction.values()[2].phase_deg == 247.0, "a fit that was refused does not come back"
     correction = known()
     correction.begin(fitted(), ALL)
     act(correction)
     wrong = correction.judged([verdict(2, correction.acted[2], (14.6, 67.0))], ALL, is_last=False)
     assert set(wrong) == {2}, "both are the same, and wrong"
+
+
+def test_learning_goes_on_until_next_to_nothing_is_left_and_every_new_order_is_judged() -> None:
+    silent = {order: phasor(value) for order, value in TRUE.items()}
+    for correction, is_open in ((known(), False), (Correction(), True)):
+        correction.begin(fitted(), ALL)
+        act(correction)
+        correction.take(left(correction, {order: 1.05 * each for order, each in silent.items()}), ALL, ARM_HZ)
+        assert correction.is_open([], ARM_HZ), "5 % is left"
+        act(correction)
+        correction.take(left(correction, {order: 1.05 * each for order, each in silent.items()}), ALL, ARM_HZ)
+        assert not correction.is_open([], ARM_HZ)
+        unclear = verdict(2, correction.acted[2], TRUE[2], sigma=2.0)
+        assert correction.is_open([unclear], ARM_HZ) == is_open
 
 
 def test_the_foot_of_a_resonance_refuses_nothing_that_was_known() -> None:
