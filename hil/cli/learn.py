@@ -102,7 +102,7 @@ def learn(
     ] = None,
     bus: BusOption = None,
     passes: Annotated[
-        int, typer.Option(min=2, max=50, help="Number of back-and-forth passes; the first runs without cancellation.")
+        int, typer.Option(min=2, max=50, help="Most back-and-forth passes; the first runs without cancellation.")
     ] = 5,
     acceleration_rps_s: Annotated[float, typer.Option(min=0.1, max=100.0, help="Acceleration of every ramp.")] = 4.0,
     orders: OrdersOption = "1,2,4",
@@ -217,8 +217,7 @@ def _motion_lines(bench: "Bench", request: "LearnRequest") -> Iterator[str]:
             continue
         limits = bench.axis[axis].limits
         yield (
-            f"This moves axis {axis} on {bench.bus.address}: {request.passes} times back and forth at "
-            f"{request.acceleration_rps_s:g} "
-            f"rev/s², anywhere within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions; at most "
+            f"This moves axis {axis} on {bench.bus.address}: at most {request.passes} times back and forth at "
+            f"{request.acceleration_rps_s:g} rev/s², anywhere within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions; at most "
             f"{limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
         )
