@@ -218,6 +218,6 @@ def _motion_lines(bench: "Bench", request: "LearnRequest") -> Iterator[str]:
         limits = bench.axis[axis].limits
         yield (
             f"This moves axis {axis} on {bench.bus.address}: at most {request.passes} times back and forth at "
-            f"{request.acceleration_rps_s:g} rev/s², anywhere within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions; at most "
-            f"{limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
+            f"{request.acceleration_rps_s:g} rev/s², anywhere within {limits.position_min_rev:g} … "
+            f"{limits.position_max_rev:g} motor revolutions; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
         )
