@@ -184,6 +184,7 @@ def identify_on(
         ramp = _next_ramp(identification)
     linear = identification.estimate
     if not request.sensorless and not bench.accelerometer.from_load_encoders:
+        reporter.step("fit of all passes, with the arm simulated on its gear")
         last = identification.passes[-1]
         estimate = simulated(last.estimate, watch.sweeps, bench.axis[axis].reduction_ratio, watch.sensing, knowledge)
         identification.passes[-1] = replace(last, estimate=estimate)

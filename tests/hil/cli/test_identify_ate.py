@@ -44,6 +44,7 @@ def test_it_writes_the_model_file_and_a_report(tmp_path: Path) -> None:
     assert part.standard_error["phi2_deg"] < 0.5
     assert (out / "report.html").is_file()
     assert "pass 1 of at most 6: axis 2 to 10.00 rev/s at 4.00 rev/s² and back" in found.stderr
+    assert "fit of all passes, with the arm simulated on its gear" in found.stderr
 
 
 @pytest.mark.slow
