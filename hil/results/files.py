@@ -118,9 +118,14 @@ def _without(unknown: list[tuple[str, ...]], value: dict[str, Any], path: Path) 
 def _with_orders(value: dict[str, Any]) -> str:
     """Convert a result with separate fields for its two orders.
 
-    Results in an older format have these fields instead of a set of orders.
+    Results in an older format have these fields instead of a set of orders. Older passes of a learning also state how the motor
+    followed.
     """
     passes, history = [], []
+    with suppress(TypeError, KeyError, AttributeError):
+        for axis in value["learnt"]:
+            for each in axis["passes"]:
+                each.pop("following", None)
     with suppress(TypeError, KeyError):  # of a file that is no result the validation speaks
         passes = [each for axis in value["learnt"] for each in axis["passes"] if "values" not in each]
     with suppress(TypeError, KeyError):

@@ -151,7 +151,7 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
         AteNotIdentifiedError: One of the checks fails.
     """
     if not sensorless:
-        _check_factor(estimate)
+        check_factor(estimate.motion_scale, estimate.motion_scale_error)
     _check_significance(estimate, sensorless=sensorless, passes_left=passes_left)
     of_vibration = estimate.explained_by_error / max(estimate.explained_by_error + estimate.structured, 1e-30)
     if of_vibration < LEAST_EXPLAINED:
@@ -171,13 +171,19 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
         )
 
 
-def _check_factor(estimate: JointEstimate) -> None:
+def check_factor(factor: float, error: float) -> None:
     """Refuse a signal that does not fit the motor's own motion.
 
     Such a signal comes from another axis, or from a sensor that feels nothing.
+
+    Args:
+        factor: Factor that the motor's own motion has in the signal.
+        error: Its standard error.
+
+    Raises:
+        AteNotIdentifiedError: It is too far from 1.
     """
-    factor, error = estimate.motion_scale, estimate.motion_scale_error
-    off, allowed = abs(factor - 1.0), max(SCALE_TOLERANCE, SCALE_SIGMAS * estimate.motion_scale_error)
+    off, allowed = abs(factor - 1.0), max(SCALE_TOLERANCE, SCALE_SIGMAS * error)
     if off <= allowed:
         return
     what = "relative deviation of the tip's response to the motor from tip_lever_m / reduction_ratio"

@@ -25,7 +25,7 @@ from hil.design.ate.identification import JointEstimate
 from hil.design.estimate import Estimate
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.order_scan import is_significant
-from hil.experiments.cancellation.verdict import PartVerdict, Seen
+from hil.experiments.cancellation.verdict import MOST_LEFT, PartVerdict, Seen
 from hil.robot_tables import amplitude_key, phase_key
 
 Source = Literal["known", "learnt"]
@@ -45,6 +45,8 @@ CONTRADICTED_S = 3e-3
 """The same where passes contradict it: answers that come late are some milliseconds late."""
 AGREE_SIGMAS = 3.0
 """Standard errors of their difference up to which two values are the same one."""
+SAME = 0.1
+"""Difference as a fraction up to which a value is the one that was refused."""
 LEAST_LEFT = 0.01
 """Fraction of the vibration below which another pass is not worth its time."""
 DELAY = "delay"
@@ -112,8 +114,10 @@ class Correction:
     acted_delay_s: float = 0.0
     contradicted: dict[float, OrderValue] = field(default_factory=dict)
     _begun: dict[float, OrderValue] = field(default_factory=dict)
-    _unseen: dict[float, str] = field(default_factory=dict)
-    _returned: set[float] = field(default_factory=set)
+    _fits: dict[float, OrderValue] = field(default_factory=dict)
+    _passed: frozenset[float] = frozenset()
+    _returned: dict[float, OrderValue] = field(default_factory=dict)
+    _refused: dict[float, list[OrderValue]] = field(default_factory=dict)
     _left: list["_Left"] = field(default_factory=list)
     _prior: Estimate | None = None
     _posterior: Estimate | None = None
@@ -137,51 +141,62 @@ class Correction:
         """Correction of an axis in a model file, empty without one, at a SYNC period."""
         return cls.of(None if identified is None or axis not in identified.axis else identified.axis[axis].ate, period_s)
 
-    def begin(self, estimate: JointEstimate, passed: Collection[float]) -> None:
-        """Take the prior of each order from what was known and from a fit.
+    def begin(self, estimate: JointEstimate, passed: Collection[float]) -> set[float]:
+        """Take the prior of each order from what was known and a fit.
 
-        A fit that contradicts what was known holds, with their difference for its standard error. What passes have left counts as
-        before.
+        A fit that contradicts what was known holds, with their difference for its standard error. An order of which a pass has
+        already shown the rest keeps its prior.
 
         Args:
             estimate: Fit of the passes so far.
             passed: Orders whose resonance their ramps pass.
+
+        Returns:
+            Orders that have begun so: what the last pass left of them is in the fit.
         """
-        self._begun, self._unseen, self.contradicted = {}, {}, {}
-        for order in sorted({*self.known, *estimate.error.amplitude_arcsec}):
-            self._begun[order] = self._first_value(order, estimate, passed)
-        values = {DELAY: (self.delay_s, DELAY_PERIODS * self.period_s)}
-        for order, value in self._begun.items():
-            error = _component(self._sigma(order, value), value)
-            values |= {_real(order): (value.phasor.real, error), _imaginary(order): (value.phasor.imag, error)}
-        self._prior = self._posterior = Estimate.independent(values)
+        self._passed = frozenset(passed)
+        values = {} if self._prior is not None else {DELAY: (self.delay_s, DELAY_PERIODS * self.period_s)}
+        shown = {each.order for each in self._left}
+        self._fits |= {order: _fitted(order, estimate) for order in estimate.error.amplitude_arcsec}
+        begun = {*self.known, *estimate.error.amplitude_arcsec} - shown
+        for order in sorted(begun):
+            is_seen = order in estimate.error.amplitude_arcsec and is_significant(estimate, order)
+            value = self._first_value(order, is_seen=is_seen)
+            self._begun[order] = value
+            values |= self._prior_of(order, value)
+        prior = Estimate.independent(values) if self._prior is None else self._prior.with_others(values)
+        self._prior = self._posterior = prior
         if self._left:
             self._posterior = self._learnt()
+        return begun
 
-    def _first_value(self, order: float, estimate: JointEstimate, passed: Collection[float]) -> OrderValue:
-        known, fitted = self.known.get(order), _fitted(order, estimate)
+    def _first_value(self, order: float, *, is_seen: bool) -> OrderValue:
+        self.contradicted.pop(order, None)
+        known, fitted = self.known.get(order), self._fits.get(order)
+        if order in self._returned:
+            return self._returned[order]
         if known is None or fitted is None:
             value = known or fitted
             assert value is not None  # noqa: S101 - the order is of one of both
             return value
-        if order not in passed:
-            self._unseen[order] = "the ramps end below its resonance"
-            return known
-        if order in self._returned or not is_significant(estimate, order):
+        if order not in self._passed or not is_seen:
             return known
         if known.agrees(fitted):
             return min(known, fitted, key=lambda each: each.sigma_arcsec)
         self.contradicted[order] = known
         return fitted
 
-    def _sigma(self, order: float, value: OrderValue) -> float:
+    def _prior_of(self, order: float, value: OrderValue) -> dict[str, tuple[float, float]]:
+        """Mean and standard error of both components of an order's correction, by name."""
         other = self.contradicted.get(order)
-        return value.sigma_arcsec if other is None else max(value.sigma_arcsec, abs(value.phasor - other.phasor))
+        sigma = value.sigma_arcsec if other is None else max(value.sigma_arcsec, abs(value.phasor - other.phasor))
+        error = math.hypot(sigma, MADE_ERROR * value.amplitude_arcsec) / math.sqrt(2.0)
+        return {_real(order): (value.phasor.real, error), _imaginary(order): (value.phasor.imag, error)}
 
     @property
     def is_known(self) -> bool:
-        """True if every order begins as it was known, and the first pass does not contradict it."""
-        return bool(self._begun) and not self.contradicted and all(each.source == "known" for each in self._begun.values())
+        """True if every order begins as it was known."""
+        return bool(self._begun) and all(each.source == "known" for each in self._begun.values())
 
     def values(self) -> dict[float, OrderValue]:
         """Value of each order to cancel and store.
@@ -196,12 +211,26 @@ class Correction:
         sigma, name = found.standard_error(_real(order)), _real(order)
         # an observation that says less than the prior has left more than half of its variance
         if sigma > math.sqrt(0.5) * prior.standard_error(name):
-            why = self._unseen.get(order, "the passes show it less exactly")
-            return replace(begun, why=why) if begun.source == "known" else begun
+            return replace(begun, why=self._why(order)) if begun.source == "known" else begun
         z = self._phasor(order)
         # of the transmission error it is known as well as the motor makes a correction
-        error = math.hypot(sigma, MADE_ERROR * abs(z) / math.sqrt(2.0))
+        off = max(MADE_ERROR * abs(z), abs(z - begun.phasor) if self._is_made_otherwise(order) else 0.0)
+        error = math.hypot(sigma, off / math.sqrt(2.0))
         return OrderValue("learnt", abs(z), math.degrees(cmath.phase(z)) % 360.0, error, math.degrees(error / max(abs(z), error)))
+
+    def _why(self, order: float) -> str:
+        """Reason why a known value stays."""
+        if order not in self._passed:
+            return "the ramps end below its resonance"
+        if not any(each.order == order for each in self._left):
+            return "no pass cancelled the whole of it"
+        return "the passes show it less exactly"
+
+    def _is_made_otherwise(self, order: float) -> bool:
+        """True if the correction that silences the tip is another than the error that began."""
+        begun, error = self._begun[order], self.error_arcsec(order)
+        off = abs(self._phasor(order) - begun.phasor)
+        return off > AGREE_SIGMAS * math.sqrt(begun.sigma_arcsec**2 + 2.0 * error**2 + (MADE_ERROR * begun.amplitude_arcsec) ** 2)
 
     def error_arcsec(self, order: float) -> float:
         """Standard error of either component of an order's correction."""
@@ -232,9 +261,9 @@ class Correction:
             passed: Orders whose resonance the ramps have passed; of the others nothing is learnt.
             resonance_hz: Frequency at which the arm rings.
         """
+        self._passed = frozenset(passed)
         for order, sights in seen.items():
             if order in passed and order in self.acted:
-                self._unseen.pop(order, None)
                 acted = self.acted[order].phasor
                 self._left += [_Left(order, each, acted, self.acted_delay_s, 2.0 * math.pi * resonance_hz) for each in sights]
         if self._left:
@@ -248,7 +277,8 @@ class Correction:
         assert self._prior is not None  # noqa: S101 - it has begun
         known_s, error_s = (of(DELAY) for of in (self._prior.value, self._prior.standard_error))
         self._prior = self._prior.replaced(DELAY, known_s, CONTRADICTED_S)
-        late_s = _observed(self._prior, self._left).value(DELAY)
+        # a motor cannot lead its set-points: what looks like it is a bias of the directions
+        late_s = max(_observed(self._prior, self._left).value(DELAY), known_s - error_s)
         for order in {each.order for each in self._left}:
             sides = [[each for each in self._left if each.order == order and each.seen.direction == way] for way in (1, -1)]
             shown = [complex(np.mean([each.shown(late_s) for each in side])) for side in sides if side]
@@ -257,7 +287,7 @@ class Correction:
             self._prior = self._prior.with_others({name: (0.0, bias) for way in (1, -1) for name in _bias(order, way)})
             self._widen(order, complex(np.mean(shown)), math.sqrt(0.5 * (bias**2 + noise)))
         found = _observed(self._prior, self._left)
-        if abs(found.value(DELAY) - known_s) > AGREE_SIGMAS * math.hypot(error_s, found.standard_error(DELAY)):
+        if found.value(DELAY) - known_s > AGREE_SIGMAS * math.hypot(error_s, found.standard_error(DELAY)):
             return found
         self._prior = self._prior.replaced(DELAY, known_s, error_s)
         return _observed(self._prior, self._left)
@@ -284,63 +314,97 @@ class Correction:
         omega, late_s = 2.0 * math.pi * resonance_hz, self.set_point_delay_s - self.acted_delay_s
         left = whole = 0.0
         for order, acted in self.acted.items():
-            if order in values and order not in self._unseen:
+            if order in values and order in self._passed:
                 size = abs(acted.phasor) ** 2
                 whole += size
                 left += abs(values[order].phasor - acted.phasor) ** 2 + 2.0 * self.error_arcsec(order) ** 2
                 left += omega**2 * (late_s**2 + self.delay_error_s**2) * size
         return math.sqrt(left / max(whole, 1e-30))
 
-    def is_open(self, verdicts: Sequence[PartVerdict], resonance_hz: float) -> bool:
+    def is_open(self, verdicts: Sequence[PartVerdict], wanted: Collection[float], resonance_hz: float) -> bool:
         """True if another pass with the whole correction is worth its time.
 
         Args:
             verdicts: Verdicts on the orders of the last one.
+            wanted: Orders that are to be cancelled.
             resonance_hz: Frequency at which the arm rings.
         """
-        is_unjudged = any(each.verdict == "not judged" and each.part.order not in self.known for each in verdicts)
-        return is_unjudged or self.left_fraction(resonance_hz) >= LEAST_LEFT
+        is_undecided = any(
+            each.verdict == "refused" or (each.verdict == "not judged" and self._is_new(each.part.order)) for each in verdicts
+        )
+        return is_undecided or not set(wanted) <= self.acted.keys() or self.left_fraction(resonance_hz) >= LEAST_LEFT
+
+    def _is_new(self, order: float) -> bool:
+        """True if an order has a value that was not known."""
+        return order not in self.known or order in self.contradicted
 
     def judged(self, verdicts: Sequence[PartVerdict], passed: Collection[float], *, is_last: bool) -> dict[float, PartVerdict]:
-        """Orders that are to be left out after a pass, with the verdicts on them.
+        """Orders to leave out after a pass, with the verdicts on them.
 
-        A refused value gives way to the known one if that is another. The foot of a resonance refuses nothing that was known:
-        there the motion's own jolt weighs as much.
+        A refused value gives way to another one that the pass does not speak against: that which was known, or a fit. The foot of
+        a resonance refuses nothing that was known: there the motion's own jolt weighs as much.
 
         Args:
             verdicts: Verdicts on the orders that it cancelled.
             passed: Orders whose resonance the passes' ramps pass.
-            is_last: True after the last pass: then an order that was not known and could not be judged is left out too.
+            is_last: True after the last pass: then of an order that could not be judged the known value stays, or none.
         """
         left_out = {}
         for verdict in verdicts:
             order = verdict.part.order
-            known = self.known.get(order)
+            known, acted = self.known.get(order), self.acted[order]
             if verdict.verdict == "refused" and (known is None or order in passed):
-                if known is not None and order in self.contradicted and not known.agrees(self.acted[order]):
-                    self._return_to(order, known)
-                else:
+                self._refused.setdefault(order, []).append(acted)
+                other = self._other(order, verdict)
+                if other is None:
                     left_out[order] = verdict
-            elif is_last and verdict.verdict == "not judged" and known is None:
-                left_out[order] = verdict
+                else:
+                    self._return_to(order, other)
+            elif is_last and verdict.verdict == "not judged" and self._is_new(order):
+                if known is None:
+                    left_out[order] = verdict
+                else:
+                    self._return_to(order, known)
         return left_out
 
-    def _return_to(self, order: float, known: OrderValue) -> None:
-        """Return to the known value of an order."""
+    def _other(self, order: float, verdict: PartVerdict) -> OrderValue | None:
+        """Another value of a refused order that may pass; None without one."""
+        for each in (self.known.get(order), self._fits.get(order)):
+            if each is None or any(abs(each.phasor - old.phasor) <= SAME * abs(old.phasor) for old in self._refused[order]):
+                continue
+            if verdict.ratio is None or _left(each, self.acted[order], verdict.ratio) <= MOST_LEFT:
+                return each
+        return None
+
+    def _return_to(self, order: float, value: OrderValue) -> None:
+        """Return to another value of an order."""
         assert self._posterior is not None and self._prior is not None  # noqa: S101, PT018 - it has begun
-        self._begun[order] = known
-        self._returned.add(order)
-        del self.contradicted[order]
-        sigma = _component(known.sigma_arcsec, known)
-        for name, part in ((_real(order), known.phasor.real), (_imaginary(order), known.phasor.imag)):
-            self._posterior, self._prior = (each.replaced(name, part, sigma) for each in (self._posterior, self._prior))
+        self._begun[order] = self._returned[order] = value
+        self.contradicted.pop(order, None)
+        self._left = [each for each in self._left if each.order != order]
+        prior = self._prior_of(order, value)
+        self._posterior, self._prior = (each.with_others(prior) for each in (self._posterior, self._prior))
 
     def notes(self) -> list[str]:
-        """Sentences on the known values that the passes contradict."""
-        return [
-            f"order {order:g} is not as it was known ({known.words(order)}): the passes show {self._begun[order].words(order)}"
-            for order, known in self.contradicted.items()
-        ]
+        """Sentences on what is not as it was known or expected."""
+        found = []
+        for order, value in self.values().items():
+            known, begun = self.contradicted.get(order), self._begun[order]
+            if known is not None and not known.agrees(value):
+                found.append(
+                    f"order {order:g} is not as it was known ({known.words(order)}): the passes show {value.words(order)}"
+                )
+            elif value.source == "learnt" and value is not begun and self._is_made_otherwise(order):
+                found.append(
+                    f"order {order:g} is silenced by {value.amplitude_arcsec:.2f}″ at {value.phase_deg:.1f}°, while its error is "
+                    f"{begun.words(order)}: the motor does not make the correction as calculated, or the error has changed"
+                )
+        return found
+
+
+def _left(value: OrderValue, acted: OrderValue, ratio: complex) -> float:
+    """Fraction of an order that a value would leave, by the verdict on another one."""
+    return abs(ratio - value.phasor / acted.phasor) / max(abs(ratio), 1e-30)
 
 
 def _real(order: float) -> str:
@@ -349,11 +413,6 @@ def _real(order: float) -> str:
 
 def _imaginary(order: float) -> str:
     return f"im{order:g}"
-
-
-def _component(sigma_arcsec: float, value: OrderValue) -> float:
-    """Standard error of either component of a correction, with what the motor makes of it."""
-    return math.hypot(sigma_arcsec, MADE_ERROR * value.amplitude_arcsec) / math.sqrt(2.0)
 
 
 @dataclass(frozen=True)
@@ -420,10 +479,7 @@ def error_of(values: Mapping[float, OrderValue]) -> TransmissionError:
     return TransmissionError(amplitudes, {order: value.phase_deg for order, value in values.items()})
 
 
-def _fitted(order: float, estimate: JointEstimate) -> OrderValue | None:
-    """Value of an order by the fit of the passes; None if it was not fitted."""
-    error = estimate.error
-    if order not in error.amplitude_arcsec:
-        return None
-    errors = estimate.amplitude_error_arcsec[order], estimate.phase_error_deg[order]
+def _fitted(order: float, estimate: JointEstimate) -> OrderValue:
+    """Value of an order by the fit of the passes."""
+    error, errors = estimate.error, (estimate.amplitude_error_arcsec[order], estimate.phase_error_deg[order])
     return OrderValue("learnt", error.amplitude_arcsec[order], error.phase_deg[order], *errors)

@@ -19,9 +19,10 @@ from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, significant, update_file
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Sensing, Sweep
+from hil.design.ate.motion import motion_factor
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
-from hil.experiments.ate.checks import check_moved, check_run
+from hil.experiments.ate.checks import check_factor, check_moved, check_run
 from hil.experiments.ate.identify import SEARCHED_PASSES, standard_errors, sweep_of
 from hil.experiments.ate.motion import Ramps, ramps
 from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
@@ -121,12 +122,27 @@ class AxisLearning:
         """Last fit of the passes."""
         return self.passes[-1].estimate
 
-    def reaches_another(self, sweeps: Sequence[Sweep], orders: Sequence[float]) -> bool:
-        """True if passes reach the resonance of an order that those before had not."""
-        if not self.passes:
+    def is_to_be_fitted(self, sweeps: Sequence[Sweep], verdicts: Sequence[PartVerdict], orders: Sequence[float]) -> bool:
+        """True if the passes so far are to be fitted.
+
+        They are while the whole cancellation has not acted and an order is not known, if a value was refused, and if an order's
+        resonance is reached for the first time.
+
+        Args:
+            sweeps: Passes so far.
+            verdicts: Verdicts on the orders of the last one.
+            orders: Orders that are learnt.
+        """
+        number = len(self.passes) + 1
+        if number == 1 or (number < FIRST_WHOLE and not self.correction.is_known):
             return True
-        arm_hz = self.estimate.arm.resonance_hz
-        return any(is_passed(sweeps, arm_hz, order) for order in orders if order not in self.passed)
+        is_refused = any(verdict.verdict == "refused" for verdict in verdicts)
+        return is_refused or not self.reached(sweeps, orders, self.estimate) <= self.passed
+
+    @staticmethod
+    def reached(sweeps: Sequence[Sweep], orders: Sequence[float], estimate: JointEstimate) -> frozenset[float]:
+        """Orders whose resonance the passes reach."""
+        return frozenset(order for order in orders if is_passed(sweeps, estimate.arm.resonance_hz, order))
 
     @property
     def reduction_fraction(self) -> float:
@@ -260,23 +276,27 @@ def learn(
         result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
         recording = _kept(number, result, motion, axis, bench, keep)
         watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False, sensor=bench.accelerometer.title))
-        # an order whose resonance is reached for the first time is fitted like those of the first passes
-        is_unknown = number < FIRST_WHOLE and not correction.is_known
-        is_fitted = is_unknown or learning.reaches_another(watch.sweeps, orders)
-        if is_fitted:
+        seen = (
+            judge.read(recording, motion, tuple(correction.acted), gain, scale) if scale is not None and learning.passes else {}
+        )
+        verdicts = judge.verdicts(seen, gain)
+        begun: set[float] = set()
+        if learning.is_to_be_fitted(watch.sweeps, verdicts, orders):
             estimate = _fitted(watch, table, learning, orders, _known_plant(identified, axis))
             checked(watch, estimate, sensorless=False, passes_left=passes - number)
+            learning.passed = learning.reached(watch.sweeps, orders, estimate)
+            begun = correction.begin(estimate, learning.passed)
+        else:
+            check_factor(*motion_factor(watch.sweeps[-1:], table.reduction_ratio, watch.sensing, orders, estimate.arm))
         arm_hz = estimate.arm.resonance_hz
         scale = scale or scale_at(bench, axis, arm_hz)  # of the first: all are judged alike
+        if not learning.passes:
+            judge.begin(recording, motion, estimate, scale)
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
-        seen = judge.read(recording, motion, tuple(correction.acted), gain, estimate, scale)
-        learning.passed = frozenset(k for k in orders if is_passed(watch.sweeps, arm_hz, k))
-        if is_fitted:
-            correction.begin(estimate, learning.passed)
         if number >= FIRST_WHOLE:
-            correction.take(seen, learning.passed, arm_hz)
-        verdicts = judge.verdicts(seen, gain)
-        is_last = number == passes or (number >= FIRST_WHOLE and not correction.is_open(verdicts, arm_hz))
+            correction.take({k: each for k, each in seen.items() if k not in begun}, learning.passed, arm_hz)
+        wanted = significant(learning.part()).amplitudes_arcsec() if learning.passes else {}
+        is_last = number == passes or (number >= FIRST_WHOLE and not correction.is_open(verdicts, wanted, arm_hz))
         learning.passes.append(LearntPass(gain, vibration, estimate, correction.set_point_delay_s, learning.values(), verdicts))
         _leave_out_wrong(learning, number, recording, is_last=is_last)
         if is_last:

@@ -37,33 +37,41 @@ class PassJudge:
         self._response: Response | None = None
         self._without: dict[float, list[Seen]] = {}
 
-    def read(
-        self,
-        recording: Recording,
-        motion: Ramps,
-        orders: Sequence[float],
-        gain: float,
-        estimate: JointEstimate,
-        scale: TipScale,
-    ) -> dict[float, list[Seen]]:
-        """Read what is left of each order that was cancelled, in each direction.
+    def begin(self, recording: Recording, motion: Ramps, estimate: JointEstimate, scale: TipScale) -> None:
+        """Read the first pass, with which the others are compared.
 
-        The first pass, without a cancellation, is what the others are compared with.
+        Args:
+            recording: Recording of the pass, without a cancellation.
+            motion: Ramps of the pass.
+            estimate: Estimate from it.
+            scale: Scale of the axis.
+        """
+        self._response = self._first(recording, motion, estimate, scale)
+        fitted = tuple({*estimate.error.amplitude_arcsec, *self._known_orders})
+        self._without = self.read(recording, motion, fitted, 0.0, scale)
+
+    def read(
+        self, recording: Recording, motion: Ramps, orders: Sequence[float], gain: float, scale: TipScale
+    ) -> dict[float, list[Seen]]:
+        """Read what is left of each order in each direction.
 
         Args:
             recording: Recording of the pass.
             motion: Ramps of the pass.
             orders: Orders that were cancelled.
             gain: Fraction of the cancellation that acted.
-            estimate: Estimate after the pass.
             scale: Scale of the axis.
         """
-        if self._response is None:
-            self._response = self._first(recording, motion, estimate, scale)
-            fitted = tuple({*estimate.error.amplitude_arcsec, *self._known_orders})
-            self._without = self._seen(recording, motion, fitted, 0.0, scale)
-            return {}
-        return self._seen(recording, motion, orders, gain, scale)
+        assert self._response is not None  # noqa: S101 - made by the first pass
+        waves = self._waves(recording, motion, tuple(self._orders(orders)), self._response)
+        directions = motion.direction()[: len(recording.time_s)]
+        found: dict[float, list[Seen]] = {order: [] for order in orders}
+        for way in DIRECTIONS:
+            sighting = sight(recording, waves, directions == way, scale.band_hz)
+            for order, sights in found.items():
+                part = Part(self._axis, order)
+                sights.append(Seen(way, gain, sighting.amplitude[part], sighting.variance(part)))
+        return found
 
     def verdicts(self, seen: Mapping[float, Sequence[Seen]], gain: float) -> tuple[PartVerdict, ...]:
         """Verdict on each order of a pass, against the first one.
@@ -86,20 +94,6 @@ class PassJudge:
 
     def _waves(self, recording: Recording, motion: Ramps, orders: Sequence[float], response: Response) -> tuple[AxisWaves, ...]:
         return waves_of(self._bench, {self._axis: response}, {self._axis: orders}, motion.motion, recording)
-
-    def _seen(
-        self, recording: Recording, motion: Ramps, orders: Sequence[float], gain: float, scale: TipScale
-    ) -> dict[float, list[Seen]]:
-        assert self._response is not None  # noqa: S101 - made by the first pass
-        waves = self._waves(recording, motion, tuple(self._orders(orders)), self._response)
-        directions = motion.direction()[: len(recording.time_s)]
-        found: dict[float, list[Seen]] = {order: [] for order in orders}
-        for way in DIRECTIONS:
-            sighting = sight(recording, waves, directions == way, scale.band_hz)
-            for order, sights in found.items():
-                part = Part(self._axis, order)
-                sights.append(Seen(way, gain, sighting.amplitude[part], sighting.variance(part)))
-        return found
 
     def _orders(self, orders: Sequence[float]) -> set[float]:
         """Orders that are fitted: those of this and the first pass."""

@@ -99,7 +99,7 @@ def values_of(annotation: Any) -> st.SearchStrategy[Any]:
 def test_results_of_two_orders_with_fields_of_their_own_are_read(tmp_path):
     base = {"schema": 2, "bench": measured_bench().model_dump(mode="json", by_alias=True)}
     values = {"a2_arcsec": 5.0, "phi2_deg": 222.0, "a4_arcsec": 3.0, "phi4_deg": 126.0}
-    once = {"gain": 1.0, "vibration_m_s2": 0.1, "set_point_delay_s": 0.0, **values}
+    once = {"gain": 1.0, "vibration_m_s2": 0.1, "set_point_delay_s": 0.0, "following": 0.98, **values}
     axis = {"axis": 2, "reduction_fraction": 0.9, "passes": [once], "ate": ERROR.model_dump(mode="json")}
     (tmp_path / "result.json").write_text(json.dumps({**base, "kind": "learn", "model": "m.toml", "learnt": [axis]}))
     learnt = load_result(tmp_path, LearningResult, "")

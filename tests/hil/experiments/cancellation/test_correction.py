@@ -170,19 +170,55 @@ def test_a_fit_that_is_wrong_is_corrected_by_the_passes_though_it_claimed_to_be_
     assert correction.values()[2].phasor == pytest.approx(silent[2], rel=0.005)
 
 
-def test_a_refused_value_gives_way_to_the_known_one_or_the_order_is_left_out() -> None:
+WRONG = MappingProxyType({**TRUE, 2: (14.6, 67.0)})
+
+
+def refused(correction: Correction, true: tuple[float, float], *, is_last: bool = False) -> set[float]:
+    """Orders that are left out after the verdict on what acted on order 2."""
+    wrong = verdict(2, correction.acted[2], true)
+    assert wrong.verdict == "refused"
+    return set(correction.judged([wrong], ALL, is_last=is_last))
+
+
+def test_a_refused_fit_gives_way_to_the_known_value_and_does_not_come_back() -> None:
     correction = known()
-    correction.begin(fitted({**TRUE, 2: (14.6, 67.0)}), ALL)
+    correction.begin(fitted(WRONG), ALL)
     act(correction)
-    assert correction.judged([verdict(2, correction.acted[2], TRUE[2])], ALL, is_last=False) == {}
+    assert refused(correction, TRUE[2]) == set()
     assert correction.values()[2].phase_deg == 247.0
-    correction.begin(fitted({**TRUE, 2: (14.6, 67.0)}), ALL)
-    assert correction.values()[2].phase_deg == 247.0, "a fit that was refused does not come back"
+    correction.begin(fitted(WRONG), ALL)
+    assert correction.values()[2].phase_deg == 247.0
+    assert correction.notes() == []
+
+
+def test_a_refused_known_value_gives_way_to_a_fit_that_the_pass_does_not_speak_against() -> None:
+    correction = known(WRONG)
+    correction.begin(fitted(error=20.0), ALL)  # the first pass does not show it
+    act(correction)
+    correction.begin(fitted(), ALL)
+    assert refused(correction, TRUE[2]) == set()
+    assert correction.values()[2].phase_deg == 247.0
+
+
+@pytest.mark.parametrize("is_last", [False, True])
+def test_an_order_is_left_out_where_the_pass_speaks_against_every_value(*, is_last: bool) -> None:
     correction = known()
     correction.begin(fitted(), ALL)
     act(correction)
-    wrong = correction.judged([verdict(2, correction.acted[2], (14.6, 67.0))], ALL, is_last=False)
-    assert set(wrong) == {2}, "both are the same, and wrong"
+    assert refused(correction, (14.6, 67.0), is_last=is_last) == {2}, "both are the same, and wrong"
+    correction = known()
+    correction.begin(fitted({**TRUE, 2: (14.6, 157.0)}), ALL)
+    act(correction)
+    assert refused(correction, (14.6, 337.0), is_last=is_last) == {2}, "the known one is 90° off"
+
+
+def test_a_value_that_was_refused_is_not_tried_again() -> None:
+    correction = known()
+    correction.begin(fitted(WRONG), ALL)
+    act(correction)
+    assert refused(correction, TRUE[2]) == set()
+    act(correction)
+    assert refused(correction, WRONG[2]) == {2}, "both have been refused"
 
 
 def test_learning_goes_on_until_next_to_nothing_is_left_and_every_new_order_is_judged() -> None:
@@ -191,12 +227,14 @@ def test_learning_goes_on_until_next_to_nothing_is_left_and_every_new_order_is_j
         correction.begin(fitted(), ALL)
         act(correction)
         correction.take(left(correction, {order: 1.05 * each for order, each in silent.items()}), ALL, ARM_HZ)
-        assert correction.is_open([], ARM_HZ), "5 % is left"
+        assert correction.is_open([], ALL, ARM_HZ), "5 % is left"
         act(correction)
         correction.take(left(correction, {order: 1.05 * each for order, each in silent.items()}), ALL, ARM_HZ)
-        assert not correction.is_open([], ARM_HZ)
+        assert not correction.is_open([], ALL, ARM_HZ)
+        assert correction.is_open([], {*ALL, 3}, ARM_HZ), "an order has not been cancelled yet"
         unclear = verdict(2, correction.acted[2], TRUE[2], sigma=2.0)
-        assert correction.is_open([unclear], ARM_HZ) == is_open
+        assert correction.is_open([unclear], ALL, ARM_HZ) == is_open
+        assert correction.is_open([verdict(2, correction.acted[2], (14.6, 67.0))], ALL, ARM_HZ), "one was refused"
 
 
 def test_the_foot_of_a_resonance_refuses_nothing_that_was_known() -> None:
@@ -206,6 +244,38 @@ def test_the_foot_of_a_resonance_refuses_nothing_that_was_known() -> None:
         at_the_foot = verdict(1, correction.acted[1], (28.0, 210.0))
         assert at_the_foot.verdict == "refused"
         assert set(correction.judged([at_the_foot], {2, 4}, is_last=True)) == refused
+
+
+def test_an_order_that_a_last_pass_cannot_judge_returns_to_what_was_known() -> None:
+    correction = known()
+    correction.begin(fitted({**TRUE, 4: (1.7, 238.0)}), ALL)
+    act(correction)
+    assert correction.acted[4].phase_deg == 238.0
+    unclear = verdict(4, correction.acted[4], TRUE[4], sigma=2.0)
+    assert correction.judged([unclear], ALL, is_last=True) == {}
+    assert correction.values()[4].phase_deg == 58.0
+
+
+def test_a_correction_that_is_not_made_as_calculated_is_said_and_no_exact_transmission_error() -> None:
+    correction = known()
+    correction.begin(fitted(), ALL)
+    silent = {order: 1.3 * phasor(value) for order, value in TRUE.items()}
+    for _ in range(4):
+        act(correction)
+        correction.take(left(correction, silent), ALL, ARM_HZ)
+    value = correction.values()[2]
+    assert value.amplitude_arcsec == pytest.approx(1.3 * 14.6, rel=0.01)
+    assert value.amplitude_error == pytest.approx(0.3 * 14.6 / math.sqrt(2.0), rel=0.05)
+    assert "order 2 is silenced by 18.98″ at 247.0°, while its error is A_2 = 14.60 ± 0.10″" in correction.notes()[1]
+
+
+def test_a_motor_does_not_lead_its_set_points() -> None:
+    correction = known()
+    correction.begin(fitted(), ALL)
+    silent = {order: phasor(value) for order, value in TRUE.items()}
+    act(correction)
+    correction.take(left(correction, silent, late_s=-3e-3), ALL, ARM_HZ)
+    assert abs(correction.set_point_delay_s) < 4e-4
 
 
 def test_what_a_last_pass_cannot_judge_is_kept_where_it_was_known_and_else_left_out() -> None:
