@@ -1,6 +1,6 @@
-"""Correction of an axis that silences its tip, and the delay of its set-points.
+"""Correction of an axis that silences its tip.
 
-What is learnt is z_k = A_k e^{jφ_k} of the correction with which order k shakes the tip no more. Where the motor makes the
+The delay of its set-points is learnt beside it. What is learnt is z_k = A_k e^{jφ_k} of the correction with which order k shakes the tip no more. Where the motor makes the
 correction as calculated, that is the transmission error itself.
 
 A pass with the whole correction c_k leaves in direction d = ±1 of turning
@@ -138,11 +138,11 @@ class Correction:
 
     @classmethod
     def of_axis(cls, identified: Identified | None, axis: int, period_s: float) -> "Correction":
-        """Correction of an axis in a model file, empty without one, at a SYNC period."""
+        """Correction of an axis in a model file; empty without one."""
         return cls.of(None if identified is None or axis not in identified.axis else identified.axis[axis].ate, period_s)
 
     def begin(self, estimate: JointEstimate, passed: Collection[float]) -> set[float]:
-        """Take the prior of each order from what was known and a fit.
+        """Take each order's prior from what was known and a fit.
 
         A fit that contradicts what was known holds, with their difference for its standard error. An order of which a pass has
         already shown the rest keeps its prior.
@@ -187,7 +187,7 @@ class Correction:
         return fitted
 
     def _prior_of(self, order: float, value: OrderValue) -> dict[str, tuple[float, float]]:
-        """Mean and standard error of both components of an order's correction, by name."""
+        """Prior of both components of an order's correction, by name."""
         other = self.contradicted.get(order)
         sigma = value.sigma_arcsec if other is None else max(value.sigma_arcsec, abs(value.phasor - other.phasor))
         error = math.hypot(sigma, MADE_ERROR * value.amplitude_arcsec) / math.sqrt(2.0)
@@ -227,7 +227,7 @@ class Correction:
         return "the passes show it less exactly"
 
     def _is_made_otherwise(self, order: float) -> bool:
-        """True if the correction that silences the tip is another than the error that began."""
+        """True if the correction differs from the error that began."""
         begun, error = self._begun[order], self.error_arcsec(order)
         off = abs(self._phasor(order) - begun.phasor)
         return off > AGREE_SIGMAS * math.sqrt(begun.sigma_arcsec**2 + 2.0 * error**2 + (MADE_ERROR * begun.amplitude_arcsec) ** 2)
@@ -243,7 +243,7 @@ class Correction:
 
     @property
     def set_point_delay_s(self) -> float:
-        """Delay of the set-points; the known one if no pass has shown it."""
+        """Delay of the set-points as it is known so far."""
         return self.delay_s if self._posterior is None else self._posterior.value(DELAY)
 
     @property
@@ -303,7 +303,7 @@ class Correction:
             self._prior = prior
 
     def left_fraction(self, resonance_hz: float) -> float:
-        """Fraction that the last correction leaves of the vibration, as it is expected.
+        """Expected fraction of the vibration that the last correction leaves.
 
         √(Σ E|z_k − c_k e^{−jω(δ − δ_c)}|² / Σ|c_k|²) over the orders whose resonance is passed.
 
@@ -372,7 +372,7 @@ class Correction:
         for each in (self.known.get(order), self._fits.get(order)):
             if each is None or any(abs(each.phasor - old.phasor) <= SAME * abs(old.phasor) for old in self._refused[order]):
                 continue
-            if verdict.ratio is None or _left(each, self.acted[order], verdict.ratio) <= MOST_LEFT:
+            if verdict.ratio is None or _would_leave(each, self.acted[order], verdict.ratio) <= MOST_LEFT:
                 return each
         return None
 
@@ -402,8 +402,8 @@ class Correction:
         return found
 
 
-def _left(value: OrderValue, acted: OrderValue, ratio: complex) -> float:
-    """Fraction of an order that a value would leave, by the verdict on another one."""
+def _would_leave(value: OrderValue, acted: OrderValue, ratio: complex) -> float:
+    """Fraction that a value would leave, by the verdict on another."""
     return abs(ratio - value.phasor / acted.phasor) / max(abs(ratio), 1e-30)
 
 
@@ -417,7 +417,7 @@ def _imaginary(order: float) -> str:
 
 @dataclass(frozen=True)
 class _Left:
-    """What a pass has left of an order in one direction, and with which correction.
+    """Rest of an order in one direction of a pass.
 
     Attributes:
         order: Order k.

@@ -101,8 +101,8 @@ def estimates(result: LearningResult) -> ReportTable | None:
     ]
     header = ("", "After pass", *symbols, "Set-point delay (ms)")
     caption = (
-        "The correction that silences the tip, as it is known after each pass: of the first two by a fit of both, of later "
-        "ones by the vibration that they leave. Set-point delay: lag of the motor beyond its SYNC period and its "
+        "The correction that silences the tip, as it is known after each pass: at first from the model file or by a fit, then "
+        "by the vibration that passes with all of it leave. Set-point delay: lag of the motor beyond its SYNC period and its "
         "interpolation."
     )
     return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)
