@@ -1,7 +1,7 @@
 """Correction of an axis that silences its tip.
 
-The delay of its set-points is learnt beside it. What is learnt is z_k = A_k e^{jφ_k} of the correction with which order k shakes the tip no more. Where the motor makes the
-correction as calculated, that is the transmission error itself.
+The delay of its set-points is learnt beside it. What is learnt is z_k = A_k e^{jφ_k} of the correction with which order k shakes
+the tip no more. Where the motor makes the correction as calculated, that is the transmission error itself.
 
 A pass with the whole correction c_k leaves in direction d = ±1 of turning
 
