@@ -8,6 +8,7 @@ import pytest
 
 from hil.bench.bench import Bench, load_bench
 from hil.bench.model import Identified, IdentifiedAxis, IdentifiedMode, IdentifiedPlant, load_identified
+from hil.experiments.cancellation.correction import error_of
 from hil.experiments.cancellation.learning import learn
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
@@ -46,7 +47,7 @@ def test_learning_on_an_arm_turns_its_joint_little_and_finds_the_error(axis: int
     joint_deg = np.degrees(np.array(turned)) / bench.axis[axis].reduction_ratio
     assert 8.0 < float(np.max(np.abs(joint_deg))) < 10.5
     assert abs(ended - began) < 0.1  # the next axis finds the arm in the same posture
-    true, found = robot.axis[axis].ate, learnt.estimate.error
+    true, found = robot.axis[axis].ate, error_of(learnt.values())
     for order, amplitude in true.amplitudes_arcsec().items():
         assert found.amplitude_arcsec[order] == pytest.approx(amplitude, abs=0.35)
         apart = (found.phase_deg[order] - true.phases_deg()[order] + 180.0) % 360.0 - 180.0
@@ -103,7 +104,7 @@ def test_an_axis_whose_leading_mode_is_not_the_arms_lowest_is_learnt_with_the_mo
     with session_of(bench, robot) as session:
         session.bring_up()
         learnt = learn(session, 5, known, passes=4)
-    found = learnt.estimate.error
+    found = error_of(learnt.values())
     assert found.amplitude_arcsec[2] == pytest.approx(10.0, abs=0.3)
     assert found.amplitude_arcsec[4] == pytest.approx(5.0, abs=0.3)
     assert found.phase_deg[2] == pytest.approx(40.0, abs=3.0)
