@@ -73,7 +73,7 @@ class Access(Enum):
     @property
     def is_writable(self) -> bool:
         """True if an SDO may write the entry."""
-        return self not in {Access.RO, Access.CONST}
+        return self is not Access.RO and self is not Access.CONST  # a set would be built anew, by hashes
 
 
 class ObjectType(IntEnum):
