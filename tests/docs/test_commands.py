@@ -80,6 +80,8 @@ ELSEWHERE = {
 """Commands that run on another page, where they stand to the letter: they take a minute."""
 
 SHORTENED = {
+    ("docs/arm.md", "hil learn --motion line-motion --bench mine/bench-27.toml --model mine/learnt.toml"): "--orders 2",
+    ("docs/arm-identification.md", "hil learn --bench reference-arm --axis 2 --model learnt.toml"): "--passes 3",
     (
         "docs/design.md",
         "hil design notch --bench bench.toml --axis 3 --order both --shape trapezoid --phase-margin-deg 40",
@@ -106,6 +108,10 @@ SHORTENED = {
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --notch design/design.toml"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --spread spread.toml --runs 5000 --seed 7"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --experiment line-motion --runs 300"): "--runs 4",
+    (
+        "docs/rehearsal.md",
+        "python -m plant_emulator.rehearsal.evidence record evidence --kind linear --seeds 40001-40020",
+    ): "--seeds 40001",
     ("docs/rehearsal.md", "plant-emulator rehearse --seeds 1-1000 --out rehearsal"): "--seeds 4",
     ("docs/rehearsal.md", "plant-emulator rehearse --seeds 1-1000 --out rehearsal --resume"): "--seeds 4",
 }
