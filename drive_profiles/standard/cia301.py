@@ -144,9 +144,10 @@ class DataType(IntEnum):
     @property
     def is_real(self) -> bool:
         """True if the values are floating-point numbers."""
-        return self is DataType.REAL32 or self is DataType.REAL64  # a set would be built anew, by hashes
+        return self in _REAL
 
 
+_REAL = frozenset({DataType.REAL32, DataType.REAL64})
 _FORMATS = {
     DataType.BOOLEAN: "?",
     DataType.INTEGER8: "b",

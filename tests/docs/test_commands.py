@@ -80,8 +80,6 @@ ELSEWHERE = {
 """Commands that run on another page, where they stand to the letter: they take a minute."""
 
 SHORTENED = {
-    ("docs/arm.md", "hil learn --motion line-motion --bench mine/bench-27.toml --model mine/learnt.toml"): "--orders 2",
-    ("docs/arm-identification.md", "hil learn --bench reference-arm --axis 2 --model learnt.toml"): "--passes 3",
     (
         "docs/design.md",
         "hil design notch --bench bench.toml --axis 3 --order both --shape trapezoid --phase-margin-deg 40",
