@@ -107,6 +107,12 @@ class SlaveMachine(RuleBasedStateMachine):
         for step in range(steps):
             self.ask(port, bytes((0x60 | step % 2 << 4, *bytes(7))), fates)
 
+    @rule(port=PORTS, place=LONG, silence=st.sampled_from((4_999 * MS, 5_001 * MS)))
+    def fall_silent(self, port, place, silence):
+        """A transfer with which nobody goes on: by chance alone one hardly ever outlasts its time."""
+        self.ask(port, struct.pack("<BHB4x", 0x40, *place))
+        self.watched.wait(silence)
+
     @rule(
         port=PORTS,
         place=LONG,
