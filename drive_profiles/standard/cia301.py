@@ -120,6 +120,8 @@ class DataType(IntEnum):
     INTEGER64 = 0x15
     UNSIGNED64 = 0x1B
 
+    __hash__ = int.__hash__  # Enum's is of the name, in Python: every encoding looks its packer up
+
     @property
     def struct_format(self) -> str | None:
         """Format character for `struct`, or None for strings and domains.
@@ -142,9 +144,10 @@ class DataType(IntEnum):
     @property
     def is_real(self) -> bool:
         """True if the values are floating-point numbers."""
-        return self in {DataType.REAL32, DataType.REAL64}
+        return self in _REAL
 
 
+_REAL = frozenset({DataType.REAL32, DataType.REAL64})
 _FORMATS = {
     DataType.BOOLEAN: "?",
     DataType.INTEGER8: "b",

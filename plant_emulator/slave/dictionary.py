@@ -8,6 +8,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
+from functools import lru_cache
 from typing import Any
 
 from drive_profiles.standard.cia301 import MAX_NODE_ID, PACKERS, DataType, SdoAbortCode, Value, abort_text, decode, encode
@@ -73,7 +74,10 @@ class Access(Enum):
     @property
     def is_writable(self) -> bool:
         """True if an SDO may write the entry."""
-        return self not in {Access.RO, Access.CONST}
+        return self not in _READ_ONLY
+
+
+_READ_ONLY = (Access.RO, Access.CONST)
 
 
 class ObjectType(IntEnum):
@@ -279,6 +283,15 @@ class SharedCell(Cell):
         self._values[self._place] = int(value)
 
 
+@lru_cache(maxsize=1 << 12)
+def _count_entry(last: Entry) -> Entry:
+    """Return sub-index 0 of the array or record whose highest sub-index this is; nodes are made by the thousand."""
+    return replace(
+        last, subindex=0, name="Highest sub-index supported", data_type=DataType.UNSIGNED8, access=Access.RO,
+        default=last.subindex, low=None, high=None, mappable=False, node_relative=False,
+    )  # fmt: skip
+
+
 class Dictionary:
     """All entries of a node.
 
@@ -313,16 +326,9 @@ class Dictionary:
             self._highest[entry.index] = entry.subindex
         for index, highest in self._highest.items():
             if highest > 0 and (index, 0) not in self._cells:
-                self._cells[index, 0] = Cell(self._count_entry(index, highest))
+                self._cells[index, 0] = Cell(_count_entry(self._cells[index, highest].entry))
         self._cells = dict(sorted(self._cells.items()))
         self.reset(ResetKind.NODE)
-
-    def _count_entry(self, index: int, highest: int) -> Entry:
-        sibling = self._cells[index, highest].entry
-        return replace(
-            sibling, subindex=0, name="Highest sub-index supported", data_type=DataType.UNSIGNED8, access=Access.RO,
-            default=highest, low=None, high=None, mappable=False, node_relative=False,
-        )  # fmt: skip
 
     def __contains__(self, address: tuple[int, int]) -> bool:
         """Return True if there is an entry at (index, sub-index)."""

@@ -106,6 +106,10 @@ SHORTENED = {
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --notch design/design.toml"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --spread spread.toml --runs 5000 --seed 7"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --experiment line-motion --runs 300"): "--runs 4",
+    (
+        "docs/rehearsal.md",
+        "python -m plant_emulator.rehearsal.evidence record evidence --kind linear --seeds 40001-40020",
+    ): "--seeds 40001",
     ("docs/rehearsal.md", "plant-emulator rehearse --seeds 1-1000 --out rehearsal"): "--seeds 4",
     ("docs/rehearsal.md", "plant-emulator rehearse --seeds 1-1000 --out rehearsal --resume"): "--seeds 4",
 }

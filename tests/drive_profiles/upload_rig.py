@@ -4,6 +4,7 @@ import random
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from drive_profiles.device.device import Device
@@ -74,9 +75,10 @@ def profile() -> Profile:
 PROFILE = profile()
 
 
-def node(status_word: int = SWITCH_ON_DISABLED, more: Iterable[Entry] = ()) -> Slave:
-    entries = [
-        *more,
+@cache
+def entries(status_word: int) -> tuple[Entry, ...]:
+    """What the node holds; nobody changes it, and checking it takes longer than a short upload."""
+    made = [
         *communication_entries(device_type=0x192, name="Rig", vendor_id=0x1234, product_code=0x402, revision=1, serial_number=7),
         *store_entries(),
         *pdo_entries(),
@@ -88,8 +90,12 @@ def node(status_word: int = SWITCH_ON_DISABLED, more: Iterable[Entry] = ()) -> S
     for n in range(PARAMETERS):
         kind = DataType[TYPES[n % 6]]
         value = float(old_value(n)) if kind.is_real else int(old_value(n))
-        entries.append(Entry(0x2000 + n, 1, f"P {n}", kind, Access.RW, value, record_name=f"R {n}"))
-    slave = Slave(NODE, Dictionary(entries), store_time_ns=STORE_NS)
+        made.append(Entry(0x2000 + n, 1, f"P {n}", kind, Access.RW, value, record_name=f"R {n}"))
+    return tuple(Dictionary(made))
+
+
+def node(status_word: int = SWITCH_ON_DISABLED, more: Iterable[Entry] = ()) -> Slave:
+    slave = Slave(NODE, Dictionary([*more, *entries(status_word)]), store_time_ns=STORE_NS)
     slave.power_on(0)
     return slave
 

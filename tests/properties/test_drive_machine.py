@@ -304,10 +304,11 @@ MACHINES = [DriveMachine, SwitchedDrive, SlowDrive, VendorDrive]
 
 
 @pytest.mark.ci
+@pytest.mark.part
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
 def test_a_drive_keeps_its_promises_for_a_tenth_of_a_long_time(machine):
-    run_for(machine, examples=60, steps=100)
+    run_for(machine, examples=24, steps=100)
 
 
 @pytest.mark.slow
@@ -317,5 +318,5 @@ def test_a_drive_keeps_its_promises_for_a_long_time(machine):
     wanted = {f"state {state}" for state in STATES} | {
         f"mode {mode} law {each}" for mode, each in UNDER_TORQUE if mode in machine.modes
     }
-    run_for(machine, examples=600, steps=100)
+    run_for(machine, examples=240, steps=100)
     assert not wanted - set(REACHED[machine])

@@ -107,6 +107,12 @@ class SlaveMachine(RuleBasedStateMachine):
         for step in range(steps):
             self.ask(port, bytes((0x60 | step % 2 << 4, *bytes(7))), fates)
 
+    @rule(port=PORTS, place=LONG, silence=st.sampled_from((4_999 * MS, 5_001 * MS)))
+    def fall_silent(self, port, place, silence):
+        """A transfer with which nobody goes on: by chance alone one hardly ever outlasts its time."""
+        self.ask(port, struct.pack("<BHB4x", 0x40, *place))
+        self.watched.wait(silence)
+
     @rule(
         port=PORTS,
         place=LONG,
@@ -318,16 +324,17 @@ MACHINES = [SlaveMachine, UnconfiguredSlave]
 
 
 @pytest.mark.ci
+@pytest.mark.part
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
 def test_a_node_answers_each_request_once_for_a_tenth_of_a_long_time(machine):
-    run_for(machine, examples=100, steps=100)
+    run_for(machine, examples=40, steps=100)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
 def test_a_node_answers_each_request_once_for_a_long_time(machine):
-    run_for(machine, examples=1000, steps=100)
+    run_for(machine, examples=400, steps=100)
     missing = {f"SDO {state}" for state in SDO_STATES} - set(REACHED[machine])
     assert not missing

@@ -115,7 +115,7 @@ class NodeWatch:
             return
         self._look(before, frames)
         for channel, sdo in self.sdos.items():
-            ids = self._ids(channel)
+            ids = self._ids(channel) if frames else None
             sdo.passed([] if ids is None else [f.data for f in frames if f.can_id == ids[1]], now)
 
     def _was_reset(self, frames):
