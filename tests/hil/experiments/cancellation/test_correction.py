@@ -266,7 +266,7 @@ def test_a_correction_that_is_not_made_as_calculated_is_said_and_no_exact_transm
     value = correction.values()[2]
     assert value.amplitude_arcsec == pytest.approx(1.3 * 14.6, rel=0.01)
     assert value.amplitude_error == pytest.approx(0.3 * 14.6 / math.sqrt(2.0), rel=0.05)
-    assert "order 2 is silenced by 18.98″ at 247.0°, while its error is A_2 = 14.60 ± 0.10″" in correction.notes()[1]
+    assert "order 2 is silenced by 18.98″ at 247.0°, while learning began with A_2 = 14.60 ± 0.10″" in correction.notes()[1]
 
 
 def test_a_motor_does_not_lead_its_set_points() -> None:
