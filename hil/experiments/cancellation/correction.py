@@ -397,7 +397,7 @@ class Correction:
             elif value.source == "learnt" and value is not begun and self._is_made_otherwise(order):
                 found.append(
                     f"order {order:g} is silenced by {value.amplitude_arcsec:.2f}″ at {value.phase_deg:.1f}°, while learning "
-                    f"began with {begun.words(order)}: that value is wrong, or the motor does not make the correction as calculated"
+                    f"began with {begun.words(order)}: that value is wrong, or the motor does not make the calculated correction"
                 )
         return found
 
