@@ -19,7 +19,7 @@ PROBED_EVERY = 5
 
 HOLD = ("wrong_refused", "whole")
 """Claims that these robots keep without an exception; the first is of those that are probed."""
-NEAR = {"never_worse": 0.1, "quiet_linear": 0.8, "quiet_real": 0.75}
+NEAR = {"never_worse": 0.1, "quiet_linear": 0.9, "quiet_real": 0.85}
 """Claims that chance decides on forty robots (docs/rehearsal-results.md has the figures): what must hold of them all the same.
 
 The fraction that is worse at most, and those that are quiet at least. A change that costs more than chance does is seen by this.
