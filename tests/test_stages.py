@@ -1,12 +1,10 @@
 """The summary of a test tier: what failed, what each stage took, and whether anything of a user's was written."""
 
 import sys
-from pathlib import Path
 
 import pytest
 
 from tests import stages
-from tests.plant_emulator.rehearsal import test_unseen_robots
 
 FAILING = "import pytest\n\n\ndef test_good():\n    pass\n\n\ndef test_bad():\n    assert False\n"
 
@@ -82,13 +80,3 @@ def test_only_the_whole_tier_draws_new_examples():
     assert not any("random" in word for tier in ("everyday", "ci") for each in stages.stages(tier, 7) for word in each.command)
     drawn = [each.command for each in stages.stages("all", 7) if each.name == "tests"]
     assert {"--hypothesis-profile=random", "--hypothesis-seed=7"} <= set(*drawn)
-
-
-def test_what_the_whole_tier_leaves_out_is_a_part_of_what_it_runs():
-    path, _, name = stages.UNSEEN_PART.removesuffix("[few]").partition("::")
-    assert path == str(Path(test_unseen_robots.__file__).relative_to(stages.ROOT))
-    [mark] = [each for each in getattr(test_unseen_robots, name).pytestmark if each.name == "parametrize"]
-    seeds = {each.id: set(each.values[0]) for each in mark.args[1]}
-    assert seeds["few"] < seeds["all"]
-    [whole] = [each.command for each in stages.stages("all", 7) if each.name == "tests"]
-    assert whole[whole.index("--deselect") + 1] == stages.UNSEEN_PART

@@ -3,6 +3,8 @@
 import datetime
 import json
 import math
+import random
+import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +15,11 @@ from drive_profiles.files.toml import loads
 from hil.analysis import Metrics, line_motion_metrics
 from hil.bench.bench import Bench, load_bench
 from hil.bench.model import Identified, IdentifiedPlant, load_identified
+from hil.can.frame import Frame
 from hil.errors import NotPossibleError
+from hil.experiments.ate.checks import AteNotIdentifiedError
 from hil.experiments.ate.identify import as_part, identify_on
+from hil.experiments.ate.motion import Ramps
 from hil.experiments.ate.request import AteRequest, AxisKnowledge
 from hil.experiments.cancellation import learning
 from hil.experiments.cancellation.cancellation import (
@@ -31,7 +36,7 @@ from hil.experiments.cancellation.trial import averaged, choose, verify
 from hil.experiments.cancellation.verification import CancellationRefusedError
 from hil.experiments.judge import axis_scale
 from hil.experiments.motions import constant_acceleration, line_motion
-from hil.master.motion import FilterUse, Motion
+from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
 from hil.robot_tables import PlantTable
@@ -42,6 +47,7 @@ from plant_emulator.rehearsal.probes import model_of
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 from tests.bench.conftest import with_bus, with_motion
+from tests.hil.commissioning.test_check import TIP, TamperedChannel
 
 NOISY = {"noise_m_s2": 0.05, "resolution_m_s2": 0.01}
 """Reference robot's friction, gravity and 17-bit encoder, with a sensor of 0.05 m/s² and 1 mg."""
@@ -337,6 +343,24 @@ def test_identified_cancellation_at_1_ms_and_1_mbit() -> None:
     before, after = line(session, None, repeat=3), line(session, cancellation, repeat=3)
     assert after.tip_peak_mm <= 0.010
     assert after.spectrum_area <= 0.10 * before.spectrum_area
+
+
+@pytest.mark.ci
+def test_a_sensor_that_comes_loose_in_a_later_pass_is_not_taken_for_a_quiet_tip() -> None:
+    """Noise alone looks like a cancellation that leaves nothing."""
+    channel, chance = TamperedChannel(World(robot_of(NOISY))), random.Random(3)
+    session = Session(without_ate(with_bus(load_bench("reference"), answer_timeout_s=0.05)), channel, BusLog(None))
+    session.bring_up()
+
+    def noise(frame: Frame) -> Frame:
+        return Frame(TIP, struct.pack("<hhh", *(chance.randint(-5, 5) for _ in "xyz"))) if frame.can_id == TIP else frame
+
+    def keep(number: int, result: RunResult, motion: Ramps) -> None:
+        if number == 2:
+            channel.incoming = noise
+
+    with pytest.raises(AteNotIdentifiedError, match="deviation of the tip's response to the motor"):
+        learn(session, 2, keep=keep)
 
 
 @pytest.mark.slow

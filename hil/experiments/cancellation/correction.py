@@ -445,22 +445,20 @@ class _Left:
 
 def _observed(prior: Estimate, left: Sequence[_Left]) -> Estimate:
     """Posterior of z_k and δ after what passes have left."""
-    rows, values, variances = np.zeros((2 * len(left), len(prior.names))), [], []
     at = {name: index for index, name in enumerate(prior.names)}
-    for index, each in enumerate(left):
-        shown, names = (
-            each.shown(0.0),
-            zip((_real(each.order), _imaginary(each.order)), _bias(each.order, each.seen.direction), strict=True),
-        )
-        for row, (name, bias), part, by_delay in zip(
-            (2 * index, 2 * index + 1), names, (shown.real, shown.imag), (each.late.real, each.late.imag), strict=True
-        ):
-            rows[row, at[name]], rows[row, at[DELAY]] = 1.0, by_delay
-            if bias in at:
-                rows[row, at[bias]] = 1.0
+    rows, values, variances = [], [], []
+    for each in left:
+        shown, bias = each.shown(0.0), _bias(each.order, each.seen.direction)
+        components = (_real(each.order), shown.real, each.late.real), (_imaginary(each.order), shown.imag, each.late.imag)
+        for (name, part, by_delay), bias_name in zip(components, bias, strict=True):
+            row = np.zeros(len(at))
+            row[at[name]], row[at[DELAY]] = 1.0, by_delay
+            if bias_name in at:
+                row[at[bias_name]] = 1.0
+            rows.append(row)
             values.append(part)
             variances.append(_variance(each.seen))
-    return prior.observed(rows, np.array(values), np.array(variances))
+    return prior.observed(np.array(rows), np.array(values), np.array(variances))
 
 
 def _bias(order: float, direction: int) -> tuple[str, str]:

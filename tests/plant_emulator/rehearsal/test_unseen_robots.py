@@ -27,14 +27,15 @@ The fraction that is worse at most, and those that are quiet at least. A change 
 
 FEW = range(10_046, 10_048)
 """Seeds of the short variant, on the same path: a robot of each kind, neither of them probed."""
+ALL = range(FIRST, FIRST + ROBOTS)
 
 
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize(
     "seeds",
     [
-        pytest.param(FEW, marks=pytest.mark.ci, id="few"),
-        pytest.param(range(FIRST, FIRST + ROBOTS), marks=pytest.mark.slow, id="all"),
+        pytest.param(FEW, marks=[pytest.mark.ci, pytest.mark.part], id="few"),
+        pytest.param(ALL, marks=pytest.mark.slow, id="all"),
     ],
 )
 def test_robots_that_nobody_has_seen_reach_the_numbers(tmp_path, seeds):
