@@ -88,10 +88,15 @@ FILE_EPILOG = epilog((*_FILES, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
 REALISE_EPILOG = epilog((*_FILES, ExitStatus.NOT_REALISABLE, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
 """End of the help of a command that realises values in a drive family."""
 
-READ_EPILOG = epilog((*_READING, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
-"""End of the help of a command that reads a drive, or gives it a command; it restores nothing."""
+_ANY_STATE: dict[ToolExitStatus, str] = {**_NOTHING_WRITTEN, ExitStatus.NODE: "no answer, or the wrong device"}
 
-COMPARE_EPILOG = epilog((*_READING, ExitStatus.DIFFERS, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
+READ_EPILOG = epilog((*_READING, ExitStatus.INTERRUPTED), _ANY_STATE)
+"""End of the help of a command that reads a drive, or gives it a command, in any state; it restores nothing."""
+
+CLEAR_EPILOG = epilog((*_READING, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
+"""End of the help of the command that clears faults, which it refuses on a drive that is enabled."""
+
+COMPARE_EPILOG = epilog((*_READING, ExitStatus.DIFFERS, ExitStatus.INTERRUPTED), _ANY_STATE)
 """End of the help of a command that compares with a drive."""
 
 WRITE_EPILOG = epilog((*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED))

@@ -77,7 +77,7 @@ ClassesOption = Annotated[
 ]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writing.")]
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show what would be written, and write nothing.")]
-JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for journals; created in the current directory.")]
+JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for journals; created if missing.")]
 UnverifiedOption = Annotated[bool, typer.Option("--allow-unverified", help="Allow writes based on unverified profile data.")]
 StoreOption = Annotated[bool, typer.Option("--store", help="Save the values to the drive's non-volatile memory.")]
 RollBackOption = Annotated[

@@ -24,9 +24,10 @@ def mount(app: typer.Typer) -> None:
 
 
 def list_profiles(*, as_json: JsonOption = False) -> None:
-    """List the profiles, and what each can do for the notch.
+    """List the profiles, and what each drive can do.
 
-    The notch is the one that follows the speed; `show` gives the reasons.
+    `notch inside` is the paper's notch at one speed; `show` says whether it follows the speed, and gives the reasons.
+    `own` stands for a position mode of the drive's maker.
 
     Examples:
         drive-profiles list
@@ -74,7 +75,7 @@ def show(
 ) -> None:
     """Show one profile with its capabilities and parameters.
 
-    The capabilities have their reasons, the parameters their objects and units.
+    Each capability has its reason, each parameter its object and unit.
 
     Example: drive-profiles show emulated_drive
     """
@@ -169,7 +170,8 @@ def _facts(profile: Profile) -> list[tuple[str, ...]]:
     if profile.notch is not None:
         notch = profile.notch
         span = f"{_or_unknown(notch.min_frequency_hz)} to {_or_unknown(notch.max_frequency_hz)} Hz"
-        facts.append(("filter", f"{notch.form}, {len(notch.sections)} sections, {span}, on the {notch.place}", notch.evidence))
+        number_of = f"{len(notch.sections)} section{'' if len(notch.sections) == 1 else 's'}"
+        facts.append(("filter", f"{notch.form}, {number_of}, {span}; place: {notch.place}", notch.evidence))
     if profile.torque is not None:
         rated = profile.torque.rated_torque
         step = f"{rated}, steps of {number(profile.torque.rated_torque_step_nm)} N·m"

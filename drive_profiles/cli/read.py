@@ -118,7 +118,7 @@ def info(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Show a node's identity, state, errors and matching profile.
+    """Show a node's identity, state, error register and matching profile.
 
     Example: drive-profiles info --bus socketcan:can0 --node 2
     """
@@ -219,7 +219,12 @@ def pull(
 
 
 def get(
-    objects: Annotated[list[str], typer.Argument(metavar="OBJECT", help="0x2147:1, or a name.", autocompletion=complete_objects)],
+    objects: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="OBJECT", help="Address such as 0x2147:1, a name, or a part of a name.", autocompletion=complete_objects
+        ),
+    ],
     bus: BusOption,
     node: NodeOption,
     *,
@@ -228,9 +233,9 @@ def get(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Read objects.
+    """Read objects by address or name.
 
-    If an object cannot be read, the others are still shown, and the exit status is that of the failed read.
+    The command shows every object that it could read; the exit status is that of the first failure.
 
     Example: drive-profiles get position_gain_per_s 0x6041 --bus local:/tmp/robot.sock --node 2
     """

@@ -45,7 +45,7 @@ def mount(app: typer.Typer) -> None:
 
 
 ForceCommissioningOption = Annotated[
-    bool, typer.Option("--force-commissioning", help="Write one device's commissioning values to another.")
+    bool, typer.Option("--force-commissioning", help="Write commissioning values of another device, or of an unknown one.")
 ]
 OtherDeviceOption = Annotated[
     bool, typer.Option("--other-device", help="Write a set that was pulled from another device; --yes does not cover that.")
@@ -122,27 +122,33 @@ def upload(
 def set_(
     values: Annotated[
         list[str],
-        typer.Argument(metavar="OBJECT=VALUE", help="Values in the parameters' units.", autocompletion=complete_values),
+        typer.Argument(
+            metavar="OBJECT=VALUE", help="An object and its value, in the parameter's unit.", autocompletion=complete_values
+        ),
     ],
     bus: BusOption,
     node: NodeOption,
     *,
-    kind: Annotated[str | None, typer.Option("--type", help="Data type of objects that no profile or EDS knows.")] = None,
+    kind: Annotated[
+        str | None, typer.Option("--type", help="Data type, such as UNSIGNED16, of objects that no profile or EDS knows.")
+    ] = None,
     dry_run: DryRunOption = False,
     yes: YesOption = False,
     store: StoreOption = False,
     rollback_on_error: RollBackOption = True,
     allow_unverified: UnverifiedOption = False,
-    force_commissioning: Annotated[bool, typer.Option("--force-commissioning", help="Write commissioning values.")] = False,
+    force_commissioning: Annotated[
+        bool, typer.Option("--force-commissioning", help="Write commissioning values; else they are refused.")
+    ] = False,
     journals: JournalsOption = JOURNALS,
     profile: ProfileOption = None,
     eds: EdsOption = None,
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Write single objects by the same transaction as `upload`.
+    """Write single objects with the checks and rollback of `upload`.
 
-    Each object is named in full.
+    Give the address or the whole name of each object; a part of a name is not enough.
 
     Example: drive-profiles set notch_1.mode=1 notch_1.start_rps=4 --bus local:/tmp/robot.sock --node 2
     """

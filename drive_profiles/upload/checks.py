@@ -146,10 +146,14 @@ def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Wr
     same = bool(header.serial_number) and header.serial_number == identity.serial_number
     if not theirs or same or options.force_commissioning:
         return []
-    serials = f"the set is for serial number {header.serial_number}; the device has {identity.serial_number}"
     names = ", ".join(str(write.entry) for write in theirs[:5])
+    if header.serial_number:
+        serials = f"the set is for serial number {header.serial_number}; the device has {identity.serial_number or 'none'}"
+        what = f"commissioning values of another device ({serials})"
+    else:
+        what = "commissioning values, and no serial number shows that they belong to this device"
     remedy = "--force-commissioning writes them nevertheless; upload --classes leaves them out"
-    return [f"{names}: commissioning values of another device ({serials}); {remedy}"]
+    return [f"{names}: {what}; {remedy}"]
 
 
 def _foreign_identifiers(header: Header, own: int, writes: Sequence[Write]) -> list[str]:

@@ -41,7 +41,7 @@ def test_show_has_identity_reasons_objects_and_units():
         "250 µs",
         "PP, PV, TQ, HM, IP, CSP, CSV, CST",
         "6072:0  UNSIGNED16  N·m        1 ‰ of 6076h",
-        "nothing is fitted by depth",
+        "take the paper's two dampings",
     ):
         assert words in result.stdout
     assert "\x1b" not in result.stdout

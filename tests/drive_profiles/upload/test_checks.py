@@ -100,7 +100,7 @@ def test_a_serial_number_of_zero_is_none(bus, tmp_path):
         bus.world.drives[node].slave.dictionary.cell(0x1018, 4).value = 0
     header = bus.device(2, "emulated_drive").pull().header
     wanted = ParameterSet(header=header, commissioning={"0x6065": Item(value=1000, type="UNSIGNED32")})
-    with pytest.raises(RefusedError, match="commissioning values of another device"):
+    with pytest.raises(RefusedError, match="commissioning values, and no serial number shows"):
         upload(bus.device(3, "emulated_drive"), wanted, tmp_path)
 
 
