@@ -28,17 +28,19 @@ class ExitStatus(ToolExitStatus):
     NODE = 5, "no answer, wrong device, or already moving"
     SDO = 6, "SDO abort"
     SAFETY_STOP = 8, "safety stop, or an interrupt after which not every drive has confirmed that it is disabled"
-    NOT_MET = 9, "a claim does not hold"
+    NOT_MET = 9, "the tip left tip_mm, a claim does not hold, or a run could not be judged"
     INTERRUPTED = 130, "interrupted, after a confirmed stop"
 
 
-def epilog_of_runs(own: dict[ToolExitStatus, str] | None = None) -> str:
+def epilog_of_runs(own: dict[ToolExitStatus, str] | None = None, *, is_judged: bool = True) -> str:
     """Return the exit statuses of a motion command for its help.
 
     Args:
         own: Sentences that replace the tool's for this command.
+        is_judged: False for a command that judges nothing.
     """
-    return epilog((status for status in ExitStatus if status is not ExitStatus.INTERNAL), own)
+    never = {ExitStatus.INTERNAL} if is_judged else {ExitStatus.INTERNAL, ExitStatus.NOT_MET}
+    return epilog((status for status in ExitStatus if status not in never), own)
 
 
 EPILOG = epilog_of_runs()

@@ -15,10 +15,10 @@ from drive_profiles.cli.application import folded
 from drive_profiles.cli.completion import complete_reference
 from drive_profiles.cli.console import terminal_width
 from hil.cli.console import (
-    EPILOG,
     ExitStatus,
     SpokenReporter,
     bench_on_emulator,
+    epilog_of_runs,
     exit_on_error,
     exit_status_of,
     message_of,
@@ -32,6 +32,7 @@ from hil.cli.run import run_and_report
 if TYPE_CHECKING:  # --help must not wait for it
     from hil.tour import TourOutcome
 
+DEMO_EPILOG = epilog_of_runs({ExitStatus.NOT_MET: "a claim does not hold, or a run could not be judged"})
 ROBOT_SEED = 77
 """Seed of the robot that the tour shows unless another is chosen: one on which every step has something to show."""
 
@@ -40,7 +41,7 @@ OutOption = Annotated[Path, typer.Option("--out", help="Directory for recordings
 
 def mount(app: typer.Typer) -> None:
     """Add the command to `hil`."""
-    app.command(cls=LiveCommand, epilog=EPILOG)(demo)
+    app.command(cls=LiveCommand, epilog=DEMO_EPILOG)(demo)
 
 
 def demo(
@@ -63,7 +64,7 @@ def demo(
     Two more emulated robots follow: an unknown one, and a whole arm.
 
     The second part draws the unknown robot by a seed. It identifies the robot, designs and uploads a notch, and compares
-    four runs: untreated, with the notch, the designed notch and cancellation. The end shows the robot's true values.
+    four runs: untreated, with the notch, the designed notch and cancellation. At the end it shows the robot's true values.
 
     The last part takes a whole arm of six axes, learns a cancellation on its line, and runs the line with it.
 

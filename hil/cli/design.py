@@ -79,7 +79,8 @@ def notch(
     model: ModelOption = None,
     order: Annotated[str, typer.Option(help="Harmonic order k: one such as 2, two such as 1,2, or `both` (2,4).")] = "2",
     shape: Annotated[
-        ShapeName, typer.Option(help="switched: constant between f_s and f_e; trapezoid: scheduled.")
+        ShapeName,
+        typer.Option(help="Poles' damping from f_s to f_e: switched is constant, trapezoid has slopes, best is the better one."),
     ] = ShapeName.BEST,
     given: Annotated[bool, typer.Option("--given", help="Only judge the bench file's own notch.")] = False,
     max_sensitivity: Annotated[float, typer.Option(help="Largest M_s at any speed.")] = 1.7,
@@ -102,7 +103,7 @@ def notch(
 ) -> None:
     """Design the variable notch of an axis for a set of plants.
 
-    It finds the smallest tip peak on the ramp within all margins. It sends nothing, and needs no robot.
+    It finds the filter with the smallest tip peak on the ramp within all margins. It sends nothing, and needs no robot.
 
     Example: hil design notch --bench bench.toml --axis 2 --model model.toml --out design
     """

@@ -107,8 +107,7 @@ def ate(
     """Identify the angular transmission error of one axis from ramps.
 
     The ramps pass the speeds at which orders 4 and 2 meet the resonance, forwards and back. You need only the bench file.
-    With --recording nothing moves:
-    the error comes from existing files.
+    With --recording nothing moves: the error comes from existing files.
 
     Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """

@@ -103,14 +103,15 @@ def plant(
     ] = None,
     low_hz: Annotated[float | None, typer.Option(help="Lower end of the band; default: found by a pilot run.")] = None,
     high_hz: Annotated[
-        float | None, typer.Option(help="Upper end of the band; default: by the pilot run, at most 0.4 of the SYNC rate.")
+        float | None, typer.Option(help="Upper end of the band; default: found by a pilot run, at most 0.4 of the SYNC rate.")
     ] = None,
     bias_rps: Annotated[
         float | None, typer.Option(help="Motor speed during the excitation; default: away from the gear's resonance.")
     ] = None,
     periods: Annotated[int, typer.Option(help="Least number of averaged periods.")] = 10,
     excitation: Annotated[
-        PlantExcitation, typer.Option(help="Torque offset (60B2h), or reference; auto: torque if the drive accepts it.")
+        PlantExcitation,
+        typer.Option(help="What carries the excitation: torque (60B2h) or reference; auto: torque if the drive accepts it."),
     ] = PlantExcitation.AUTO,
     shape: Annotated[PlantShape, typer.Option(help="Form of the excitation.")] = PlantShape.MULTISINE,
     no_accelerometer: Annotated[

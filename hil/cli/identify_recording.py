@@ -27,7 +27,9 @@ ColumnOption = Annotated[
     ),
 ]
 LayoutOption = Annotated[Path | None, typer.Option("--layout", help="Columns, units and ratio of recordings (TOML).")]
-RatioOption = Annotated[float | None, typer.Option("--ratio", help="Reduction ratio of a recording; two encoders show it.")]
+RatioOption = Annotated[
+    float | None, typer.Option("--ratio", help="Reduction ratio of the recorded axis; not needed if both encoders are recorded.")
+]
 DescriptionOption = Annotated[
     Path | None,
     typer.Option("--description", help="EDS, DCF, XDD or DBC file that decodes a recording of frames (candump, BLF)."),

@@ -53,7 +53,9 @@ LEARN_EPILOG = epilog_of_runs({
 
 ProbeOption = Annotated[
     float | None,
-    typer.Option(min=0.1, max=30.0, help="With --motion: amplitude of each order in a probing run; default: by the vibration."),
+    typer.Option(
+        min=0.1, max=30.0, help="With --motion: amplitude of each order in a probing run; default: chosen by the vibration."
+    ),
 ]
 PaceOption = Annotated[
     float | None,
@@ -102,7 +104,10 @@ def learn(
     ] = None,
     bus: BusOption = None,
     passes: Annotated[
-        int, typer.Option(min=2, max=50, help="Most back-and-forth passes; the first runs without cancellation.")
+        int,
+        typer.Option(
+            min=2, max=50, help="Largest number of passes, each forwards and back; the first runs without cancellation."
+        ),
     ] = 5,
     acceleration_rps_s: Annotated[float, typer.Option(min=0.1, max=100.0, help="Acceleration of every ramp.")] = 4.0,
     orders: OrdersOption = "1,2,4",
@@ -117,7 +122,7 @@ def learn(
     """Learn a cancellation of the transmission error, pass by pass.
 
     An axis moves forwards and back, and each pass cancels more of the error. With --motion, all axes learn at once on a
-    motion of the bench file. The model file has the result, for hil run --treatment cancellation-learnt --learnt.
+    motion of the bench file. The model file gets the result; hil run --treatment cancellation-learnt --learnt takes it.
 
     Example: hil learn --bench bench.toml --axis 2 --axis 3 --plant model.toml --model learnt.toml --note "22 °C, no load"
     """

@@ -24,7 +24,7 @@ from hil.cli.options import BenchOption, BusOption, ForceOption, LoopOption, Mov
 
 def mount(app: typer.Typer) -> None:
     """Add the command to `hil`."""
-    app.command(epilog=epilog_of_runs())(move)
+    app.command(epilog=epilog_of_runs(is_judged=False))(move)
 
 
 def move(
@@ -46,9 +46,9 @@ def move(
 ) -> None:
     """Move one axis slowly to a position.
 
-    It also works after a stop or a fault, which it resets. The speed is `approach_rps` or a quarter of the axis' speed limit,
-    whichever is lower. Ctrl-C stops it as it stops a run. `--back` takes the position from the newest log of a motion in
-    `bench-out`, or in a folder that `--out` has made here; it is correct only if the drive has kept its zero.
+    It also works after a stop or a fault, and resets the fault. The speed is `approach_rps` or a quarter of the axis' speed
+    limit, whichever is lower. Ctrl-C stops the axis as in a run. `--back` reads the position from the newest log of a motion,
+    in `bench-out` or in another folder here. That position is right only if the drive has kept its zero.
 
     Examples:
         hil move --axis 2 --to 0 --bench bench.toml

@@ -34,7 +34,7 @@ OptionalBenchOption = Annotated[
     typer.Option("--bench", help="Bench file (TOML), or `reference`, or `reference-arm`.", autocompletion=complete_reference),
 ]
 BusOption = Annotated[str | None, typer.Option("--bus", help=f"Bus address; default: {BUS_VARIABLE}, then the bench file's.")]
-MovedAxisOption = Annotated[int, typer.Option("--axis", help="The axis that is moved.", autocompletion=AXES.one)]
+MovedAxisOption = Annotated[int, typer.Option("--axis", help="Number of the axis.", autocompletion=AXES.one)]
 LoopOption = Annotated[LoopName, typer.Option("--loop", help="Where the loop is closed.")]
 TreatmentOption = Annotated[
     TreatmentName,
@@ -48,7 +48,8 @@ TreatmentListOption = Annotated[
         "--treatment",
         metavar="NAME[,NAME]",
         autocompletion=complete_list(lambda: [row.name for row in TABLE]),
-        help=f"Comma-separated list of: {', '.join(row.name for row in TABLE)}. Default: all that the given files allow.",
+        help=f"Comma-separated list of: {', '.join(row.name for row in TABLE)}. "
+        "Default: those that suit the motion, if the files allow them.",
     ),
 ]
 PlainTreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="Plan with the notch or without.")]

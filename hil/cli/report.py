@@ -14,7 +14,7 @@ from hil.cli.console import ExitStatus, exit_on_error, say
 REPORT_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.INTERRUPTED),
     {
-        ExitStatus.FILE: "bad file, no directory of results, or results that are not compared",
+        ExitStatus.FILE: "bad file, no directory of results, or results that cannot be compared",
         ExitStatus.INTERRUPTED: "interrupted",
     },
 )

@@ -9,11 +9,11 @@ import typer
 
 from drive_profiles.cli.console import fail, table
 from hil.cli.console import (
-    EPILOG,
     ExitStatus,
     RunProgress,
     bench_on,
     confirm_motion,
+    epilog_of_runs,
     exit_on_error,
     is_on_local_bus,
     motion_lines,
@@ -45,10 +45,15 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.experiments.runner import ExperimentsOutcome
     from hil.experiments.treatment import Knowledge
 
+RUN_EPILOG = epilog_of_runs({
+    ExitStatus.DONE: "done, and with a treatment the tip stayed within tip_mm",
+    ExitStatus.NOT_MET: "the tip left tip_mm, a trial refused a cancellation, or the run could not be judged",
+})  # fmt: skip
+
 
 def mount(app: typer.Typer) -> None:
     """Add the command to `hil`."""
-    app.command(cls=LiveCommand, epilog=EPILOG, context_settings=FORMER_SPELLINGS)(run)
+    app.command(cls=LiveCommand, epilog=RUN_EPILOG, context_settings=FORMER_SPELLINGS)(run)
 
 
 class ExperimentName(StrEnum):

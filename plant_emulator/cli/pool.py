@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; default: one per processor.")]
 OnOption = Annotated[
-    str | None, typer.Option("--on", metavar="dask:tcp://HOST:PORT", help="Use the workers of a Dask scheduler (extra cluster).")
+    str | None,
+    typer.Option("--on", metavar="dask:tcp://HOST:PORT", help="Use the workers of a Dask scheduler; needs hil-bench[cluster]."),
 ]
 
 

@@ -82,8 +82,8 @@ def rehearse(
     The report states on how many robots the tip becomes quiet, on which it does not, and why.
 
     Each robot is drawn by its seed and treated with a bench file that has no knowledge of it: identification, design,
-    cancellation, learning; then its true tip is measured. Each robot's row is saved at once, so an interruption loses
-    nothing.
+    cancellation, learning; then its true tip is measured. Each robot's row is saved at once: an interruption loses only
+    the robots under way.
 
     Examples:
         plant-emulator rehearse --seeds 1-1000 --out rehearsal
@@ -110,7 +110,7 @@ def rehearse(
             return
         named = _seeds(seeds)
         if arms and over_bus:
-            raise fail("--arms runs in this process; leave --over-bus out", EmulatorExitStatus.USAGE)
+            raise fail("--arms uses no bus; leave --over-bus out", EmulatorExitStatus.USAGE)
         if on is not None and keep:
             raise fail("--keep needs this machine's file system; leave --on out", EmulatorExitStatus.USAGE)
         executors = executors_of(on, jobs)

@@ -118,8 +118,8 @@ def robustness(
 
     The result is the fraction that meets the specification, and the unknowns that matter.
 
-    It needs no bus, and runs one process per core or on the workers of a Dask scheduler. The drives' law, the set-points
-    and the plant are those of `plant-emulator simulate`.
+    It needs no bus. It runs in one process per processor, or on the workers of a Dask scheduler. The drives' law, the
+    set-points and the plant are those of `plant-emulator simulate`.
 
     Examples:
         plant-emulator robustness --axis 2,3 --out robustness

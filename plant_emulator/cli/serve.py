@@ -88,7 +88,7 @@ EdsOption = Annotated[
     typer.Option(
         "--eds",
         metavar="AXIS=PATH",
-        help="EDS file of an axis' drive: adds objects beyond its profile, without effect; repeatable.",
+        help="EDS file of an axis' drive: adds objects that its profile lacks, and that do nothing; repeatable.",
     ),
 ]
 StoreTimeOption = Annotated[

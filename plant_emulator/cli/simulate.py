@@ -33,7 +33,7 @@ def simulate(
 ) -> None:
     """Run an experiment without CAN and write the true motion.
 
-    The robot file must have `control` (and `notch`) tables.
+    The robot file must have `control` tables; --notch uses its `notch` tables.
 
     Example: plant-emulator simulate --robot robot.toml --axis 2 --notch --out axis2.csv
     """

@@ -57,10 +57,12 @@ def export(
     ] = None,
     interface: Annotated[str | None, typer.Option(metavar="NAME", help="Interface to read if the log has several: can1.")] = None,
     plotjuggler: Annotated[
-        str | None, typer.Option("--plotjuggler", metavar="HOST:PORT", help="Send it to PlotJuggler: UDP server, protocol JSON.")
+        str | None,
+        typer.Option("--plotjuggler", metavar="HOST:PORT", help="Send the recording to PlotJuggler (UDP server, protocol JSON)."),
     ] = None,
     layout: Annotated[
-        Path | None, typer.Option("--plotjuggler-layout", metavar="FILE", help="Write a layout of its plots.", dir_okay=False)
+        Path | None,
+        typer.Option("--plotjuggler-layout", metavar="FILE", help="Write a layout of PlotJuggler's plots.", dir_okay=False),
     ] = None,
     speed: Annotated[
         float, typer.Option(min=0.01, max=1000.0, help="Pace of the stream, in multiples of the recording's.")

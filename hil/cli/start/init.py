@@ -43,8 +43,8 @@ def init(
 ) -> None:
     """Write a bench file from a scan of the bus.
 
-    The file has nodes, profiles, counts, first limits, and a SYNC period that fits. Nothing is written to any node. Lines that
-    only you can fill in are marked; until then no command accepts the file.
+    The file has nodes, profiles, counts, first limits, and a SYNC period that fits. Nothing is written to any node. The
+    file marks the lines that only you can fill in; until you do, no command accepts it.
 
     Examples:
         hil init --bus socketcan:can0@1M --out bench.toml
