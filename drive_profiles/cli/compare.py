@@ -42,7 +42,9 @@ def diff(
     left: Annotated[
         Path | None, typer.Argument(metavar="SET", help="A parameter set, DCF or concise DCF; left out with --default.")
     ] = None,
-    right: Annotated[Path | None, typer.Argument(metavar="OTHER", help="Another; default: the drive at --node.")] = None,
+    right: Annotated[
+        Path | None, typer.Argument(metavar="OTHER", help="The set to compare with; default: the drive at --node.")
+    ] = None,
     *,
     default: Annotated[
         bool, typer.Option("--default", help="Show objects of the drive at --node that differ from the defaults of its EDS.")

@@ -19,7 +19,7 @@ from drive_profiles.cli.options import BusOption
 if TYPE_CHECKING:
     from drive_profiles.device.lss import Lss, LssAddress
 
-lss_app = Tool("lss", "Node-ID and bit rate of nodes, chosen by their identity alone (CiA 305).", is_group=True)
+lss_app = Tool("lss", "Node-ID and bit rate of nodes, also of one without a node-ID (LSS, CiA 305).", is_group=True)
 
 IdentityOption = Annotated[
     str | None,
