@@ -25,6 +25,10 @@ HEXADECIMAL = frozenset({
     "code",
 })  # fmt: skip
 _OWN_TABLE = frozenset({"gains", "sections", "source", "evidence", "note"})
+_LABELS = {"zero": "must be 0", "a_sign": "sign of a·y"}
+"""Fields whose own name says too little."""
+_ONLY_WITH = {"rated_torque_step_nm": "rated_torque", "signature": "object", "wait_s": "object", "restore_signature": "restore"}
+"""Fields that say something only of an object that the drive has, with the field of that object."""
 _UNITS = {"_s": "s", "_a": "A", "_hz": "Hz", "_nm": "N·m"}
 _COMMAND = "drive-profiles pages --out docs/drives"
 _QUESTIONS = {
@@ -264,7 +268,11 @@ def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
 
     It holds the fact's values, nested tables, note and evidence.
     """
-    rows = [(_label(name), text) for name, value in fact if name not in _OWN_TABLE and (text := _text(name, value))]
+    rows = [
+        (_label(name), text)
+        for name, value in fact
+        if name not in _OWN_TABLE and not _is_silent(fact, name) and (text := _text(name, value))
+    ]
     if rows:
         yield _table(("fact", "value"), rows)
     if isinstance(fact, LoopFacts) and fact.gains:
@@ -279,6 +287,23 @@ def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
     if note:
         yield note
     yield f"Evidence: {sources.evidence(fact)}."
+
+
+def _is_silent(fact: Fact, name: str) -> bool:
+    """True if a field has a default that states nothing of this drive.
+
+    It may be of an object that the drive lacks. Of a filter a step or damping of 0 is no limit, and only coefficients of a
+    known scaling have a sign.
+    """
+    if name in _ONLY_WITH:
+        return getattr(fact, _ONLY_WITH[name]) is None
+    if not isinstance(fact, NotchFacts):
+        return False
+    if name == "a_sign":
+        return fact.form != "coefficients" or fact.word == "integer, scaling not known"
+    if name == "min_zero_damping" and fact.form == "symmetric":  # the fixed depth
+        return False
+    return name in {"frequency_step_hz", "min_zero_damping", "min_pole_damping"} and getattr(fact, name) == 0.0
 
 
 def _gains(loop: LoopFacts) -> str:
@@ -363,6 +388,8 @@ def _text(name: str, value: object) -> str:
 
 def _label(name: str) -> str:
     """Return a field's name without its unit, which the value carries."""
+    if name in _LABELS:
+        return _LABELS[name]
     suffix = next((suffix for suffix in _UNITS if name.endswith(suffix)), "")
     return name.removesuffix(suffix).replace("_", " ")
 

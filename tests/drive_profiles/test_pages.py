@@ -62,6 +62,16 @@ def test_what_is_unverified_carries_the_sign():
     assert index([profile]).splitlines()[-1].endswith("| 2 |")
 
 
+def test_a_default_that_states_nothing_of_a_drive_is_not_on_its_page():
+    """The module has no 6076h, and no source has the signs and the scale of its coefficients."""
+    unknown = page(BY_NAME["kollmorgen_rgm"])
+    assert [words for words in ("rated torque step", "sign of a·y", "frequency step", "damping | 0 |") if words in unknown] == []
+    assert "| sign of a·y | 1 |" in page(BY_NAME["copley_plus"])
+    assert "| rated torque step | 1e-06 N·m |" in page(BY_NAME["maxon_epos4"])
+    assert "| frequency step | 0.001 Hz |" in page(BY_NAME["kollmorgen_akd"])
+    assert "signature" not in page(BY_NAME["schunk_pilz_prbt"])
+
+
 def test_a_bar_does_not_break_a_table():
     facts = EMULATED.model_dump(by_alias=True)
     facts["parameters"]["lowpass_hz"]["description"] = "either | or"
