@@ -5,13 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import integrate
 
 from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, Smooth, UnreachableError, sample_times
-
-relaxed = settings(deadline=None)  # how fast a machine is, is not what is tested
 
 CHAIN = PlanarChain(0.050, 0.330, 0.440, (0.420, 0.035), 0.130)
 
@@ -35,14 +33,12 @@ def test_the_speed_rises_at_the_constant_rate_to_its_end_and_falls_to_rest(direc
 moves = st.floats(0.2, 10.0).flatmap(lambda duration: st.floats(0.02, 0.5).map(lambda share: Smooth(duration, share * duration)))
 
 
-@relaxed
 @given(moves)
 def test_a_smooth_move_begins_at_0_ends_at_1_and_stays(move):
     t = np.array([-1.0, 0.0, 0.5 * move.duration_s, move.duration_s, move.duration_s + 5.0])
     np.testing.assert_allclose(move.position(t), [0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-12)
 
 
-@relaxed
 @given(moves)
 def test_a_smooth_move_is_continuous_in_position_speed_and_acceleration(move):
     """Differences over a grid stay below the analytic maxima of speed, acceleration and jerk, from before to after."""
@@ -60,7 +56,6 @@ def test_a_smooth_move_is_continuous_in_position_speed_and_acceleration(move):
     assert np.min(np.diff(s)) >= -rounding
 
 
-@relaxed
 @given(moves, st.floats(0.0, 1.0))
 def test_a_smooth_move_is_the_integral_of_its_raised_cosine(move, share):
     def speed(t):
@@ -92,7 +87,6 @@ BEND = math.atan2(0.035, 0.420)
 joint_angles = st.tuples(st.floats(-0.5, 2.0), st.floats(-math.pi + 0.05, -0.05))
 
 
-@relaxed
 @given(joint_angles)
 def test_the_inverse_kinematics_gives_back_the_joints_of_every_elbow_up_posture(angles):
     lean, fall = angles
@@ -103,7 +97,6 @@ def test_the_inverse_kinematics_gives_back_the_joints_of_every_elbow_up_posture(
 
 
 @pytest.mark.ci
-@relaxed
 @given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.5))
 def test_a_point_is_either_reached_exactly_or_refused_with_its_values(x, z):
     distance = math.hypot(x - 0.050, z + 0.130 - 0.330)
@@ -130,7 +123,6 @@ def test_the_one_bad_point_of_a_path_is_named_and_nan_is_never_reached():
         CHAIN.joints(np.array([math.nan, 0.45]))
 
 
-@relaxed
 @given(st.floats(-math.pi, math.pi))
 def test_a_fully_stretched_arm_is_still_reached(angle):
     reach = 0.440 + math.hypot(0.420, 0.035)
