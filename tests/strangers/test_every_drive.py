@@ -9,7 +9,7 @@ from drive_profiles.standard.cia301 import NmtState
 from drive_profiles.standard.cia402 import Mode, Object, State, state_of
 from hil.emulator import EmulatorProcess
 from tests.drive_profiles.profiles import ALL_DRIVES
-from tests.plant_emulator.bus.conftest import wait_for
+from tests.plant_emulator.bus.conftest import PATIENCE_S, wait_for
 from tests.plant_emulator.many_axes import robot_file
 
 NODES = dict(enumerate(ALL_DRIVES, 1))
@@ -20,7 +20,6 @@ position_gain_per_s = 25.0
 velocity_gain_nm_s_rad = 0.0905
 velocity_integral_gain_nm_rad = 1.81
 """
-PATIENCE_S = 60.0
 
 pytestmark = pytest.mark.ci
 
@@ -105,7 +104,7 @@ def test_all_are_enabled_at_once_in_each_of_their_modes_and_back(drives):
         assert {drive.read(Object.MODES_OF_OPERATION_DISPLAY) for drive in able} <= {mode}
         for drive in able:
             drive.word(0x00)
-            wait_for(lambda drive=drive: drive.state is State.SWITCH_ON_DISABLED, PATIENCE_S)
+            wait_for(lambda drive=drive: drive.state is State.SWITCH_ON_DISABLED)
 
 
 def test_each_sends_heartbeats_of_its_own_until_it_is_told_to_stop(drives):
@@ -115,7 +114,7 @@ def test_each_sends_heartbeats_of_its_own_until_it_is_told_to_stop(drives):
     heard = {}
     for drive in drives:
         drive.nmt.add_heartbeat_callback(lambda state, node_id=drive.id: heard.update({node_id: NmtState(state)}))
-    wait_for(lambda: heard.keys() == NODES.keys(), PATIENCE_S)
+    wait_for(lambda: heard.keys() == NODES.keys())
     assert set(heard.values()) == {NmtState.OPERATIONAL}
     for drive in drives:
         drive.write(0x1017, 0, 0, 2)
@@ -129,8 +128,8 @@ def test_the_loss_of_the_master_is_a_fault_of_each_which_a_reset_ends(network, d
         drive.write(0x1016, 1, MASTER << 16 | 50, 4)
     network.send_message(0x700 + MASTER, b"\x05")
     for drive in drives:
-        wait_for(lambda drive=drive: any(each.code == 0x8130 for each in drive.emcy.log), PATIENCE_S)
-        wait_for(lambda drive=drive: drive.state is State.FAULT, PATIENCE_S)
+        wait_for(lambda drive=drive: any(each.code == 0x8130 for each in drive.emcy.log))
+        wait_for(lambda drive=drive: drive.state is State.FAULT)
         drive.write(0x1016, 1, 0, 4)
         drive.word(0x80)
         assert drive.state is State.SWITCH_ON_DISABLED, NODES[drive.id]

@@ -16,10 +16,11 @@ from plant_emulator.bus.server import Server
 from plant_emulator.world import World
 from tests.plant_emulator.rig import ONE_AXIS
 
-START_TIMEOUT_S = 60.0
+PATIENCE_S = 60.0
+"""Longest wait for what comes: a test that only waits does not ask how soon."""
 
 
-def wait_for(happened, timeout_s=10.0):
+def wait_for(happened, timeout_s=PATIENCE_S):
     deadline = time.monotonic() + timeout_s
     while not happened():
         assert time.monotonic() < deadline, "it did not happen in time"
@@ -151,7 +152,7 @@ def record(can_id, data=b""):
     return RECORD.pack(can_id, len(data), data)
 
 
-def frames_until(channel, wanted, timeout_s=5.0):
+def frames_until(channel, wanted, timeout_s=PATIENCE_S):
     """The frames up to the first with this identifier."""
     frames, deadline = [], time.monotonic() + timeout_s
     while not frames or frames[-1].can_id != wanted:
