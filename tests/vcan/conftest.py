@@ -22,7 +22,7 @@ REFERENCE = (Path(__file__).parents[2] / "hil" / "bench" / "reference.toml").rea
 NODES = {2, 3, 5, 16}
 SYNC_PERIOD_S = 0.016
 """What a virtual machine on a busy computer holds; the tests are about reactions, not about speed."""
-PATIENCE_S = 240.0
+START_TIMEOUT_S = 240.0
 """A program that is started there for the first time compiles, at a fraction of the computer's speed."""
 
 
@@ -99,7 +99,7 @@ class Emulator:
         line = self.process.stdout.readline()
         assert line.startswith(f"serving reference on {address}"), self._errors.read_text()
         with Listener(address) as bus:
-            bus.upload(2, 0x1000, timeout_s=PATIENCE_S)
+            bus.upload(2, 0x1000, timeout_s=START_TIMEOUT_S)
 
     def errors(self) -> str:
         return self._errors.read_text()
@@ -136,7 +136,7 @@ class Listener:
 
     def wait_for_motion(self, run: subprocess.Popen[str], cycles: int = 60) -> None:
         """That many set-points for axis 2: enabled and settled takes 50 of them."""
-        end, deadline = self.counts[0x202] + cycles, time.monotonic() + PATIENCE_S
+        end, deadline = self.counts[0x202] + cycles, time.monotonic() + START_TIMEOUT_S
         while self.counts[0x202] < end:
             assert run.poll() is None, run.communicate()
             assert time.monotonic() < deadline, f"the run does not move; heard: {self.counts}"
@@ -236,7 +236,7 @@ def _start_run(bench: Path, out: Path, address: Address, *more: str) -> subproce
     )  # fmt: skip
 
 
-def end_of(run: subprocess.Popen[str], timeout_s: float = PATIENCE_S) -> tuple[int, str]:
+def end_of(run: subprocess.Popen[str], timeout_s: float = START_TIMEOUT_S) -> tuple[int, str]:
     """Exit status, and what was said."""
     try:
         said, errors = run.communicate(timeout=timeout_s)
