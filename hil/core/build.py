@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 STRICT = ("-std=c99", "-O3", "-ffp-contract=off")
 """Strict arithmetic: host and emulated drive compute the same bits, and so does the specification in Python."""
+SHARED = ("-shared", "-fPIC", "-fno-semantic-interposition")
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion")
 """The tests make errors of them; a compiler of tomorrow that warns of more still builds the core."""
 SUFFIX = ".native"
@@ -60,8 +61,8 @@ class Core:
         return sorted(path for folder in self.folders for path in (ROOT / folder).iterdir() if path.suffix in endings)
 
     def digest(self) -> str:
-        """Digest of all sources and headers, in hexadecimal."""
-        found = hashlib.sha256()
+        """Digest of all sources and headers, and of the options that shape the machine code, in hexadecimal."""
+        found = hashlib.sha256(" ".join((*STRICT, *SHARED)).encode())
         for path in self.files(".c", ".h"):
             found.update(path.relative_to(ROOT).as_posix().encode())
             found.update(path.read_bytes())
@@ -109,13 +110,12 @@ def compile_core(core: Core, command: Sequence[str] | None = None, out: Path | N
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     os.close(handle)
-    shared = ["-shared", "-fPIC", "-fno-semantic-interposition"]
     sources = [str(each.relative_to(ROOT)) for each in core.files(".c")]
     words = [
         *given,
         *STRICT,
         *WARNINGS,
-        *shared,
+        *SHARED,
         f'-DCORE_SOURCES="{core.digest()}"',
         "-I.",
         *options,

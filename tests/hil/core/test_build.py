@@ -71,6 +71,22 @@ def run(folder, program, **environment):
 
 
 SAY = "from hil.core.library import CORE; print(round(CORE.call.lowpass_blend(20.0, 250e-6), 6))"
+FALL = """
+from plant_emulator.motion.axes import Axes
+from plant_emulator.motion.record import POSITION
+from plant_emulator.robots.robot import load_robot
+
+axes = Axes(load_robot("reference"))
+axes.open_brake(0, POSITION, 8)
+axes.advance(400)
+print(repr(float(axes.plant_state["motor_angle_rad"][0])))
+"""
+
+
+def edited(folder, path, old, new):
+    source = folder / path
+    assert source.read_text().count(old) == 1
+    source.write_text(source.read_text().replace(old, new))
 
 
 @pytest.mark.ci
@@ -81,11 +97,23 @@ def test_a_core_that_is_missing_or_stale_is_built_on_import_and_one_that_cannot_
     assert "law.native was built from other sources, and cannot be rebuilt: /no/cc cannot be started" in nothing.stderr
     assert run(folder, SAY).stdout == "0.03093\n"
     assert run(folder, SAY, CC="/no/cc").stdout == "0.03093\n", "what is built is kept"
-    source = folder / "hil" / "control" / "notch.c"
-    changed = source.read_text().replace("2.0 * w / (1.0 + w)", "2.5 * w / (1.0 + w)")
-    source.write_text(changed)
+    edited(folder, "hil/control/notch.c", "2.0 * w / (1.0 + w)", "2.5 * w / (1.0 + w)")
     assert "cannot be rebuilt" in run(folder, SAY, CC="/no/cc").stderr, "a stale core computes nothing"
     assert run(folder, SAY).stdout == "0.038663\n"
+    edited(folder, "hil/core/build.py", '"-ffp-contract=off"', '"-ffp-contract=off", "-DOTHER"')
+    assert "cannot be rebuilt" in run(folder, SAY, CC="/no/cc").stderr, "so does one of other options"
+    assert run(folder, SAY).stdout == "0.038663\n"
+
+
+@pytest.mark.ci
+@pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler")
+def test_a_header_that_the_control_period_inlines_makes_the_plant_stale(tmp_path):
+    folder = copied(tmp_path)
+    before = run(folder, FALL)
+    assert float(before.stdout) != 0.0
+    edited(folder, "plant_emulator/physics/axis.h", "level *= (1.0 - e) / (1.0 + e)", "level *= (0.5 - e) / (1.0 + e)")
+    assert "plant.native was built from other sources, and cannot be rebuilt" in run(folder, FALL, CC="/no/cc").stderr
+    assert abs(float(run(folder, FALL).stdout) - float(before.stdout)) > 1e-3
 
 
 def test_the_declarations_of_a_core_have_its_records_and_its_numbers_and_no_bodies():
