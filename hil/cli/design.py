@@ -88,7 +88,9 @@ def notch(
     gain_margin_db: Annotated[float, typer.Option(help="Least gain margin at any speed.")] = 6.0,
     tip_mm: Annotated[float | None, typer.Option(help="Limit of the tip peak, mm; default: the bench file's tip_mm.")] = None,
     uncertainty_percent: UncertaintyOption = None,
-    period_s: Annotated[float | None, typer.Option(help="Sampling time of the loop; default: the drive family's.")] = None,
+    period_s: Annotated[
+        float | None, typer.Option(help="Sampling time of the loop; default: the drive family's, or 250 µs.")
+    ] = None,
     delay_samples: Annotated[int, typer.Option(min=0, max=20, help="Whole samples between measurement and torque.")] = 0,
     out: NewOutOption = None,
     force: ForceOption = False,
