@@ -30,6 +30,12 @@ SPELLED = ("README.md", "CONTRIBUTING.md", "docs", "drive_profiles", "hil", "pla
 """Where people read words; tests misspell on purpose."""
 SIDE_BY_SIDE = ("-n", "2", "--dist", "worksteal")
 ALONE = ("-p", "no:xdist")
+SLAVE = ("tests/plant_emulator/slave", "tests/plant_emulator/image", "tests/plant_emulator/drive/test_state_machine.py")
+"""The tests that take every branch of the slave engine and of the CiA 402 state machine."""
+BRANCHES = (
+    *("--cov=plant_emulator.slave", "--cov=plant_emulator.drive.state_machine", "--cov-branch"),
+    *("--cov-report=term-missing:skip-covered", "--cov-fail-under=100"),
+)
 SLOWNESS_VARIABLE, BUSY_SLOWNESS = "HIL_MACHINE_SLOWNESS", "8"
 """Of the virtual machine's clock, beside two processes that compute: it has a third of a core less than alone."""
 
@@ -111,7 +117,9 @@ def stages(tier: str, seed: int) -> Iterator[Stage]:
         yield tests("tests", *SIDE_BY_SIDE, "-m", "not (slow or wall or vm)")
         yield wall_clock("-m", "wall and not slow")
     elif tier == "all":
-        yield tests("tests", *SIDE_BY_SIDE, *new, "-m", "not (part or wall or vm)")
+        others = (f"--ignore={path}" for path in SLAVE)
+        yield tests("tests", *SIDE_BY_SIDE, *others, *new, "-m", "not (part or wall or vm)")
+        yield tests("slave's branches", *SIDE_BY_SIDE, *BRANCHES, *new, "-m", "not (part or wall or vm)", *SLAVE)
         yield wall_clock(*new, "-m", "wall")
 
 
@@ -166,7 +174,7 @@ class Running:
         self._output = folder / f"{stage.name.replace(' ', '-')}.txt"
         command = [*stage.command, *([f"--junitxml={self._results}"] if stage.is_pytest else [])]
         # more threads of linear algebra in each of two workers would be in each other's way
-        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "COVERAGE_FILE": str(folder / "coverage")}
         self._begin = time.monotonic()
         if stage.is_beside:
             environment[SLOWNESS_VARIABLE] = BUSY_SLOWNESS

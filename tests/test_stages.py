@@ -6,6 +6,7 @@ import pytest
 
 from tests import stages
 
+BRANCHES = "slave's branches"
 FAILING = "import pytest\n\n\ndef test_good():\n    pass\n\n\ndef test_bad():\n    assert False\n"
 
 
@@ -78,5 +79,24 @@ def test_what_fails_beside_others_is_named(tier, capfd):
 
 def test_only_the_whole_tier_draws_new_examples():
     assert not any("random" in word for tier in ("everyday", "ci") for each in stages.stages(tier, 7) for word in each.command)
-    drawn = [each.command for each in stages.stages("all", 7) if each.name == "tests"]
-    assert {"--hypothesis-profile=random", "--hypothesis-seed=7"} <= set(*drawn)
+    drawn = [each.command for each in stages.stages("all", 7) if each.name in {"tests", BRANCHES}]
+    assert len(drawn) == 2
+    assert all({"--hypothesis-profile=random", "--hypothesis-seed=7"} <= set(each) for each in drawn)
+
+
+def test_the_whole_tier_runs_the_slaves_tests_once_and_asks_for_all_its_branches():
+    commands = {each.name: each.command for each in stages.stages("all", 7)}
+    assert all((stages.ROOT / path).exists() for path in stages.SLAVE)
+    assert {f"--ignore={path}" for path in stages.SLAVE} <= set(commands["tests"])
+    assert {*stages.SLAVE, "--cov-branch", "--cov-fail-under=100"} <= set(commands[BRANCHES])
+    assert [name for name, command in commands.items() if set(stages.SLAVE) & set(command)] == [BRANCHES]
+
+
+def test_a_branch_that_no_test_takes_fails_its_stage_and_leaves_no_file(tier, tmp_path, capsys):
+    (tmp_path / "half.py").write_text("def half(x):\n    if x:\n        x = 1\n    return x\n", encoding="utf-8")
+    (tmp_path / "test_one.py").write_text("from half import half\n\n\ndef test_one():\n    half(1)\n", encoding="utf-8")
+    of_another = [word for word in stages.BRANCHES if not word.startswith("--cov=")]
+    assert tier("ci", stages.tests(BRANCHES, *stages.ALONE, "-p", "no:cacheprovider", "--cov=half", *of_another)) == 1
+    said = capsys.readouterr().out
+    assert f"FAILED {BRANCHES} ended with 1" in said
+    assert "have written" not in said
