@@ -2,7 +2,7 @@
 
 BIN := .venv/bin
 # The locks are complete, so pip resolves nothing: a release of anybody else's changes no installation, and any pip from 23.0 will do.
-# uv takes 8 s for the 117 packages of the tests where one pip takes 53 (two cores), hence two. pip all the same: it comes with
+# uv takes 8 s for the packages of the tests where one pip takes 53 (two cores), hence two. pip all the same: it comes with
 # Python, it knows the mirror and the proxy that a company has set up for it, and a file that uv could sync from names the hosts
 # of its packages.
 # Byte code is written when a module is first imported, of those that are: writing it all at installation costs seconds for nothing.
