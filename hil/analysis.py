@@ -62,7 +62,12 @@ class TipScale:
     f_al_hz: float
     band_hz: tuple[float, float]
     peak_band_hz: tuple[float, float]
-    windows_rps: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    windows_rps: Mapping[float, tuple[float, float]] = field(default_factory=dict)
+
+    def orders_met(self, last_rps: float) -> tuple[float, ...]:
+        """Orders that meet f_al up to a speed; if none does, the highest order, which comes nearest."""
+        met = tuple(order for order in self.windows_rps if last_rps >= self.f_al_hz / order)
+        return met or (max(self.windows_rps),)
 
 
 def tip_scale(f_al_hz: float) -> TipScale:
@@ -70,7 +75,7 @@ def tip_scale(f_al_hz: float) -> TipScale:
 
     Every window and band is in units of f_al.
     """
-    windows = {order: order_window_rps(f_al_hz, order) for order in ORDERS}
+    windows: dict[float, tuple[float, float]] = {order: order_window_rps(f_al_hz, order) for order in ORDERS}
     return TipScale(f_al_hz, _times(f_al_hz, BAND_FACTORS), _times(f_al_hz, PEAK_BAND_FACTORS), windows)
 
 
@@ -90,16 +95,14 @@ def last_rps(end_rps: float, acceleration_rps_s: float) -> float:
 def judged_orders(scale: TipScale | None, last_rps: float) -> tuple[int, ...]:
     """Return the orders in whose windows a ramp is judged.
 
-    They are those that meet f_al on it; if none does, the highest order, which comes nearest.
-
     Args:
         scale: Scale of the axis; None if no f_al is known.
         last_rps: Speed up to which the ramp shows the arm.
     """
     if scale is None:
         return ORDERS[1:]
-    met = tuple(order for order in scale.windows_rps if last_rps >= scale.f_al_hz / order)
-    return met or (max(scale.windows_rps),)
+    met = scale.orders_met(last_rps)
+    return tuple(order for order in ORDERS if order in met)
 
 
 def paper_scale(f_al_hz: float) -> TipScale:
@@ -141,7 +144,7 @@ def ramp_scale(band_hz: tuple[float, float]) -> TipScale:
 
     Each order is judged at the speeds at which it is in the band.
     """
-    windows = {order: (band_hz[0] / order, band_hz[1] / order) for order in ORDERS}
+    windows: dict[float, tuple[float, float]] = {order: (band_hz[0] / order, band_hz[1] / order) for order in ORDERS}
     return replace(band_scale(band_hz), windows_rps=windows)
 
 

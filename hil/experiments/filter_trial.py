@@ -12,7 +12,7 @@ pass is not judged: the peak there by switching the filter counts only above the
 from collections.abc import Callable, Collection
 from dataclasses import replace
 
-from hil.analysis import TipScale, judged_orders, order_window_rps
+from hil.analysis import TipScale, order_window_rps
 from hil.bench.bench import Bench
 from hil.experiments.cancellation.alternation import Alternation
 from hil.experiments.cancellation.rise import RISE_SIGMAS, PeakChange
@@ -26,8 +26,8 @@ MOST_RUNS = 4
 
 
 def with_orders(scale: TipScale, orders: Collection[float]) -> TipScale:
-    """Add windows of other integer orders to the scale of an axis."""
-    more = {int(k): order_window_rps(scale.f_al_hz, k) for k in orders if k == int(k) and int(k) not in scale.windows_rps}
+    """Add windows of other orders to the scale of an axis."""
+    more = {k: order_window_rps(scale.f_al_hz, k) for k in orders if k not in scale.windows_rps}
     return replace(scale, windows_rps={**scale.windows_rps, **more}) if scale.windows_rps else scale
 
 
@@ -56,7 +56,7 @@ def try_filters(
     while runs.count < MOST_RUNS:
         runs.once_more()
         changes = runs.seen()
-        peaks = _that_count(changes, judged_orders(scale, shown_rps(bench)) if scale.windows_rps else ())
+        peaks = _that_count(changes, scale.orders_met(shown_rps(bench)) if scale.windows_rps else ())
         if peaks[0].exceeds(RISE_SIGMAS) or (peaks[0].is_excluded and any(peak.is_fall for peak in peaks)):
             break
     return _entry(peaks, changes, runs.count)

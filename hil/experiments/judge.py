@@ -215,14 +215,14 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
             continue
         if ramp.end_rps > resonant_rps:
             within.append(
-                f"axis {axis}: order {order} is not judged: the ramp meets f_al = {scale.f_al_hz:.2f} Hz at "
+                f"axis {axis}: order {order:g} is not judged: the ramp meets f_al = {scale.f_al_hz:.2f} Hz at "
                 f"{resonant_rps:.2f} rev/s, less than {1e3 * BRAKING_S:g} ms before it brakes; in "
                 f"[constant_acceleration] lower acceleration_rps_s, {ramp.acceleration_rps_s:g} rev/s², or raise "
                 f"end_rps, {ramp.end_rps:g} rev/s"
             )
             continue
         text = (
-            f"axis {axis}: order {order} is not judged: it meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s, but "
+            f"axis {axis}: order {order:g} is not judged: it meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s, but "
             f"the ramp ends at {ramp.end_rps:g} rev/s. From the middle of the travel the limits allow"
         )
         last = last_rps(most_rps, ramp.acceleration_rps_s)
@@ -268,6 +268,11 @@ def line_scale(bench: Bench, control_period_s: float = CONTROL_PERIOD_S) -> TipS
     if bench.is_paper and PAPER_LINE_AXIS in known:
         return known[PAPER_LINE_AXIS]
     return joint_scale(list(known.values())) if known else None
+
+
+def motion_scale(bench: Bench, axis: int | None) -> TipScale | None:
+    """Scale of a motion: of one axis, or of the line; None if nothing is known."""
+    return line_scale(bench) if axis is None else axis_scale(bench, axis)
 
 
 def missing_words(axes: Iterable[int]) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hil.analysis import shown_band
+from hil.analysis import TipScale, shown_band
 from hil.bench.bench import Bench
 from hil.bench.model import with_identified
 from hil.can.channel import Channel
@@ -20,7 +20,7 @@ from hil.experiments.cancellation.follow_trial import FollowRun, try_following
 from hil.experiments.cancellation.inside import cancel_inside
 from hil.experiments.cancellation.trial import Choice, averaged, choose, choose_inside
 from hil.experiments.filter_trial import try_filters
-from hil.experiments.judge import RunJudge, axis_scale, line_scale, vibration_scale
+from hil.experiments.judge import RunJudge, missing_words, motion_scale, vibration_scale
 from hil.experiments.measurement import ClockName, Measurement, MeasurementOutcome
 from hil.experiments.plan import NO_TRIAL, Experiment, TrialVerdict, claims, comparisons, entries, outside
 from hil.experiments.shaping import check_stop, shaped_motion
@@ -188,8 +188,23 @@ def _set_up(
         check_stop(experiment.is_stop, experiment.treatment, experiment.loop)
         motion = experiment.motion(bench)
         setups.append(treatment_setup(bench, experiment.treatment, knowledge, motion.period_s, experiment.loop))
+        if setups[-1].is_designed:
+            _trial_scale(setups[-1].bench, experiment, motion)
         shaped.append(shaped_motion(bench, experiment.treatment, motion, knowledge.identified))
     return setups, shaped
+
+
+def _trial_scale(bench: Bench, experiment: Experiment, motion: Motion) -> TipScale:
+    """Scale of the trial of designed filters.
+
+    Raises:
+        NotPossibleError: No f_al is known.
+    """
+    scale = motion_scale(bench, experiment.axis)
+    if scale is None:
+        what = f"{experiment.treatment}: designed filters are tried on the robot first, in the windows where orders meet f_al"
+        raise NotPossibleError(f"{what}; {missing_words(motion.axes)}")
+    return scale
 
 
 class _ExperimentRuns:
@@ -289,7 +304,7 @@ class _ExperimentRuns:
     def _try_filters(self) -> None:
         """Try designed filters.
 
-        If they raise the tip's peak, the runs are made without them. An axis without f_al has no trial.
+        If they raise the tip's peak, the runs are made without them.
         """
 
         def run(acts: bool) -> Recording:
@@ -302,9 +317,7 @@ class _ExperimentRuns:
             return result.recording
 
         bench, axis = self._session.bench, self._experiment.axis
-        scale = line_scale(bench) if axis is None else axis_scale(bench, axis)
-        if scale is None:
-            return
+        scale = _trial_scale(bench, self._experiment, self._motion)
         model = None if axis is None else bench.axis[axis].model
         orders = () if model is None else tuple(model.ate.amplitudes_arcsec())
         trial = try_filters(bench, scale, run, orders, self._reporter)
@@ -398,7 +411,7 @@ def check_band(bench: Bench, experiment: Experiment, motion: Motion) -> None:
     Raises:
         NotPossibleError: The period is too long.
     """
-    scale = line_scale(bench) if experiment.axis is None else axis_scale(bench, experiment.axis)
+    scale = motion_scale(bench, experiment.axis)
     if scale is None:
         return
     try:
