@@ -29,7 +29,7 @@ BAND_FACTORS = (0.5, 2.1)
 PEAK_BAND_FACTORS = (0.68, 1.35)
 """Band in which the largest line of the spectrum is looked for, in units of f_al."""
 
-PAPER_WINDOWS_RPS = {2: (4.5, 7.5), 4: (2.2, 3.6)}
+PAPER_WINDOWS_RPS: dict[float, tuple[float, float]] = {2: (4.5, 7.5), 4: (2.2, 3.6)}
 PAPER_BAND_HZ = (6.0, 25.0)
 PAPER_PEAK_BAND_HZ = (8.0, 16.0)
 """The same for both axes of the paper's robot, with an f_al near 12 Hz."""

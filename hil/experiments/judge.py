@@ -222,8 +222,8 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
             )
             continue
         text = (
-            f"axis {axis}: order {order:g} is not judged: it meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s, but "
-            f"the ramp ends at {ramp.end_rps:g} rev/s. From the middle of the travel the limits allow"
+            f"axis {axis}: order {order:g} is not judged: it meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s, "
+            f"but the ramp ends at {ramp.end_rps:g} rev/s. From the middle of the travel the limits allow"
         )
         last = last_rps(most_rps, ramp.acceleration_rps_s)
         if last >= resonant_rps:

@@ -1,6 +1,7 @@
 """The trial of filters on a drawn robot with hysteresis and a low resonance: a filter for order 2 raises order 1."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,25 +9,35 @@ import pytest
 from drive_profiles.files.toml import loads
 from hil.analysis import TipScale, tip_scale
 from hil.bench.bench import Bench
+from hil.bench.design import DesignedAxis, Designs
+from hil.errors import NotPossibleError
 from hil.experiments.filter_trial import try_filters
 from hil.experiments.motions import constant_acceleration
+from hil.experiments.plan import Experiment
+from hil.experiments.runner import run_experiments
+from hil.experiments.treatment import Knowledge
 from hil.recording import Recording
 from hil.robot_tables import NotchTable
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.rehearsal.survey import session_on
-from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, true_f_al_hz
+from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, true_f_al_hz, with_true_models
 from plant_emulator.robots.robot import Robot
+from plant_emulator.world import World
 
 SEED, AXIS, TRIALS = 1102, 2, 30
 
 
-def with_filter(bench: Bench, f_al_hz: float) -> Bench:
-    """The bench with the paper's filter, in proportion to the robot's own f_al."""
+def paper_filter(f_al_hz: float) -> NotchTable:
+    """The paper's filter, in proportion to the robot's own f_al."""
     speed_rps, offset_hz = f_al_hz / 2.0, 0.5 * f_al_hz / 11.84
-    notch = NotchTable(
+    return NotchTable(
         order=2, start_rps=0.676 * speed_rps, end_rps=1.5 * speed_rps, offset_hz=offset_hz, zeta_rn=0.028, zeta_rdth=0.1
     )
-    axis = bench.axis[AXIS].model_copy(update={"notch": (notch,)})
+
+
+def with_filter(bench: Bench, f_al_hz: float) -> Bench:
+    axis = bench.axis[AXIS].model_copy(update={"notch": (paper_filter(f_al_hz),)})
     return bench.model_copy(update={"axis": {**bench.axis, AXIS: axis}})
 
 
@@ -65,3 +76,37 @@ def test_a_filter_that_raises_an_order_it_is_not_for_is_refused_whatever_the_noi
     assert sum(trial.is_good for trial in trials) == 0
     words = next(trial.words for trial in trials if trial.words)
     assert re.search(r"in the window of order 1 rises from 0\.5\d* to 0\.[56]\d* ± 0\.\d+ mm", words)
+
+
+def designed_for(bench: Bench, robot: Robot) -> Knowledge:
+    """A design file with that filter."""
+    axis = DesignedAxis(
+        notch=(paper_filter(true_f_al_hz(bench, robot, AXIS)),),
+        sensitivity_peak=1.4,
+        phase_margin_deg=50.0,
+        gain_margin_db=9.0,
+        period_s=bench.bus.sync_period_s,
+    )
+    return Knowledge(designs=Designs(robot=bench.name, axis={AXIS: axis}))
+
+
+def test_a_run_with_designed_filters_tries_them_first_and_goes_on_without_those_that_are_refused(tmp_path: Path) -> None:
+    robot, text = drawn(SEED, "real")
+    bench = with_true_models(loads(text, Bench, "blank bench"), robot)
+    designed = [Experiment("constant-acceleration", AXIS, "notch-designed")]
+    channel = InProcessChannel(World(robot), is_logged=False)
+    outcome = run_experiments(bench, designed, tmp_path, knowledge=designed_for(bench, robot), channel=channel)
+    trials = [run.filter_trial for run in outcome.result.runs if run.filter_trial is not None]
+    assert trials
+    assert all(not trial.is_good and "in the window of order 1 rises" in trial.words for trial in trials)
+    assert all(run.filters == () for run in outcome.result.runs), "none acted in what is stated as the result"
+
+
+def test_designed_filters_are_refused_before_any_motion_where_no_f_al_is_known(tmp_path: Path) -> None:
+    robot, text = drawn(SEED, "real")
+    bench = loads(text, Bench, "blank bench")
+    designed = [Experiment("constant-acceleration", AXIS, "notch-designed")]
+    channel, known = InProcessChannel(World(robot), is_logged=False), designed_for(bench, robot)
+    with pytest.raises(NotPossibleError, match=r"notch-designed: designed filters are tried on the robot first.*f_al"):
+        run_experiments(bench, designed, tmp_path, knowledge=known, channel=channel)
+    assert not list(tmp_path.iterdir())
