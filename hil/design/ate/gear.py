@@ -83,11 +83,21 @@ class GearLaw:
         return acceleration
 
 
+def _between(period_s: float, values: Real) -> scipy.interpolate.BSpline:
+    """Spline of degree 7 through samples, at rest at both ends.
+
+    At 0.3 of the sampling rate it keeps an amplitude to 0.2 %, a cubic spline to 4 %: f_r is there at long SYNC periods.
+    """
+    rest = [(order, 0.0) for order in (1, 2, 3)]
+    time_s = period_s * np.arange(len(values))
+    return scipy.interpolate.make_interp_spline(time_s, values, 7, bc_type=(rest, rest))  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True)
 class BaseMotion:
     """Motion of a gear's input, at half steps of an integration.
 
-    It is the cubic spline through the measured motor angle, with the waves of some orders.
+    It is the spline through the measured motor angle, with the waves of some orders.
 
     Attributes:
         per_sample: Integration steps in a sample.
@@ -115,8 +125,7 @@ class BaseMotion:
             fastest_hz: Fastest vibration that the steps resolve.
         """
         per_sample = max(1, math.ceil(STEPS_PER_RADIAN * 2.0 * math.pi * fastest_hz * period_s))
-        time = period_s * np.arange(len(motor_angle_rad))
-        spline = scipy.interpolate.CubicSpline(time, motor_angle_rad, bc_type="clamped")
+        spline = _between(period_s, motor_angle_rad)
         halves = period_s / (2 * per_sample) * np.arange(2 * per_sample * (len(motor_angle_rad) - 1) + 1)
         angle, speed = spline(halves), spline(halves, 1)
         k = np.array(orders)[:, np.newaxis]
@@ -132,8 +141,7 @@ class BaseMotion:
             noise_rad: The disturbance at every sample; shape (samples,).
             reduction_ratio: Reduction ratio N.
         """
-        time = self.step_s * self.per_sample * np.arange(len(noise_rad))
-        spline = scipy.interpolate.CubicSpline(time, noise_rad / reduction_ratio, bc_type="clamped")
+        spline = _between(self.step_s * self.per_sample, noise_rad / reduction_ratio)
         halves = 0.5 * self.step_s * np.arange(self.rigid.shape[1])
         return spline(halves), spline(halves, 1)
 

@@ -419,6 +419,7 @@ def on_its_gear(
         ),
         amplitude_error_arcsec={order: size.standard_error for order, (size, _) in orders.items()},
         phase_error_deg={order: phase.standard_error for order, (_, phase) in orders.items()},
+        structured=found.noise.miss,
         gear=found.law,
         delay=replace(delay, standard_error=math.hypot(delay.standard_error, least_s)),
     )

@@ -257,6 +257,27 @@ def _least_apart(model: RampsModel, arms: Sequence[Arm], delays_s: Real) -> Arm:
     return replace(arms[row], delay_s=delays[column])
 
 
+def with_arm(
+    estimate: JointEstimate, sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, arm: Arm
+) -> JointEstimate:
+    """Replace the arm of an estimate, with the delay, A_k and φ_k that suit it best.
+
+    Args:
+        estimate: The estimate; its standard errors stay.
+        sweeps: Its recordings.
+        reduction_ratio: Reduction ratio N.
+        sensing: The kind of signal.
+        arm: The arm; its delay is searched.
+    """
+    orders = tuple(estimate.error.amplitude_arcsec)
+    model = _model_around(sweeps, reduction_ratio, sensing, orders, arm.resonance_hz)
+    delays = np.linspace(sensing.delay_from_s, sensing.delay_to_s, FINE_DELAYS)
+    best = min((replace(arm, delay_s=float(delay)) for delay in delays), key=model.power)
+    unknowns = model.solve(best)[0]
+    amplitude, phase, _, _ = _polar(unknowns, np.zeros((len(unknowns), len(unknowns))), orders)
+    return replace(estimate, arm=best, error=TransmissionError(amplitude, phase))
+
+
 def _moved(
     model: RampsModel, before: tuple[Arm, Mapping[float, Arm]], after: tuple[Arm, Mapping[float, Arm]]
 ) -> dict[float, float]:

@@ -18,7 +18,7 @@ from hil.control.angles import ARCSEC
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_fit import on_its_gear
 from hil.design.ate.gravity import weight_of
-from hil.design.ate.identification import JointEstimate
+from hil.design.ate.identification import JointEstimate, with_arm
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.reaction import Reaction, Turning, gear_reaction
 from hil.design.estimation import EstimatedParameter
@@ -158,6 +158,10 @@ def identify_on(
         HilError: Limits or nodes do not allow a run.
     """
     bench, axis = session.bench, request.axis
+    reduction_ratio, has_gear = (
+        bench.axis[axis].reduction_ratio,
+        not (request.sensorless or bench.accelerometer.from_load_encoders),
+    )
     ramp, identification = first_ramp(bench, request, knowledge), Identification()
     for number in range(1, request.passes + 1):
         session.check_interrupt()
@@ -175,18 +179,27 @@ def identify_on(
         left = request.passes - number
         sensing = sensing_of(bench, axis, knowledge, sensorless=request.sensorless)
         sweeps = [each.sweep for each in identification.passes]
-        watch = OrderWatch(bench.axis[axis].reduction_ratio, sensing, ramp, sweeps)
-        checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
+        watch = OrderWatch(reduction_ratio, sensing, ramp, sweeps)
+        try:
+            checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
+        except AteNotIdentifiedError as refusal:
+            if not has_gear or refusal.causes != ("noise",):
+                raise
+            on_gear = simulated(made.estimate, sweeps, reduction_ratio, sensing, knowledge)
+            if on_gear.gear is None:
+                raise
+            checked(watch, on_gear, sensorless=False, passes_left=left)
+            made = identification.passes[-1] = replace(made, estimate=on_gear)
         is_through = _is_through(axis, made, passes_left=left)
         before, identification.misses = identification.misses, request.goal.missed(made.estimate)
         if is_through and not _curable(identification, before):
             break
         ramp = _next_ramp(identification)
     linear = identification.estimate
-    if not request.sensorless and not bench.accelerometer.from_load_encoders:
+    last = identification.passes[-1]
+    if has_gear and last.estimate.gear is None:
         reporter.step("fit of all passes, with the arm simulated on its gear")
-        last = identification.passes[-1]
-        estimate = simulated(last.estimate, watch.sweeps, bench.axis[axis].reduction_ratio, watch.sensing, knowledge)
+        estimate = simulated(last.estimate, watch.sweeps, reduction_ratio, watch.sensing, knowledge)
         identification.passes[-1] = replace(last, estimate=estimate)
         identification.misses = request.goal.missed(estimate)
     _remark(identification, bench, request, knowledge)
@@ -272,6 +285,9 @@ def simulated(
 ) -> JointEstimate:
     """Estimate from all passes with the arm simulated on its gear.
 
+    The fit starts from the linear arm; if no gear near it explains the vibration, it starts from the identified plant. The motor
+    tells a soft gear's f_a and ζ where the vibration is so far from a linear arm's that its fit takes another arm for true.
+
     Args:
         estimate: Estimate from all passes, with a linear arm.
         sweeps: The passes.
@@ -280,7 +296,13 @@ def simulated(
         knowledge: Knowledge of the axis.
     """
     weight = weight_of(sweeps, reduction_ratio, knowledge.arm_inertia)
-    return on_its_gear(estimate, sweeps, reduction_ratio, sensing, weight)
+    found = on_its_gear(estimate, sweeps, reduction_ratio, sensing, weight)
+    if found.gear is not None or weight is None or knowledge.start is None or knowledge.resonance_error_hz is None:
+        return found
+    known = with_arm(estimate, sweeps, reduction_ratio, sensing, knowledge.start)
+    error = Arm(knowledge.resonance_error_hz, knowledge.damping_error or 0.0, estimate.arm_error.delay_s)
+    other = on_its_gear(replace(known, arm_error=error), sweeps, reduction_ratio, sensing, weight)
+    return found if other.gear is None else other
 
 
 def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool, sensor: str = "accelerometer") -> Sweep:
