@@ -39,10 +39,16 @@ ALL = [pytest.param(words, command, id=" ".join(words)) for tool in TOOLS for wo
 LEAVES = [each for each in ALL if not hasattr(each.values[1], "commands")]
 
 
+HELP = {}
+"""The help of a command by its words and the width: several tests read the same."""
+
+
 def help_of(words, command, columns, monkeypatch):
     """The help as a terminal of this width shows it."""
-    monkeypatch.setenv("COLUMNS", str(columns))
-    return command.get_help(command.make_context(" ".join(words), [], resilient_parsing=True))
+    if (words, columns) not in HELP:
+        monkeypatch.setenv("COLUMNS", str(columns))
+        HELP[words, columns] = command.get_help(command.make_context(" ".join(words), [], resilient_parsing=True))
+    return HELP[words, columns]
 
 
 def examples_in(text):
@@ -148,6 +154,7 @@ def test_without_a_command_the_help_is_shown(package):
     assert "Commands:" in done.output
 
 
+@pytest.mark.ci
 def test_a_package_that_is_started_is_its_tool():
     """Each in one way of its own: with nothing, for its help, for its version."""
     from drive_profiles.version import DISTRIBUTION, version_text  # noqa: PLC0415

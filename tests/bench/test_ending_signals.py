@@ -45,7 +45,6 @@ CASES = {
 }
 EVERY_DAY = {
     ("move between plan and motion", signal.SIGTERM),
-    ("run after its session", signal.SIGTERM),
     ("upload", signal.SIGHUP),
 }
 SAID = {

@@ -75,6 +75,7 @@ def texts():
     return committed + [(f"generated {name}", text) for name, text in data_sheets().items()]
 
 
+@pytest.mark.ci
 def test_dcfchk_has_nothing_to_say_of_our_eds(tmp_path):
     path = tmp_path / "device.eds"
     for name, text in texts():

@@ -40,6 +40,7 @@ def library(precision, tmp_path_factory):
     return precision.single(Path(tmp_path_factory.mktemp("single")))
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(ARM is None, reason="no arm-none-eabi-gcc (Debian: gcc-arm-none-eabi libnewlib-arm-none-eabi)")
 def test_the_law_fits_a_cortex_m4f_and_an_m7(tmp_path):
     said = made("sizes", tmp_path / "build")

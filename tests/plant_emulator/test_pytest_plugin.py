@@ -406,6 +406,7 @@ def test_a_failed_set_up_keeps_what_led_to_it(run: Run) -> None:
     assert (kept(result)[0] / "bus.log").stat().st_size > 1000
 
 
+@pytest.mark.ci
 def test_no_more_is_kept_than_is_bounded(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     from plant_emulator.pytest_plugin import artefacts  # noqa: PLC0415
 

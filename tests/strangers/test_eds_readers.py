@@ -141,6 +141,7 @@ def test_the_canopen_package_reads_no_other_number(tmp_path, name):
     assert reals or name not in {"emulated_drive.eds", "schunk_pilz_prbt"}
 
 
+@pytest.mark.ci
 def test_npm_canopen_reads_no_other_number(master, tmp_path):
     paths = []
     for name, text in TEXTS.items():

@@ -575,6 +575,7 @@ def test_no_bytes_make_the_reading_of_a_concise_dcf_raise_anything_but_a_refusal
     assert sum(7 + len(value) for value in found.values()) <= len(data) - 4
 
 
+@pytest.mark.ci
 @given(devices(), st.integers(0))
 def test_a_concise_dcf_that_is_cut_anywhere_is_refused(held, at):
     data = to_concise(pulled(held).writes(DEVICE, SCALING))

@@ -119,6 +119,7 @@ def test_any_configuration_becomes_any_other_without_breaking_the_rule(old, new)
     assert executed(new, old).held == new
 
 
+@pytest.mark.ci
 @given(pdos(), pdos(), st.data())
 def test_a_part_of_a_configuration_is_changed_and_the_rest_stays_as_it_is(old, new, data):
     chosen = data.draw(st.sets(st.sampled_from(sorted(new))))

@@ -82,7 +82,7 @@ def after_power(bus: InterruptedBus, node: int) -> float:
     return gain(bus, node)
 
 
-@pytest.mark.parametrize("store", [False, True])
+@pytest.mark.parametrize("store", [pytest.param(False, marks=pytest.mark.ci), True])
 def test_an_interrupt_at_every_frame_leaves_status_sentence_journal_and_drive_in_agreement(store, tmp_path, capfd):
     wanted = ParameterSet(tuning={"p0": Item(value=100), "p1": Item(value=101), "text": Item(value="from now on")})
     before, after, seen, at = rig.contents(rig.node()), None, [], 0

@@ -130,6 +130,7 @@ def test_what_a_journal_says_is_true_wherever_it_ends(tmp_path_factory, drawn):
         check(read(path), drive.truths[whole - 1])
 
 
+@pytest.mark.ci
 def test_a_journal_that_ends_in_its_first_line_is_none(path):
     Journal(path, SNAPSHOT).close()
     data = path.read_bytes()

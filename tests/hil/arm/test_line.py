@@ -23,6 +23,7 @@ def motion(text: str) -> LineMotion:
     return loads(f"start_m = {{ x = 0.5, z = 0.45 }}\n{text}\nduration_s = 2.2\n", LineMotion)
 
 
+@pytest.mark.ci
 def test_axes_that_a_line_does_not_turn_are_no_part_of_it():
     assert arm_line(FOUR, motion("end_m = { x = 0.7, z = 0.45 }")).axes == (2, 3, 5)
     line = arm_line(FOUR, motion('end_m = { x = 0.5, y = 0.2, z = 0.45 }\norientation = "free"'))

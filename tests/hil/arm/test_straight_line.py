@@ -41,6 +41,7 @@ def line(end: tuple[float, float, float], *, is_free: bool = False, end_frame: n
     return StraightLine(six_axes(), HOME, start, finish, Smooth(2.2, 0.3), 0.2, 0.6, NAMES)
 
 
+@pytest.mark.ci
 def test_a_line_in_the_arms_plane_is_that_of_the_planar_chain():
     planar = Line(CHAIN, START, END, Smooth(2.2, 0.3), 0.2, 0.6)
     times = sample_times(planar.duration_s, 0.002)
@@ -111,6 +112,7 @@ def test_an_arm_with_too_few_joints_cannot_hold_its_tool():
 FREE = JointLimits(-10.0, 10.0, 100.0)
 
 
+@pytest.mark.ci
 def test_a_joint_beyond_its_limit_is_refused_with_its_name_and_place():
     wanted = line((0.75, 0.0, 0.45))
     end = float(wanted.angles(np.ones(1))[0, 1])
@@ -121,6 +123,7 @@ def test_a_joint_beyond_its_limit_is_refused_with_its_name_and_place():
     wanted.check_limits([FREE] * 6, 0.002)
 
 
+@pytest.mark.ci
 def test_a_joint_that_is_too_fast_is_refused_with_a_duration_that_is_not():
     wanted = line((0.75, 0.0, 0.45))
     times = sample_times(wanted.duration_s, 0.002)

@@ -168,6 +168,7 @@ WHOLE = six_axis_urdf()
 PIECES = ("", "0", "-1", "1e999", "1e300", "nan", "joint_1", "link_3", "prismatic", "<link/>", "</link>", '"', "&amp;", "\x00")
 
 
+@pytest.mark.ci
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, len(WHOLE)), st.integers(0, 40), st.sampled_from(PIECES))
 def test_a_damaged_file_is_an_arm_or_refused_and_nothing_else(tmp_path, place, length, piece):

@@ -27,6 +27,7 @@ def test_it_knows_no_masses_no_plants_and_no_errors():
     assert all(axis.model is None for axis in BENCH.axis.values())
 
 
+@pytest.mark.ci
 def test_its_line_is_that_of_the_reference_bench():
     reference = load_bench("reference")
     ours, theirs = line_motion(BENCH, 0.002), line_motion(reference, 0.002)

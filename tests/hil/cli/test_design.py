@@ -69,6 +69,7 @@ def test_the_given_filter_is_judged_without_a_search(app, quick, tmp_path):
     assert "The given filters meet all requirements" in (tmp_path / "design.html").read_text()
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("without_pictures")
 def test_a_given_filter_that_misses_a_limit_is_said_to_and_the_report_is_there(app, quick, tmp_path):
     found = run(

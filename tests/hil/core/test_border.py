@@ -84,6 +84,7 @@ def test_any_number_goes_through_the_law(rows):
         assert isinstance(law.step(*row), float)
 
 
+@pytest.mark.ci
 @given(st.lists(st.tuples(ANY, ANY), min_size=1, max_size=8), ANY, ANY)
 @settings(max_examples=300)
 def test_any_number_goes_through_the_cancellation(rows, step_rps, lowpass_hz):
@@ -96,6 +97,7 @@ def test_any_number_goes_through_the_cancellation(rows, step_rps, lowpass_hz):
         CORE.call.cancel(*shared, CORE.pointer(waves), CORE.pointer(table), 1, 2, 4, 1e-3, CORE.pointer(values))
 
 
+@pytest.mark.ci
 @given(st.lists(st.tuples(st.integers(0, 3), st.binary(max_size=8)), max_size=8), st.binary(max_size=64), st.booleans())
 @settings(max_examples=300)
 def test_any_bytes_go_through_the_taking_of_answers(frames, message, is_whole):

@@ -79,6 +79,7 @@ def test_standard_errors_are_what_the_scatter_over_seeds_is() -> None:
         assert 0.4 < math.sqrt(float(np.mean(np.square(values)))) < 1.6, name
 
 
+@pytest.mark.ci
 def test_without_the_accelerometer_it_says_less_but_nothing_else() -> None:
     data = synthetic(3)
     with_tip = fit_plant(data, timing(), 120.0, LEVER)
@@ -89,6 +90,7 @@ def test_without_the_accelerometer_it_says_less_but_nothing_else() -> None:
     assert without.parameters["antiresonance_hz"].standard_error > with_tip.parameters["antiresonance_hz"].standard_error
 
 
+@pytest.mark.ci
 def test_more_noise_means_less_coherence_and_larger_errors() -> None:
     quiet, loud = (fit_plant(synthetic(4, noise=noise), timing(), 120.0, LEVER) for noise in (2e-5, 5e-4))
     assert np.median(loud.response.coherence) < np.median(quiet.response.coherence)

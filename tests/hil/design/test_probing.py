@@ -153,6 +153,7 @@ def test_with_settings_of_a_known_spread_what_is_hardly_seen_stays_near_nothing(
     assert float(np.mean(with_it)) < float(np.mean(without))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("own", "noise"), [(1.0, 0.0), (0.5, 1.0)])
 def test_standard_errors_hold_for_settings_of_a_known_spread_too(own: float, noise: float) -> None:
     """Of what does nothing they are the spread itself."""

@@ -74,6 +74,7 @@ def test_an_order_that_is_alone_is_named_alone():
     assert found.peak_hz == pytest.approx(f_al, rel=0.03)
 
 
+@pytest.mark.ci
 def test_a_sensor_that_rings_on_its_mounting_is_not_the_arm():
     """Order 4 meets it at 7 rev/s, in the middle of the ramp; the arm itself hardly rings. The motor does not feel it."""
     ramp, _ = recorded(stiffness=0.15, error={"a2_arcsec": 1.0, "a4_arcsec": 20.0})

@@ -76,6 +76,7 @@ def test_the_bench_files_bodies_are_held_against_what_was_measured():
     assert any("check that the bodies and the payload are those of this robot" in note for note in light.notes)
 
 
+@pytest.mark.ci
 def test_too_few_postures_are_refused_and_those_that_do_not_do_name_one_more():
     with pytest.raises(NotPossibleError, match=r"has 2 postures of an axis; at least 3 are needed"):
         identify_arm(BENCH, model_file(OTHERS[:2]))

@@ -73,6 +73,7 @@ def test_a_rise_at_the_foot_of_an_order_that_the_ramp_does_not_pass_is_a_harm_on
     assert "in the window of order 1 rises" in refused.words
 
 
+@pytest.mark.ci
 def test_a_rise_that_the_noise_hides_in_one_run_is_not_accepted() -> None:
     """The standard error of one pair of runs is as large as the rise beyond what is no harm."""
     trials = [tried({2: 1.0, 4: 0.3}, {2: 0.5, 4: 0.37}, noise=0.13, first_seed=10 * seed) for seed in range(40)]

@@ -267,6 +267,7 @@ def test_an_order_that_the_speed_limit_keeps_from_the_resonance_is_said_to_need_
     assert problem.ramps[0].top_rps > 1.27 * f_al
 
 
+@pytest.mark.ci
 def test_where_no_filter_is_better_than_none_none_is_given(monkeypatch):
     """Every filter that is tried costs more than it gives: here because any rise of any peak is refused."""
     monkeypatch.setattr("hil.design.notch_problem.RISE", 0.3)

@@ -168,6 +168,7 @@ def test_other_formats_hold_the_same_frames(tmp_path, suffix):
     assert np.diff(found.stamp_ns) == pytest.approx(10_000_000, abs=1_000_000)
 
 
+@pytest.mark.ci
 def test_a_log_that_is_cut_is_read_as_far_as_it_goes(tmp_path):
     path = tmp_path / "a.blf"
     with can.Logger(str(path)) as writer:

@@ -120,6 +120,7 @@ def test_a_file_that_is_no_passport_is_refused_with_words(tmp_path: Path, monkey
         read(tmp_path / "nowhere" / "p.sqlite")
 
 
+@pytest.mark.ci
 def test_the_command_keeps_tells_and_ends_with_9_on_a_change(tmp_path: Path):
     model(tmp_path / "old", *(error(5.0 + 0.02 * (-1) ** day, day) for day in range(1, 10)))
     words = (tmp_path / "old", "--file", tmp_path / "p.sqlite")

@@ -38,6 +38,7 @@ def test_texts_come_from_copies_each_its_own_and_none_is_left_behind():
     assert said == [*" ".join(f"{number} True 200000 True" for number in range(7)).split(), "none"]
 
 
+@pytest.mark.ci
 def test_no_more_copies_than_processors_are_at_work():
     said = alone("""
         begun = time.monotonic()

@@ -159,6 +159,7 @@ def test_a_recorded_run_is_shown_whole_in_the_same_page(tmp_path):
     assert values[viewer.names.index("axis 2 speed")] == pytest.approx(np.full(30_000, 0.5 / (2 * np.pi)))
 
 
+@pytest.mark.ci
 def test_a_folder_without_recordings_and_a_bus_that_is_not_there_are_said(tmp_path):
     with pytest.raises(NotPossibleError, match=r"no bus at local:/nosuch\.sock"):
         ScopeProcess("local:/nosuch.sock", "reference", 0).__enter__()
@@ -175,6 +176,7 @@ def test_without_the_library_the_extra_that_brings_it_is_named(monkeypatch):
     assert "pip install 'hil-bench[live]'" in done.output
 
 
+@pytest.mark.ci
 def test_asking_nodes_tells_the_mapping_to_one_who_came_late(bus):
     class Asking(ScopeProcess):
         def __init__(self):

@@ -162,6 +162,7 @@ def wander(axes, spec, source, rounds):
     return seen
 
 
+@pytest.mark.ci
 @given(SEEDS)
 @settings(max_examples=12)
 def test_the_control_period_is_that_of_the_specification_in_every_mode(seed):
@@ -233,6 +234,7 @@ def test_an_arm_on_elastic_joints_is_that_of_the_specification(arm_robot):
 ANY = st.one_of(st.sampled_from([0.0, math.nan, math.inf, -math.inf, 5e-324, 1.8e308, -9.3e18]), st.floats())
 
 
+@pytest.mark.ci
 @given(st.lists(ANY, min_size=6, max_size=6), st.lists(ANY, min_size=5, max_size=5), st.sampled_from(MODES), SEEDS)
 @settings(max_examples=100)
 def test_any_number_goes_through_the_control_period(state, given_to, mode, seed):

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -44,6 +45,7 @@ speeds, torques = st.one_of(st.just(0.0), st.floats(-80.0, 80.0)), st.floats(-5.
 states = st.tuples(st.floats(-1e3, 1e3), speeds, st.floats(-3.0, 3.0), speeds, torques, torques)
 
 
+@pytest.mark.ci
 @settings(max_examples=300)
 @given(
     st.sampled_from([2, 3, 5]),

@@ -43,6 +43,7 @@ def test_the_whole_arm_is_what_an_adaptive_integrator_finds(make):
     np.testing.assert_allclose(got[:, 0], want[:, 0], rtol=0.0, atol=1e-8)
 
 
+@pytest.mark.ci
 def test_so_it_is_with_one_axis_braked_whose_motor_stands_while_its_link_swings():
     got, want = run_beside_scipy(six_axes(**FREE), braked=(3, 5))
     np.testing.assert_allclose(got[:, :4], want[:, :4], rtol=0.0, atol=1e-7)

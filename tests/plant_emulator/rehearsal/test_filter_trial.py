@@ -55,6 +55,7 @@ def tried() -> tuple[Robot, Bench, TipScale, dict[bool, Recording]]:
     return robot, bench, scale, recordings
 
 
+@pytest.mark.ci
 def test_a_filter_that_raises_an_order_it_is_not_for_is_refused_whatever_the_noise(
     tried: tuple[Robot, Bench, TipScale, dict[bool, Recording]],
 ) -> None:

@@ -107,6 +107,7 @@ def fleet(*words):
     return CliRunner().invoke(app, ["fleet", *map(str, words)])
 
 
+@pytest.mark.ci
 def test_the_arm_of_a_urdf_file_is_given_drives_and_a_bench_that_reads_the_same_file(tmp_path):
     (tmp_path / "arm.urdf").write_bytes(EXAMPLE.read_bytes())
     out = tmp_path / "mine"

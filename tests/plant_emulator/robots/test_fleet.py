@@ -53,6 +53,7 @@ def test_a_quantity_with_another_range_shifts_no_other_quantity() -> None:
     assert other.accelerometer == mine.accelerometer
 
 
+@pytest.mark.ci
 def test_the_kinds_differ_in_gear_and_current_loop_alone() -> None:
     for seed in SEEDS:
         linear, real, any_kind = (draw(seed, kind=kind).axis[2] for kind in ("linear", "real", "any"))

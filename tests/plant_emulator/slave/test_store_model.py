@@ -2,6 +2,7 @@
 
 import struct
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
@@ -131,5 +132,5 @@ class StoreMachine(RuleBasedStateMachine):
         assert {address for address in kept if address in self.ram} == set(self.stored)
 
 
-TestStore = StoreMachine.TestCase
+TestStore = pytest.mark.ci(StoreMachine.TestCase)
 TestStore.settings = settings(max_examples=60, stateful_step_count=40)

@@ -46,6 +46,7 @@ def test_gains_of_all_modes_add_up_to_the_lever() -> None:
     assert replace(TRUE, others=()).response(np.array([14.73]))[0] != TRUE.response(np.array([14.73]))[0]
 
 
+@pytest.mark.ci
 def test_with_the_modes_of_the_plant_the_error_is_right_where_a_single_one_makes_it_wrong() -> None:
     start = replace(TRUE, resonance_hz=10.5, damping=0.03, delay_s=0.0)
     several, one = found(start), found(replace(start, others=()))

@@ -130,6 +130,7 @@ def test_a_robot_without_an_error_is_told_that_it_has_none() -> None:
     assert "no A_k is significant, and none is above" in refusal(RigSession(built("no error")))
 
 
+@pytest.mark.ci
 def test_a_sensor_that_does_not_sit_on_the_arm_is_named() -> None:
     assert "the sensor does not respond to this axis" in refusal(RigSession(built("", bits=15), tip_gain=0.0))
 

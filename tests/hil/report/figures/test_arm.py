@@ -160,6 +160,7 @@ def test_the_error_is_as_many_times_as_large_as_the_title_says_and_around_its_po
         assert all(np.max(one) < np.min(other) for one, other in itertools.pairwise(widest))
 
 
+@pytest.mark.ci
 def test_the_tip_is_seen_to_draw_its_line_at_each_resonance_before_and_after(known, swinging):
     drawing, figure = swinging
     titles = [axes.get_title(loc="left") for axes in figure.axes if " Hz: " in axes.get_title(loc="left")]

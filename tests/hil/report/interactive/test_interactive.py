@@ -56,6 +56,7 @@ def test_the_page_is_one_file_whose_scripts_are_named_by_their_hashes(tmp_path):
     assert re.findall(r"<(?:script|img|link)[^>]+(?:src|href)=", without) == []
 
 
+@pytest.mark.ci
 def test_the_same_numbers_give_the_same_bytes(tmp_path):
     assert small(tmp_path / "a.html", is_interactive=True) == small(tmp_path / "b.html", is_interactive=True)
 
