@@ -15,12 +15,13 @@ from tests.docs.pages import ROOT, SERVER, blocks_in, commands_in
 PAGE = ROOT / "docs" / "real-drive.md"
 EXAMPLE = "harmonic_drive_yukondrive"
 FAMILIES = {
-    "maxon_epos4": "CSP, counts that the drive states, torque in per mille of a rated torque",
     "maxon_epos2": "the maker's own position mode, a current in place of a torque, no counts",
-    "schunk_pilz_prbt": "IP, no rated torque, no counts",
-    "kollmorgen_akd": "CSP, none of the limits held, no counts",
+    "kollmorgen_akd": "CSP, none of the limits held, no rated torque, no counts",
 }
-"""Drives by what sets them apart."""
+"""Drives by what sets them apart from the example, which has IP, a rated torque and counts.
+
+Every family is moved, identified and cancelled by tests/bench/test_families.py.
+"""
 LIMIT_S = 900
 BENCH, AS_FOUND = "bench.toml", 'control = "as found"'
 

@@ -30,7 +30,7 @@ FEW = range(10_046, 10_048)
 ALL = range(FIRST, FIRST + ROBOTS)
 
 
-@pytest.mark.timeout(3600)
+@pytest.mark.timeout(5400)  # the longest of all begins first
 @pytest.mark.parametrize(
     "seeds",
     [

@@ -254,6 +254,7 @@ def test_no_models_no_notches_no_line(full_directory, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_pictures")
 def test_an_axis_without_amplitudes_has_no_constraint(full_directory, tmp_path):
     def change(result):
         for axis in ("2", "3"):
@@ -297,6 +298,7 @@ def test_a_run_that_was_stopped_early_says_so_at_the_top(full_directory, tmp_pat
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_pictures")
 def test_holes_in_a_recording_are_bridged_and_said(full_directory, tmp_path):
     name = "runs/constant-acceleration-3-notch-drive.csv"
     shutil.copytree(full_directory / "runs", tmp_path / "runs")
