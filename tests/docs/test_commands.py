@@ -96,7 +96,6 @@ SHORTENED = {
         "docs/tuning.md",
         'hil learn --bench bench.toml --axis 2 --plant model.toml --model learnt.toml --note "22 °C, no load"',
     ): "--passes 3",
-    ("docs/arm.md", "hil learn --motion line-motion --bench mine/bench-27.toml --model mine/learnt.toml"): "--orders 2",
     ("docs/arm-learning.md", "hil learn --motion line-motion --bench reference-arm --model learnt.toml"): "--orders 2",
     (
         "docs/arm-learning.md",
