@@ -59,7 +59,7 @@ def locked(path):
     "pip",
     [
         pytest.param(OLDEST_PIP, marks=pytest.mark.ci),
-        pytest.param("", marks=pytest.mark.slow, id="newest"),
+        *(pytest.param(pip, marks=pytest.mark.slow) for pip in ("23.2.1", "24.0", "")),
     ],
 )
 def test_the_demo_installs_with_this_pip_exactly_what_its_lock_says(project, pip):

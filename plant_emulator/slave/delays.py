@@ -71,11 +71,11 @@ class DelayedSlave(Slave):
 
         A timer runs out then, or a held frame is due.
         """
-        due = super().due
-        for queue in (self._tpdos, self._answers):  # asked for at every SYNC: no list, no `min`
-            if queue.frames and (due is None or queue.frames[0][0] < due):
-                due = queue.frames[0][0]
-        return due
+        times = [queue.frames[0][0] for queue in (self._tpdos, self._answers) if queue.frames]
+        own = super().due
+        if own is not None:
+            times.append(own)
+        return min(times, default=None)
 
     @property
     def plain_pdos(self) -> None:
@@ -91,14 +91,6 @@ class DelayedSlave(Slave):
     def receive(self, frame: Frame, now: int) -> list[Frame]:
         """Return the frames that are due, and hold the answers."""
         return self._pass(super().receive(frame, now), now)
-
-    def advance(self, now: int) -> list[Frame]:
-        """Return the frames that are due; between its timers only held ones wake a node."""
-        own = super().due
-        if (own is not None and own <= now) or self.waits_for_changes:
-            return super().advance(now)
-        self._set_time(now)
-        return self._pass([], now)
 
     def take_frames(self) -> list[Frame]:
         """Return the held frames that are due."""
