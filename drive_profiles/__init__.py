@@ -1,7 +1,7 @@
 r"""Drives as data, and the tool that changes their parameters.
 
 `family` describes families of drives: identity, capabilities, and the object of each parameter. `standard` holds the data of CiA
-301 and CiA 402 with the conversion of units, and `eds` reads any vendor's device description. `parameter_set` and `realisation`
+301 and CiA 402 with the conversion of units, and `eds` reads any maker's device description. `parameter_set` and `realisation`
 turn values and designs into bytes. `device` and `upload` write them to drives on a bus, all or none. `cli` is the command line.
 
 >>> from drive_profiles.family.profile import Profile

@@ -247,7 +247,7 @@ class SdoAbortedError(DriveProfileError):
         index: Index of the object.
         subindex: Sub-index of the object.
         code: The abort code.
-        text: Meaning of the code: the standard's words, or the vendor's where they are known.
+        text: Meaning of the code: the standard's words, or the maker's where they are known.
         name: Name of the object, empty if it is not known.
         action: Access that was refused: ``read`` or ``write of …``.
     """

@@ -51,10 +51,12 @@ def page(profile: Profile) -> str:
     sources = _Sources(profile)
     parts = [
         f"# {profile.title}",
-        f"Profile `{profile.name}`; made from `drive_profiles/vendors/{profile.name}.toml` by `{_COMMAND}`.",
-        f"{SIGN} marks what no available document, file or measurement confirms: check it on the drive or in its manual. An "
-        "upload needs `--allow-unverified` to write it. Numbers in brackets are sources, listed at the end; *no source* means "
-        "none of these.",
+        f"With this page you can look up what this {profile.kind} can do, and every parameter with its source.\n"
+        f"It describes the profile `{profile.name}`.\n"
+        f"`{_COMMAND}` makes it from `drive_profiles/vendors/{profile.name}.toml`.",
+        f"{SIGN} marks a fact that no available document, file or measurement confirms: check it on the {profile.kind} or in "
+        "its manual.\nAn upload needs `--allow-unverified` to write such a value.\nA number in brackets is a source in the list "
+        "at the end; *no source* means that none of them states the fact.",
         *_capabilities(profile),
         *_notch_held(profile),
     ]
@@ -93,10 +95,17 @@ def index(profiles: Sequence[Profile]) -> str:
     )  # fmt: skip
     return "\n\n".join([
         "# Drives",
-        f"Known facts on each family, with their sources; made from `drive_profiles/vendors` by `{_COMMAND}`.",
-        "`exact`: the paper's own law or filter. `yes`: supported. `approximate`: nearly, with the difference stated. "
-        "`lost`: less than half of the notch's depth, in dB, is left. `unknown`: no available document or file says so. "
-        "The reasons are on each page.",
+        "With this page you can compare the drive families, and find the page with the facts on each.\n"
+        f"`{_COMMAND}` makes these pages from `drive_profiles/vendors`.",
+        "\n".join((
+            "- `exact`: the paper's own law or filter.",
+            "- `yes`: supported.",
+            "- `approximate`: supported, with a difference that the family's page states.",
+            "- `lost`: the drive keeps less than half of the notch's depth, in dB.",
+            "- `no`: not supported.",
+            "- `unknown`: no available document or file answers the question.",
+        )),
+        "The page of each family gives the reasons.",
         _table(header, rows),
         *_further_products(profiles, answers),
         *_runs(profiles),
@@ -113,10 +122,12 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
         return
     yield "## Runs"
     yield (
-        "What `hil run`, `hil identify plant` and `hil identify ate` do with each family. *Tip*: of the reference robot's "
-        "axis 2, without and with cancellation by set-points. The results come from emulated drives and say nothing about real "
-        "firmware. The drives start with their gains set. Limits are those of the bench file; the master enforces all except "
-        "those that the drive keeps. Made by `python -m plant_emulator.rehearsal.families`."
+        "The table shows what `hil run`, `hil identify plant` and `hil identify ate` do with each family.\n"
+        "The results come from emulated drives whose gains are set; they say nothing about real firmware.\n"
+        "*Tip* is the tip peak on axis 2 of the reference robot, without → with cancellation by set-points.\n"
+        "The last three columns name the limits of the bench file.\n"
+        "The master enforces all of them except those *kept by the drive*, for which the drive uses its own value.\n"
+        "`python -m plant_emulator.rehearsal.families` makes the table."
     )
     header = ("family", *_RUN_COLUMNS, "held by the drive", "held by the master alone", "kept by the drive")
     yield _table(header, [_run_row(profile, run) for profile, run in made])

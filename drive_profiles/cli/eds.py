@@ -24,7 +24,7 @@ EDS_EPILOG = epilog(
     {ExitStatus.DONE: "done, perhaps with warnings", ExitStatus.FILE: "a file, or a part of it, was refused"},
 )
 
-app = Tool("eds", "Device descriptions of any vendor (EDS, DCF, XDD): check, show, convert.", EDS_EPILOG, is_group=True)
+app = Tool("eds", "Device descriptions of any maker (EDS, DCF, XDD): check, show, convert.", EDS_EPILOG, is_group=True)
 NodeId = Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="Node-ID for $NODEID; overrides that of the file.")]
 File = Annotated[Path, typer.Argument(metavar="FILE", help="An EDS, DCF, XDD or XDC file.")]
 _REAL_DIGITS = 7

@@ -118,7 +118,7 @@ class Device:
         A read without an answer is repeated once, since reading changes nothing.
 
         Raises:
-            SdoAbortedError: The device refuses; the text is the vendor's where the profile has it.
+            SdoAbortedError: The device refuses; the text is the maker's where the profile has it.
             NoAnswerError: The device does not answer, twice.
         """
         try:
@@ -136,7 +136,7 @@ class Device:
             timeout_s: Time that the device may take to answer, s; None: the port's.
 
         Raises:
-            SdoAbortedError: The device refuses; the text is the vendor's where the profile has it.
+            SdoAbortedError: The device refuses; the text is the maker's where the profile has it.
             NoAnswerError: The device does not answer; whether it has taken the value is not known.
         """
         try:

@@ -58,7 +58,7 @@ class MemoryCommand:
             RefusedError: The device reports that it does not.
         """
         if self.address[0] not in _STANDARD_OBJECTS:
-            return  # a vendor's own object, of which nothing is known
+            return  # a maker's own object, of which nothing is known
         try:
             data = device.read(self.address)
         except SdoAbortedError:
@@ -66,7 +66,7 @@ class MemoryCommand:
         held = int.from_bytes(data, "little")
         if not held & _ON_COMMAND:
             by_itself = "; it stores by itself" if held & _BY_ITSELF and self.address[0] == _STANDARD_OBJECTS[0] else ""
-            what = f"{self.written_address} holds 0x{held:X}, of which bit 0 is 0: it does not {self.name} on command{by_itself}"
+            what = f"{self.written_address} holds 0x{held:X}; bit 0 is 0, so the drive does not {self.name} on command{by_itself}"
             raise RefusedError(f"node {device.node}: {what}")
 
     def give(self, device: Device) -> None:

@@ -65,7 +65,7 @@ def named_profile(identity: DeviceIdentity, name: str) -> Profile:
         name: Name or path of a drive profile.
 
     Raises:
-        NodeError: The profile is of another vendor's devices.
+        NodeError: The profile is of another maker's devices.
         ProfileNotFoundError: There is no such profile.
     """
     known = Profile.load(name)
@@ -73,7 +73,7 @@ def named_profile(identity: DeviceIdentity, name: str) -> Profile:
     if vendor is not None and identity.vendor_id not in {None, vendor}:
         raise NodeError(
             identity.node,
-            f"profile {name} is of vendor 0x{vendor:08X}; the device is not ({_who(identity)})",
+            f"profile {name} is for vendor-ID 0x{vendor:08X}; the device is another ({_who(identity)})",
             "name a profile of this device",
         )
     return _of_product(known, identity.product_code, identity.revision)
@@ -113,7 +113,7 @@ def catalogue_of(
 
 
 def doubt_of_profile(identity: DeviceIdentity, name: str) -> str | None:
-    """Return a warning if a named profile is of another vendor's devices.
+    """Return a warning if a named profile is of another maker's devices.
 
     Args:
         identity: Identity of the device.
@@ -123,8 +123,8 @@ def doubt_of_profile(identity: DeviceIdentity, name: str) -> str | None:
     if vendor is None or identity.vendor_id in {None, vendor}:
         return None
     return (
-        f"node {identity.node}: profile {name} is of vendor 0x{vendor:08X}; the device is not ({_who(identity)}); "
-        "its objects may mean something else: is the profile right?"
+        f"node {identity.node}: profile {name} is for vendor-ID 0x{vendor:08X}; the device is another ({_who(identity)}), "
+        "so its objects may mean something else; check the profile"
     )
 
 
@@ -185,10 +185,10 @@ def _who(identity: DeviceIdentity) -> str:
 def _remedy(identity: DeviceIdentity) -> str:
     """Return advice for a device that no profile names.
 
-    The advice lists families of the same vendor, which may be similar.
+    The advice lists families of the same maker, which may be similar.
     """
     near = [each for each in map(_profile, available()) if each.identity.vendor_id == identity.vendor_id]
     if not near:
-        return "give --profile, or its EDS with --eds"
+        return "give --profile, or the EDS of the device with --eds"
     named = "; ".join(f"{each.name} names {' or '.join(each.products_in_words)}" for each in near)
-    return f"profiles of its vendor: {named}; give --profile to use one of them, or its EDS with --eds"
+    return f"profiles of its maker: {named}; give --profile to use one of them, or the EDS of the device with --eds"

@@ -5,7 +5,7 @@ It is divided into lines, sections and keys with their line numbers.
 This module does not know what a key means. It keeps the lines as they are, so that a rewrite changes no byte that it need not.
 Keys and section names are compared without regard to case, and sections of objects by their numbers: ``[1a00Sub00]``
 is ``[1A00sub0]``. Of repeated keys the first counts, as for the Windows call with which most of these files are
-read by their vendors' tools; a later section adds the keys that the first has not.
+read by their makers' tools; a later section adds the keys that the first has not.
 
 Source: CiA 306-1 (format).
 """
@@ -304,7 +304,7 @@ def _keep(document: Document, section: EdsSection | None, stripped: str, number:
     key, equals, value = stripped.partition("=")
     key = key.strip(BLANK)
     if section is None or not equals or not key:
-        wrong = "outside any section" if section is None else "no key=value"
+        wrong = "outside any section" if section is None else "not key=value"
         findings.warn(
             number, section.name if section else "", "", f"{quoted(stripped)} is {wrong}; ignored", "key=value in a section"
         )
@@ -328,7 +328,7 @@ def _keep(document: Document, section: EdsSection | None, stripped: str, number:
         return
     section.repeated.append(entry)
     same = first.value == entry.value
-    made = "the same again as" if same else f"{quoted(entry.value)} is ignored; {quoted(first.value)} is taken from"
+    made = "repeats" if same else f"{quoted(entry.value)} is ignored; {quoted(first.value)} is taken from"
     findings.warn(number, section.name, key, f"{made} line {first.line}", "each key once")
 
 

@@ -60,7 +60,7 @@ class Profile(Table):
         encoder: Unit of positions on the bus.
         load_encoder: Second encoder; None if nothing is known of one.
         store: Commands that store and restore parameters.
-        aborts: Vendor-specific abort codes.
+        aborts: The maker's own abort codes.
         fault_codes: The maker's own error codes, of emergencies, 603Fh and 1003h.
         quirks: Peculiarities that a user of this family must know, one sentence each.
         parameters: Parameters by name. A name is that of the robot file, with its unit, where the meaning is the same.

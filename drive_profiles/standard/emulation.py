@@ -2,7 +2,7 @@
 
 The text says that there is no hardware.
 
-An emulated drive of a vendor's family answers like a real one, identity and name included, so only this mark tells them
+An emulated drive of a maker's family answers like a real one, identity and name included, so only this mark tells them
 apart. 1009h is optional (CiA 301): a device that lacks it, or holds anything else, is not taken for emulated.
 
 >>> is_emulated(HARDWARE_VERSION.encode()), is_emulated(b"1.0"), is_emulated(b"")

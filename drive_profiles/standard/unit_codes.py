@@ -17,7 +17,7 @@ from drive_profiles.errors import OutOfRangeError
 METRE, RADIAN, DEGREE, ARC_MINUTE, ARC_SECOND, REVOLUTION, INCREMENT = 0x01, 0x10, 0x41, 0x42, 0x43, 0xB4, 0xB5
 SECOND, MINUTE, SECOND_SQUARED = 0x03, 0x47, 0x57
 RPM = 0xC0
-"""Revolutions per minute as one numerator, with which vendors write an acceleration in rev/min per second."""
+"""Revolutions per minute as one numerator, with which makers write an acceleration in rev/min per second."""
 
 _PER_TURN = {RADIAN: 2.0 * math.pi, DEGREE: 360.0, ARC_MINUTE: 21600.0, ARC_SECOND: 1_296_000.0, REVOLUTION: 1.0}
 _BY_FEED = (INCREMENT, METRE)

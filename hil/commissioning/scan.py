@@ -83,7 +83,7 @@ def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> l
         BusError: There is no such bus.
         ChannelError: Likewise.
         NodeError: No node answers, or one that is named does not.
-        DriveProfileError: A profile that is named is not there, or is of another vendor's devices.
+        DriveProfileError: A named profile does not exist, or is of another maker's devices.
     """
     with SdoBus(address, ASK_TIMEOUT_S) as bus:
         identities = [identity_at(bus.port(node)) for node in bus.answering(range(1, 128))]
@@ -107,7 +107,7 @@ def profiles_of(identity: DeviceIdentity, name: str | None) -> tuple[str, ...]:
     The one that the user names, else those that fit its identity.
 
     Raises:
-        DriveProfileError: The profile that is named is not there, or is of another vendor's devices.
+        DriveProfileError: The named profile does not exist, or is of another maker's devices.
     """
     if name is None:
         return tuple(matching(identity))

@@ -45,7 +45,7 @@ def eds(
     Tools that configure CANopen nodes read them.
 
     With --robot there is a file for every node: axis2.eds and so on, accelerometer.eds. Each states its node's serial
-    number, motor, gains and, of a vendor's drive, the vendor's objects.
+    number, motor, gains and, of a maker's drive, the maker's own objects.
 
     Examples:
         plant-emulator eds --out eds

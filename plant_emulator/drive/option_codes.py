@@ -18,7 +18,7 @@ class OptionCodes:
     The limits of their entries state the permitted values.
 
     Homing methods are not contiguous, so limits cannot state them: methods that do not exist are refused (0609 0030h),
-    unless the vendor states the entry.
+    unless the maker states the entry.
     """
 
     def __init__(self, family: DriveFamily, behaviour: Behaviour) -> None:

@@ -17,7 +17,7 @@ _CAN_ID = 0x7FF
 
 ReadHook = Callable[[], Value]
 WriteHook = Callable[[Any], int | None]
-"""Gives the abort code that refuses a value, the standard's or a vendor's own, or None."""
+"""Gives the abort code that refuses a value, the standard's or a maker's own, or None."""
 
 
 def _nothing(_: object) -> None:

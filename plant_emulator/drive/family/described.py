@@ -1,6 +1,6 @@
 """An emulated drive of any profile.
 
-The vendor's tuning and filters act on the axis as far as the profile states them.
+The maker's tuning and filters act on the axis as far as the profile states them.
 """
 
 import re

@@ -73,7 +73,7 @@ class FamilyDictionary:
     Attributes:
         commands: The entries that store and restore.
         motor: Values of the objects by which a master scales: the motor's values, whatever the factory's.
-        steps: SI units per step of the CiA 402 objects that the vendor scales differently.
+        steps: SI units per step of the CiA 402 objects that the maker scales differently.
     """
 
     def __init__(self, profile: Profile, axis: RobotAxis, number: int, scaling: Scaling, gains: Gains) -> None:
@@ -162,7 +162,7 @@ class FamilyDictionary:
         return stated
 
     def _converted(self, base: Entry, parameter: Parameter) -> Value | None:
-        """Return our default of a CiA 402 object in the vendor's steps."""
+        """Return our default of a CiA 402 object in the maker's steps."""
         if parameter.address not in self.steps or not isinstance(base.default, int):
             return base.default
         if parameter.index == Object.MAX_TORQUE:

@@ -1,4 +1,4 @@
-"""The gains of a vendor's drive.
+"""The gains of a maker's drive.
 
 They are converted between its objects and the P-PI that the emulated axis runs.
 """

@@ -1,4 +1,4 @@
-"""A vendor's drive as a dictionary.
+"""A maker's drive as a dictionary.
 
 It has its profile's parameters, its EDS file's objects, and the CiA 402 objects that it needs to move.
 """
@@ -56,7 +56,7 @@ def parameter_entry(name: str, parameter: Parameter, scaling: Scaling, default: 
         # a profile that states no limits would let values in that mean nothing to the state machine
         low, high = base.low if low is None else low, base.high if high is None else high
         if isinstance(default, int) and low is not None and high is not None:
-            low, high = min(low, default), max(high, default)  # but for the vendor's own default
+            low, high = min(low, default), max(high, default)  # but for the maker's own default
     kind = parameter.type
     value = _nearest(kind, _zero(kind) if default is None else default, low, high)
     mappable = kind.size is not None and (parameter.mappable or (base is not None and base.mappable))
@@ -208,7 +208,7 @@ def as_raw(si: float, parameter: Parameter, scaling: Scaling) -> Value | None:
 def state_abort_code(aborts: Iterable[tuple[int, str]]) -> int:
     """Return the abort code of a write to an enabled drive.
 
-    It is the vendor's own, if it has one.
+    It is the maker's own, if it has one.
     """
     words = ("device state", "present state", "drive state", "enabled", "operation enable")
     return next((code for code, text in aborts if any(word in text.lower() for word in words)), SdoAbortCode.DEVICE_STATE)

@@ -92,7 +92,7 @@ class HomingMode(ModeOfOperation):
         self._is_attained = self._has_failed = False
         method = self.data.value(Object.HOMING_METHOD)
         speeds = [self.data.limits.acting_si(Object.HOMING_SPEEDS, sub) for sub in (1, 2)]
-        # no method, one that is not known here (a vendor's entry holds it all the same), or none that would ever end
+        # no method, one that is not known here (a maker's entry may still hold it), or none that would ever end
         if method not in HOMING_METHODS or not min(speeds) > 0.0:
             self._has_failed = True
             return

@@ -11,7 +11,7 @@ from plant_emulator.robots.tuning import tuned
 
 
 def vendor_families() -> list[str]:
-    """Return the names of all vendors' drive families."""
+    """Return the names of all makers' drive families."""
     drives = (name for name in available() if Profile.load(name).kind == "drive")
     return [name for name in drives if name != "emulated_drive"]
 

@@ -19,7 +19,7 @@ def test_a_device_that_may_be_several_products_is_the_one_that_its_user_names():
     assert named.name == "schunk_pilz_prbt"
 
 
-@pytest.mark.parametrize(("name", "said"), [("maxon_epos4", "is of vendor 0x000000FB"), ("unheard_of", "unheard_of")])
+@pytest.mark.parametrize(("name", "said"), [("maxon_epos4", "is for vendor-ID 0x000000FB"), ("unheard_of", "unheard_of")])
 def test_a_profile_of_another_vendor_or_of_nobody_is_refused(name, said):
     with pytest.raises(DriveProfileError, match=said):
         profiles_of(SCHUNK, name)
