@@ -124,7 +124,9 @@ def main() -> None:
     lines = [
         f"# {arguments.title}",
         "",
-        f"`make bench`, or `python -m benchmarks {' '.join(arguments.group) or '[group ...]'}`. {NOTE}",
+        "With these measurements you can judge how fast the bench is, and what limits it.",
+        f"`make bench`, or `python -m benchmarks {' '.join(arguments.group) or '[group ...]'}`, makes this page.",
+        NOTE,
         "",
     ]
     lines += machine()
@@ -142,10 +144,10 @@ def main() -> None:
 
 
 NOTE = (
-    "Times depend on machine and load; compare the ratios. Each ratio compares the medians of two programs that were "
-    "measured alternately in one run. Both programs must give the same result, to the last bit unless a bound is stated; "
-    "otherwise the benchmark ends with an error. "
-    "Pages: [performance](performance.md); [growth and long runs](performance-growth.md)."
+    "Times depend on machine and load, so compare the ratios.\n"
+    "Each ratio compares the medians of two programs that were measured alternately in one run.\n"
+    "Both programs must give the same result, to the last bit unless a bound is stated; otherwise the benchmark ends with an "
+    "error.\nThe pages are [performance](performance.md) and [growth and long runs](performance-growth.md)."
 )
 
 if __name__ == "__main__":
