@@ -61,7 +61,7 @@ class _ArmTourRunner:
         if outcome.failure is not None:
             raise outcome.failure
         if not outcome.result.learnt:
-            raise NotPossibleError("on the line nothing was learnt")
+            raise NotPossibleError("nothing was learnt on the line")
         learnt = "; ".join(part.words for part in outcome.result.parts if part.outcome == "learnt")
         return f"{len(outcome.result.runs)} runs of the line: {learnt}", LEARN_PAGE
 
@@ -163,7 +163,7 @@ def claims(entries: list[RunEntry], limit_mm: float) -> tuple[TourClaim, ...]:
             claim=f"learnt: within ±{limit_mm:g} mm in the worst direction", asked=limit_mm, found=after.get("worst"), unit="mm"
         ),
         TourClaim(
-            claim="learnt: in no direction more than with no treatment, except for the sensor's noise",
+            claim="learnt: no direction exceeds its untreated vibration by more than the sensor's noise",
             asked=noise_mm,
             found=max(rises) if len(rises) == len(ALONG) else None,
             unit="mm",

@@ -247,7 +247,7 @@ class _TourRunner:
             for key, value in vars(table.notch()).items():
                 item = wanted.get(f"notch_{column}.{key}")
                 if item is None or item.value != value:
-                    raise NotPossibleError(f"axis {axis}: notch_{column}.{key} is not the same in parameter set and design file")
+                    raise NotPossibleError(f"axis {axis}: notch_{column}.{key} differs between parameter set and design file")
 
     def read_back(self) -> tuple[str, str]:
         """Check that the drives still have the uploaded sets.
@@ -257,7 +257,7 @@ class _TourRunner:
         differing = self._transact(lambda uploads: [str(write.entry) for each in uploads for write, _ in each.changes])
         if differing:
             raise NotPossibleError(f"after the runs the drives no longer hold the uploaded values: {', '.join(differing)}")
-        return "every object of the sets read once more after the runs: as uploaded", self.parameter_set(self._uploaded[-1]).name
+        return "after the runs every object holds the uploaded value", self.parameter_set(self._uploaded[-1]).name
 
     def _transact(self, then: Callable[[list[Upload]], T]) -> T:
         """Prepare the transaction of `drive-profiles upload` for `then`.

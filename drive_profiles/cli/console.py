@@ -54,8 +54,8 @@ class ExitStatus(ToolExitStatus):
     NODE = 5, "no answer, the wrong device or one that is enabled"
     SDO = 6, "an SDO abort or a failed read-back (all values are restored)"
     DIFFERS = 7, "differs"
-    UNKNOWN = 8, "unknown which values the drive holds"
-    NOT_REALISABLE = 9, "not realisable, with the reasons"
+    UNKNOWN = 8, "the values in the drive are uncertain; the message lists them"
+    NOT_REALISABLE = 9, "not realisable; the message gives the reasons"
     INTERRUPTED = 130, "interrupted (all values are restored)"
 
 

@@ -46,7 +46,7 @@ def set_for_drive(
     wanted = formats.read(path, device.catalogue, node, flagged=True)
     if not formats.is_toml(path):
         for line in wanted.header.not_read:
-            typer.echo(f"node {node}: not taken: {line}", err=True)
+            typer.echo(f"node {node}: left out: {line}", err=True)
     return device, wanted
 
 

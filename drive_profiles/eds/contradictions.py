@@ -90,7 +90,7 @@ def _entry_count(item: ODArray | ODRecord, builder: Builder) -> list[Problem]:
         return []
     where = f"[{section.name}]"
     if count.data_type != _UNSIGNED8:
-        name = values.NAMES.get(count.data_type or 0, "of no known type")
+        name = values.NAMES.get(count.data_type or 0, "of an unknown type")
         return [Problem(section.line, f"{where} DataType", f"sub-index 0 is {name}", "UNSIGNED8, the number of entries")]
     highest = max((each for each in item.subindices if each != _STRUCTURE), default=0)
     entry = section.get("DefaultValue")

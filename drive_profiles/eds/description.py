@@ -2,7 +2,7 @@
 
 It returns canopen's object dictionary and lists every repair.
 
-Vendors' files have faults. A fault costs a warning with its line, and an object that cannot be read is left out. Only a file
+Makers' files have faults. A fault costs a warning with its line, and an object that cannot be read is left out. Only a file
 without any readable object is refused. Each warning says how the fault was repaired; ``strict`` refuses a file with any
 fault.
 

@@ -147,7 +147,7 @@ def check_lists(sections: dict[str, EdsSection], parts: dict[int, ObjectSections
     for index, mine in parts.items():
         if index >= 0x1000 and index not in listed and mine.head is not None:
             findings.warn(
-                mine.head.line, mine.head.name, "", "in no list of objects; read nevertheless", "its index in one of the lists"
+                mine.head.line, mine.head.name, "", "not in any list of objects; read anyway", "its index in one of the lists"
             )
 
 

@@ -311,4 +311,4 @@ def _octets(text: str) -> ValueReading:
     try:
         return ValueReading(bytes.fromhex(body), remark)
     except ValueError:
-        return ValueReading(None, "no pairs of hexadecimal digits; dropped")
+        return ValueReading(None, "not pairs of hexadecimal digits; dropped")

@@ -77,7 +77,7 @@ class VariableReader:
             if isinstance(reading.value, float) and reading.value:
                 variable.factor = reading.value
             else:
-                self.remark(section, factor, reading.remark or "no factor; dropped", "a number other than 0")
+                self.remark(section, factor, reading.remark or "not a factor; dropped", "a number other than 0")
         self.add_flags(section, index, subindex)
         return variable
 
@@ -162,7 +162,7 @@ class VariableReader:
             return data_type
         known = self.types.get(data_type, values.DOMAIN) if data_type is not None else values.DOMAIN
         size = "bytes of any number" if known == values.DOMAIN else "from its definition"
-        self.remark(section, entry, f"no type of CiA 301; taken as {values.NAMES[known]}, {size}", "a data type of CiA 301")
+        self.remark(section, entry, f"not a type of CiA 301; taken as {values.NAMES[known]}, {size}", "a data type of CiA 301")
         return known
 
     def _access(self, section: EdsSection) -> str:

@@ -87,7 +87,7 @@ def parse(data: bytes, path: Path, kind: str) -> Element:
             stack[-1].text += content
 
     def refuse(*_: object) -> int:
-        raise _UnsafeError("a declaration of a document type or of an entity, which is not followed")
+        raise _UnsafeError("declares a document type or an entity")
 
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
     parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = parser.ExternalEntityRefHandler = refuse

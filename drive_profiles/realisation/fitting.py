@@ -102,7 +102,7 @@ def _frequencies(fit: Fit) -> dict[str, float]:
     if fit.notch.form == "symmetric":
         if fit.distance(Shape(target.zero_hz, target.zeta_zero, target.zero_hz, target.zeta_pole, 1.0, is_stable=True)) > 1.0:
             there = f"{target.offset_hz:g} Hz from the zeros at {target.zero_hz:g} Hz"
-            fit.reasons.append(f"one frequency serves zeros and poles: the separate pole, {there}, is missing")
+            fit.reasons.append(f"its filter has one frequency for zeros and poles, so it cannot hold the poles {there}")
         fixed = fit.notch.min_zero_damping
         if fit.distance(Shape(target.zero_hz, fixed, target.pole_hz, target.zeta_pole, 1.0, is_stable=True)) > 1.0:
             fit.reasons.append(f"the damping of its zeros is fixed at {fixed:g}")

@@ -230,5 +230,5 @@ def _quadratics(held: HeldValues, notch: NotchFacts, section: FilterSection) -> 
 
 def _positive(profile: Profile, frequency_hz: float, zeta: float) -> None:
     if not (frequency_hz > 0.0 and math.isfinite(zeta)):
-        why = f"{frequency_hz:g} Hz with a damping of {zeta:g} is no filter; expected a frequency above 0 and a finite damping"
+        why = f"{frequency_hz:g} Hz with a damping of {zeta:g} is not a filter; expected a frequency above 0 and a finite damping"
         raise NotRealisableError(profile.label, (why,))

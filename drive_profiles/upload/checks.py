@@ -117,7 +117,7 @@ def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Writ
     if not other or not theirs or options.other_device or options.force_commissioning:
         return []
     limits = [str(write.entry) for write in theirs if write.parameter_class == "limits"]
-    among = f"; limits are among its values: {', '.join(limits[:3])}{', …' if len(limits) > 3 else ''}" if limits else ""
+    among = f"; it contains limits: {', '.join(limits[:3])}{', …' if len(limits) > 3 else ''}" if limits else ""
     return [f"the set is for another device ({other}){among}; give --other-device to write it nevertheless"]
 
 

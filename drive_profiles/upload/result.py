@@ -107,11 +107,11 @@ class UploadResult:
         }[self.stored]
         match self.kind:
             case "done":
-                what = f"{self.written} written and read back" if self.written else "nothing to write: everything is there"
+                what = f"{self.written} written and read back" if self.written else "nothing to write: the drive has all values"
                 reset = ", reset, and read back once more" if self.is_reset else ""
                 return f"node {self.node}: done, {what}{stored}{reset}"
             case "rolled back":
-                return f"node {self.node}: rolled back, everything is as it was{stored}: {self.reason}"
+                return f"node {self.node}: rolled back, every object holds its old value{stored}: {self.reason}"
             case _:
                 more = len(self.unknown) - _SHOWN
                 named = ", ".join(self.unknown[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
@@ -121,5 +121,5 @@ class UploadResult:
         """Return what is certain of the unnamed objects, or ""."""
         said = f"; {self.unread} more were not written, and could not be read" if self.unread else ""
         if self.other_count != 0:
-            said += "; all others hold the new values" if self.others == "new" else "; all others are as they were"
+            said += "; all others hold the new values" if self.others == "new" else "; all others hold the old values"
         return said

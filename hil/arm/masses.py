@@ -77,7 +77,9 @@ def check_masses(arm: ArmTable) -> None:
         held = matrix[count - 1 :, count - 1 :]
         with_it, behind = float(np.linalg.det(_scaled(held))), float(np.linalg.det(_scaled(held[1:, 1:])))
         if matrix[count - 1, count - 1] <= nothing or with_it < LEAST_FREE * behind:
-            raise ValueError(f"{link.label} turns nothing at home: all mass lies on its axis, or another joint moves it alike")
+            raise ValueError(
+                f"{link.label} turns nothing at home: all mass lies on its axis, or another joint makes the same motion"
+            )
 
 
 def _scaled(matrix: Real) -> Real:

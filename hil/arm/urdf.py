@@ -134,7 +134,7 @@ def _parsed(path: Path) -> tuple[_File, Element]:
     root = parse(read_file(path, KIND, max_bytes=MAX_BYTES), path, KIND)
     file = _File(path)
     if root.tag != "robot":
-        file.refuse(root, f"<{root.tag}>", "is no robot", "a URDF file, whose outermost element is <robot>")
+        file.refuse(root, f"<{root.tag}>", "is not a robot", "a URDF file, whose outermost element is <robot>")
     _read_links(file, root)
     _read_joints(file, root)
     return file, root

@@ -404,7 +404,7 @@ def load_bench(path: str | Path) -> Bench:
     file = source_of(path)
     close = [] if file.exists() else get_close_matches(str(path), SHIPPED, n=1)
     if close:
-        raise FileError(file, (Problem(0, "", "is not there", f"a bench file; did you mean {close[0]}?"),))
+        raise FileError(file, (Problem(0, "", "does not exist", f"a bench file; did you mean {close[0]}?"),))
     bench = load(file, Bench)
     folder = file.absolute().parent
     named = {f"axis.{number}": table for number, table in bench.axis.items()} | {"accelerometer": bench.accelerometer}

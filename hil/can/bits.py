@@ -190,7 +190,9 @@ def fd_head(can_id: int, data_length: int, extended: bool = False) -> Head:
         ValueError: The frame is one that `fd_bits` refuses, or has more than 8 bytes.
     """
     if data_length > MAX_DATA_LENGTH:
-        raise ValueError(f"a frame of {data_length} bytes is too long for this count; expected at most {MAX_DATA_LENGTH}")
+        raise ValueError(
+            f"the bits of a CAN FD frame of {data_length} bytes are not counted here; expected at most {MAX_DATA_LENGTH} bytes"
+        )
     slow, slow_length, bits, length = _fd_content(can_id, bytes(data_length), extended, True)
     before, before_length = bits >> 8 * data_length, length - 8 * data_length
     inserted, state = _stuffed(before, before_length, _NOTHING_YET)
@@ -444,7 +446,7 @@ def _fd_content(can_id: int, data: bytes, extended: bool, brs: bool) -> tuple[in
     if len(data) not in FD_LENGTHS:
         raise ValueError(f"a CAN FD frame carries {', '.join(map(str, FD_LENGTHS))} bytes, not {len(data)}")
     if not 0 <= can_id <= (CAN_EFF_MASK if extended else CAN_SFF_MASK):
-        raise ValueError(f"{can_id:#x} is no identifier of {29 if extended else 11} bits")
+        raise ValueError(f"{can_id:#x} is not an identifier of {29 if extended else 11} bits")
     if extended:
         slow = ((can_id >> 18) << 2 | 0b11) << 18 | can_id & 0x3FFFF  # SOF 0, base identifier, SRR, IDE, extension
         slow, slow_length = slow << 4 | 0b0100 | brs, 36  # RRS, FDF, res, BRS

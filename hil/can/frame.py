@@ -69,7 +69,7 @@ def frames_of(records: bytes) -> list[Frame]:
 
 def _check_flagged(can_id: int) -> None:
     if not 0 <= can_id <= 0xFFFF_FFFF:
-        raise ValueError(f"{can_id:#x} is no CAN identifier")
+        raise ValueError(f"{can_id:#x} is not a CAN identifier")
     wide = can_id & (CAN_EFF_FLAG | CAN_ERR_FLAG)
     if not wide and can_id & CAN_EFF_MASK > CAN_SFF_MASK:
         raise ValueError(f"identifier {can_id & CAN_EFF_MASK:#x} needs 29 bits, but CAN_EFF_FLAG is not set")

@@ -30,7 +30,7 @@ DESIGN_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
     {
         ExitStatus.DONE: "a filter meets every requirement",
-        ExitStatus.FILE: "bad file, or a bench that lacks what a design needs",
+        ExitStatus.FILE: "bad file, or a bench file without an entry that a design needs",
         ExitStatus.NOT_MET: "no filter meets every requirement, or the loop without a filter is better",
         ExitStatus.INTERRUPTED: "interrupted",
     },

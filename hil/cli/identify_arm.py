@@ -20,7 +20,7 @@ ARM_EPILOG = epilog(
     {
         ExitStatus.DONE: "identified",
         ExitStatus.FILE: "bad file, or too few postures in the model file",
-        ExitStatus.NOT_MET: "the postures do not determine the masses, with the posture to add",
+        ExitStatus.NOT_MET: "the postures do not determine the masses; the message names one to add",
         ExitStatus.INTERRUPTED: "interrupted",
     },
 )

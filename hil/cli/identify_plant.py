@@ -45,7 +45,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
 
 PLANT_EPILOG = epilog_of_runs({
     ExitStatus.DONE: "identified",
-    ExitStatus.NOT_MET: "not identified, with what is wrong and what is needed",
+    ExitStatus.NOT_MET: "not identified; the message gives the reason and the remedy",
 })  # fmt: skip
 
 ROWS = (

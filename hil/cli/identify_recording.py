@@ -68,7 +68,7 @@ class RecordingWords:
             "--description": self.description, "--node": self.node_id}  # fmt: skip
         for name, value in given.items():
             if value:
-                raise typer.BadParameter("it describes a --recording, and none is given", param_hint=name)
+                raise typer.BadParameter("it needs --recording; give both, or leave it out", param_hint=name)
 
 
 def from_recordings(

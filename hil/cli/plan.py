@@ -123,15 +123,17 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
     table(f"Latest arrival at {at}, µs from SYNC, or from its queueing", header, _response_rows(verdict, adviser.wire))
     table("Stability at that delay", _STABILITY, [_stability_row(axis) for axis in verdict.stability])
     if verdict.gaps:
-        table("What is lacking, or beyond limits", ("what",), [(gap,) for gap in verdict.gaps])
+        table("Missing entries, and limits that are exceeded", ("what",), [(gap,) for gap in verdict.gaps])
     if verdict.remarks:
-        table("What the drives do not do", ("what",), [(words,) for words in verdict.remarks])
+        table("Restrictions of the drives", ("what",), [(words,) for words in verdict.remarks])
     if adviser.advice:
         columns = ("change", "cycle µs", "worst", "shortest period µs", "at ms", "fits", "loop", "needs")
         table(f"Remedies, at {at}", columns, [_advice_row(one) for one in adviser.advice])
     longest = adviser.longest_stable_period_s if adviser.loop == "host" else None
     if longest is not None:
-        typer.echo(f"\nhost-closed, one period of delay: of the usual periods stable up to {1e3 * longest:g} ms with these gains")
+        typer.echo(
+            f"\nhost-closed, one period of delay: {1e3 * longest:g} ms is the longest usual SYNC period with a stable loop"
+        )
 
 
 def _sentence(verdict: "PlanVerdict", adviser: "Adviser") -> str:

@@ -113,6 +113,6 @@ def _advice(directory: Path) -> str:
         return "it belongs to a design; hil design notch writes its report (design.html)"
     below = sorted((path.parent for path in directory.glob("*/result.json")), key=lambda each: each.stat().st_mtime)
     if below:
-        count = "a folder in it has one" if len(below) == 1 else f"{len(below)} folders in it have one; for the newest"
+        count = "one of its folders has one" if len(below) == 1 else f"{len(below)} of its folders have one; for the newest"
         return f"{count}: hil report {below[-1]}"
-    return "hil run, identify, learn, compare and demo make one: give its directory, in bench-out unless you gave --out"
+    return "give the directory of a hil run, identify, learn, compare or demo: the one of --out, or a folder in bench-out"

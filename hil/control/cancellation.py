@@ -139,7 +139,7 @@ class CancellationLaw:
             ValueError: There is no axis, or a time is not above zero.
         """
         if not tables:
-            raise ValueError("no axis to cancel for")
+            raise ValueError("a cancellation for 0 axes; expected at least 1")
         if not (period_s > 0.0 and fade_rev > 0.0 and speed_lowpass_hz > 0.0):
             raise ValueError(
                 f"period_s = {period_s}, fade_rev = {fade_rev} and speed_lowpass_hz = {speed_lowpass_hz} must be above 0"

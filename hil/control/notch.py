@@ -63,7 +63,7 @@ class Notch:
     def __post_init__(self) -> None:
         """Refuse values that do not make a filter."""
         if self.mode not in (NOTCH_OFF, NOTCH_SWITCHED, NOTCH_TRAPEZOID):
-            raise ValueError(f"notch mode {self.mode} is none of 0 (off), 1 (switched), 2 (trapezoid)")
+            raise ValueError(f"notch mode {self.mode}; expected 0 (off), 1 (switched) or 2 (trapezoid)")
         if not 1 <= self.order <= 8:
             raise ValueError(f"notch order {self.order} is not within 1 … 8")
         if not 0.0 < self.start_rps < self.end_rps:

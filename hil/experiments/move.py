@@ -84,7 +84,7 @@ class MoveRequest:
             raise NotPossibleError(f"bench {bench.name!r} has no axis {self.axis}; it has {', '.join(map(str, bench.axis))}")
         for value in (self.to_rev, self.by_rev):
             if value is not None and not math.isfinite(value):
-                raise NotPossibleError(f"{value} is no motor position; expected a number in rev")
+                raise NotPossibleError(f"{value} is not a motor position; expected a number in rev")
         if self.to_rev is not None:
             check_position(self.axis, self.to_rev, bench.axis[self.axis].limits)
 

@@ -49,7 +49,9 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
     if suffix in FOREIGN:
         with path.open("rb") as file:
             if not file.read(len(FOREIGN[suffix])) == FOREIGN[suffix]:
-                raise LogError(path, f"no {suffix[1:].upper()} file: one begins with {FOREIGN[suffix].decode().strip()}")
+                raise LogError(
+                    path, f"is not {suffix[1:].upper()} data: a {suffix} file begins with {FOREIGN[suffix].decode().strip()}"
+                )
         pieces = _foreign(path, counters, ended, interface)
     else:
         counters[candump.INTERFACE] = 0 if interface is None else candump.hash_of(interface)

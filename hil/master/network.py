@@ -150,7 +150,7 @@ class Network:
         `log_message` or `frames_of` next.
         """
         if self._messages is None:
-            raise TypeError(f"{type(self.channel).__name__} takes no messages")
+            raise TypeError(f"{type(self.channel).__name__} cannot send messages")
         self._messages.send_message(command)
         if self.log.is_on:
             self.log.add_message(LoggedMessage(self._lock_step_s, command, is_received=False))
@@ -305,7 +305,9 @@ class Network:
         data = self.read_raw(node, index, subindex, name)
         size = kind.size
         if size is not None and len(data) != size:
-            raise NoAnswerError(node, f"{index:04X}h:{subindex:02X}h with {size} bytes, {len(data)} came", self.timeout_s)
+            raise NoAnswerError(
+                node, f"{index:04X}h:{subindex:02X}h of {size} bytes (received: {len(data)} bytes)", self.timeout_s
+            )
         return decode(kind, data)
 
     def write(self, node: int, index: int, subindex: int, kind: DataType, value: Any, name: str = "") -> None:

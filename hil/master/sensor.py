@@ -225,7 +225,7 @@ def sensor_of(table: AccelerometerTable, network: Network, clock: Clock) -> TipA
         return JointsOnly()
     profile = Profile.load(table.profile)
     if profile.kind != "accelerometer":
-        raise NotPossibleError(f"profile {table.profile} is no accelerometer")
+        raise NotPossibleError(f"profile {table.profile} is not an accelerometer")
     if table.serial is not None:
         return SerialSensor(network, AccelerometerReader(table.serial.settings(), clock.now))
     if table.node_id is None:

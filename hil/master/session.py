@@ -233,7 +233,9 @@ class Session:
         for number, axis in self.axes.items():
             table = bench.axis.get(number)
             if table is None or (table.node_id, table.profile) != (axis.node, axis.table.profile):
-                raise ValueError(f"axis {number} is not the same in bench {bench.name!r}")
+                raise ValueError(
+                    f"axis {number} of bench {bench.name!r} is missing, or has another node or profile than that of this session"
+                )
         for number, axis in self.axes.items():
             axis.table = bench.axis[number]
         self.bench = bench

@@ -174,7 +174,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             raise PassportFileError(path, "another program is writing it; wait until it ends, and try again") from error
         raise PassportFileError(path, f"cannot be used: {error}") from error
     except sqlite3.DatabaseError as error:
-        raise PassportFileError(path, f"no passport, or a damaged one: {error}; give another with --file") from error
+        raise PassportFileError(path, f"not a passport, or a damaged one: {error}; give another with --file") from error
 
 
 def _check(path: Path, connection: sqlite3.Connection) -> None:

@@ -47,7 +47,7 @@ def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
         row = int(np.argmax(np.abs(np.diff(turned))))
         raise RecordingFileError(
             path,
-            f"{column.name!r} wraps each revolution and turns {step:.2f} of one from row {row + 1} to {row + 2}: "
-            f"above {LARGEST_STEP:g} the direction is not known; record more often, or without the wrap",
+            f"{column.name!r} wraps after each revolution and turns by {step:.2f} rev from row {row + 1} to {row + 2}; at most "
+            f"{LARGEST_STEP:g} rev shows the direction: record more often, or without the wrap",
         )
     return np.asarray(turned * math.copysign(2.0 * math.pi, unit.factor)), len(jumps)

@@ -144,7 +144,7 @@ class FrameFile:
             raise RecordingFileError(self.path, "not a log of frames: a BLF file begins with LOGG")
         said, size = int.from_bytes(head[BLF_SIZE], "little"), self.path.stat().st_size
         if size < said:
-            raise RecordingFileError(self.path, f"cut off: {size} bytes of {said} in its header; copy it again")
+            raise RecordingFileError(self.path, f"cut off: the file has {size} bytes, but its header says {said}; copy it again")
 
 
 def _of_device(path: Path, description: Description) -> Iterator[FrameSignal]:

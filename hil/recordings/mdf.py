@@ -86,7 +86,7 @@ class MdfFile:
             try:
                 file = asammdf.MDF(self.path)
             except Exception as error:  # noqa: BLE001 - the package raises whatever its parser meets
-                problem = f"no MF4 file, or one that was cut off: {error}"
+                problem = f"not an MF4 file, or cut off: {error}"
         if problem is not None:
             raise RecordingFileError(self.path, problem)
         with contextlib.closing(file):

@@ -39,4 +39,4 @@ def open_source(path: Path, description: Path | None = None, node_id: int | None
         from hil.recordings.frames import FrameFile  # noqa: PLC0415
 
         return FrameFile(path, description, node_id)
-    raise RecordingFileError(path, "no known format; expected .csv, .csv.gz, .tsv, .parquet, .mf4, .log, .blf or .asc")
+    raise RecordingFileError(path, "unknown format; expected .csv, .csv.gz, .tsv, .parquet, .mf4, .log, .blf or .asc")

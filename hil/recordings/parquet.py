@@ -31,7 +31,7 @@ class ParquetFile:
         try:
             self._file = pyarrow.parquet.ParquetFile(path)
         except (OSError, ValueError, pyarrow.ArrowException) as error:
-            raise RecordingFileError(path, f"no Parquet file: {error}") from error
+            raise RecordingFileError(path, f"not a Parquet file: {error}") from error
         self.names = tuple(map(str, self._file.schema_arrow.names))
         if self._file.metadata.num_rows > MOST_ROWS:
             raise RecordingFileError(path, f"more than {MOST_ROWS} rows: {self._file.metadata.num_rows}")

@@ -40,7 +40,7 @@ def origin_of(result: MeasuredResult) -> Origin:
     if not result.unknown_keys:
         return origin
     keys = ", ".join(result.unknown_keys)
-    words = f"Another version wrote this result; this one does not know these keys of its bench file: {keys}."
+    words = f"Another version wrote this result. The installed version does not know these keys of the bench file: {keys}."
     return replace(origin, band=f"{origin.band} {words}".strip())
 
 

@@ -62,12 +62,12 @@ def load_any(path: Path) -> AnyResult:
         text = path.read_text(encoding="utf-8")
         value = json.loads(text)
     except UnicodeDecodeError as error:
-        raise ResultFileError(path, f"no JSON: byte 0x{error.object[error.start]:02x}; expected UTF-8 text") from error
+        raise ResultFileError(path, f"not JSON: byte 0x{error.object[error.start]:02x}; expected UTF-8 text") from error
     except ValueError as error:
-        raise ResultFileError(path, f"no JSON: {error}") from error
+        raise ResultFileError(path, f"not JSON: {error}") from error
     schema = value.get("schema") if isinstance(value, dict) else None
     if schema is None:
-        raise ResultFileError(path, "no result: it has no `schema`")
+        raise ResultFileError(path, "not a result: it has no `schema`")
     if schema != SCHEMA:
         raise ResultFileError(
             path,

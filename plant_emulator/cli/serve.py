@@ -88,7 +88,7 @@ EdsOption = Annotated[
     typer.Option(
         "--eds",
         metavar="AXIS=PATH",
-        help="EDS file of an axis' drive: adds objects that its profile lacks, and that do nothing; repeatable.",
+        help="EDS file of an axis' drive: adds the objects that the profile lacks, without a function; repeatable.",
     ),
 ]
 StoreTimeOption = Annotated[

@@ -152,7 +152,7 @@ def hil_robot(_hil_target: "Target") -> "EmulatedRobot":
     Time is virtual; equal seeds give equal frames.
     """
     if _hil_target.robot is None:
-        pytest.skip(f"needs the emulated robot; {_hil_target.where} is none")
+        pytest.skip(f"needs the emulated robot; {_hil_target.where} is not one")
     return _hil_target.robot
 
 

@@ -136,7 +136,7 @@ class Artefacts:
                 runs[-1]["recording"] = f"{name}.csv"
         (self._directory / "runs.json").write_text(json.dumps(runs, indent=2) + "\n", encoding="utf-8")
         forgotten = self.trace.heard_frames - len(self.trace.frames)
-        older = f", {forgotten} older ones forgotten" if forgotten else ""
+        older = f", {forgotten} older ones dropped" if forgotten else ""
         lines = [f"kept in {self._directory}", f"  bus.log: {len(self.trace.frames)} frames{older}"]
         lines += [f"  {run.get('recording', run['name'])}: {run['stopped'] or 'not stopped'}" for run in runs]
         return "\n".join(lines)

@@ -103,4 +103,4 @@ def open_session(target: Target, bench: Bench) -> Iterator[BenchSession]:
     finally:
         opened.close()
     if opened.not_restored and not target.interference.is_used:
-        pytest.fail("the bench is not as it was found: " + "; ".join(opened.not_restored), pytrace=False)
+        pytest.fail("these objects of the bench were not restored: " + "; ".join(opened.not_restored), pytrace=False)

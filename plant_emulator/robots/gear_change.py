@@ -62,7 +62,7 @@ class ErrorChange(Table):
     @model_validator(mode="after")
     def _step_is_whole(self) -> "ErrorChange":
         if (self.phase_step_s is None) != (self.phase_step_deg == 0.0):
-            raise ValueError("phase_step_deg and phase_step_s need each other: one is missing")
+            raise ValueError("phase_step_deg or phase_step_s is missing; give both or neither")
         return self
 
 

@@ -133,12 +133,12 @@ class EmergencyProducer:
             vendor: Manufacturer-specific bytes, at most 5.
 
         Raises:
-            ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 vendor bytes.
+            ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 manufacturer-specific bytes.
         """
         if not 0x0100 <= code <= 0xFFFF or len(vendor) > _VENDOR_LENGTH:
             raise ValueError(
-                f"no emergency has code {code:#x} and {len(vendor)} vendor bytes; "
-                f"expected 0x100 to 0xFFFF, and at most {_VENDOR_LENGTH} bytes"
+                f"an emergency with code {code:#x} and {len(vendor)} manufacturer-specific bytes; "
+                f"expected a code from 0x100 to 0xFFFF, and at most {_VENDOR_LENGTH} bytes"
             )
         error = _Error(code, register)
         if self._active.get(cause) == error:

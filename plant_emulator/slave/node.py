@@ -292,7 +292,7 @@ class Slave:
             vendor_bytes: Manufacturer-specific bytes, at most 5.
 
         Raises:
-            ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 vendor bytes.
+            ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 manufacturer-specific bytes.
         """
         self._emergency.raise_cause(cause, code, register_bit, vendor_bytes)
 

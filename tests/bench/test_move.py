@@ -105,8 +105,8 @@ def test_a_position_beyond_the_limits_is_refused_with_the_range(
     ("request_", "words"),
     [
         (MoveRequest(9, to_rev=0.0), "has no axis 9; it has"),
-        (MoveRequest(2, to_rev=math.nan), "nan is no motor position"),
-        (MoveRequest(2, by_rev=math.inf), "inf is no motor position"),
+        (MoveRequest(2, to_rev=math.nan), "nan is not a motor position"),
+        (MoveRequest(2, by_rev=math.inf), "inf is not a motor position"),
     ],
 )
 def test_a_request_that_cannot_be_is_refused_before_the_bus_is_opened(bench: Bench, request_: MoveRequest, words: str) -> None:

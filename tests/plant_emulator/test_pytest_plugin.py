@@ -417,7 +417,7 @@ def test_no_more_is_kept_than_is_bounded(run: Run, monkeypatch: pytest.MonkeyPat
     result.assert_outcomes(failed=2)
     (directory,) = kept(result)
     assert len((directory / "bus.log").read_text().splitlines()) == 50
-    result.stdout.fnmatch_lines(["*older ones forgotten*", "*not kept: 1 failed tests have left theirs*"])
+    result.stdout.fnmatch_lines(["*older ones dropped*", "*not kept: 1 failed tests have left theirs*"])
 
 
 # -- its neighbours ----------------------------------------------------------------------------------------------------

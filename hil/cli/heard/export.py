@@ -149,5 +149,5 @@ def _address(text: str) -> tuple[str, int]:
     """
     host, _, port = text.rpartition(":")
     if not host or not port.isdigit() or not 0 < int(port) < 1 << 16:
-        raise typer.BadParameter(f"{text!r} is no HOST:PORT; expected e.g. 127.0.0.1:9870", param_hint="--plotjuggler")
+        raise typer.BadParameter(f"{text!r} is not HOST:PORT; expected e.g. 127.0.0.1:9870", param_hint="--plotjuggler")
     return host.strip("[]"), int(port)

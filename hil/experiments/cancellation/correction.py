@@ -392,11 +392,11 @@ class Correction:
             known, begun = self.contradicted.get(order), self._begun[order]
             if known is not None and not known.agrees(value):
                 found.append(
-                    f"order {order:g} is not as it was known ({known.words(order)}): the passes show {value.words(order)}"
+                    f"order {order:g} differs from its known value ({known.words(order)}): the passes show {value.words(order)}"
                 )
             elif value.source == "learnt" and value is not begun and self._is_made_otherwise(order):
                 found.append(
-                    f"order {order:g} is silenced by {value.amplitude_arcsec:.2f}″ at {value.phase_deg:.1f}°, while learning "
+                    f"order {order:g} needs {value.amplitude_arcsec:.2f}″ at {value.phase_deg:.1f}° to be silent, but learning "
                     f"began with {begun.words(order)}: that value is wrong, or the motor does not make the calculated correction"
                 )
         return found

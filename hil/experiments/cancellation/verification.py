@@ -29,7 +29,7 @@ class CancellationRefusedError(HilError):
         self.causes = ("noise",) if any(verdict.verdict == "not judged" for verdict in self.verdicts) else ()
         told = "; ".join(verdict.words for verdict in self.verdicts[:PARTS_TOLD])
         more = "" if len(self.verdicts) <= PARTS_TOLD else f"; and {len(self.verdicts) - PARTS_TOLD} more"
-        super().__init__(f"cancellation refused: no order of {what} passes; {stays} stays. {told}{more}")
+        super().__init__(f"cancellation refused: no order of {what} passes its trial; {stays} remains. {told}{more}")
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,9 @@ class Questions:
         if kind is None:
             return int.from_bytes(data, "little")
         if len(data) != kind.size:
-            raise NoAnswerError(self.node, f"{need.name} with {kind.size} bytes, {len(data)} came", self.network.timeout_s)
+            raise NoAnswerError(
+                self.node, f"{need.name} of {kind.size} bytes (received: {len(data)} bytes)", self.network.timeout_s
+            )
         return int(decode(kind, data))
 
 

@@ -70,10 +70,10 @@ def parameters(result: PlantResult) -> ReportTable | None:
         "parameters", "Parameters", "", ("Parameter", "Value", "Standard error", "Unit", "Relative"), rows,
         frozenset({0, 3}),
         "Gear and arm refer to the arm side, motor and friction to the motor side. Standard errors come from the scatter "
-        "between periods, multiplied by the misfit of the model if that is above 1. They contain how much the values depend "
-        "on the torsion, by the pilot and this run; the checks below have the part of the noise alone, which more periods "
-        "lower. “What these data cannot tell” lists what "
-        f"they do not include. Misfit: {result.misfit:.2f} standard deviations; {plan.periods} periods.",
+        "between periods, multiplied by the misfit of the model if that is above 1. They include the "
+        "dependence on the torsion, as the pilot run and this run show it. The checks below give the part that comes from "
+        "noise alone; more periods lower it. “What these data cannot tell” lists the errors that are not "
+        f"included. Misfit: {result.misfit:.2f} standard deviations; {plan.periods} periods.",
     )  # fmt: skip
 
 

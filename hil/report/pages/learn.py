@@ -101,9 +101,9 @@ def estimates(result: LearningResult) -> ReportTable | None:
     ]
     header = ("", "After pass", *symbols, "Set-point delay (ms)")
     caption = (
-        "The correction that silences the tip, as it is known after each pass: at first from the model file or by a fit, then "
-        "by the vibration that passes with all of it leave. Set-point delay: lag of the motor beyond its SYNC period and its "
-        "interpolation."
+        "Estimate of the correction that silences the tip, after each pass. The first estimate comes from the model file or a "
+        "fit; passes with the whole correction refine it by the vibration that remains. Set-point delay: lag of the motor "
+        "beyond its SYNC period and its interpolation."
     )
     return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)
 

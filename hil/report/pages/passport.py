@@ -97,8 +97,8 @@ def table(trends: Sequence[Trend]) -> ReportTable:
     caption = (
         f"Fewer than one in {1.0 / FALSE_ALARMS:.0f} runs of a gear give a false alarm, counting all its orders. An alarm is a "
         "jump out of the range that the earlier runs predict under the run's conditions, or a drift of their cumulative sums. "
-        "It stays from its first run on; --since starts again. Scatter: that of the earlier runs, without what their "
-        "conditions explain."
+        "An alarm stays from its first run on; --since starts anew. Scatter: that of the earlier runs, without the part "
+        "that their conditions explain."
     )
     return ReportTable("orders", "Orders", "", header, rows, frozenset({0, 1, 2, 4, 8, 9}), caption)
 

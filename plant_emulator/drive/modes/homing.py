@@ -191,7 +191,7 @@ class Homing:
 
     def __init__(self, method: int, present: int, counts_per_rev: float, travel_counts: float) -> None:
         if method not in HOMING_METHODS:
-            raise ValueError(f"homing method {method} is none of {', '.join(map(str, HOMING_METHODS))}")
+            raise ValueError(f"homing method {method}; expected one of {', '.join(map(str, HOMING_METHODS))}")
         self._here = method in _HERE
         self._method = METHODS.get(method, METHODS[34])
         self._present, self._rev, self._travel = present, counts_per_rev, travel_counts

@@ -20,9 +20,9 @@ from plant_emulator.trials.statistics import fraction_text
 QUIET_FRACTION = 0.9
 """Smallest part of the arms whose tip becomes quiet in all conditions."""
 WORDS = {
-    "line": "the line on which it is learnt",
-    "beside": "a line beside it",
-    "elsewhere": "a line from the same start elsewhere",
+    "line": "the learnt line",
+    "beside": "a line beside the learnt one",
+    "elsewhere": "another line from the same start",
     "no_payload": "without the payload",
     "half_payload": "with half of the payload",
     "quick": "in 0.8 × the time",

@@ -269,8 +269,9 @@ def errors(rows: Sequence[Row]) -> Drawing | None:
     rms.set_xticks([0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0], ["0.2", "0.5", "1", "2", "5", "10", "20"])
     rms.xaxis.set_minor_formatter(NullFormatter())
     caption = (
-        f"Left: 5 to 95 % of the robots (thin), the middle half (thick), the median; cut off at ±{edge:g}. Right: required are "
-        f"{RMS_Z[0]:g} to {RMS_Z[1]:g}, between the dotted lines. Squares lie outside; those at 20 may be larger."
+        f"Left: 5 to 95 % of the robots (thin), the middle half (thick), the median; cut off at ±{edge:g}. Right: the "
+        f"required range is {RMS_Z[0]:g} to {RMS_Z[1]:g}, between the dotted lines. Squares lie outside; those at 20 may be "
+        "larger."
     )
     return Drawing("errors", "Calibration of the standard errors", "", COMPUTED, caption, style.to_svg(figure, "errors"))
 

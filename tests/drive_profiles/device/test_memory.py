@@ -18,7 +18,7 @@ def device(slave, line=None):
 
 
 @pytest.mark.parametrize(
-    ("held", "words"), [(0, r"holds 0x0, of which bit 0 is 0: it does not store on command$"), (2, "it stores by itself")]
+    ("held", "words"), [(0, r"holds 0x0; bit 0 is 0, so the drive does not store on command$"), (2, "it stores by itself")]
 )
 def test_a_drive_that_does_not_store_on_command_is_refused_before_anything_is_written(held, words, tmp_path):
     slave = rig.node()
@@ -37,7 +37,7 @@ def test_restoring_is_checked_likewise():
     slave = rig.node()
     slave.dictionary.on_read(RESTORE, 1, lambda: 0)
     known = Device(SdoPort(rig.NODE, rig.Line(slave), 0.5), Catalogue())
-    with pytest.raises(RefusedError, match="it does not restore on command"):
+    with pytest.raises(RefusedError, match="the drive does not restore on command"):
         restore_command(known).check(known)
 
 

@@ -116,12 +116,12 @@ def test_identity_and_an_empty_one(numbers, structure):
         ((131, "[2008] DefaultValue"), "'2' is ignored; '1' is taken from line 130"),
         ((137, "[2009sub0]"), 'section header lacks "]"; assumed'),
         ((142, "[200a] ObjectType"), "0 is not an object that holds a value; left out"),
-        ((148, "[200b]"), "in no list of objects; read nevertheless"),
+        ((148, "[200b]"), "not in any list of objects; read anyway"),
         ((153, "[200Csub1]"), "no section [200C] above it; a record is assumed"),
         ((158, "[200Dsub100]"), "sub-index above FFh; left out"),
         ((165, "[2008] LowLimit"), "taken from a second [2008], line 163; the first is in line 125"),
         ((167, "[0012]"), "below 1000h there are only data types; left out"),
-        ((171, "[0012]"), "'no equals sign' is no key=value; ignored"),
+        ((171, "[0012]"), "'no equals sign' is not key=value; ignored"),
     ],
 )
 def test_a_faulty_structure_is_repaired_and_said_so(structure, place, message):
@@ -201,7 +201,7 @@ def test_types_of_the_vendor():
     types = [description.dictionary[index].data_type for index in range(0x2000, 0x2005)]
     assert types == [0x0F, 0x06, 0x03, 0x0F, 0x0C]
     assert [description.dictionary[index].default for index in range(0x2000, 0x2005)] == [None, 7, -7, b"\x01\x02", 0]
-    assert said(description)[41, "[2000] DataType"] == "'0x0040' no type of CiA 301; taken as DOMAIN, bytes of any number"
+    assert said(description)[41, "[2000] DataType"] == "'0x0040' not a type of CiA 301; taken as DOMAIN, bytes of any number"
     assert said(description)[68, "[SupportedModules]"] == "a modular device: 3 sections of modules ignored"
     assert min(index for index in description.dictionary.indices) == 0x2000
 

@@ -160,7 +160,7 @@ def test_a_node_that_restarts_while_it_stores_is_not_said_to_have_stored(tmp_pat
 
 
 def test_a_reset_is_said_also_where_there_was_nothing_to_write(bus, tmp_path):
-    for count in ("1 written and read back", "nothing to write: everything is there"):
+    for count in ("1 written and read back", "nothing to write: the drive has all values"):
         [outcome] = fleet.run(prepared(bus, [3], tmp_path, store=True, reset=True))
         assert str(outcome) == f"node 3: done, {count}, stored, reset, and read back once more"
 
@@ -187,7 +187,7 @@ def test_a_memory_that_fails_leaves_the_old_values_and_a_silent_one_the_new(bus,
     [outcome] = fleet.run(uploads)
     assert (outcome.kind, outcome.others) == ("unknown", "old")
     assert bus.world.drives[2].slave.dictionary.get(0x2100, 1) == before
-    assert "all others are as they were" in str(outcome)
+    assert "all others hold the old values" in str(outcome)
     store.fails, store.time_ns = False, 30_000_000_000
     [outcome] = fleet.run(prepared(bus, (2,), tmp_path, store=True))
     assert (outcome.kind, outcome.others, outcome.stored) == ("unknown", "new", "unknown")

@@ -58,7 +58,7 @@ def test_what_holds_its_former_value_by_a_read_is_called_the_others(tmp_path):
     assert outcome.kind == "unknown"
     assert outcome.unknown == ("2007:1 (p7)",)
     assert outcome.other_count == len(made.addresses) - 1
-    assert "; all others are as they were: " in str(outcome)
+    assert "; all others hold the old values: " in str(outcome)
 
 
 def test_one_object_alone_has_no_others():

@@ -131,8 +131,8 @@ B = joint_xml("b", "continuous", "one", "two")
         (robot(BASE, ONE, A, A), "joint 'a': is in line"),
         (robot(BASE, '<link mass="1"/>'), "<link>: has no name"),
         (robot(), "<robot>: has no link"),
-        ("<mujoco/>", "<mujoco>: is no robot"),
-        ('<!DOCTYPE robot [<!ENTITY a "aaaa">]><robot/>', "not followed"),
+        ("<mujoco/>", "<mujoco>: is not a robot"),
+        ('<!DOCTYPE robot [<!ENTITY a "aaaa">]><robot/>', "declares a document type or an entity; expected a plain"),
         ("<robot>", "is not XML"),
     ],
 )

@@ -100,7 +100,7 @@ def test_a_lever_in_mm_is_refused_with_its_unit(tmp_path):
 
 def test_a_name_of_the_package_that_is_nearly_right_is_told(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(FileError, match=r"refrence: is not there; expected a bench file; did you mean reference\?"):
+    with pytest.raises(FileError, match=r"refrence: does not exist; expected a bench file; did you mean reference\?"):
         load_bench("refrence")
     with pytest.raises(FileError, match="cannot be read"):
         load_bench("mine.toml")

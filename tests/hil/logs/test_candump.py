@@ -126,8 +126,8 @@ def test_a_log_that_is_longer_than_a_chunk_is_whole(tmp_path, monkeypatch):
     [
         ("a.log", b"", "no frame in it"),
         ("a.log", b"can0  182   [2]  01 02\n", "no time stamp"),
-        ("a.blf", b"(1.0) can0 080#\n", "no BLF file"),
-        ("a.mf4", b"nothing", "no MF4 file"),
+        ("a.blf", b"(1.0) can0 080#\n", "is not BLF data"),
+        ("a.mf4", b"nothing", "is not MF4 data"),
         ("a.asc", b"nothing\n", "no frame in it"),
         ("a.trc", b"nothing\n", "no frame in it"),
     ],

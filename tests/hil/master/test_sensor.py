@@ -100,7 +100,7 @@ def test_another_device_at_its_node_is_refused(network: Network) -> None:
 
 def test_a_profile_of_another_kind_of_device_is_refused(network: Network) -> None:
     table = load_bench("reference").accelerometer.model_copy(update={"profile": "emulated_drive"})
-    with pytest.raises(NotPossibleError, match="emulated_drive is no accelerometer"):
+    with pytest.raises(NotPossibleError, match="emulated_drive is not an accelerometer"):
         sensor_of(table, network, MonotonicClock())
 
 

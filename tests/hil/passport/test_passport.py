@@ -96,7 +96,7 @@ def test_nothing_is_ever_taken_from_a_passport(tmp_path: Path):
 def test_a_file_that_is_no_passport_is_refused_with_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("hil.passport.store.PATIENCE_S", 0.05)
     (tmp_path / "text").write_bytes(b"no database at all, " * 100)
-    with pytest.raises(PassportFileError, match="no passport, or a damaged one"):
+    with pytest.raises(PassportFileError, match="not a passport, or a damaged one"):
         read(tmp_path / "text")
     other = sqlite3.connect(tmp_path / "other.sqlite")
     other.execute("CREATE TABLE a (b)")

@@ -86,7 +86,7 @@ def test_a_blf_file_that_was_cut_off_is_refused_with_its_size(tmp_path, descript
     path = logged(tmp_path / "bus.blf")
     size = path.stat().st_size
     path.write_bytes(path.read_bytes()[: int(left * size)])
-    with pytest.raises(RecordingFileError, match=f"cut off: {int(left * size)} bytes of {size} in its header"):
+    with pytest.raises(RecordingFileError, match=f"cut off: the file has {int(left * size)} bytes, but its header says {size}"):
         read_recording(path, said(description), 2)
 
 

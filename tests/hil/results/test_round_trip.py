@@ -172,7 +172,7 @@ def test_a_number_that_json_does_not_have_is_refused_where_it_arises():
         ('{"schema": 1, "runs": []}', f"schema 1; expected {SCHEMA}; run the command again"),
         ('{"runs": []}', "it has no `schema`"),
         ("[]", "it has no `schema`"),
-        ("{", "no JSON"),
+        ("{", "not JSON"),
         ('{"schema": 2, "kind": "waltz"}', "'waltz'"),
         ('{"schema": 2, "kind": "run"}', "bench: Field required"),
     ],
@@ -208,7 +208,7 @@ def test_a_result_of_a_version_whose_bench_file_had_other_keys_is_read_and_says_
     result = load_any(tmp_path / "result.json")
     assert result.bench.file == BENCH
     assert sorted(result.unknown_keys) == ["axis.2.limits.jerk_rps_s2", "colour"]
-    assert origin_of(result).band.endswith("does not know these keys of its bench file: axis.2.limits.jerk_rps_s2, colour.")
+    assert origin_of(result).band.endswith("does not know these keys of the bench file: axis.2.limits.jerk_rps_s2, colour.")
     assert origin_of(result).is_emulated
     del value["bench"]["file"]["axis"]["2"]["reduction_ratio"]
     (tmp_path / "result.json").write_text(json.dumps(value), encoding="utf-8")

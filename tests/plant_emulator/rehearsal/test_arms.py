@@ -80,9 +80,9 @@ def test_claims_and_table_count_arms_that_are_quiet_and_worse() -> None:
     assert holds == {"never_worse": False, "quiet_line": False, "quiet_all": False, "whole": True}
     assert all(each.holds for each in arm_claims(rows[:2]))
     shown = {str(cells[0]): [str(cell) for cell in cells[1:]] for cells in arm_tips(rows).rows}
-    assert shown["a line beside it"] == ["0.4000", "0.0080", "0.5000", "0.0040", "2 of 3", "1"]
+    assert shown["a line beside the learnt one"] == ["0.4000", "0.0080", "0.5000", "0.0040", "2 of 3", "1"]
     assert shown["without the payload"][-1] == "0"
-    assert "a line beside it" in arm_tips(rows).markdown()
+    assert "a line beside the learnt one" in arm_tips(rows).markdown()
 
 
 @pytest.mark.slow

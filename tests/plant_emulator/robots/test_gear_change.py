@@ -7,8 +7,8 @@ from plant_emulator.robots.robot import load_robot
 from tests.plant_emulator.many_axes import robot_file
 
 REFUSED = {
-    "phase_step_deg = 30.0": "phase_step_deg and phase_step_s need each other",
-    "phase_step_s = 3.0": "phase_step_deg and phase_step_s need each other",
+    "phase_step_deg = 30.0": "phase_step_deg or phase_step_s is missing",
+    "phase_step_s = 3.0": "phase_step_deg or phase_step_s is missing",
     "order = 3\nphase_drift_deg_min = 1.0": "order 3 changes, but ate has no such order; it has 2",
     "phase_drift_deg_min = 1.0\n[[axis.2.ate_change]]\nload_deg_nm = 1.0": "the line without order is given twice",
     "order = 2\n[[axis.2.ate_change]]\norder = 2.0": "order 2 is given twice",

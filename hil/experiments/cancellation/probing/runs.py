@@ -133,7 +133,7 @@ class Runs:
     def applied(self, parts: Sequence[Part], vector: Real) -> MotionRun:
         """Run with settings of all parts."""
         values = values_by_part(parts, vector)
-        return self._run("applied", values, self.cancellation(values, "what is learnt"))
+        return self._run("applied", values, self.cancellation(values, "the learnt cancellation"))
 
     def cancellation(self, values: Mapping[Part, complex], what: str) -> Cancellation:
         """Cancellation of some values, checked against the limits.

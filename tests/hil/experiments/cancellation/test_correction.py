@@ -155,7 +155,7 @@ def test_an_error_that_has_changed_is_noticed_said_and_learnt_anew() -> None:
     correction.begin(fitted(changed), ALL)
     assert correction.values()[2].phase_deg == 200.0
     assert correction.notes() == [
-        "order 2 is not as it was known (A_2 = 14.60 ± 0.10″, φ_2 = 247.0 ± 0.50°): "
+        "order 2 differs from its known value (A_2 = 14.60 ± 0.10″, φ_2 = 247.0 ± 0.50°): "
         "the passes show A_2 = 14.60 ± 0.20″, φ_2 = 200.0 ± 1.00°"
     ]
 
@@ -266,7 +266,7 @@ def test_a_correction_that_is_not_made_as_calculated_is_said_and_no_exact_transm
     value = correction.values()[2]
     assert value.amplitude_arcsec == pytest.approx(1.3 * 14.6, rel=0.01)
     assert value.amplitude_error == pytest.approx(0.3 * 14.6 / math.sqrt(2.0), rel=0.05)
-    assert "order 2 is silenced by 18.98″ at 247.0°, while learning began with A_2 = 14.60 ± 0.10″" in correction.notes()[1]
+    assert "order 2 needs 18.98″ at 247.0° to be silent, but learning began with A_2 = 14.60 ± 0.10″" in correction.notes()[1]
 
 
 def test_a_motor_does_not_lead_its_set_points() -> None:

@@ -56,7 +56,7 @@ def test_what_cannot_be_read_is_named_and_the_rest_goes_on(folder):
     done = CliRunner().invoke(app, ["report", str(folder), "--trend"])
     assert done.exit_code == 0, done.output
     assert "no-clock/result.json: dated 1970-01-01, which is before 2000: the clock of that computer was wrong" in done.output
-    assert f"left out: {folder}/bad/result.json: no JSON" in done.output
+    assert f"left out: {folder}/bad/result.json: not JSON" in done.output
     text = (folder / "trend.html").read_text(encoding="utf-8").replace("&nbsp;", " ")
     assert "2 results were not read" in text
     assert "1 of hil learn" in text
