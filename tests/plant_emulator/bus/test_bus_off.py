@@ -5,7 +5,7 @@ import struct
 import pytest
 
 from drive_profiles.standard.cia301 import NmtCommand, NmtState
-from drive_profiles.standard.cia402 import Mode, State
+from drive_profiles.standard.cia402 import Mode, Object, State
 from hil.can.frame import Frame
 from plant_emulator.bus.confinement import RECOVERY_BITS
 from plant_emulator.bus.controller import ErrorState
@@ -122,21 +122,33 @@ def test_a_client_that_is_bus_off_is_no_nodes_concern():
     assert made.world.drives[NODE].slave.nmt_state is NmtState.OPERATIONAL
 
 
-def test_an_enabled_drive_stops_as_6007h_says_and_hears_no_more_set_points():
+@pytest.mark.parametrize(
+    ("option", "first", "last"),
+    [
+        (0, State.OPERATION_ENABLED, State.OPERATION_ENABLED),
+        (1, State.FAULT_REACTION_ACTIVE, State.FAULT),
+        (2, State.SWITCH_ON_DISABLED, State.SWITCH_ON_DISABLED),
+        (3, State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED),
+    ],
+)
+def test_an_enabled_drive_reacts_as_6007h_says_and_hears_no_more_set_points(option, first, last):
     rig = Rig()
+    rig.set(Object.ABORT_CONNECTION_OPTION, 0, option)
     rig.cyclic(Mode.CSP)
     rig.turn(4.0, 0.3)
     rig.world.bus_off(NODE)
     rig.world.bus_off(NODE)  # nothing more
-    assert rig.drive.state is State.QUICK_STOP_ACTIVE
+    assert rig.drive.state is first
     rig.sync(200)
-    assert abs(rig.speed_rps) < 1e-3
-    assert rig.drive.state is State.SWITCH_ON_DISABLED
+    if last is not State.OPERATION_ENABLED:  # which holds the last set-point, and comes to rest in its own time
+        assert abs(rig.speed_rps) < 1e-3
+    assert rig.drive.state is last
     assert rig.send(0x600 + NODE, READ_TYPE.data) == []
     assert rig.sync(10) == []
-    assert rig.world.bus_recovered(NODE) == [(NODE, frame) for frame in RECOVERED]
+    said = 1 if last is State.FAULT else 2  # a fault stays until it is reset
+    assert rig.world.bus_recovered(NODE) == [(NODE, frame) for frame in RECOVERED[:said]]
     assert rig.world.bus_recovered(NODE) == []
-    assert rig.state is State.SWITCH_ON_DISABLED
+    assert rig.state is last
 
 
 def test_a_deadline_of_a_node_that_is_bus_off_delays_nobody_elses_answers():
