@@ -23,6 +23,7 @@ from tests.plant_emulator.bus.conftest import frames_until, wait_for
 EDS = Path(drive_profiles.__file__).parent / "vendors" / "emulated_drive.eds"
 ANSWER = 0x583
 READ_STATUS = can.Message(arbitration_id=0x603, data=bytes.fromhex("4041600000000000"), is_extended_id=False)
+FILLER = Frame(0x321, bytes(8))
 
 
 @pytest.fixture
@@ -173,14 +174,19 @@ def test_can_logger_joins_and_writes_what_passes(running, tmp_path):
         channel.send(Frame(0x603, bytes(READ_STATUS.data)))
         frames_until(channel, ANSWER)
         wait_for(lambda: len(running.server._clients) == 2)
-        time.sleep(0.2)
+
+        def has_written():  # the logger writes a block at a time
+            channel.send(FILLER)
+            return log.exists() and f"{ANSWER:03X}#" in log.read_text()
+
+        wait_for(has_written)
         logger.send_signal(signal.SIGINT)
         _, errors = logger.communicate(timeout=30)
     finally:
         if logger.poll() is None:
             logger.kill()
             logger.communicate()
-    messages = list(can.LogReader(log))
+    messages = [m for m in can.LogReader(log) if m.arbitration_id != FILLER.can_id]
     assert [m.data[0] for m in messages if m.arbitration_id == 0x123] == list(range(50)), errors
     assert [m.arbitration_id for m in messages][-2:] == [0x603, ANSWER]
 
