@@ -108,8 +108,15 @@ def test_help_profiles_and_a_description_need_no_posix(run, tmp_path):
     assert "kollmorgen_akd" in run("list")
     assert "upload" in run("upload", "--help")
     run("eds", "check", "a.eds")
+
+
+def test_a_file_is_read_and_written_without_posix(run, tmp_path):
+    """One of the commands, and quick: names, line ends and the folder of the file."""
+    (tmp_path / "a.eds").write_text(EDS, encoding="ascii")
     run("eds", "convert", "a.eds", "--out", "b.eds")
-    run("eds", "check", "b.eds")
+    written = (tmp_path / "b.eds").read_bytes()
+    assert b"ParameterName=NAME" in written
+    assert b"\r\r" not in written
 
 
 @pytest.mark.slow
