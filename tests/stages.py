@@ -36,8 +36,6 @@ BRANCHES = (
     *("--cov=plant_emulator.slave", "--cov=plant_emulator.drive.state_machine", "--cov-branch"),
     *("--cov-report=term-missing:skip-covered", "--cov-fail-under=100"),
 )
-SLOWNESS_VARIABLE, BUSY_SLOWNESS = "HIL_MACHINE_SLOWNESS", "8"
-"""Of the virtual machine's clock, beside two processes that compute: it has a third of a core less than alone."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ def tests(name: str, *arguments: str) -> Stage:
 
 
 def machine(which: str) -> Stage:
-    """The virtual machine, whose slow clock lets it run beside whatever else computes."""
+    """The virtual machine, whose own clock lets it run beside whatever else computes."""
     return replace(tests("virtual machine", *ALONE, "tests/vcan", "-m", which), is_beside=True)
 
 
@@ -177,7 +175,6 @@ class Running:
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "COVERAGE_FILE": str(folder / "coverage")}
         self._begin = time.monotonic()
         if stage.is_beside:
-            environment[SLOWNESS_VARIABLE] = BUSY_SLOWNESS
             with self._output.open("wb") as output:
                 self._process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=output, stderr=subprocess.STDOUT)
         else:

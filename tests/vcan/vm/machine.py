@@ -25,8 +25,8 @@ OPTIONS = {"vcan": "echo=1"}
 """Without echo vcan hands frames back before its queueing discipline, and `tc netem` has nothing to act on."""
 SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 SHARED_MEMORY = "/dev/shm"  # noqa: S108 - the kernel makes an unnamed file there: the machine's memory
-SLOWNESS = int(os.environ.get("HIL_MACHINE_SLOWNESS", "4"))
-"""Seconds that pass here in one of the machine's, where a C compiler is: by its own clock it is as much faster (slow_clock.c)."""
+SLOWNESS = 8
+"""Seconds that the machine computes in one of its own clock, where a C compiler is: it seems that much faster (own_clock.c)."""
 NO_MACHINE, TIMED_OUT = 125, 124
 """Exit statuses: the machine did not come up or did not end as it should; the command took longer than allowed."""
 
@@ -52,8 +52,8 @@ def _environment(job: Path, slowness: int) -> dict[str, str]:
     if os.access(SHARED_MEMORY, os.W_OK):
         environment["TMPDIR"] = SHARED_MEMORY
     helps = [_compiled(job, "xstate")] if _has_tiles() else []
-    if slowness > 1 and shutil.which("cc") is not None:
-        helps.append(_compiled(job, "slow_clock", f"-DSLOWNESS={slowness}"))
+    if shutil.which("cc") is not None:
+        helps.append(_compiled(job, "own_clock", f"-DSLOWNESS={slowness}"))
     if helps:
         environment["LD_PRELOAD"] = ":".join(helps)
     return environment
@@ -134,7 +134,7 @@ def main() -> int:
     parser.add_argument("--interfaces", default="vcan0", help="vcan interfaces to make (default: vcan0)")
     parser.add_argument("--memory", default="1024M", help="memory of the machine (default: 1024M)")
     parser.add_argument("--limit-s", type=float, default=600.0, help="longest time (default: 600)")
-    parser.add_argument("--slowness", type=int, default=SLOWNESS, help=f"its clock is so much slower (default: {SLOWNESS})")
+    parser.add_argument("--slowness", type=int, default=SLOWNESS, help=f"by its clock it is so much faster (default: {SLOWNESS})")
     parser.add_argument("command", nargs=argparse.REMAINDER, help="-- COMMAND [ARGUMENT ...]")
     given = parser.parse_args()
     command = given.command[1:] if given.command[:1] == ["--"] else given.command
