@@ -100,13 +100,15 @@ void cancellation_step(
     const real blend = lowpass_blend(c->speed_lowpass_hz, period_s);
     s->speed_rad_s += blend * ((smooth - s->smooth_angle_rad) / period_s - s->speed_rad_s);
     s->slower_rad_s += blend * (s->speed_rad_s - s->slower_rad_s);
-    const real speed = 2.0 * s->speed_rad_s - s->slower_rad_s; /* on a ramp as late as neither */
+    const real mean = 2.0 * s->speed_rad_s - s->slower_rad_s; /* over the last period, on a ramp as late as neither */
     s->smooth_angle_rad = smooth;
-    low = speed_column(c, speeds, speed, &part);
-    const real side = speed < 0.0 ? -1.0 : 1.0;
-    /* the difference of both is what a speed gains in the time of the low-pass */
-    real gained = side * (s->speed_rad_s - s->slower_rad_s) * 2.0 * PI * c->speed_lowpass_hz;
+    const real side = mean < 0.0 ? -1.0 : 1.0;
+    /* the difference of both is what a speed gains in the time by which the low-pass follows a ramp */
+    const real late_s = period_s * (1.0 - blend) / blend;
+    real gained = late_s > 0.0 ? side * (s->speed_rad_s - s->slower_rad_s) / late_s : 0.0;
     gained = least(most(gained, -c->most_rad_s2), c->most_rad_s2);
+    const real speed = mean + 0.5 * period_s * side * gained;
+    low = speed_column(c, speeds, speed, &part);
     const real load = side * c->reaction * gear_torque(c, s, period_s, measured_nm, speed, side * gained);
     real sums[2];
     add_waves(waves, table, wave_count, speeds, low, part, smooth, side, gained, load, sums);

@@ -368,13 +368,15 @@ def cancellation_step(
     blend = lowpass_blend(c.speed_lowpass_hz, period_s)
     s.speed_rad_s += blend * ((smooth - s.smooth_angle_rad) / period_s - s.speed_rad_s)
     s.slower_rad_s += blend * (s.speed_rad_s - s.slower_rad_s)
-    speed = 2.0 * s.speed_rad_s - s.slower_rad_s  # on a ramp as late as neither
+    mean = 2.0 * s.speed_rad_s - s.slower_rad_s  # over the last period, on a ramp as late as neither
     s.smooth_angle_rad = smooth
-    low, part = speed_column(c, table, speed)
-    side = -1.0 if speed < 0.0 else 1.0
-    # the difference of both is what a speed gains in the time of the low-pass
-    gained = side * (s.speed_rad_s - s.slower_rad_s) * 2.0 * math.pi * c.speed_lowpass_hz
+    side = -1.0 if mean < 0.0 else 1.0
+    # the difference of both is what a speed gains in the time by which the low-pass follows a ramp
+    late_s = period_s * (1.0 - blend) / blend
+    gained = side * (s.speed_rad_s - s.slower_rad_s) / late_s if late_s > 0.0 else 0.0
     gained = min(max(gained, -c.most_rad_s2), c.most_rad_s2)
+    speed = mean + 0.5 * period_s * side * gained
+    low, part = speed_column(c, table, speed)
     load = side * c.reaction * gear_torque(c, s, period_s, measured_nm, speed, side * gained)
     reference, torque = added(waves, table, low, part, smooth, side, gained, load)
     if s.is_running == 0:

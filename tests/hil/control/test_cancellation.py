@@ -166,6 +166,21 @@ def test_on_a_ramp_the_speed_is_not_late() -> None:
     assert abs(reference - expected(cancellation, now, speed_rps - 8.0 * 8e-3)) > 3e-5
 
 
+@pytest.mark.parametrize("rps_s", [6.0, -3.0])
+@pytest.mark.parametrize("period_s", [0.00025, 0.001, 0.004, 0.008])
+def test_on_a_ramp_speed_and_acceleration_are_those_of_now_however_long_the_period(period_s: float, rps_s: float) -> None:
+    """At 8 ms the speed was half a period late, the acceleration half of what it is, and 2 % of the vibration was left."""
+    plain = table((2,))
+    bent = replace(plain, bend=0.01 * plain.reference, most_rad_s2=100.0)
+    for cancellation, bend in ((replace(plain, most_rad_s2=100.0), 0.0), (bent, 0.01)):
+        law = CancellationLaw([cancellation], period_s, fade_rev=AT_ONCE)
+        for step in range(round(1.2 / period_s)):
+            angle = math.pi * rps_s * (step * period_s) ** 2
+            (reference,), _ = law.step([angle])
+        wanted = expected(plain, angle, rps_s * step * period_s) * (1.0 + bend * 2.0 * math.pi * abs(rps_s))
+        assert reference == pytest.approx(wanted, abs=1e-6)
+
+
 def test_set_points_are_no_faster_than_a_limit_allows_and_the_highest_orders_give_way_first() -> None:
     whole = table((1, 2, 4), 120)
     limit_rps = whole.largest_speed_rps(5.0) - 0.01
