@@ -31,9 +31,9 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         "master": [(
             "The master's path",
             "One cycle is a SYNC, N answers of 8 bytes, the servo law and N set-points. The N nodes only echo frames, in "
-            "their own process on the same core. Ours is `Run.step`: the exchange, the checks of every axis, its law, and a "
-            "row of the recording. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, as threads of "
-            "one process. Bare: the same records, packed beforehand, written to and read from the same kind of socket, without "
+            "their own process on the same core. *Ours* is `Run.step`: the exchange, the checks of every axis, its law, and a "
+            "row of the recording. *`canopen`* is the package's PDO maps and the same law on python-can's `virtual`, as threads "
+            "of one process. *Bare* writes and reads the same records, packed beforehand, on the same kind of socket, without "
             "law or checks; no master in Python can be faster on this path.",
             master_path,
         )],
@@ -46,7 +46,8 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         "plant": [(
             "The closed loop without a bus",
             "The servo law runs every 250 µs, with four Runge-Kutta steps of the plant in each period; set-points come every "
-            "2 ms. Loose: the same sources, built for this processor with fused multiply-adds; ours has strict arithmetic. "
+            "2 ms. *Loose* is the same code, built for this processor with fused multiply-adds; *ours* has strict "
+            "arithmetic. "
             f"Loose and plain Python may differ from ours by {plant.SAME_STEPS:g}, because they round in another order. "
             "The general solvers integrate each control period alone, with the law in Python in between. "
             f"They may differ from ours by {plant.TRUNCATION:g}: the truncation error of our fixed steps, mostly from friction "

@@ -303,7 +303,7 @@ def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
 def _is_silent(fact: Fact, name: str) -> bool:
     """True if a field has a default that states nothing of this drive.
 
-    It may be of an object that the drive lacks. Of a filter a step or damping of 0 is no limit, and only coefficients of a
+    It may be of an object that the drive lacks. Of a filter a step or damping of 0 is not a limit, and only coefficients of a
     known scaling have a sign.
     """
     if name in _ONLY_WITH:

@@ -50,7 +50,7 @@ def commit_text(project: Path = _PROJECT, built: Path = COMMIT_FILE) -> str:
 def commit_of(project: Path) -> str:
     """Read a checkout's commit from its .git folder, without git.
 
-    The result is empty if the folder is no git checkout.
+    The result is empty if the folder is not a git checkout.
     """
     git = project / ".git"
     if git.is_file():  # a worktree: .git names the folder

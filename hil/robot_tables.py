@@ -147,7 +147,7 @@ def orders_of(text: str) -> tuple[float, ...]:
     (0.5, 1, 2, 4)
 
     Raises:
-        ValueError: A word is no order, one appears twice, or there are more than a table holds.
+        ValueError: A word is not an order, one appears twice, or there are more than a table holds.
     """
     words = [word.strip() for word in text.split(",")]
     try:

@@ -71,7 +71,7 @@ COMMANDS = {
     "no adapter": (
         hil, (*RUN, "--bus", "slcan:/dev/no@1M"), 4, "no bus at slcan:/dev/no@1M: could not open port /dev/no: No such file",
     ),
-    "no log": (hil, ("explain", "x.log"), 3, "x.log: no frame in it: none of its 2 lines is one of candump's"),
+    "no log": (hil, ("explain", "x.log"), 3, "x.log: no frame in it: none of its 2 lines is a line of candump"),
     "a design file to write": (
         hil, ("design", "notch", "--axis", "2", "--bench", "reference", "--design", "bench.toml"), 3, "unknown key 'geometry'",
     ),

@@ -192,7 +192,7 @@ def _against_defaults(bus: str, node: int, profile: str | None, eds_file: Path, 
 def _decoded(write: Write, held: bytes, scaling: Scaling | None) -> float | str:
     try:
         return write.entry.decoded(held, scaling)
-    except ValueError as error:  # bytes that are no value of its type
+    except ValueError as error:  # bytes that are not a value of its type
         return f"{held.hex(' ')} ({error})"
 
 

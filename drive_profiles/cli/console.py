@@ -164,14 +164,14 @@ def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], 
 def terminal_width(*, err: bool = False) -> int | None:
     """Return the columns of the terminal on standard output or error.
 
-    The result is None if the stream is no terminal.
+    The result is None if the stream is not a terminal.
     """
     return shutil.get_terminal_size().columns if (sys.stderr if err else sys.stdout).isatty() else None
 
 
 @contextlib.contextmanager
 def progress(label: str, total: int) -> Iterator[Callable[..., None]]:
-    """Show a progress bar on standard error; if it is no terminal, a line a minute.
+    """Show a progress bar on standard error; if it is not a terminal, a line a minute.
 
     Call the context's function with each number of finished steps, and with words about all of them if there are any.
     """

@@ -82,7 +82,11 @@ class Lss:
             if unconfigured:
                 found, numbers = self._master.fast_scan()
                 if not found:
-                    raise NoLssAnswerError("the LSS fast scan", self._timeout_s, "every node has a node-ID, or check the supply")
+                    raise NoLssAnswerError(
+                        "the LSS fast scan",
+                        self._timeout_s,
+                        "either every node has a node-ID already, or no node is powered: check the supply",
+                    )
                 yield LssAddress(*numbers)
             elif address is not None:
                 if not self._tried(lambda: self._master.send_switch_state_selective(*address.numbers)):

@@ -128,4 +128,4 @@ def has_done_nothing(error: SdoAbortedError) -> bool:
 
 
 def _who(device: Device) -> str:
-    return f"a {device.profile.label}" if device.profile else "a device of no known profile"
+    return f"a {device.profile.label}" if device.profile else "a device without a known profile"

@@ -1,7 +1,8 @@
 """SDO transfers from the client's side, without a bus or a clock.
 
 A transfer is a generator. It puts the frames to send into `out`, yields, and is sent the next answer of the server; its return
-value is the content of the object. It yields True where the next frame is a segment of a block, whose first byte is no command.
+value is the content of the object. It yields True where the next frame is a segment of a block, whose first byte is not a
+command.
 
 Source: CiA 301, 7.2.4.3.
 """

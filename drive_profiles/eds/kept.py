@@ -32,7 +32,7 @@ _WHOLE = re.compile(
     r"m\d+(?:moduleinfo|fixedobjects|subextends|subext[0-9a-f]*|comments)|supportedmodules|connectedmodules|dynamicchannels|tools"
     r"|tool\d+"
 )
-"""Sections that are no part of the dictionary, and are copied unchanged."""
+"""Sections that are not part of the dictionary, and are copied unchanged."""
 _OBJECT = re.compile(r"([0-9A-F]{4})(?:sub([0-9A-F]+))?")
 _OF_FILE = {"fileinfo", "deviceinfo", "comments", "dummyusage", *eds_device.LISTS, *eds_device.COMMISSIONING}
 _MOST_NAMED = 3
@@ -44,7 +44,7 @@ def with_kept_keys(text: str, description: Description, file_format: Literal["ed
     Args:
         text: The exporter's text.
         description: The description that it was made from.
-        file_format: Format of the text; the keys of a DCF are no part of an EDS.
+        file_format: Format of the text; the keys of a DCF are not part of an EDS.
     """
     written = read(text.encode(), Path("exported"), Findings())
     kept: dict[str, dict[str, str]] = {}

@@ -235,7 +235,7 @@ def read(data: bytes, path: Path, findings: Findings) -> Document:
     """Divide a file into its sections.
 
     Raises:
-        FileError: The file is too large, or is no text.
+        FileError: The file is too large, or is not text.
     """
     text, encoding = _decoded(data, path, findings)
     lines = [match.group() for match in _LINE.finditer(text) if match.group()]

@@ -211,7 +211,9 @@ class VariableReader:
             outside = (low is not None and default < low) or (high is not None and default > high)
             if outside:
                 entry = section.entries["defaultvalue"]
-                self.remark(section, entry, "is outside its own limits; all kept", f"a value from {low} to {high}")
+                self.remark(
+                    section, entry, "is outside its own limits; value and limits are kept", f"a value from {low} to {high}"
+                )
 
     def _limit(self, section: EdsSection, key: str, data_type: int) -> int | float | None:
         entry = section.get(key)
@@ -220,7 +222,7 @@ class VariableReader:
         if values.limits_of(data_type) is None and data_type not in values.REALS:
             reading = values.number(entry.value)  # a string has no limits; editors write 0 and FF..FF there
             if reading.value != 0:
-                self.remark(section, entry, f"means nothing for {values.NAMES[data_type]}; dropped", "no limit")
+                self.remark(section, entry, f"has no meaning for {values.NAMES[data_type]}; dropped", "no limit")
             return None
         reading = values.value(entry.value, data_type, self.node_id)
         if reading.remark:

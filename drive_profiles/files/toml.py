@@ -364,7 +364,7 @@ def _annotations(model: object, location: KeyPath) -> list[Any]:
     here = list(_flat(model))
     for part in location:
         deeper = [leaf for annotation in here for step in _step(annotation, part) for leaf in _flat(step)]
-        here = deeper or here  # names of union members are no step into the file
+        here = deeper or here  # names of union members are not a step into the file
     return here
 
 

@@ -62,7 +62,7 @@ def parse(data: bytes, path: Path, kind: str) -> Element:
         kind: The kind of file that is wanted, with its article, for messages: `an XDD file`.
 
     Raises:
-        FileError: It is no XML, or unsafe; with the line.
+        FileError: It is not XML, or unsafe; with the line.
     """
     parser = expat.ParserCreate()
     top = Element("", {}, 0)

@@ -77,7 +77,7 @@ def read(
 
     Raises:
         FileError: The file cannot be read.
-        RefusedError: The file is no concise DCF, or holds no value.
+        RefusedError: The file is not a concise DCF, or holds no value.
     """
     suffix = path.suffix.lower()
     given = {key: value for key, value in (facts or {}).items() if value is not None}

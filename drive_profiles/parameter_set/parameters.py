@@ -346,7 +346,7 @@ def item_of(entry: CatalogueEntry, data: bytes, scaling: Scaling | None) -> tupl
     If the scaling is not known, the value stays raw and the address is the key.
 
     Raises:
-        ValueError: The bytes are no value of the object's type, or not finite.
+        ValueError: The bytes are not a value of the object's type, or not finite.
     """
     if entry.parameter is not None and (scaling is not None or not entry.needs_scaling):
         value = entry.decoded(data, scaling)
@@ -449,7 +449,9 @@ def _as_on_the_wire(
             raise RefusedError("a line with a type needs the address of its object, such as 0x2147:1, as its key")
         return CatalogueEntry(address, item.name, data_type)
     if known.data_type not in {None, data_type}:
-        raise RefusedError(f"{known} is a {known.data_type.name if known.data_type else '?'}, the set says {data_type.name}")
+        raise RefusedError(
+            f"{known} has the type {known.data_type.name if known.data_type else '?'}; the set says {data_type.name}"
+        )
     raw = replace(known, data_type=data_type, parameter=None)
     if not limits:
         return replace(raw, low=None, high=None)

@@ -118,8 +118,8 @@ class Shape:
 
     F(s) = g (s²/ω_z² + 2 ζ_z s/ω_z + 1) / (s²/ω_p² + 2 ζ_p s/ω_p + 1).
 
-    A pair of roots that is no oscillation (one at or beyond s = 0) has frequency 0 and damping ∞, one at infinity frequency ∞ and
-    damping 0.
+    A pair of roots that is not an oscillation (one at or beyond s = 0) has frequency 0 and damping ∞, one at infinity
+    frequency ∞ and damping 0.
 
     Attributes:
         zero_hz: Frequency of the zeros, ω_z / 2π, Hz.

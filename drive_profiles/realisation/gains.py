@@ -173,6 +173,6 @@ def _held(
     except OutOfRangeError as error:
         raise NotRealisableError(profile.label, (f"{role} {gain:g}: {name} {error}",)) from None
     if abs(held - value) > ROUNDING * value:
-        off = f"{role} {gain:g}: {name} would hold {held:g} for {value:.4g} {parameter.unit}".rstrip()
+        off = f"{role} {gain:g}: {name} would hold {held:g} instead of {value:.4g} {parameter.unit}".rstrip()
         raise NotRealisableError(profile.label, (f"{off}, {100 * (held / value - 1):+.0f} %",))
     return held

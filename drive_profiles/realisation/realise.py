@@ -190,7 +190,7 @@ def realise(
         period_s: Period at which the filter runs, s; needed where the profile does not know it.
         tolerance: Largest deviations of a filter that counts as the designed notch.
         allow_approximate: Accept the nearest filter that the drive holds. A frequency out of range, an unknown scaling, or a
-            filter that is no stable notch is refused all the same.
+            filter that is not a stable notch is refused all the same.
 
     Raises:
         NotRealisableError: The drive cannot hold the target; the error has all reasons with their numbers.

@@ -29,7 +29,7 @@ def held_filter(profile: Profile, values: Mapping[str, float], period_s: float |
 
     Returns:
         Biquads in series, DC gain included; a filter of order 4 is two. None: the filters are off, or the drive's filter
-        follows the speed by itself (form ``variable``) and is no fixed one.
+        follows the speed by itself (form ``variable``) and is not a fixed one.
 
     Raises:
         NotRealisableError: The scaling, the period or a value is not known.

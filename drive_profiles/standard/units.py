@@ -164,7 +164,7 @@ class Scaling:
             feed_shaft_revs: 6092h:2.
 
         Raises:
-            OutOfRangeError: An object is zero, or the increments are no whole number per revolution.
+            OutOfRangeError: An object is zero, or the increments are not a whole number per revolution.
         """
         counts = counts_per_rev("608Fh", encoder_increments, encoder_revs)
         torque_nm = rated_torque_nm(rated_torque_mnm)
@@ -375,7 +375,7 @@ def counts_per_rev(what: str, increments: int, revolutions: int) -> int:
         revolutions: Revolutions in which they are counted, 608Fh:2.
 
     Raises:
-        OutOfRangeError: They are no whole number per revolution.
+        OutOfRangeError: They are not a whole number per revolution.
     """
     if revolutions <= 0 or increments % revolutions:
         raise OutOfRangeError(what, f"{increments}/{revolutions}", "counts/rev", "must be a whole number per revolution")

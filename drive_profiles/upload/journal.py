@@ -186,7 +186,7 @@ def read(path: str | Path) -> JournalStatement:
     An unfinished last line is ignored.
 
     Raises:
-        FileError: The file is no journal.
+        FileError: The file is not a journal.
     """
     path = Path(path)
     data = read_file(path, "a journal of an upload", max_bytes=MAX_BYTES)

@@ -20,7 +20,7 @@ def as_set(snapshot: UploadSnapshot, catalogue: Catalogue) -> ParameterSet:
     The values are raw, the objects named by address.
 
     Raises:
-        RefusedError: The snapshot has nothing that could be written back, or bytes that are no value of their object's type.
+        RefusedError: The snapshot has nothing that could be written back, or bytes that are not a value of their object's type.
     """
     table: dict[str, Item] = {}
     reasons: list[str] = []

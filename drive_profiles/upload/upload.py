@@ -170,7 +170,7 @@ class Upload:
             return held
         held = self.device.read(address)
         if len(held) != data_type.size:
-            what = f"{self.named(address)} has {len(held)} bytes, a {data_type.name} has {data_type.size}"
+            what = f"{self.named(address)} has {len(held)} bytes, but {data_type.name} has {data_type.size}"
             raise NodeError(self.device.node, what, "check the profile and the EDS")
         return held
 
@@ -422,7 +422,7 @@ class Upload:
             return
         try:
             self._journal.note(event, address, **more)
-        except (OSError, ValueError) as error:  # ValueError: text that is no Unicode
+        except (OSError, ValueError) as error:  # ValueError: text that is not Unicode
             if not self._going_back:
                 raise RefusedError(f"the journal {self._journal.path} cannot be written ({error})") from error
 

@@ -11,7 +11,7 @@ from drive_profiles.files.toml import Table
 
 Real = NDArray[np.float64]
 LARGEST = 1e4
-"""Bound of every number of an arm, in m, °, kg, kg·m² and m/s²: what lies beyond it is no arm, and would overflow somewhere."""
+"""Bound of every number of an arm, in m, °, kg, kg·m² and m/s²: larger numbers are not an arm's, and could overflow."""
 Component = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 NotBelow = Annotated[float, Field(ge=0.0, le=LARGEST)]
 Vector = tuple[Component, Component, Component]

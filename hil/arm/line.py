@@ -17,7 +17,7 @@ from hil.robot_tables import LineMotion, Point
 MOVED_RAD = 1e-6
 """Turn of a joint on a line up to which its axis stays where it is: 1 µm at 1 m."""
 SHORTEST_M, SHORTEST_RAD = 1e-6, 1e-6
-"""Way and turn below which a line is no motion."""
+"""Way and turn below which a line is not motion."""
 
 
 @dataclass(frozen=True)

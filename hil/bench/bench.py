@@ -97,7 +97,7 @@ class Limits(Table):
     """Limits of an axis (motor side), held by master and drive.
 
     `acceleration_rps_s` is the largest acceleration of a motion; left out, `torque_nm` alone bounds it, by the inertia in
-    the bench file. The additions of an identification or a cancellation to the set-points are no part of the
+    the bench file. The additions of an identification or a cancellation to the set-points are not part of the
     motion: torque, speed and `cancellation_rev` bound them. `cancellation_rev` is the largest addition of a cancellation to
     a set-point; left out, a twentieth of `following_error_rev`.
     """
@@ -470,8 +470,7 @@ def with_levers(bench: Bench, arm: ArmTable) -> Bench:
         stated = table.tip_lever_m if "tip_lever_m" in table.model_fields_set else lever
         if abs(stated - lever) > LEVER_TOLERANCE * max(lever, stated):
             raise ValueError(
-                f"axis {number}: tip_lever_m is {stated:g}, but by the arm the sensor is {lever:.4g} m from it at home; "
-                "leave tip_lever_m out"
+                f"axis {number}: tip_lever_m is {stated:g}, but the arm table gives {lever:.4g} m at home; leave tip_lever_m out"
             )
         axes[number] = table.model_copy(update={"tip_lever_m": lever})
         axes[number].model_fields_set.discard("tip_lever_m")  # worked out, not stated: another mounting gives another

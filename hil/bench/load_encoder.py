@@ -3,7 +3,7 @@
 An encoder on a joint measures the joint's angle, without the bending of links and tool behind it. On an arm every joint swings,
 also one whose motor is braked, so all encoders are recorded: the kinematics has the tip from the angles of all of them.
 
-A lost answer is no measurement: its angle is NaN in the recording. For the tip, a cubic spline through the joint's angle less
+A lost answer is not a measurement: its angle is NaN in the recording. For the tip, a cubic spline through the joint's angle less
 that of the motor bridges a short gap, which counts among the missed cycles; a run with a long gap is not judged.
 """
 

@@ -81,7 +81,7 @@ def _check_up(address: Address) -> None:
     except (OSError, ValueError):
         return  # no /sys here; the first frame that is sent will tell
     if not flags & 1:  # IFF_UP
-        raise BusUnavailableError(address, f"the interface is down; ip link set {address.channel} up")
+        raise BusUnavailableError(address, f"the interface is down; run: ip link set {address.channel} up")
 
 
 def _dropped(ancillary: list[tuple[int, int, bytes]]) -> int | None:

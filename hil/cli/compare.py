@@ -194,9 +194,11 @@ def _knowledge(
 
 def _check_buses(benches: list[str], bus: str | None, robots: list[str]) -> None:
     if bus is not None and len(benches) > 1:
-        raise fail("--bus is for one robot; with several, each bench file has its own bus", ExitStatus.USAGE)
+        raise fail("--bus is for one robot; with several robots, each bench file has its own bus", ExitStatus.USAGE)
     if len(benches) > 1 and not robots and os.environ.get(BUS_VARIABLE):
-        raise fail(f"{BUS_VARIABLE} is for one robot; with several, each bench file has its own bus: unset it", ExitStatus.USAGE)
+        raise fail(
+            f"{BUS_VARIABLE} is for one robot; with several robots, each bench file has its own bus: unset it", ExitStatus.USAGE
+        )
     if robots and bus is not None:
         raise fail("--emulate starts a bus of its own; leave --bus out", ExitStatus.USAGE)
     if len(robots) not in {0, 1, len(benches)}:

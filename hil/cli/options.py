@@ -87,7 +87,7 @@ def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:
     A value without an axis is that of the only axis.
 
     Raises:
-        typer.BadParameter: A value is no inertia, an axis has two, or is unknown.
+        typer.BadParameter: A value is not an inertia, an axis has two, or is unknown.
     """
     found: dict[int, float] = {}
     for text in texts:
@@ -100,7 +100,7 @@ def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:
             raise typer.BadParameter(what, param_hint=INERTIA) from None
         if axis is None:
             raise typer.BadParameter(
-                f"{text} has no axis number; with several, give e.g. 2={text} for axis 2", param_hint=INERTIA
+                f"{text} has no axis number; for several axes, give e.g. 2={text} for axis 2", param_hint=INERTIA
             )
         if not LEAST_INERTIA_KG_M2 <= inertia <= MOST_INERTIA_KG_M2:
             limits = f"{LEAST_INERTIA_KG_M2:g} to {MOST_INERTIA_KG_M2:g}"

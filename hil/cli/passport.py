@@ -112,7 +112,7 @@ def _date(text: str | None) -> str:
     """A date of the command line in UTC; empty for none.
 
     Raises:
-        typer.BadParameter: It is no date.
+        typer.BadParameter: It is not a date.
     """
     if text is None:
         return ""

@@ -143,7 +143,7 @@ def _load_encoder(of: Checked, table: AxisTable, recording: Recording, rows: sli
     angle = recording.axis(of.number, "position_rad")[rows] / table.reduction_ratio
     load = recording.axis(of.number, "load_rad")[rows]
     if not np.all(np.isfinite(load)):
-        return of.entry("encoder scale", "NOT JUDGED", "the joint's encoder did not answer in each cycle", path)
+        return of.entry("encoder scale", "NOT JUDGED", "the joint's encoder did not answer in every cycle", path)
     found = _ratio(angle, load, recording.period_s)
     if not found.is_told:
         return of.entry("encoder scale", "NOT JUDGED", f"{found.words} of the motor's turn: too uncertain", path)

@@ -73,7 +73,7 @@ def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) 
         raise ValueError(f"{high_hz:g} Hz is not below half the sampling rate, {0.5 / sample_s:g} Hz")
     lines = np.arange(math.ceil(low_hz * period_s - 1e-9), math.floor(high_hz * period_s + 1e-9) + 1, dtype=np.int64)
     if lines.size == 0:
-        raise ValueError(f"no line of a period of {period_s:g} s lies within {low_hz:g} … {high_hz:g} Hz")
+        raise ValueError(f"no multiple of 1/({period_s:g} s) lies within {low_hz:g} … {high_hz:g} Hz; widen the band")
     return lines
 
 

@@ -406,8 +406,8 @@ def _rise_checks(problem: NotchProblem, peaks_mm: Mapping[str, Real]) -> list[Re
                 worst[rise.order] = rise, member.label
     found = []
     for order, (rise, label) in worst.items():
-        where = "beside the orders' speeds," if order is None else f"of k = {order:g},"
-        name = f"tip peak {where} over that without a filter"
+        where = "between the orders' speeds" if order is None else f"of k = {order:g}"
+        name = f"tip peak {where} relative to that without a filter"
         found.append(RequirementCheck(name, rise.ratio, rise.limit, "", True, None, label, is_rise=True))
     return found
 

@@ -45,7 +45,7 @@ from hil.design.plant_problem import (
 from hil.design.plant_spectra import Spectra
 
 SMALLEST_MISFIT = 0.5
-"""Misfit below which the errors shrink no further: what the model leaves open is seldom met in full, but is no scatter."""
+"""Misfit below which the errors shrink no further: what the model leaves open is seldom met in full, but is not scatter."""
 LEFT_OPEN = 3e-3
 """Relative error of J_m, and in proportion to it of f_r and friction, by what images and holds leave open at a SYNC of 4 ms."""
 EVALUATIONS = 100

@@ -44,7 +44,7 @@ TOP_RATE_HZ = 200.0
 """Sampling beyond which every n-th sample says all."""
 
 LEAST_DAMPING, MOST_DAMPING = 0.008, 0.2
-"""Damping ratios of an arm on its gear with its loop closed: beyond them a swell is no resonance, but a tone or a slope."""
+"""Damping ratios of an arm on its gear with its loop closed: beyond them a swell is not a resonance, but a tone or a slope."""
 LEAST_TIP_EXPLAINED = 0.5
 """Fraction of the vibration that the resonance has to explain."""
 LEAST_SIGNIFICANCE = 8.0

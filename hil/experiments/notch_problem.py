@@ -187,7 +187,9 @@ def _ramps(
     All lead as far as f_al and the axis' speed limit let them, wherever the user's motion ends.
     """
     if bench.constant_acceleration is None:
-        raise NotPossibleError(f"bench {bench.name!r} has no constant_acceleration table: a filter is judged at its rate")
+        raise NotPossibleError(
+            f"bench {bench.name!r} has no constant_acceleration table; add it, because a filter is judged on that ramp"
+        )
     limits, rate = bench.axis[request.axis].limits, bench.constant_acceleration.acceleration_rps_s
     windows = {k: scale.windows_rps.get(round(k), ()) if k == round(k) else () for k in orders}
     made = {k: window or order_window_rps(f_al_hz, k) for k, window in windows.items()}

@@ -1,6 +1,6 @@
 """Fast reader of candump's logs.
 
-Lines such as `(1.5) can0 181#0011` and `(1.5)  can0  181   [2]  00 11`. Lines that are no frame are counted and skipped.
+Lines such as `(1.5) can0 181#0011` and `(1.5)  can0  181   [2]  00 11`. Lines that are not frames are counted and skipped.
 
 Source: can-utils, `candump -l`, `candump -t a|z|A` and `-x`.
 """

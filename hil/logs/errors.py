@@ -6,7 +6,7 @@ from hil.errors import HilError
 
 
 class LogError(HilError):
-    """The file is no log of a bus, or has no frames."""
+    """The file is not a log of a bus, or has no frames."""
 
     exit_code = 3
 

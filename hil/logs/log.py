@@ -31,7 +31,7 @@ class Damage:
     """Parts of a log that could not be read.
 
     Attributes:
-        unreadable: Lines that are no frame.
+        unreadable: Lines that are not frames.
         first_unreadable: Number of the first of them, from 1; 0 without any.
         flexible: Frames of CAN FD, which are left out.
         elsewhere: Frames of other interfaces, which are left out too.

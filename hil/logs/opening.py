@@ -65,7 +65,7 @@ def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, in
     if not builder.frames and counters[candump.ELSEWHERE]:
         raise LogError(path, f"no frame of interface {interface}, but {counters[candump.ELSEWHERE]} of others")
     if not builder.frames:
-        reason = ended[0] if ended else f"none of its {counters[candump.READ_LINES]} lines is one of candump's"
+        reason = ended[0] if ended else f"none of its {counters[candump.READ_LINES]} lines is a line of candump"
         raise LogError(path, f"no frame in it: {reason}")
     if unstamped:
         raise LogError(path, f"{unstamped} of {builder.frames} frames have no time stamp; record with candump -ta")

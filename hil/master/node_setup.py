@@ -102,7 +102,9 @@ class NodeSetup:
                 if axis in disabled:
                     not_restored += axis.restore()  # its supervision ends first
                 else:  # it keeps its limits, and our heartbeat, which it watches, has stopped
-                    not_restored.append(f"node {axis.node}: not confirmed to be disabled; limits and supervision stay")
+                    not_restored.append(
+                        f"node {axis.node} has not confirmed that it is disabled, so it keeps the limits of the run"
+                    )
             not_restored += self._exchange.restore(set(self._nodes(disabled)))
         except ChannelError as error:
             not_restored.append(f"the bus: {error}")

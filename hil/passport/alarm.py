@@ -8,7 +8,7 @@ has changed. Two tests share the rate r of each series in halves:
 - a creep: the cumulative sums C⁺ = max(0, C⁺ + w − k) and C⁻ likewise (CUSUM: Page, Biometrika 41, 1954) beyond h, from the mean
   number of runs to a false alarm of each side, (e^{2kb} − 2kb − 1)/(2k²), b = h + 1.166 (Siegmund, Sequential Analysis, 1985).
 
-An alarm remains from its first run on: later runs are no history of the same gear.
+An alarm remains from its first run on: later runs are not a history of the same gear.
 """
 
 import math

@@ -228,7 +228,7 @@ def utc_of(text: str) -> str:
     Such dates sort as text.
 
     Raises:
-        ValueError: It is no date; or it is before the year 2000 or in the future, from a clock that was not set.
+        ValueError: It is not a date; or it is before the year 2000 or in the future, from a clock that was not set.
     """
     date = datetime.datetime.fromisoformat(text)
     utc = date.replace(tzinfo=datetime.UTC) if date.tzinfo is None else date.astimezone(datetime.UTC)

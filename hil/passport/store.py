@@ -132,7 +132,7 @@ class PassportRun:
         emulated: True if it was measured on an emulated robot.
         source: Path from which it was read.
         lines: Orders.
-        sides: Orders in either direction alone, those too that are no lines.
+        sides: Orders in either direction alone, those too that are not lines.
     """
 
     content: str

@@ -79,7 +79,7 @@ class Trend:
         change = f"{now - before:+.1f}°" if self.is_phase or before <= 0.0 else f"{100.0 * (now / before - 1.0):+.0f} %"
         return (
             f"{self.robot}, axis {self.axis}: {self.symbol} = {now:.2f} {self.unit} on {self.dates[-1][:10]}, {before:.2f} ± "
-            f"{self.watch.scatter:.2f} expected from the {first} runs before {self.dates[first][:10]} ({change}); alarm since"
+            f"{self.watch.scatter:.2f} expected from the {first} runs before the alarm of {self.dates[first][:10]} ({change})"
         )
 
     @property

@@ -26,7 +26,7 @@ def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
         values: Its numbers; shape (n,).
 
     Raises:
-        RecordingFileError: A jump is no whole revolution, or the angle turns too far from sample to sample.
+        RecordingFileError: A jump is not a whole revolution, or the angle turns too far from sample to sample.
     """
     unit = column.unit
     turned = values / unit.per_rev

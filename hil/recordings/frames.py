@@ -113,7 +113,7 @@ class FrameFile:
     def _log(self) -> Log:
         """Return the frames of an undamaged log.
 
-        A damaged log is refused: it is no basis for a measurement.
+        A damaged log is refused: it is not a basis for a measurement.
         """
         if self.path.suffix.lower() == ".blf":
             self._refuse_cut_off()

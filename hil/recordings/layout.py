@@ -140,7 +140,7 @@ def said_with(texts: Sequence[str], ratio: float | None, robot: str | None, file
         file: Layout file.
 
     Raises:
-        ValueError: A text is no column.
+        ValueError: A text is not a column.
     """
     file = file or Said()
     column, unit = dict(file.column), dict(file.unit)

@@ -34,7 +34,7 @@ class Source(Protocol):
         All of shape (n,).
 
         Raises:
-            RecordingFileError: A column has values that are no numbers.
+            RecordingFileError: A column has values that are not numbers.
         """
         ...
 

@@ -118,7 +118,7 @@ class AteResult(MeasuredResult):
         fit: Fit of all passes.
         history: Standard errors after each pass.
         is_within_goal: True if the standard errors reach the goal, or are at most 3 times what is asked (more of a gear
-            that is no spring: `hil.experiments.ate.request.Miss.is_usable`); orders out of the ramps' reach do not count.
+            that is not a spring: `hil.experiments.ate.request.Miss.is_usable`); orders out of the ramps' reach do not count.
             The notes list those that are larger than asked.
         notes: Sentences for the engineer.
         not_identified: Reason why nothing was identified.

@@ -126,7 +126,7 @@ def _with_orders(value: dict[str, Any]) -> str:
         for axis in value["learnt"]:
             for each in axis["passes"]:
                 each.pop("following", None)
-    with suppress(TypeError, KeyError):  # of a file that is no result the validation speaks
+    with suppress(TypeError, KeyError):  # of a file that is not a result the validation speaks
         passes = [each for axis in value["learnt"] for each in axis["passes"] if "values" not in each]
     with suppress(TypeError, KeyError):
         history = [each for each in value["history"] if "standard_error" not in each]

@@ -188,7 +188,7 @@ class VirtualcanListener(Listener):
             OSError: The port cannot be had.
         """
         if host not in LOOPBACK.values():
-            raise EndpointError(f"{host}:{port}: only on 127.0.0.1 or ::1")
+            raise EndpointError(f"{host}:{port}: expected the host 127.0.0.1 or ::1")
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         super().__init__(socket.create_server((host, port), family=family, backlog=MAX_CLIENTS))
         self.endpoint: tuple[str, int] = (host, self.listener.getsockname()[1])

@@ -110,7 +110,7 @@ def axis_numbers(given: str, model: "Robot") -> list[int]:
     """Return the axes of a list such as 2,3.
 
     Raises:
-        typer.Exit: It is no such list, or the robot has no such axis.
+        typer.Exit: It is not such a list, or the robot has no such axis.
     """
     numbers: list[int] = []
     for text in given.split(","):

@@ -77,7 +77,7 @@ def holding_torques(links: NDArray[np.void], joints: Real) -> None:
 
 
 def _arrays(links: NDArray[np.void], joints: Real) -> tuple[Any, int, Any]:
-    """Arguments in C; the base is no joint."""
+    """Arguments in C; the base is not a joint."""
     count = len(links) - 1
     if joints.shape != (CORE.call.JOINT_ROWS, count):
         raise ValueError(f"joints have shape {joints.shape} where {count} links ask for {(CORE.call.JOINT_ROWS, count)}")

@@ -217,7 +217,7 @@ def _ended(act: Callable[[], Note]) -> StepRecord:
     """Take a step; return how it ended.
 
     Raises:
-        KeyboardInterrupt: A signal ended the motion; the user's interrupt is no result of the robot.
+        KeyboardInterrupt: A signal ended the motion; the user's interrupt is not a result of the robot.
     """
     try:
         note = act()

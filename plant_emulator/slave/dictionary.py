@@ -48,7 +48,7 @@ class Postponed(Exception):  # noqa: N818 - not an error: the answer comes later
     def __init__(self, duration_ns: int, finish: Callable[[], SdoAbortCode | None]) -> None:
         self.duration_ns = duration_ns
         self.finish = finish
-        super().__init__(f"over in {duration_ns} ns")
+        super().__init__(f"the answer comes in {duration_ns} ns")
 
 
 class Access(Enum):

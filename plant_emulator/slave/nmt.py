@@ -115,7 +115,7 @@ class HeartbeatConsumer:
     """Monitor of other nodes' heartbeats by 1016h.
 
     A watch starts with the first heartbeat (CiA 301, 7.2.8.2.2.3): a node that never came up is not lost. A boot-up
-    message is no heartbeat: a node that restarts and then stays silent must be noticed.
+    message is not a heartbeat: a node that restarts and then stays silent must be noticed.
 
     Args:
         dictionary: Must have 1016h.

@@ -18,8 +18,8 @@ def distribution_and_influences(summary: Summary) -> Drawing:
     _influences(bars, influences[::-1])
     style.legend_above(figure, distribution)
     caption = (
-        "Left: the number by which a plant is judged; the triangle is the robot of the file. Right: its rank correlation with "
-        "the unknowns, with the 95 % interval; for an angle it has no sign. Grey: may be chance."
+        "Left: the number by which a plant is judged; the triangle is the robot of the file. Right: rank correlation of that "
+        "number with each unknown, with the 95 % interval; for an angle it has no sign. Grey: the correlation may be chance."
     )
     key = f"figure-{summary.study.name}"
     return Drawing(key, "Plants and influences", "", "computed", caption, style.to_svg(figure, key))

@@ -113,7 +113,7 @@ def test_a_lever_that_is_not_the_arms_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     bench_with_arm(tmp_path)
     path.write_text(path.read_text().replace("[axis.3]", "[axis.3]\ntip_lever_m = 0.36"))
-    with pytest.raises(FileError, match=r"axis 3: tip_lever_m is 0\.36, but by the arm the sensor is 0\.4"):
+    with pytest.raises(FileError, match=r"axis 3: tip_lever_m is 0\.36, but the arm table gives 0\.4"):
         load_bench(path)
 
 

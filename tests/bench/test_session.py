@@ -399,7 +399,7 @@ def test_an_interrupt_that_no_drive_has_confirmed_does_not_end_as_a_safe_one(sho
     assert isinstance(result.stopped, InterruptedRunError)
     assert not result.stopped.all_disabled
     assert result.stopped.exit_code == 8
-    assert "node 2: not confirmed to be disabled" in " ".join(hil_session.not_restored)
+    assert "node 2 has not confirmed that it is disabled" in " ".join(hil_session.not_restored)
 
 
 def test_the_progress_of_a_run_ends_where_the_run_does(short_bench: Bench, reference_robot: Robot) -> None:

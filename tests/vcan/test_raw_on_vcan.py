@@ -69,7 +69,7 @@ def test_python_can_on_the_same_interface_understands(spare):
 
 def test_an_interface_that_is_down_is_not_opened(spare):
     ip("link", "set", spare.channel, "down")
-    with pytest.raises(BusUnavailableError, match=f"is down; ip link set {spare.channel} up"):
+    with pytest.raises(BusUnavailableError, match=f"is down; run: ip link set {spare.channel} up"):
         SocketCanChannel(spare)
 
 

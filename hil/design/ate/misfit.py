@@ -1,6 +1,6 @@
 """Part of a fit's residual that is not noise.
 
-A gear that is no spring leaves such a part where the arm resonates; noise is everywhere.
+A gear that is not a spring leaves such a part where the arm resonates; noise is everywhere.
 
 The level of the noise is read in the quiet parts of the residual, block by block. What is above it is misfit. How far it can bend
 an order's amplitude and phase follows from where it lies: a residual while the order itself is large counts against it.

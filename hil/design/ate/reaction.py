@@ -156,7 +156,7 @@ def _fitted(parts: Sequence[_Windows], count: int) -> Reaction:
 
     Each order has a complex factor of the arm's part beside it.
 
-    The residual is no white noise, and windows overlap, so the standard error is that of blocks of windows.
+    The residual is not white noise, and windows overlap, so the standard error is that of blocks of windows.
     """
     blocks, matrices, values = [], [], []
     for part in parts:

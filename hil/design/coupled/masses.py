@@ -227,7 +227,7 @@ def _best_fit(reduced: Real, felt: Sequence[FeltMode], basis: Real, made_up: Rea
 def _modes(x: Real, reduced: Real, size: float) -> tuple[Real, Real]:
     """Dips in Hz, and effective inertias by joint and mode.
 
-    Shapes (n,) and (n, n); NaN if H is no mass matrix.
+    Shapes (n,) and (n, n); NaN if H is not a mass matrix.
     """
     n = reduced.shape[0]
     inertia, gears = reduced @ (size * x[:-n]), np.exp(x[-n:])

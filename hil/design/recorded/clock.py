@@ -30,7 +30,7 @@ class SampledInstants:
     def words(self) -> str:
         """The clock in words."""
         name = "the stamps" if self.kind == "stamps" else "even sampling, only the stamps jitter"
-        return f"{name}; the angle is smooth to {1e3 * self.uncertain_s:.2g} ms"
+        return f"{name}; the motor angle shows the instants to {1e3 * self.uncertain_s:.2g} ms"
 
 
 def clock_of(stamps_s: Real, motor_angle_rad: Real) -> SampledInstants:

@@ -23,7 +23,7 @@ TOLD_WITHIN = 0.1
 LARGEST_SWING = 0.3
 """Largest c (k f_m)² for which the first order of the swing holds: the second is a tenth."""
 NOT_BELOW_SIGMAS = 3.0
-"""Standard errors of c below 0 that noise does not make: then it is no swing that the amplitudes show."""
+"""Standard errors of c below 0 that noise does not make: then it is not a swing that the amplitudes show."""
 
 
 @dataclass(frozen=True)

@@ -457,7 +457,7 @@ def _gear_words(gear: GearLaw) -> str:
     """Describe the gear on which the arm was simulated."""
     return (
         f"the gear is nonlinear: {100.0 * gear.softness:.2g} % softer at torsions below {gear.wind_up_rad / ARCSEC:.0f}″, and "
-        f"its friction carries {gear.hysteresis_rad / ARCSEC:.2g}″; the fit simulates this gear, "
+        f"its friction holds a torsion of {gear.hysteresis_rad / ARCSEC:.2g}″; the fit simulates this gear, "
         "so A_k and φ_k hold for any amplitude"
     )
 
@@ -474,7 +474,7 @@ def standard_errors(estimate: JointEstimate) -> dict[str, float]:
 def delay_of(estimate: JointEstimate, gear_fraction_error: float, plant_damping: float | None = None) -> EstimatedParameter:
     """Estimate the sensor's delay with its standard error.
 
-    The error contains noise, the uncertainty of the gear's part of the damping, and the blur of a gear that is no spring.
+    The error contains noise, the uncertainty of the gear's part of the damping, and the blur of a gear that is not a spring.
 
     The gear's part of the damping leads by 2 ζ_g/ω, which no ramp tells from a sensor that is quicker by as much. A gear that is
     no spring rings at another frequency at each instant of a ramp, which looks like damping and leads by nothing: what the fit

@@ -70,7 +70,7 @@ class RampLimits:
         """Limits of an axis of a bench file."""
         limits, motion = bench.axis[axis].limits, bench.constant_acceleration
         braking, blind = DEFAULT_DECELERATION_RPS_S, DEFAULT_END_RPS
-        if motion is not None:  # the end speed of that other experiment is no limit
+        if motion is not None:  # the end speed of that other experiment is not a limit
             braking, blind = motion.deceleration_rps_s, max(motion.end_rps, blind)
         most = limits.acceleration_rps_s or math.inf
         room = limits.position_max_rev - limits.position_min_rev - 2.0 * MARGIN_REV

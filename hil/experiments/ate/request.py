@@ -25,7 +25,7 @@ WEAK = 0.5
 NEARLY = 3.0
 """Standard errors up to so many times what is asked are a result, with a note: three quarters of the required accuracy."""
 GEAR_FRACTION_AT_MOST, GEAR_PHASE_DEG_AT_MOST = 0.15, 10.0
-"""Standard errors that are a result where the gear is no spring and more passes would not lower them: the trial decides."""
+"""Standard errors that are a result where the gear is not a spring and more passes would not lower them: the trial decides."""
 
 
 @dataclass(frozen=True)

@@ -272,7 +272,7 @@ class Correction:
     def _learnt(self) -> Estimate:
         """Posterior of everything that passes have left.
 
-        What the directions differ by beyond a delay is no noise, and returns in each pass: each direction has a bias of its own.
+        What the directions differ by beyond a delay is not noise, and returns in each pass: each direction has a bias of its own.
         """
         assert self._prior is not None  # noqa: S101 - it has begun
         known_s, error_s = (of(DELAY) for of in (self._prior.value, self._prior.standard_error))

@@ -27,7 +27,7 @@ from hil.reporter import SILENT, Reporter
 from hil.results.following import FollowingBegin, FollowingEntry, FollowingPeak
 
 LOUDER_MM = 0.001
-"""Rise of the tip's peak that is no harm."""
+"""Rise of the tip's peak that is harmless."""
 FOLLOW_ROUNDS = 3
 """Most runs of either kind: where a rise may be the sensor's noise, the means of so many tell."""
 LITTLE = 0.05
@@ -134,7 +134,7 @@ def _changes(runs: Alternation, scale: TipScale) -> list[PeakChange]:
 
 
 def _rise_mm(change: PeakChange) -> float:
-    """Rise of a peak by more than is no harm."""
+    """Rise of a peak by more than is harmless."""
     return change.after_mm - change.before_mm - LOUDER_MM
 
 

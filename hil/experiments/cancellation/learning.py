@@ -1,6 +1,6 @@
 """Adaptive cancellation of one axis.
 
-The axis moves to and fro; its transmission error is learnt from pass to pass, then frozen.
+The axis moves back and forth; its transmission error is learnt from pass to pass, then frozen.
 
 The first pass is without cancellation, the second with half of it, every later one with all of it. After each pass each order
 of it is judged as in a trial (`verdict`), and one whose cancellation is wrong is left out from there on. The first two are fitted
@@ -245,7 +245,7 @@ def learn(
         session: Session that has been brought up.
         axis: Axis number.
         identified: The model file: the motor's inertia, and orders that the passes may not better. None: the bench file's model.
-        passes: Number of passes, each to and fro; two at least.
+        passes: Number of passes, each back and forth; two at least.
         acceleration_rps_s: Acceleration of every ramp.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         motor_inertia_kg_m2: J_m from a data sheet, where neither file has a plant.

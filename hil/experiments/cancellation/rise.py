@@ -24,7 +24,7 @@ Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
 WORSE_FRACTION, WORSE_MM = 0.05, 0.002
-"""Rise of a peak that is no harm, whichever is more."""
+"""Rise of a peak that is harmless, whichever is more."""
 RISE_SIGMAS, LAST_SIGMAS = 3.0, 1.0
 """Standard errors by which a rise stands, and those that are enough where no more runs are made."""
 OPEN_SLACK = 0.3
@@ -181,7 +181,7 @@ class Windows:
         None if the peaks of all windows together would rise too much.
 
         What a part has taken away is given back to the vibration as it was measured. That is not to make the peaks of all windows
-        together larger; where the window rises beyond what the ramp itself makes in it, by no more than is no harm.
+        together larger; where the window rises beyond what the ramp itself makes in it, by no more than is harmless.
 
         Args:
             looks: All runs.

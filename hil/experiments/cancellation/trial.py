@@ -50,7 +50,7 @@ def averaged(recordings: Sequence[Recording]) -> Recording:
     """
     shapes = {(tuple(recording.columns), len(recording.time_s)) for recording in recordings}
     if len(shapes) != 1:
-        raise ValueError(f"{len(recordings)} recordings of {len(shapes)} shapes cannot be averaged")
+        raise ValueError(f"recordings of {len(shapes)} shapes cannot be averaged; all {len(recordings)} must have the same shape")
     first = recordings[0].columns
     doubt = next((recording.doubt for recording in recordings if recording.doubt is not None), None)
     return Recording({name: np.mean([recording.columns[name] for recording in recordings], axis=0) for name in first}, doubt)

@@ -93,7 +93,7 @@ def torque_check(torque_nm: Real, limit_nm: float, amplitude_nm: float) -> DataC
 def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> DataCheck:
     """Check that the motor kept its direction.
 
-    At a reversal Coulomb friction is no constant. `speed_rps` is along the bias.
+    At a reversal Coulomb friction is not a constant. `speed_rps` is along the bias.
     """
     fraction = float(np.mean(speed_rps <= 0.0))
     ripple = bias_rps - float(np.min(speed_rps))

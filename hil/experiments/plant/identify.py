@@ -324,8 +324,8 @@ class PlantIdentification:
         if amplitude <= 0.02 * small:
             raise self._refused(
                 f"no amplitude fits: without any excitation the {self._limited_by} is at its limit already (transmission "
-                f"error at {self.travel.bias_rps:.2g} rev/s: {rest.speed_rps:.2g} rev/s, {rest.tip_m_s2:.2g} m/s²); another "
-                "--bias-rps moves it away from the resonance",
+                f"error at {self.travel.bias_rps:.2g} rev/s: {rest.speed_rps:.2g} rev/s, {rest.tip_m_s2:.2g} m/s²); choose "
+                "another --bias-rps, away from the resonance",
                 causes=("limits",),
             )
         self.remarks.append(f"a pilot run chose the amplitude of {amplitude:.3g} N·m; the {self._limited_by} limits it")

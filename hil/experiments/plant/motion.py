@@ -36,7 +36,7 @@ PER_STRETCH = (9, 8, 7, 6, 5, 3)
 PILOT_PERIODS = 3
 """Periods of the pilot: the fewest over which orders 1, 2 and 4 average to nothing."""
 FEWEST = 6
-"""Periods in all below which the scatter between them is no measure of confidence."""
+"""Periods in all below which the scatter between them is not a measure of confidence."""
 SLOW_TURNS = 4.0
 """Motor turns of a slow stretch."""
 SLOW_RPS = (0.4, 0.8)
@@ -105,7 +105,7 @@ class Travel:
         bias_rps: Motor speed under the excitation.
         wave: One period of the excitation.
         per_stretch: Periods of each stretch that are evaluated, after one to settle.
-        stretches: Number of stretches, to and fro.
+        stretches: Number of stretches, back and forth.
         low_rev: Lower end of the travel, as the drive counts.
         high_rev: Upper end.
     """
@@ -388,7 +388,7 @@ def planned(
 def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: float, fastest_rps: float) -> PlannedMotion:
     """Plan the slow motion for friction and gravity.
 
-    It goes to and fro at four speeds, one of them over the whole travel.
+    It goes back and forth at four speeds, one of them over the whole travel.
 
     Args:
         bench: The bench file.
@@ -425,7 +425,7 @@ def excited_motion(
     excited: ExcitedSignal,
     amplitude_nm: float,
 ) -> PlannedMotion:
-    """Motion to and fro at the bias speed under the excitation.
+    """Motion back and forth at the bias speed under the excitation.
 
     Args:
         bench: The bench file.

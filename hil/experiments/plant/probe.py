@@ -90,8 +90,8 @@ def probe_trouble(
     if friction[0] < -SIGN_SIGMAS * friction[1]:
         return ProbeTrouble(
             "torque",
-            f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m, which friction makes positive; "
-            f"the encoder counts backwards, or the drive reports the torque with the wrong sign (607Eh, "
+            f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m, but friction requires a torque "
+            f"along it; the encoder counts backwards, or the drive reports the torque with the wrong sign (607Eh, "
             "6077h, motor phases)",
         )
     free = WOUND_FRACTION * torque_limit_nm / reduction_ratio

@@ -12,7 +12,7 @@ _USUAL_SIZE = 4
 class OverheardQuestions(Questions):
     """Answers about a drive from overheard frames.
 
-    The default of an EDS is no answer: the drive may have other settings by now. The parameter value of a DCF is an answer,
+    The default of an EDS is not an answer: the drive may have other settings by now. The parameter value of a DCF is an answer,
     unless a frame has another.
     """
 

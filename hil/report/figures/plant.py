@@ -213,7 +213,7 @@ def friction(result: PlantResult) -> Drawing | None:
                 over_speed.plot(speed[rows], (torque - gravity)[rows], **points)
         line = np.flatnonzero(turning & is_fastest)
         line = line[np.argsort(arm[line])]
-        over_angle.plot(arm[line], model[line], label="fit, at the fastest", **style.RESIDUAL)
+        over_angle.plot(arm[line], model[line], label="fit at the fastest speed", **style.RESIDUAL)
     order = np.argsort(arm)
     over_angle.plot(arm[order], gravity[order], label="gravity, fitted", **style.CONSTRAINT)
     over_angle.set_xlabel("Arm angle (°)")

@@ -265,7 +265,7 @@ class Homing:
 
         The motor then runs into it before it has turned round.
 
-        A limit switch that is active and stays so is no obstacle: the motor is leaving it.
+        A limit switch that is active and stays so is not an obstacle: the motor is leaving it.
         """
         behind = -self._direction
         if edges >> _RISING[behind] & 1 and self._is_limit(inputs, behind):

@@ -41,7 +41,7 @@ class ModeOfOperation:
         """Begin to act, from rest or from the present motion.
 
         Args:
-            word: The control word in force: what is set in it already is no rising edge, but halts.
+            word: The control word in force: what is set in it already is not a rising edge, but halts.
         """
         self._word = word
         self.is_halted = self.watches = False

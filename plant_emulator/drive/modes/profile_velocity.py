@@ -21,7 +21,7 @@ class ProfileVelocity(ModeOfOperation):
     def follow(self) -> None:
         """Apply a new 60FFh.
 
-        A value in force already, repeated by a cyclic RPDO, is no new target for 606Eh.
+        A value in force already, repeated by a cyclic RPDO, is not a new target for 606Eh.
         """
         motion, wanted = self.stage.motion, self.targets.speed_rad_s()
         if motion["mode"] == record.PROFILE_VELOCITY and wanted != motion["target_speed_rad_s"]:

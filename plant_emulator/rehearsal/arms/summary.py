@@ -83,6 +83,6 @@ def arm_tips(rows: Sequence[Row]) -> ReportTable:
         worse = sum(name in text(row, "worse").split(", ") for row in own)
         shown = [f"{value:.4f}" for value in (middle["none"], middle["learnt"], most, middle["floor"])]
         cells.append([WORDS[name], *shown, f"{quiet} of {len(own)}", str(worse)])
-    header = ("Condition", "Nothing, median", "Learnt, median", "Learnt, largest", "No error, median", "Quiet", "Worse")
+    header = ("Condition", "Untreated, median", "Learnt, median", "Learnt, largest", "No error, median", "Quiet", "Worse")
     caption = "Largest displacement of the tip in its worst direction, mm, in the judged band and times, on a quiet sensor."
     return ReportTable("arms-table", "True tip of arms (mm)", "", header, cells, frozenset({0}), caption)

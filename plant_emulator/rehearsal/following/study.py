@@ -120,7 +120,7 @@ def constant(rig: Rig, order: float = 2.0, revolutions: float = CONSTANT_REV) ->
 
 
 def point_to_point(rig: Rig) -> Real:
-    """Return moves to and fro through the resonance of order 2."""
+    """Return moves back and forth through the resonance of order 2."""
     speed = 1.2 * rig.f_al_hz / 2.0
     distance, rise = 8.0, 0.5
     duration = distance / speed + rise

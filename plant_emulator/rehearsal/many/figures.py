@@ -84,7 +84,7 @@ def tips(rows: Sequence[Row]) -> Drawing | None:
         panel.set(xlabel="True tip / goal", ylim=(0.0, 1.02))
         panel.set_title(robots_of(kind, len(own)))
         panel.yaxis.set_major_formatter(PercentFormatter(1.0))
-    panels[0, 0].set_ylabel("Robots below (of all)")
+    panels[0, 0].set_ylabel("Fraction of all robots below")
     style.legend_above(figure, *panels[0], columns=6)
     caption = (
         "True tip displacement of the worst order, on a quiet sensor, relative to the goal: 0.010 mm or 1.3 times the floor, "

@@ -10,7 +10,7 @@ from plant_emulator.rehearsal.record import QUANTITIES
 from plant_emulator.trials.rows import Row, number
 
 FAR_Z = 4.0
-"""Standard errors beyond which a deviation is no chance."""
+"""Standard errors beyond which a deviation is not chance."""
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ class BitPacker:
         self.size = -(-end // 8)
 
     def pack(self, *values: Value) -> bytes:
-        """Pack one value for each field that is no gap.
+        """Pack one value for each field that is not a gap.
 
         Raises:
             ValueError: A value is not of its field's type, or there are more or fewer values than fields.
@@ -55,7 +55,7 @@ class BitPacker:
         return number.to_bytes(self.size, "little")
 
     def unpack_from(self, data: bytes) -> tuple[Value, ...]:
-        """Unpack the values of the fields that are no gaps.
+        """Unpack the values of the fields that are not gaps.
 
         Bytes after the last field are ignored.
         """

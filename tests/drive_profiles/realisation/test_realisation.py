@@ -601,7 +601,7 @@ class TestGains:
             gains["velocity_gain_nm_s_rad"] = {"parameter": "kv", "factor": factor}
             return self.with_loop(gains=gains, kv={"data_type": "UNSIGNED16", **extra})
 
-        with pytest.raises(NotRealisableError, match=r"kv would hold 2 for 2\.333, -14 %"):
+        with pytest.raises(NotRealisableError, match=r"kv would hold 2 instead of 2\.333, -14 %"):
             gains_for(with_factor(0.084), **GAINS)
         with pytest.raises(NotRealisableError, match="outside"):
             gains_for(with_factor(1e-6), **GAINS)

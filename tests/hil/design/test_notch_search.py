@@ -99,7 +99,7 @@ def test_a_filter_of_one_order_that_raises_the_peak_of_another_is_seen(axis_2):
     loose = dataclasses.replace(problem, requirements=Requirements(1.75, 34.0))
     assert 2.0 < Judge(loose, 2).score(harmful) < 10.0
     missed = verdict(loose, (harmful,), (2,)).missed
-    assert missed[0].name == "tip peak of k = 4, over that without a filter"
+    assert missed[0].name == "tip peak of k = 4 relative to that without a filter"
     assert not verdict(loose, (harmful,), (2,)).is_harmless
 
 

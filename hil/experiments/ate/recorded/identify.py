@@ -265,8 +265,8 @@ def _too_short(
     if len(words) == len(moved):
         orders = ", ".join(f"{order:g}" for order in request.orders)
         raise RecordedAteError(
-            f"{'; '.join(words)}: orders {orders} need {least_turns(request.orders):.3g}; move further without a stop, or ask "
-            "for fewer orders"
+            f"{'; '.join(words)}: orders {orders} need {least_turns(request.orders):.3g} revolutions; move further without "
+            "a stop, or give fewer --orders"
         )
     return [f"{word}; that is too few, so the file is left out" for word in words]
 
@@ -400,8 +400,8 @@ def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
     speed = sum(each.stretch.turns * each.stretch.speed_rps for each in fitted.found) / turns
     below = max(order * speed * math.sqrt(value.a_arcsec / value.a_error_arcsec) for order, value in seen.items())
     return [
-        f"the amplitudes are those of the joint; if its arm rings below {below:.0f} Hz, those of the gear are "
-        "smaller by more than a standard error; record more slowly or at varying speeds to identify the gear's"
+        f"these are the amplitudes of the joint; if its arm rings below {below:.0f} Hz, the gear's amplitudes are smaller "
+        "by more than a standard error; to identify those, record more slowly or at varying speeds"
     ]
 
 

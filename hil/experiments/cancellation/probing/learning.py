@@ -199,7 +199,7 @@ def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[floa
         learning.outcomes[part] = PartOutcome(part, "not reached", words=words)
     if not parts:
         raise NotPossibleError(
-            f"no order is in the band, {low:g} to {high:g} Hz, for {LEAST_REACH_S:g} s; choose another pace or motion"
+            f"no order stays in the band, {low:g} to {high:g} Hz, for {LEAST_REACH_S:g} s; choose another pace or motion"
         )
     return parts
 

@@ -165,7 +165,7 @@ class GearReaction(NamedTuple):
 
     Attributes:
         part: Part of τ_g θ_sync′ that loads the motor.
-        friction_nm: Friction of the motor, which is no load of the gear.
+        friction_nm: Friction of the motor, which is not a load of the gear.
     """
 
     part: float = 0.0
@@ -352,8 +352,8 @@ def left_out_part(part: Part, step: ProbedStep, index: int, *, is_seen: bool) ->
     seen = seen_fraction(step, index)
     if not is_seen:
         words = (
-            f"{part.words}: left at 0: it hardly moves the tip, or cannot be separated from another order; {100.0 * seen:.0f} % "
-            "of it is seen"
+            f"{part.words}: left at 0: it hardly moves the tip, or cannot be separated from another order; the runs "
+            f"show {100.0 * seen:.0f} % of it"
         )
         return PartOutcome(part, "not seen", seen=seen, words=words)
     value, along, _ = part_errors(step.settings, step.covariance, index)
