@@ -75,7 +75,7 @@ def test_the_first_of_two_counts_and_both_lines_are_named():
     assert (section.text("DataType"), section.text("AccessType")) == ("7", "ro")
     assert [(problem.line, problem.message) for problem in findings.warnings] == [
         (3, "'5' is ignored; '7' is taken from line 2"),
-        (4, "the same again as line 2"),
+        (4, "repeats line 2"),
         (6, "taken from a second [1000], line 5; the first is in line 1"),
         (7, "'6' is ignored; '7' is taken from line 2"),
     ]

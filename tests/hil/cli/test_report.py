@@ -100,10 +100,10 @@ def test_a_directory_of_directories_is_told_which_of_them_to_name(tmp_path):
         os.utime(tmp_path / name, (age, age))
     code, output = report(tmp_path)
     assert code == 3
-    assert f"has no result.json; 2 folders in it have one; for the newest: hil report {tmp_path / 'new'}" in output
+    assert f"has no result.json; 2 of its folders have one; for the newest: hil report {tmp_path / 'new'}" in output
 
 
 def test_any_other_directory_is_none_of_hils(tmp_path):
     code, output = report(tmp_path)
     assert code == 3
-    assert "has no result.json; hil run, identify, learn, compare and demo make one: give its directory" in output
+    assert "has no result.json; give the directory of a hil run, identify, learn, compare or demo" in output

@@ -154,7 +154,7 @@ def test_an_angle_that_begins_anew_goes_on(tmp_path):
 @pytest.mark.parametrize(
     ("angles", "said"),
     [
-        (np.mod(np.arange(ROWS) * 160.0, 360.0), "the direction is not known"),
+        (np.mod(np.arange(ROWS) * 160.0, 360.0), "rev shows the direction"),
         (np.where(np.arange(ROWS) < 100, 0.0, 1300.0) + np.arange(ROWS), "does not wrap after one revolution"),
     ],
 )
