@@ -150,7 +150,7 @@ def test_what_is_uploaded_is_in_the_drives_and_found_there_again(
             entry = device.catalogue.find("notch_1.zeta_rn", whole=True)
             assert entry.decoded(device.read(entry.address), device.scaling([entry])) == pytest.approx(0.05)
     assert runner.upload()[0].count("nothing to write") == 2
-    assert "as uploaded" in runner.read_back()[0]
+    assert "holds the uploaded value" in runner.read_back()[0]
     assert len(list((tmp_path / "drive-journals").iterdir())) == 2
 
 

@@ -84,7 +84,7 @@ def test_a_layout_file_says_columns_units_and_ratio(tmp_path: Path) -> None:
         (("--recording", JOINT_1, "--axis", "6", "--orders", "0.2,1,2"), 9, "need 10"),
         (("--recording", JOINT_1, "--axis", "1", "--encoder"), 2, "the columns name the encoders"),
         (("--axis", "1"), 2, "no bench file is given"),
-        (("--bench", "reference", "--axis", "1", "--ratio", "100"), 2, "none is given"),
+        (("--bench", "reference", "--axis", "1", "--ratio", "100"), 2, "it needs --recording"),
     ],
 )
 def test_what_cannot_be_used_is_said_with_its_exit_status(tmp_path: Path, words, status, said) -> None:
