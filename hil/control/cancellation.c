@@ -35,17 +35,19 @@ static integer speed_column(const struct cancellation_config *c, integer speeds,
     return low;
 }
 
-/* The angle without what has been added: theta_m less the motor's part of every order of the error itself. */
+/* The angle without what has been added: theta_m less the motor's part of every order of the error itself, as it is sampled:
+ * with the images of slow set-points. side is -1 backwards, else 1. */
 static real smooth_angle(
-    const real *waves, const real *table, integer wave_count, integer speeds, real angle, integer low, real part)
+    const real *waves, const real *table, integer wave_count, integer speeds, real angle, integer low, real part, real side)
 {
     real smooth = angle;
     for (integer i = 0; i < wave_count; i++) {
         const real *wave = waves + 3 * i, *row = table + WAVE_COLUMNS * speeds * i;
         if (row[4] > 0.0) {
-            const real below = row[WAVE_COLUMNS * low + 4], above = row[WAVE_COLUMNS * (low + 1) + 4];
-            const real moved = below + part * (above - below);
-            smooth += wave[2] * moved * COS(wave[0] * angle + wave[1]);
+            const real *below = row + WAVE_COLUMNS * low, *above = below + WAVE_COLUMNS;
+            const real turned = wave[0] * angle + wave[1];
+            const real re = below[4] + part * (above[4] - below[4]), im = below[13] + part * (above[13] - below[13]);
+            smooth += wave[2] * (re * COS(turned) - im * side * SIN(turned));
         }
     }
     return smooth;
@@ -91,8 +93,9 @@ void cancellation_step(
     if (s->is_running == 0) {
         s->speed_rad_s = s->slower_rad_s = s->left_nm = 0.0;
     }
-    integer low = speed_column(c, speeds, 2.0 * s->speed_rad_s - s->slower_rad_s, &part);
-    const real smooth = smooth_angle(waves, table, wave_count, speeds, angle, low, part);
+    const real before = 2.0 * s->speed_rad_s - s->slower_rad_s;
+    integer low = speed_column(c, speeds, before, &part);
+    const real smooth = smooth_angle(waves, table, wave_count, speeds, angle, low, part, before < 0.0 ? -1.0 : 1.0);
     if (s->is_running == 0) {
         s->smooth_angle_rad = smooth;
     }

@@ -46,9 +46,9 @@ struct cancellation_state {
     integer is_running;
 };
 
-/* Numbers of a wave in the table: Re and Im of G for the set-point, then for the torque; the motor's part, 0 for mixed waves;
- * Re and Im of the bend of either; Re and Im for each N m of the gear's torque, of either. */
-enum { WAVE_COLUMNS = 13 };
+/* Numbers of a wave in the table: Re and Im of G for the set-point, then for the torque; Re of the motor's part, 0 for mixed
+ * waves; Re and Im of the bend of either; Re and Im for each N m of the gear's torque, of either; Im of the motor's part. */
+enum { WAVE_COLUMNS = 14 };
 
 /* Amplitudes and phases at the motor (N A_k, phi_k) of orders 1, 2 and 4, and the motor, of the cancellation in a drive. */
 struct inner_cancellation {

@@ -73,7 +73,7 @@ class WaveLabel:
 
 SAME_ORDER = 1e-6
 """Orders that differ by less are one."""
-ARRAYS = ("reference", "torque", "motion", "bend", "torque_bend", "load_reference", "load_torque")
+ARRAYS = ("reference", "torque", "motion", "bend", "torque_bend", "load_reference", "load_torque", "image")
 """Arrays of a table, which scale alike."""
 
 
@@ -116,6 +116,7 @@ class CancellationTable:
         load_reference: What the set-point has to add for each N·m of τ_g, with the whole reaction; shape (waves, speeds).
         load_torque: The same of the torque offset.
         motor_load: How τ_g is told; None if it does not react on the motor.
+        image: Motion at the SYNCs by images of the sampled set-points, in rad; shape (waves, speeds). None: nothing.
 
     Raises:
         ValueError: The shapes do not fit, or a number is not finite.
@@ -132,6 +133,7 @@ class CancellationTable:
     load_reference: Complex | None = None
     load_torque: Complex | None = None
     motor_load: MotorLoad | None = None
+    image: Complex | None = None
 
     def __post_init__(self) -> None:
         """Refuse what the law cannot read."""

@@ -49,6 +49,8 @@ Actuation = Literal["reference", "torque", "torque alone"]
 HIGHEST_HZ = 60.0
 """Highest k f_m at which an order is usually cancelled; it fades over the fifth below. Order 4 at 10 rps is 40 Hz."""
 STEP_RPS = 0.05
+IMAGES = (-2, -1, 1, 2)
+"""Multiples of the SYNC rate at which images count: those beyond are below 1e-4 of an order."""
 CHIRP_STEP_HZ = 0.1
 """Step of the second derivative by the frequency."""
 LEAST_RPS = 1e-4
@@ -204,6 +206,21 @@ class Way:
             return np.zeros(len(frequency_hz), dtype=np.complex128)
         return np.asarray(self._inverse(frequency_hz) / self.timing.reference(frequency_hz))
 
+    def image_per_motion(self, frequency_hz: Real) -> Complex:
+        """Motion at the SYNCs by the images of the sampled set-points, for each rad; shape (speeds,).
+
+        Between two SYNCs the interpolated set-points have all frequencies f − m/T too, and at a SYNC they look like f.
+        """
+        images = np.zeros(len(frequency_hz), dtype=np.complex128)
+        if self.actuation != "reference" or isinstance(self.timing, InnerTiming):
+            return images
+        here = self.reference_per_motion(frequency_hz)
+        for image in IMAGES:
+            there = frequency_hz - image / self.timing.sync_period_s
+            gain = self.reference_per_motion(np.maximum(np.abs(there), LEAST_RPS))
+            images += here / np.where(there < 0.0, np.conj(gain), gain)
+        return images
+
     def torque_per_motion(self, frequency_hz: Real) -> Complex:
         """Torque offset for each rad of the motor; shape (speeds,)."""
         if self.actuation == "reference":
@@ -306,6 +323,7 @@ def cancellation_table(
         slope = left * (1j * k * amplitude_rad[k] if load is not None and is_own else 0.0)
         labels.append(WaveLabel(k, phase, wave.degree, wave.sources))
         rows["motion"].append(np.abs(size * left))
+        rows["image"].append(np.abs(size * left) * way.image_per_motion(np.maximum(frequency, LEAST_RPS)))
         rows["reference"].append(size * left * way.reference_per_motion(frequency))
         rows["torque"].append(size * left * way.torque_per_motion(frequency))
         rows["bend"].append(bends * size * left * _chirp(way.reference_per_motion, frequency, k))

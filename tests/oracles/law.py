@@ -286,8 +286,8 @@ def speed_column(c: Any, table: Any, speed: float) -> tuple[int, float]:
     return low, column - low
 
 
-def smooth_angle(waves: Any, table: Any, angle: float, low: int, part: float) -> float:
-    """The angle without what has been added: θ_m less the motor's part of every order of the error itself.
+def smooth_angle(waves: Any, table: Any, angle: float, low: int, part: float, side: float) -> float:
+    """The angle without what has been added: θ_m less the motor's sampled part of every order of the error itself.
 
     Args:
         waves: As in `cancellation_step`, like `table`.
@@ -295,12 +295,15 @@ def smooth_angle(waves: Any, table: Any, angle: float, low: int, part: float) ->
         angle: θ_m.
         low: Column at or below the speed.
         part: Fraction of the way to the next.
+        side: −1 backwards, otherwise 1.
     """
     smooth = angle
     for i in range(len(table)):
         if table[i][0][4] > 0.0:
-            moved = table[i][low][4] + part * (table[i][low + 1][4] - table[i][low][4])
-            smooth += waves[i][2] * moved * math.cos(waves[i][0] * angle + waves[i][1])
+            turned = waves[i][0] * angle + waves[i][1]
+            real = table[i][low][4] + part * (table[i][low + 1][4] - table[i][low][4])
+            imaginary = table[i][low][13] + part * (table[i][low + 1][13] - table[i][low][13])
+            smooth += waves[i][2] * (real * math.cos(turned) - imaginary * side * math.sin(turned))
     return smooth
 
 
@@ -352,16 +355,18 @@ def cancellation_step(
         c: The axis' parameters.
         s: The axis' memory; changed in place.
         waves: Order, phase, and factor of the amplitude; shape (n_waves, 3).
-        table: Re and Im of G for the set-point, then for the torque; the motor's part, which is 0 for mixed waves; Re and Im of
-            the bend of either; Re and Im for each N·m of τ_g, of either; shape (n_waves, n_speeds, 13).
+        table: Re and Im of G for the set-point, then for the torque; Re of the motor's part, which is 0 for mixed waves; Re and
+            Im of the bend of either; Re and Im for each N·m of τ_g, of either; Im of the motor's part; shape (n_waves, n_speeds,
+            14).
         period_s: Sampling time.
         angle: θ_m in rad, as measured.
         measured_nm: Motor torque, as measured.
     """
     if s.is_running == 0:
         s.speed_rad_s, s.slower_rad_s, s.left_nm = 0.0, 0.0, 0.0
-    low, part = speed_column(c, table, 2.0 * s.speed_rad_s - s.slower_rad_s)
-    smooth = smooth_angle(waves, table, angle, low, part)
+    before = 2.0 * s.speed_rad_s - s.slower_rad_s
+    low, part = speed_column(c, table, before)
+    smooth = smooth_angle(waves, table, angle, low, part, -1.0 if before < 0.0 else 1.0)
     if s.is_running == 0:
         s.smooth_angle_rad = smooth
     turned_rad = abs(smooth - s.smooth_angle_rad)

@@ -140,10 +140,30 @@ def test_an_error_of_30_mrad_at_the_motor_is_cancelled_as_well_as_one_of_3(share
     assert ripple(*turned(6.0, asked, 4), share) < most
 
 
-def on_a_ramp(most_rad_s2: float, rise_rps_s: float = 8.0) -> float:
+@pytest.mark.parametrize("speed_rps", [10.0, -10.0])
+def test_at_slow_syncs_the_motor_is_sampled_with_the_images_of_its_set_points(speed_rps: float) -> None:
+    """Order 4 at 40 Hz every 8 ms: what is seen of it then is not what the motor does."""
+    sync_s, ticks = 0.008, 32
+    table = cancellation_table(LOOP, {4: AMPLITUDE[4]}, {4: PHASE[4]}, CyclicTiming(sync_s, CONTROL_S), 12.0)
+    law = CancellationLaw([table.scaled(0.1)], sync_s, fade_rev=0.2)
+    time, angle = turned(speed_rps, lambda at: (law.step([at])[0][0], 0.0), ticks, duration_s=4.0)
+    late = (time > 2.0) & (np.arange(len(time)) % ticks == 0)
+    waves = np.exp(1j * (4.0 * angle[late] + PHASE[4]))
+    columns = np.column_stack([np.ones(len(waves)), time[late], waves.real, waves.imag])
+    _, _, cosine, sine = np.linalg.lstsq(columns, angle[late], rcond=None)[0]
+    seen = complex(cosine, -sine if speed_rps > 0.0 else sine) / (-0.1 * PLANT.reduction_ratio * AMPLITUDE[4])
+    column = round(10.0 / table.step_rps)
+    assert table.image is not None
+    expected = 1.0 + complex(table.image[0, column]) / float(table.motion[0, column])
+    assert abs(expected - 1.0) > 0.1
+    assert seen == pytest.approx(expected, abs=0.01)
+
+
+def on_a_ramp(most_rad_s2: float, sync_s: float = 0.002, rise_rps_s: float = 8.0) -> float:
     """What a motor alone does beside its ramp, less what it should, as a part of that, at 4 to 7 rev/s."""
-    table = cancellation_table(LOOP, AMPLITUDE, PHASE, CyclicTiming(0.002, CONTROL_S), 12.0, most_rad_s2=most_rad_s2)
-    law, servo, ticks = CancellationLaw([table], 0.002), Servo(ServoConfig(CASCADE, 7.0, ()), CONTROL_S), 8
+    table = cancellation_table(LOOP, AMPLITUDE, PHASE, CyclicTiming(sync_s, CONTROL_S), 12.0, most_rad_s2=most_rad_s2)
+    law, servo = CancellationLaw([table], sync_s), Servo(ServoConfig(CASCADE, 7.0, ()), CONTROL_S)
+    ticks = round(sync_s / CONTROL_S)
     state, coming, before, target = (0.0, 0.0), 0.0, 0.0, 0.0
     servo.start(0.0, 0.0, 0.0)
     angles, count = [], round(7.2 / rise_rps_s / CONTROL_S)
@@ -164,10 +184,11 @@ def on_a_ramp(most_rad_s2: float, rise_rps_s: float = 8.0) -> float:
     return float(np.sqrt(np.mean((done - asked) ** 2)) / np.sqrt(np.mean(asked**2)))
 
 
-def test_while_the_motor_speeds_up_a_sine_is_a_chirp() -> None:
-    plain, allowed_for = on_a_ramp(0.0), on_a_ramp(2.0 * math.pi * 8.0)
-    assert plain > 0.005
-    assert allowed_for < 0.4 * plain
+@pytest.mark.parametrize(("sync_s", "most"), [(0.001, 2e-4), (0.002, 2e-4), (0.004, 1e-3), (0.008, 0.01)])
+def test_while_the_motor_speeds_up_a_sine_is_a_chirp(sync_s: float, most: float) -> None:
+    plain, allowed_for = on_a_ramp(0.0, sync_s), on_a_ramp(2.0 * math.pi * 8.0, sync_s)
+    assert plain > 0.004
+    assert allowed_for < most
 
 
 def test_inside_the_drive_it_does_so_as_well() -> None:

@@ -268,7 +268,7 @@ def test_a_trial_in_which_nothing_passes_is_refused_with_its_numbers() -> None:
     ) as caught:
         Verification(0.3, (trial,), (bad,)).demand()
     assert caught.value.exit_code == 9
-    assert "the notch stays" in str(caught.value)
+    assert "the notch remains" in str(caught.value)
 
 
 def test_rows_that_are_compared(bench: Bench) -> None:
