@@ -9,6 +9,7 @@ examples in each run; its seed is printed, and `--seed` repeats it.
 import argparse
 import os
 import random
+import re
 import subprocess
 import sys
 import tempfile
@@ -25,7 +26,10 @@ BIN = Path(sys.executable).parent
 RANDOM_FRAMES = 1_000_000
 USERS = ("bench.toml", "model.toml", "design/design.toml", "demo/report.html", "drive-journals/axis2.json")
 """Files that somebody who uses the tools has beside the project's own."""
-CACHES = ("__pycache__", "node_modules", ".egg-info")
+BELOW_HOME = (".bash_completions", ".cache", ".config", ".local/share", ".local/state", ".zfunc")
+"""Where programs keep files of their own below a user's home."""
+OURS = re.compile(r"[._]?(hil|hil[-_]bench|plant[-_]emulator|drive[-_]profiles)([-_.].*)?")
+"""Names of the project's files and folders there; those of other programs are not its concern."""
 SPELLED = ("README.md", "CONTRIBUTING.md", "docs", "drive_profiles", "hil", "plant_emulator")
 """Where people read words; tests misspell on purpose."""
 SIDE_BY_SIDE = ("-n", "2", "--dist", "worksteal")
@@ -121,23 +125,36 @@ def stages(tier: str, seed: int) -> Iterator[Stage]:
         yield wall_clock(*new, "-m", "wall")
 
 
+def facts_of(path: Path) -> tuple[int, int]:
+    """Size and time of change."""
+    facts = path.lstat()
+    return facts.st_size, facts.st_mtime_ns
+
+
 def files() -> dict[str, tuple[int, int]]:
-    """Size and time of change of every file that is here, but for caches."""
+    """Facts of every file that is here, but for caches, and of the project's files below the user's home."""
     found = {}
     for folder, folders, names in os.walk(ROOT):
         folders[:] = [
             each for each in folders if not each.startswith((".", "__pycache__", "node_modules")) and ".egg" not in each
         ]
-        for name in names:
-            path = Path(folder, name)
-            facts = path.lstat()
-            found[str(path.relative_to(ROOT))] = facts.st_size, facts.st_mtime_ns
+        for path in (Path(folder, name) for name in names):
+            found[str(path.relative_to(ROOT))] = facts_of(path)
+    home = Path.home()
+    for below in BELOW_HOME:
+        for folder, _, names in os.walk(home / below):
+            for path in (Path(folder, name).relative_to(home) for name in names):
+                if any(OURS.fullmatch(part) for part in path.parts):
+                    found[f"~/{path}"] = facts_of(home / path)
     return found
 
 
 @contextmanager
 def unwritten(results: list[Result]) -> Iterator[None]:
-    """Fail where the tests of this context change, add or remove a file beside a user's: those of USERS lie there meanwhile."""
+    """Fail where the tests of this context change, add or remove a file beside a user's, or one of ours below the user's home.
+
+    The files of USERS lie there meanwhile.
+    """
     mine = [path for path in map(ROOT.joinpath, USERS) if not path.exists()]
     folders = [path.parent for path in mine if not path.parent.exists()]
     for path in mine:

@@ -14,6 +14,7 @@ FAILING = "import pytest\n\n\ndef test_good():\n    pass\n\n\ndef test_bad():\n 
 def tier(tmp_path, monkeypatch):
     """Run stages of a test's own, in a project of its own, as a tier."""
     monkeypatch.setattr(stages, "ROOT", tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / ".home"))
     (tmp_path / "pytest.ini").write_text("[pytest]\n", encoding="utf-8")
 
     def run(name, *of_tier, options=()):
@@ -52,6 +53,19 @@ def test_a_test_that_writes_beside_a_users_files_fails_the_tier(tier, tmp_path, 
     writer = stages.Stage("writer", python(f"import pathlib; pathlib.Path({str(tmp_path / name)!r}).write_text('other')"))
     assert tier("ci", writer) == 1
     assert f"FAILED the tests have written {name}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", [".cache/hil/plant.native", ".config/drive-profiles.toml", ".local/share/pip/hil_bench-0.1.whl"])
+def test_a_test_that_leaves_a_file_of_ours_below_home_fails_the_tier(tier, capsys, name):
+    program = f"from pathlib import Path; path = Path.home() / {name!r}; path.parent.mkdir(parents=True); path.touch()"
+    assert tier("ci", stages.Stage("writer", python(program))) == 1
+    assert f"FAILED the tests have written ~/{name}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", [".cache/matplotlib/fontlist.json", ".config/while.toml"])
+def test_what_other_programs_keep_below_home_is_not_the_tests(tier, name):
+    program = f"from pathlib import Path; path = Path.home() / {name!r}; path.parent.mkdir(parents=True); path.touch()"
+    assert tier("ci", stages.Stage("writer", python(program))) == 0
 
 
 def test_what_runs_beside_others_begins_with_them_and_ends_before_what_must_be_alone(tier, tmp_path, capfd):

@@ -96,7 +96,9 @@ def test_the_source_archive_builds_the_wheel(tmp_path):
         names = held.getnames()
     assert not [name for name in names if name.endswith((".native", "_abi.py"))], "what was built belongs to a machine"
     assert [name for name in names if name.endswith("hil/control/notch.c")]
-    run(tmp_path, sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "--wheel-dir", "dist", archive)
+    # pip would keep the wheel of an archive, and take it again for another archive at the same path
+    building = ("--no-cache-dir", "--no-deps", "--no-build-isolation", "--wheel-dir", "dist")
+    run(tmp_path, sys.executable, "-m", "pip", "wheel", "-q", *building, archive)
     (made,) = (tmp_path / "dist").glob("*.whl")
     assert "hil/core/law.native" in zipfile.ZipFile(made).namelist()
 
