@@ -12,8 +12,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("drive_profiles", "hil", "plant_emulator")
 FILES = (
-    "Makefile", "MANIFEST.in", "pyproject.toml", "setup.py", "requirements.lock", "requirements-compiler.lock", "LICENSE",
-    "README.md",
+    "Makefile", "MANIFEST.in", "pyproject.toml", "setup.py", "requirements.lock", "requirements-compiler.lock",
+    "requirements-test.lock", "LICENSE", "README.md",
 )  # fmt: skip
 BUILT = ("__pycache__", "*.native", "*_abi.py")
 OLDEST_PIP = "23.0.1"
@@ -66,15 +66,25 @@ def test_the_demo_installs_with_this_pip_exactly_what_its_lock_says(project, pip
     python = venv(project)
     run(project, python, "-m", "pip", "install", "-q", "--upgrade", f"pip=={pip}" if pip else "pip")
     run(project, "make", ".venv/installed")
-    is_as_locked(project)
+    assert not FOR_TESTS & is_as_locked(project).keys()
 
 
-def is_as_locked(project):
+@pytest.mark.slow
+def test_the_tests_install_with_the_oldest_pip_exactly_what_their_lock_says(project):
+    python = venv(project)
+    run(project, python, "-m", "pip", "install", "-q", f"pip=={OLDEST_PIP}")
+    run(project, "make", ".venv/testable")
+    assert is_as_locked(project, "requirements-test.lock").keys() >= FOR_TESTS
+
+
+def is_as_locked(project, lock="requirements.lock"):
+    """Versions by name; nothing that one of them or the project asks for is missing."""
     found = installed(project)
-    wanted = locked(project / "requirements.lock")
+    wanted = locked(project / lock)
     assert {name: found.get(name) for name in wanted} | WINDOWS_ONLY == wanted | WINDOWS_ONLY
-    assert not FOR_TESTS & found.keys()
+    run(project, ".venv/bin/python", "-m", "pip", "check")
     assert "hil" in run(project, ".venv/bin/hil", "--version")
+    return found
 
 
 @pytest.mark.slow
@@ -99,7 +109,7 @@ def test_a_venv_that_has_no_pip_is_used_and_nothing_of_it_deleted(project):
     mine = venv(project, "--without-pip").parents[1] / "mine"
     mine.touch()
     run(project, "make", ".venv/installed")
-    is_as_locked(project)
+    assert not FOR_TESTS & is_as_locked(project).keys()
     assert mine.exists()
     run(project, "make", "clean")
     assert mine.exists()
