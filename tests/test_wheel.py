@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tarfile
 import tomllib
+import urllib.request
 import zipfile
 from pathlib import Path
 
@@ -17,6 +18,21 @@ from tests.test_installation import BUILT, PACKAGES, ROOT
 MINORS = (11, 12, 13, 14)
 OLDEST_FOR = 13
 """The newest Python for which the oldest dependencies have wheels."""
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+WORKERS = """
+from distributed import LocalCluster
+from plant_emulator.trials.cluster import DaskWorkers
+
+if __name__ == "__main__":
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        with DaskWorkers(cluster.scheduler_address) as workers:
+            print(workers.submit(abs, -3).result())
+"""
+CONTROL = """
+import control
+print(abs(control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])(0.0)))
+"""
 PLUG_IN = """
 def test_it_turns_a_revolution(hil_drive):
     start = hil_drive.position_rev
@@ -62,8 +78,8 @@ def wheel(tmp_path_factory):
 
 def oldest(folder):
     """A file of constraints: each dependency of the version that pyproject.toml names as the oldest."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    lines = [re.sub(r"^([\w-]+)>=([\d.]+).*$", r"\1==\2.*", each) for each in project["dependencies"]]
+    named = [*PROJECT["dependencies"], *(each for extra in EXTRAS.values() for each in extra)]
+    lines = [re.sub(r"^([\w-]+)>=([\d.]+).*$", r"\1==\2.*", each) for each in named]
     assert all("==" in line for line in lines)
     (folder / "oldest.txt").write_text("\n".join(lines), encoding="utf-8")
     return "--constraint", "oldest.txt"
@@ -118,7 +134,9 @@ def test_what_is_installed_from_the_wheel_works(tmp_path, wheel, minor, versions
     run(tmp_path, python, "-m", "venv", "venv")
     installed = tmp_path / "venv" / "bin"
     constraints = oldest(tmp_path) if versions == "oldest" else ()
-    run(tmp_path, installed / "python", "-m", "pip", "install", "-q", "--no-compile", *constraints, wheel, "pytest")
+    wanted = f"{wheel}[{','.join(EXTRAS)}]" if versions == "oldest" else wheel
+    run(tmp_path, installed / "python", "-m", "pip", "install", "-q", "--no-compile", *constraints, wanted, "pytest")
+    run(tmp_path, installed / "python", "-m", "pip", "check")
     run(tmp_path, installed / "hil", "demo", "--no-tour", "--out", "demo")
     assert (tmp_path / "demo" / "report.html").is_file()
     bus = f"local:{tmp_path}/bus.sock"
@@ -134,3 +152,23 @@ def test_what_is_installed_from_the_wheel_works(tmp_path, wheel, minor, versions
         server.stdin.close()
     (tmp_path / "test_mine.py").write_text(PLUG_IN, encoding="utf-8")
     assert "1 passed" in run(tmp_path, installed / "python", "-m", "pytest", "-q", "test_mine.py")
+    if versions == "oldest":
+        the_extras_work(tmp_path, installed)
+
+
+def the_extras_work(folder, installed):
+    """What each extra is for: files of other programs, there and back, plots in a page, workers elsewhere, and the comparison."""
+    files = [f"line.{kind}" for kind in ("dbc", "mf4", "mcap", "parquet")]
+    run(folder, installed / "hil", "export", "demo", "--run", "line-motion-drive-none", *(f"--to={file}" for file in files))
+    assert all((folder / file).stat().st_size for file in files)
+    with subprocess.Popen(
+        [installed / "hil", "scope", "demo", "--port", "0", "--until-stdin-closes"],
+        cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    ) as scope:  # fmt: skip
+        address = re.search(r"http://\S+", scope.stdout.readline())
+        with urllib.request.urlopen(address[0], timeout=60) as page:  # noqa: S310 - our own, on loopback
+            assert b"<title>hil scope</title>" in page.read()
+        scope.stdin.close()
+    for program, said in ((WORKERS, "3"), (CONTROL, "1.0")):
+        (folder / "program.py").write_text(program, encoding="utf-8")
+        assert run(folder, installed / "python", "program.py").split() == [said]
