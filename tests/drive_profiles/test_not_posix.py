@@ -108,6 +108,8 @@ def test_help_profiles_and_a_description_need_no_posix(run, tmp_path):
     assert "kollmorgen_akd" in run("list")
     assert "upload" in run("upload", "--help")
     run("eds", "check", "a.eds")
+    run("eds", "convert", "a.eds", "--out", "b.eds")
+    run("eds", "check", "b.eds")
 
 
 def test_a_file_is_read_and_written_without_posix(run, tmp_path):
