@@ -90,7 +90,7 @@ def test_what_the_standard_has_is_read_without_a_remark(text, data_type, wanted)
         ("1e999", REAL64, None, "out of the range"),
         ("nan", REAL64, None, "not a number"),
         ("0,5", REAL32, None, "not a number"),
-        ("0x0", 0x0F, None, "no pairs"),
+        ("0x0", 0x0F, None, "not pairs"),
         ("0x00FF", 0x0A, b"\x00\xff", "without its 0x"),
         ("x" * 1025, 0x09, None, "1025 characters"),
     ],
