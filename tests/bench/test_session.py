@@ -534,7 +534,7 @@ def test_a_drive_that_ignores_the_last_command_is_not_called_disabled(short_benc
         result = hil_session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive")
     assert result.stopped is not None
     assert not result.stopped.all_disabled
-    assert any("node 2" in words and "supervision" in words for words in hil_session.not_restored)
+    assert any("node 2" in words and "keeps the limits" in words for words in hil_session.not_restored)
     assert drive.slave.dictionary.get(0x1016, 1) != 0
     deaf[0] = False
     channel.world.free_step(channel.world.now + 3_000_000_000)

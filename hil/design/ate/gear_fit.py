@@ -49,8 +49,8 @@ an error of A_k e^{jφ_k} relative to A_k. Chosen on 39 drawn robots: the rms of
 to 3.3 without."""
 MOST_MISS = 0.05
 """Most of a vibration that a gear may miss and still be the gear."""
-GAINED = 0.05
-"""Gain in log-likelihood below which a step or a round is the last: that of a move by a third of a standard error."""
+GAINED = 0.01
+"""Gain in log-likelihood below which a step or a round is the last: that of a move by a seventh of a standard error."""
 MOST_DAMPED = 1e7
 SIZES = {
     "resonance": 1e-3, "damping": 0.02, "drag": 0.05, "bend": 1e-3, "delay": 1e-4, "softness": 0.05,
