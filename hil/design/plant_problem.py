@@ -19,6 +19,7 @@ around f_a only.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -95,6 +96,27 @@ J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT = range(
 """Unknowns: ln J_m, ln J_l, ln K_g, ln (D_g + D_l), D_m + D_l/N², δ, D_l/(D_g + D_l), T_i; with an accelerometer ln g, δ_a, κ."""
 
 
+KEPT = 32
+"""Responses that are kept: of a point and of a step by each unknown of the plant; steps by the others change none of them."""
+
+
+@dataclass(frozen=True)
+class _Responses:
+    """Responses of a plant at the lines, and without gravity where images are.
+
+    Attributes:
+        angle: Motor angle per torque.
+        arm: Arm angle per motor angle, as the tip shows it; zeros without an accelerometer.
+        image_angle: The same as `angle` at the frequencies of the images.
+        image_arm: The same as `arm` there.
+    """
+
+    angle: Complex
+    arm: Complex
+    image_angle: Complex
+    image_arm: Complex
+
+
 @dataclass(frozen=True)
 class _Folding:
     """Frequencies that fold onto the lines, and the lines themselves.
@@ -129,6 +151,33 @@ class PlantProblem:
         self.scatter = Scatter.of(data.angle, data.torque)
         self.tip_scatter = None if data.tip is None else Scatter.of(data.tip, data.angle)
         self._tip_lines = np.arange(len(self.jw))
+        self._aside = [AGE, LAG] if data.tip is None else [AGE, LAG, LEVER, DELAY, TILT]
+        self._responses = lru_cache(KEPT)(self._computed)
+        self._delays = lru_cache(KEPT)(self._delayed)
+
+    def _computed(self, plant: bytes) -> _Responses:
+        """Responses of the unknowns of a plant, as bytes."""
+        x, lines = np.frombuffer(plant), self.data.frequency_hz
+        none = np.zeros((0, len(lines)), dtype=np.complex128)
+        images = None if self._folded is None else self._folded.frequency_hz
+        has_tip = self.data.tip is not None
+        return _Responses(
+            self.angle_per_torque(x, lines, self.gravity),
+            self.arm_per_motor(x, lines, self.gravity) if has_tip else np.zeros_like(self.jw),
+            none if images is None else self.angle_per_torque(x, images, 0.0),
+            none if images is None or not has_tip else self.arm_per_motor(x, images, 0.0),
+        )
+
+    def _of(self, x: Real) -> _Responses:
+        """Responses of the unknowns' plant, which age, lag and the accelerometer do not change."""
+        plant = np.array(x, dtype=np.float64)
+        plant[self._aside] = 0.0
+        return self._responses(plant.tobytes())
+
+    def _delayed(self, delay_s: float) -> tuple[Complex, Complex]:
+        """e^{−jωδ} at the lines and at the frequencies of the images."""
+        images = np.zeros_like(self.jw) if self._folded is None else self._folded.jw
+        return np.exp(-self.jw * delay_s), np.exp(-images * delay_s)
 
     def _folding(self) -> "_Folding | None":
         """Parts of the images that depend on law and times only."""
@@ -169,14 +218,16 @@ class PlantProblem:
         if folded is None:
             none = np.zeros_like(self.excitation)
             return none, none, none, none
-        motion = self.angle_per_torque(x, folded.frequency_hz, 0.0) / (1.0 + folded.jw * x[LAG])
+        responses = self._of(x)
+        motion = responses.image_angle / (1.0 + folded.jw * x[LAG])
         acting = folded.drive / (1.0 + folded.feedback * motion)
         moved = motion * acting
         asked = -folded.feedback * moved if self.timing.kind == "torque" else acting
-        reported = (asked * folded.flat * np.exp(-folded.jw * x[AGE]))[1:].sum(axis=0)
+        reported = (asked * folded.flat * self._delays(float(x[AGE]))[1])[1:].sum(axis=0)
         tip = np.zeros_like(self.excitation)
         if self.data.tip is not None:
-            tip = (self.tip_per_angle(x, folded.frequency_hz, 0.0) * moved)[1:].sum(axis=0)
+            sensed = self._lever_m(x) * folded.jw**2 * self._delays(float(x[DELAY]))[1]
+            tip = (responses.image_arm * sensed * moved)[1:].sum(axis=0)
         return np.asarray(reported), np.asarray(moved[1:].sum(axis=0)), np.asarray(tip), np.asarray(moved[0])
 
     def torque(self, x: Real, torque: Complex, image: Complex) -> Complex:
@@ -184,7 +235,7 @@ class PlantProblem:
 
         Shape (…, lines).
         """
-        late = np.exp(self.jw * x[AGE])
+        late = self._delays(-float(x[AGE]))[0]
         corrected = (torque - image) * late
         if self.timing.kind == "reference":
             return np.asarray(corrected)
@@ -323,10 +374,13 @@ class PlantProblem:
         """Motor angle per torque of the unknowns' plant; shape of `frequency_hz`."""
         return angle_response(self.plant(x), frequency_hz, gravity_nm_rad)
 
-    def tip_per_angle(self, x: Real, frequency_hz: Real, gravity_nm_rad: float) -> Complex:
-        """Tip acceleration per motor angle of the unknowns' plant; shape of `frequency_hz`."""
-        lever_m = self.lever_m * math.exp(x[LEVER])
-        return tip_response(self.plant(x), frequency_hz, lever_m, float(x[DELAY]), gravity_nm_rad)
+    def arm_per_motor(self, x: Real, frequency_hz: Real, gravity_nm_rad: float) -> Complex:
+        """Arm angle per motor angle of the unknowns' plant; shape of `frequency_hz`."""
+        return arm_response(self.plant(x), frequency_hz, gravity_nm_rad)
+
+    def _lever_m(self, x: Real) -> float:
+        """Tip lever by which the accelerometer shows the arm."""
+        return self.lever_m * math.exp(x[LEVER])
 
     def residual(self, x: Real) -> Real:
         """Residuals in standard deviations, real and imaginary parts.
@@ -337,15 +391,16 @@ class PlantProblem:
         of_torque, of_angle, of_tip, foretold = self.images(x)
         angle = self._measured[0] - of_angle
         torque = self.torque(x, self._measured[1], of_torque)
-        model = self.angle_per_torque(x, data.frequency_hz, self.gravity) * self.felt(x)
+        responses = self._of(x)
+        model = responses.angle * self.felt(x)
         size = np.abs(model) * (np.abs(torque) + np.abs(of_torque)) + np.abs(of_angle)
-        sigma = self.scatter.deviation(model * np.exp(self.jw * x[AGE]), MODEL_ERROR * size)
+        sigma = self.scatter.deviation(model * self._delays(-float(x[AGE]))[0], MODEL_ERROR * size)
         left = [(angle - model * torque) / sigma]
         if self._folded is not None:
             sigma = np.sqrt(self.scatter.output + (LAW_OPEN * np.abs(foretold)) ** 2)
             left.append((angle - foretold) / sigma)
         if data.tip is not None and self.tip_scatter is not None:
-            model = self.tip_per_angle(x, data.frequency_hz, self.gravity)
+            model = responses.arm * self._lever_m(x) * self.jw**2 * self._delays(float(x[DELAY]))[0]
             model = model / (1.0 - float(x[TILT]) * (data.frequency_hz / TILT_HZ) ** 2)
             sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
             left.append(((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)[self._tip_lines])
@@ -404,12 +459,21 @@ def angle_response(plant: TwoInertia, frequency_hz: Real, gravity_nm_rad: float 
     return np.asarray((b + c) / (a * (b + c) + b * c / plant.reduction_ratio**2))
 
 
+def arm_response(plant: TwoInertia, frequency_hz: Real, gravity_nm_rad: float = 0.0) -> Complex:
+    """Arm angle per motor angle.
+
+    θ_l/θ_m = c/(N (B' + c)), gravity as in `angle_response`
+    """
+    _, b, c = plant.terms(2j * math.pi * frequency_hz)
+    return np.asarray(c / (b + gravity_nm_rad + c) / plant.reduction_ratio)
+
+
 def tip_response(
     plant: TwoInertia, frequency_hz: Real, lever_m: float, delay_s: float = 0.0, gravity_nm_rad: float = 0.0
 ) -> Complex:
     """Tip acceleration per motor angle.
 
-        L s² θ_l/θ_m = L s² c/(N (B' + c)) e^{−jωδ}, gravity as in `angle_response`
+        L s² θ_l/θ_m e^{−jωδ}, gravity as in `angle_response`
 
     Args:
         plant: The plant.
@@ -419,8 +483,7 @@ def tip_response(
         gravity_nm_rad: Spring constant k, dM/dθ_l of the gravity moment.
     """
     jw = 2j * math.pi * frequency_hz
-    _, b, c = plant.terms(jw)
-    return np.asarray(lever_m / plant.reduction_ratio * jw**2 * c / (b + gravity_nm_rad + c) * np.exp(-jw * delay_s))
+    return np.asarray(lever_m * jw**2 * arm_response(plant, frequency_hz, gravity_nm_rad) * np.exp(-jw * delay_s))
 
 
 def straight_line(frequency_hz: Real, sync_s: float, control_s: float) -> Complex:

@@ -147,5 +147,5 @@ class BaseMotion:
 
     def with_error(self, unknowns: Real) -> tuple[Real, Real]:
         """θ_m/N + θ_sync and its rate, of A_k cos φ_k and A_k sin φ_k in rad; both of shape (2 n + 1,)."""
-        base, speed = self.rigid + np.einsum("u,wun->wn", unknowns, self.waves)
+        base, speed = self.rigid + unknowns @ self.waves
         return base, speed

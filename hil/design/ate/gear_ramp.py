@@ -70,6 +70,18 @@ class Setting:
         )  # fmt: skip
 
 
+def _decimated(spectrum: Complex, count: int, every: int) -> Real:
+    """Decimate a real signal that is given by its spectrum, without a filter; shape (count,).
+
+    Args:
+        spectrum: One-sided spectrum of the count · every samples.
+        count: Number of samples that are kept.
+        every: One of so many samples is kept.
+    """
+    whole = np.concatenate([spectrum, spectrum[1 : (count * every + 1) // 2][::-1].conj()])
+    return np.asarray(scipy.fft.irfft(whole.reshape(every, count).sum(axis=0)[: count // 2 + 1], count)) / every
+
+
 class Ramp:
     """A recording: its motion, and its spectra in the band, one for each direction.
 
@@ -128,8 +140,7 @@ class Ramp:
         """Spectra of each part as the sensor shows them, of one at the integration's steps."""
         late_s, hz = self._setting.shared(p)["delay"], self._fine_hz
         late = moved * self._setting.lever_m * self._mounted(hz, p) * np.exp(-2j * math.pi * hz * late_s)
-        fine = scipy.fft.irfft(late, self._length * self._motion.per_sample)
-        return self._spectra(fine[:: self._motion.per_sample][: self._count])
+        return self._spectra(_decimated(late, self._length, self._motion.per_sample)[: self._count])
 
     def shaken(self, p: Real, law: GearLaw, moved: Complex) -> list[Real]:
         """Power that one draw of the rounding adds, simulated; per sample."""

@@ -25,11 +25,9 @@ from hil.design.estimation import EstimatedMode
 from hil.design.frequency import AnyComplex, Complex, Real, TwoInertia
 from hil.design.plant_problem import (
     DAMPING,
-    DELAY,
     J_L,
     K_G,
     LARGEST_CHANGE,
-    LEVER,
     PlantProblem,
     SamplingTiming,
 )
@@ -172,14 +170,13 @@ class ModalProblem(PlantProblem):
             load += mode.inertia_kg_m2 * jw**2 * amplification(mode.frequency_hz, mode.damping, jw)
         return np.asarray(alone / (1.0 + alone * load / self.ratio**2))
 
-    def tip_per_angle(self, x: Real, frequency_hz: Real, gravity_nm_rad: float) -> Complex:
-        """Tip acceleration per motor angle; each mode carries its part of it."""
+    def arm_per_motor(self, x: Real, frequency_hz: Real, gravity_nm_rad: float) -> Complex:
+        """Arm angle per motor angle, as the tip shows it: each mode carries its part of it."""
         jw = 2j * math.pi * frequency_hz
         first, *others = self.modes(x)
-        found = (first.tip_part or 0.0) * super().tip_per_angle(x, frequency_hz, gravity_nm_rad)
-        rigid = self.lever_m * math.exp(x[LEVER]) / self.ratio * jw**2 * np.exp(-jw * x[DELAY])
+        found = (first.tip_part or 0.0) * super().arm_per_motor(x, frequency_hz, gravity_nm_rad)
         for mode in others:
-            found = found + (mode.tip_part or 0.0) * rigid * amplification(mode.frequency_hz, mode.damping, jw)
+            found = found + (mode.tip_part or 0.0) / self.ratio * amplification(mode.frequency_hz, mode.damping, jw)
         return np.asarray(found)
 
     def bounds(self, x: Real, *, are_times_held: bool = False) -> tuple[Real, Real]:
