@@ -12,7 +12,10 @@ from tests.docs.pages import ROOT, commands_of
 
 PAGE = ROOT / "docs" / "tuning.md"
 LIMIT_S = 900
-SEEDS = (pytest.param(77, marks=pytest.mark.ci), *(pytest.param(seed, marks=pytest.mark.slow) for seed in (301, 363)))
+SEEDS = (
+    pytest.param(77, marks=[pytest.mark.ci, pytest.mark.part]),
+    *(pytest.param(seed, marks=pytest.mark.slow) for seed in (301, 363)),
+)
 """A fine encoder with cycles of 8 ms, a gear with little hysteresis, and a coarse encoder with cycles of 4 ms."""
 QUICKLY = {
     "hil design notch": "--quick",
