@@ -48,7 +48,7 @@ from plant_emulator.trials.rows import Row
 Real = NDArray[np.float64]
 
 WINDOW_SAMPLES = 16
-"""Fewer samples in the window than this are not run through it."""
+"""Fewer samples in the window than this are not a run through it."""
 
 HIGHEST_F_AL = 1.3
 """Highest f_al of a plant, in units of the robot file's, for which the SYNC period has to do."""
