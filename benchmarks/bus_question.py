@@ -426,16 +426,16 @@ def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
         ideal bus the notch lowers the tip peak by {taken(2, "drive", (None,))}, at any period from 0.25 to 4 ms.""",
         f"""With the notch, {above} of the {len(peaks)} drive-closed cells of axis 2 on a real bus are above {limit:g} mm; the
         largest has {max(peaks):.3f} mm.""",
-        f"""Host-closed on an ideal bus, the notch reduces the peak as much ({taken(2, "host", (None,))}; line
+        f"""On an ideal bus, the notch reduces the peak of a host-closed loop as much ({taken(2, "host", (None,))}; line
         {taken(None, "host", (None,))}). But with one period of delay that loop is stable only up to a period of {stable}
         (axis 2) or {stable_line} (all three). Lower gains would make it stable, but less stiff.""",
         f"""Classic CAN at 1 Mbit/s needs {us(one, "host")} for one axis and the accelerometer, {us(LINE_AXES, "host")} for
         three. So the host can close one axis at 0.5 ms, with little margin on the bus and M_s near its limit. For three axes
         no period suits both bus and loop.""",
-        f"""Drive-closed, 1 Mbit/s carries one axis from {us(one, "drive")} and three from {us(LINE_AXES, "drive")} on.
+        f"""1 Mbit/s carries one drive-closed axis from {us(one, "drive")} on, and three from {us(LINE_AXES, "drive")} on.
         For three axes 2 ms is a sound default, or 4 ms at 500 kbit/s.""",
         """A run that does not fit ends within a few cycles, because answers are missing or late.""",
-        """CAN FD (1 and 5 Mbit/s) carries the three axes host-closed at 0.5 ms and drive-closed at 1 ms.""",
+        """CAN FD (1 and 5 Mbit/s) carries three axes at 0.5 ms host-closed, at 1 ms drive-closed.""",
         """These numbers are of one robot, one seed and one set of gains: `hil plan` gives the limits of another bench.""",
     ]
 

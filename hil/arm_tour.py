@@ -149,7 +149,7 @@ def claims(entries: list[RunEntry], limit_mm: float) -> tuple[TourClaim, ...]:
     largest = [after[name] for name in ALONG if name in after]
     return (
         TourClaim(
-            claim=f"no treatment: the tip leaves ±{limit_mm:g} mm",
+            claim=f"no treatment: the tip exceeds ±{limit_mm:g} mm",
             asked=limit_mm,
             is_above=True,
             found=before.get("worst"),

@@ -189,7 +189,7 @@ class NotchFacts(Fact):
     @pydantic.model_validator(mode="after")
     def _complete(self) -> Self:
         if (self.word == "fixed point") != (self.fraction_bits is not None):
-            raise ValueError("word = 'fixed point' needs fraction_bits, and fraction_bits needs it: give both or neither")
+            raise ValueError("word = 'fixed point' and fraction_bits need each other: give both or neither")
         return self
 
 
@@ -221,7 +221,7 @@ class TorqueFacts(Fact):
     @pydantic.model_validator(mode="after")
     def _current_has_a_step(self) -> Self:
         if (self.current is None) != (self.current_step_a is None):
-            raise ValueError("current needs current_step_a, and current_step_a needs it: give both or neither")
+            raise ValueError("current and current_step_a need each other: give both or neither")
         return self
 
 

@@ -33,7 +33,7 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
         if not force and path.exists():
             raise RefusedError(f"{path} already exists; choose another name, or give --force")
         if path.exists() and not path.is_file():
-            problem = Problem(0, "", "is not a file that could be replaced", "a file")
+            problem = Problem(0, "", "is not a regular file and cannot be replaced", "a regular file")
             raise FileError(path, (problem,))
         path = path.resolve()
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -78,11 +78,11 @@ def check_writable(path: Path) -> None:
         path: The file; its folder must be there.
 
     Raises:
-        FileError: Its folder is missing, or nothing can be written there, or it is not a file that could be replaced.
+        FileError: Its folder is missing, or nothing can be written there, or it is not a regular file.
     """
     try:
         if path.exists() and not path.is_file():
-            raise FileError(path, (Problem(0, "", "is not a file that could be replaced", "a file"),))
+            raise FileError(path, (Problem(0, "", "is not a regular file and cannot be replaced", "a regular file"),))
         folder = path.resolve().parent
         if not folder.is_dir():
             raise FileError(path, (Problem(0, "", f"cannot be written: there is no folder {folder}", "an existing folder"),))

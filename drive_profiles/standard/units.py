@@ -389,7 +389,8 @@ def interpolation_period_s(value: int, index: int) -> float:
         OutOfRangeError: The value is outside 1 to 255, or the index outside -128 to 63.
     """
     if not 1 <= value <= _UNSIGNED8_MAX or not _PERIOD_INDEX[0] <= index <= _PERIOD_INDEX[1]:
-        raise OutOfRangeError("interpolation period", f"{value} × 10^{index}", "s", "60C2h holds 1 to 255 and -128 to 63")
+        limits = "60C2h:1 holds 1 to 255, and 60C2h:2 holds -128 to 63"
+        raise OutOfRangeError("interpolation period", f"{value} × 10^{index}", "s", limits)
     return float(f"{value}e{index}")  # the decimal literal rounds once, value · 10**index would twice
 
 

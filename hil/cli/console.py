@@ -28,7 +28,7 @@ class ExitStatus(ToolExitStatus):
     NODE = 5, "no answer, wrong device, or already moving"
     SDO = 6, "SDO abort"
     SAFETY_STOP = 8, "safety stop, or an interrupt after which not every drive has confirmed that it is disabled"
-    NOT_MET = 9, "the tip left tip_mm, a claim does not hold, or a run could not be judged"
+    NOT_MET = 9, "the tip exceeded tip_mm, a claim does not hold, or a run could not be judged"
     INTERRUPTED = 130, "interrupted, after a confirmed stop"
 
 

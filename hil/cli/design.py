@@ -250,7 +250,7 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
             parameter_set(outcome.bench, number, best, outcome.f_al_hz).save(path, force=set_file is None)
             say(f"parameter set: {path} (drive-profiles upload)")
             say(
-                "nothing has tried the filter on the robot: before the upload, run "
+                "the filter has not run on the robot yet: before the upload, run "
                 f"hil run constant-acceleration --axis {number} --treatment notch-designed with the design file"
             )
         except NotPossibleError as error:

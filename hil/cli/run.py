@@ -47,7 +47,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
 
 RUN_EPILOG = epilog_of_runs({
     ExitStatus.DONE: "done, and with a treatment the tip stayed within tip_mm",
-    ExitStatus.NOT_MET: "the tip left tip_mm, a trial refused a cancellation, or the run could not be judged",
+    ExitStatus.NOT_MET: "the tip exceeded tip_mm, a trial refused a cancellation, or the run could not be judged",
 })  # fmt: skip
 
 

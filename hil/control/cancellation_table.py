@@ -142,7 +142,9 @@ class CancellationTable:
         others = [part for name in ARRAYS[1:] if (part := getattr(self, name)) is not None]
         if not fits or any(np.shape(part) != shape for part in others):
             shapes = ", ".join(str(np.shape(part)) for part in (self.reference, *others))
-            raise ValueError(f"tables of shapes {shapes} do not fit {len(self.waves)} waves; expected one row a wave, all alike")
+            raise ValueError(
+                f"tables of shapes {shapes} do not fit {len(self.waves)} waves; expected one row per wave, and equal shapes"
+            )
         if not self.step_rps > 0.0:
             raise ValueError(f"step_rps = {self.step_rps} must be above 0")
         if not all(np.all(np.isfinite(part)) for part in (self.reference, *others)):

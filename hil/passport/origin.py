@@ -144,9 +144,9 @@ def _turn(sides: Sequence[OrderSides]) -> tuple[OriginName, str] | None:
     forward = float(weights @ np.array([each.a_forward_arcsec for each in known]))
     backward = float(weights @ np.array([each.a_backward_arcsec for each in known]))
     if abs(turn) + 2.0 * error < GEAR_TURN_DEG:
-        return "gear", f"φ does not change with the direction ({turn:+.0f} ± {error:.0f}°): an angle"
+        return "gear", f"φ does not change with the direction ({turn:+.0f} ± {error:.0f}°), so it is an error of angle"
     if abs(turn) > max(MOTOR_TURN_DEG, TURN_SIGMAS * error) and max(forward, backward) < LIKE * min(forward, backward):
-        return "motor", f"φ turns by {turn:+.0f} ± {error:.0f}° with the direction, and A does not change: a torque"
+        return "motor", f"φ turns by {turn:+.0f} ± {error:.0f}° with the direction, and A does not change, so it is a torque"
     return None
 
 

@@ -35,7 +35,7 @@ def eds(
         typer.Option(
             "--drive",
             metavar="AXIS=PROFILE[/PRODUCT]",
-            help="With --robot, as of `serve`; repeatable.",
+            help="With --robot: as for `plant-emulator serve`; repeatable.",
             autocompletion=AXES.with_profile,
         ),
     ] = None,

@@ -389,7 +389,7 @@ class ArmRobot(Robot):
         if self.arm.link and self.accelerometer.mounting is not None:
             self.accelerometer.mounting.check_arm(self.arm)
         if self.geometry is not None:
-            raise ValueError("geometry: the links of [arm] define the tip; leave it out")
+            raise ValueError("the links of [arm] define the tip; leave out [geometry]")
         if self.arm.link:
             self.arm.check_axes(list(self.axis))
             check_masses(self.arm)

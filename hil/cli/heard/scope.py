@@ -60,7 +60,7 @@ def scope(
     ] = "",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port on loopback; 0 takes a free one.")] = DEFAULT_PORT,
     until_stdin_closes: Annotated[
-        bool, typer.Option("--until-stdin-closes", help="End when standard input closes, for a program that starts it.")
+        bool, typer.Option("--until-stdin-closes", help="End when standard input closes; for programs that start the scope.")
     ] = False,
 ) -> None:
     """Show a bus, or a run's recordings, live in a browser.

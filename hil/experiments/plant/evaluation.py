@@ -116,7 +116,7 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
             "depend on amplitude or load, nor how they move with the posture"
         )
     if estimate.tip is None:
-        sentences.append("the tip is not in the fit: neither the tip lever is checked, nor whether this axis moved it")
+        sentences.append("the tip is not in the fit, so the tip lever is not checked, nor that this axis moved the tip")
     return tuple(sentences)
 
 

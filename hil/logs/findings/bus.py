@@ -174,7 +174,8 @@ def _set_point_senders(trace: Trace) -> Iterator[Said]:
     masters = [number for number in trace.nodes if _is_master(trace, number)]
     if len(masters) > 1:
         yield Finding(
-            "two-masters", Severity.FAULT, f"nodes {', '.join(map(str, masters))} send heartbeats and nothing else: two masters",
+            "two-masters", Severity.FAULT,
+            f"nodes {', '.join(map(str, masters))} send heartbeats and nothing else: more than one master",
             "let only one master command NMT", (), len(masters),
         )  # fmt: skip
 

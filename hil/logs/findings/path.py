@@ -76,8 +76,8 @@ def _limits(trace: Trace, node: Node, stamp_ns: NDArray[np.int64], target: NDArr
         if len(fast) >= LEAST_FRAMES:
             yield Finding(
                 "too-fast", Severity.FAULT,
-                f"the target position of node {node.number} runs up to {np.max(np.abs(step[fast])) / allowed * most:.0f} rev/min "
-                f"in {counted(len(fast), 'cycle')}, and 6080h allows {most}; the motor falls behind",
+                f"the target position of node {node.number} moves at up to {np.max(np.abs(step[fast])) / allowed * most:.0f} "
+                f"rev/min in {counted(len(fast), 'cycle')}, and 6080h allows {most}; the motor falls behind",
                 "plan a slower path, or raise the limit if motor and gear allow it",
                 stamps_of(stamp_ns, fast), len(fast), node.number,
             )  # fmt: skip
@@ -115,7 +115,7 @@ def _coarse(stamp_ns: NDArray[np.int64], position: NDArray[np.int64], node: Node
         f"every {name} of node {node.number} is a multiple of {grain} counts away from the first; the speed then has "
         f"steps of {grain} counts per cycle, which cause noise and excite resonances",
         "let the planner calculate with a finer resolution than the encoder's" if is_target
-        else "filter the measured speed, or lower the speed gain: the encoder has fewer steps than 608Fh",
+        else "filter the measured speed, or lower the speed gain: the encoder has fewer steps than 608Fh says",
         stamps_of(stamp_ns, np.array([0])), 1, node.number,
         picture_of(stamp_ns[1:] * 1e-9, step.astype(float), ("time [s]", f"step of the {name} of node {node.number} [counts]")),
     )  # fmt: skip

@@ -62,7 +62,7 @@ def _of_drive(trace: Trace, node: Node, stream: Stream, words: NDArray[np.int64]
     if stopped:
         yield Finding(
             "quick-stop", Severity.WARNING, f"the drive of node {node.number} makes {counted(len(stopped), 'quick stop')}",
-            "check bit 2 of 6040h, which commands it, the limit switches and the heartbeat",
+            "check bit 2 of 6040h (0 commands a quick stop), the limit switches and the heartbeat",
             stamps_of(stream.stamp_ns, np.array(stopped)),
             len(stopped), node.number,
         )  # fmt: skip

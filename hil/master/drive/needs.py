@@ -114,7 +114,7 @@ def objects_needed(
     """
     for limit in LIMITS:
         if limit.si(table.limits) is not None:
-            yield from _parameter(profile, limit.held_by(profile), f"limits.{limit.key} is held by the drive")
+            yield from _parameter(profile, limit.held_by(profile), f"the drive holds limits.{limit.key} with it")
     if table.writes_gains:
         for name in Control.model_fields:
             yield from _parameter(profile, name, f"control.{name} is written to it")

@@ -390,7 +390,7 @@ def margin_curves(material: Material, filters: FilterSet, nth: int = 0) -> Drawi
     verdict = (
         "inside the unit circle at every one of these speeds: the loop is stable throughout"
         if stable
-        else "OUTSIDE the unit circle at one of these speeds or more: the loop is unstable there"
+        else "OUTSIDE the unit circle at one or more of these speeds: the loop is unstable there"
     )
     key = f"margins{filters_end(nth)}"
     return Drawing(

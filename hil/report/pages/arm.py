@@ -44,7 +44,7 @@ def verdict(result: ArmResult) -> PageVerdict:
     """Verdict at the top of the page."""
     known = result.arm
     found = f"from {known.postures} postures, misfit {known.misfit:.2f} standard errors"
-    headline = f"Dips are predicted to {100.0 * known.dip_error:.1f} %, {found}"
+    headline = f"Dips are predicted within {100.0 * known.dip_error:.1f} %, {found}"
     return PageVerdict("good", "✔", headline, result.notes)
 
 

@@ -70,9 +70,9 @@ def directions(material: Material, key: str = "directions") -> ReportTable | Non
         header,
         rows,
         frozenset({0, 1}),
-        "Displacement of the tip in the base frame, its acceleration in the band of the vibration integrated twice. The worst "
-        "direction is that of the largest displacement; it decides on the run. Its area and root mean square are those of all "
-        "directions together. Areas: from 0.2 f_al to 50 Hz.",
+        "Displacement of the tip in the base frame: the acceleration in the band of the vibration, integrated twice. The worst "
+        "direction is that of the largest displacement, and determines the verdict. Its area and root mean square are those of "
+        "all directions together. Areas: from 0.2 f_al to 50 Hz.",
     )
 
 

@@ -106,7 +106,7 @@ def transmission_errors(material: Material) -> ReportTable | None:
         rows,
         frozenset({0, 1, 2}),
         "Identified from the tip acceleration of the ramp without a notch. The standard error covers noise only. A relative "
-        "error of the tip lever appears unchanged in the amplitudes, an error of the motor angle's zero in the phases.",
+        "error of the tip lever appears unchanged in the amplitudes. An error of the motor angle's zero appears k times in φ_k.",
     )
 
 

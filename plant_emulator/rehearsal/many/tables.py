@@ -92,7 +92,10 @@ def causes(rows: Sequence[Row]) -> ReportTable | None:
         cells.append(["not refused, and not within the goal", str(unrefused), "0", NONE, NONE])
     header = ("Cause", "Robots", "True", "Where", "Example")
     conditions = "; ".join(f"{cause.name}: {cause.condition}" for cause in CAUSES)
-    caption = f"The refusal that ended the path of robots outside the goal. A cause is true for robots with: {conditions}."
+    caption = (
+        "Refusals that ended the paths of robots outside the goal. True counts the robots that meet the condition of the cause "
+        f"({conditions}), and those whose tip reaches the goal, or loses at least half of the excess, without the cause."
+    )
     return ReportTable("causes", "Refusals by cause", "", header, cells, frozenset({0, 3, 4}), caption, is_prose=True)
 
 

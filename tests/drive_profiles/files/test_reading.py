@@ -102,4 +102,4 @@ def test_a_fifo_is_not_written_over_by_eds_convert(tmp_path):
     os.mkfifo(tmp_path / "out.eds")
     command = [sys.executable, "-m", "drive_profiles", "eds", "convert", "a.eds", "--out", "out.eds", "--force"]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False)
-    assert (ended.returncode, "is not a file that could be replaced" in ended.stderr) == (3, True)
+    assert (ended.returncode, "is not a regular file and cannot be replaced" in ended.stderr) == (3, True)

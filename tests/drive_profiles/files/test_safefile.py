@@ -160,7 +160,7 @@ def test_a_place_is_checked_before_there_is_anything_to_write(tmp_path):
     assert list(tmp_path.iterdir()) == [], "the check leaves nothing"
     with pytest.raises(FileError, match=r"there is no folder .*missing"):
         check_writable(tmp_path / "missing" / "new.toml")
-    with pytest.raises(FileError, match="is not a file that could be replaced"):
+    with pytest.raises(FileError, match="is not a regular file and cannot be replaced"):
         check_writable(tmp_path)
 
 

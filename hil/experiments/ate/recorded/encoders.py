@@ -66,7 +66,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
         if abs(found - whole) > WHOLE_WITHIN or whole < 10:
             raise ContradictedError(
                 f"{recorded.path}: the encoders show a reduction ratio of {found:.3f}, which is not a whole "
-                "number above 10; give the ratio with --ratio, and the increments of each encoder with --column"
+                "number of at least 10; give the ratio with --ratio, and the increments of each encoder with --column"
             )
         return float(whole), f"the reduction ratio is assumed to be {whole}: the encoders show {found:.2f}"
     if abs(found - given) > max(RATIO_OFF, RATIO_OFF_FRACTION * given):

@@ -172,7 +172,7 @@ def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) 
     scale = line_scale(known) if axis is None else axis_scale(known, axis)
     if scale is None:
         asked = bench.chain_axes if axis is None else (axis,)
-        band = ". On a bench with an arm, band_hz in [specification] will do" if axis is None else ""
+        band = ". On a bench with an arm, band_hz in [specification] is enough" if axis is None else ""
         raise NotPossibleError(missing_words(asked) + band)
     return scale
 
