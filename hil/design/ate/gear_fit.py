@@ -44,9 +44,9 @@ SMOOTHED_BINS = 5
 SEARCHING, FINISHING, SCORING_STEPS = 2, 4, 8
 """Rounds of scoring and noise from each gear and from the best, and most steps in a round."""
 GEAR_MODEL_ERROR = 1e-3
-"""Part of a vibration that the model itself misses: by its steps, the spline between samples, and the sensor's filter. It is also
-an error of A_k e^{jφ_k} relative to A_k. Chosen on 39 drawn robots: the rms of z of A_k and φ_k is 0.83 to 0.99 with it, and 1.1
-to 3.3 without."""
+"""Least part of a vibration that the model misses: by its steps, the spline between samples, and the sensor's filter.
+
+Chosen on 39 drawn robots: the rms of z of A_k and φ_k is 0.83 to 0.99 with it, and 1.1 to 3.3 without."""
 MOST_MISS = 0.05
 """Most of a vibration that a gear may miss and still be the gear."""
 GAINED = 0.01
@@ -138,13 +138,27 @@ class GearEstimate:
         """True if the gear explains the vibration."""
         return self.noise.miss <= MOST_MISS**2
 
+    @property
+    def model_error(self) -> float:
+        """Part τ of the vibration that the model misses, which may be an error of A_k e^{jφ_k} relative to A_k.
+
+        As a variance it is independent from bin to bin, and averages out over a ramp. An error of the model need not.
+        """
+        return math.sqrt(self.noise.miss)
+
+    def delay(self) -> EstimatedParameter:
+        """Delay of the sensor in s; the missed part may be a shift by τ rad of the arm's vibration."""
+        found = self.value("delay")
+        shift_s = self.model_error / (2.0 * math.pi * self.law.resonance_hz)
+        return replace(found, standard_error=math.hypot(found.standard_error, shift_s))
+
     def order(self, row: int) -> tuple[EstimatedParameter, EstimatedParameter]:
         """A_k in arcsec and φ_k in degrees."""
         at = slice(len(SHARED) + 2 * row, len(SHARED) + 2 * row + 2)
         c, s = self.mean[at]
         size = max(math.hypot(c, s), 1e-3 * ARCSEC)
         along, across = np.array([c, s]) / size, np.array([-s, c]) / size
-        square = self.covariance[at, at] + (GEAR_MODEL_ERROR * size) ** 2 * np.eye(2)
+        square = self.covariance[at, at] + (self.model_error * size) ** 2 * np.eye(2)
         turned = math.degrees(math.sqrt(across @ square @ across) / size)
         return (
             EstimatedParameter(size / ARCSEC, math.sqrt(along @ square @ along) / ARCSEC),
@@ -409,7 +423,6 @@ def on_its_gear(
         return estimate
     if not (np.all(np.isfinite(found.mean)) and np.all(np.diag(found.covariance) > 0.0) and found.is_true):
         return estimate
-    delay, least_s = found.value("delay"), GEAR_MODEL_ERROR / (2.0 * math.pi * found.law.resonance_hz)
     orders = {order: found.order(row) for row, order in enumerate(found.orders)}
     return replace(
         estimate,
@@ -421,5 +434,5 @@ def on_its_gear(
         phase_error_deg={order: phase.standard_error for order, (_, phase) in orders.items()},
         structured=found.noise.miss,
         gear=found.law,
-        delay=replace(delay, standard_error=math.hypot(delay.standard_error, least_s)),
+        delay=found.delay(),
     )
