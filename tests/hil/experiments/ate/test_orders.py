@@ -42,7 +42,7 @@ def test_an_order_that_is_asked_for_is_identified_with_the_others() -> None:
     assert not any("not in the set" in note for note in found.notes)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_what_leads_the_fit_astray_is_named_where_it_is_refused() -> None:
     request = AteRequest(AXIS, passes=1, orders=(2, 4))
     with pytest.raises(
