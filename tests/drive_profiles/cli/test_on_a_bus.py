@@ -370,7 +370,7 @@ def test_what_is_no_parameter_set_or_no_file_is_refused(folder):
         "nan.toml:2: tuning.position_gain_per_s.value: found nan; expected a finite number in 1/s"
     ]
     os.mkfifo(folder / "pipe")
-    assert "is not a file" in run("pull", "--node", "2", "--out", "pipe", "--force", code=3).stderr
+    assert "is not a regular file" in run("pull", "--node", "2", "--out", "pipe", "--force", code=3).stderr
     assert "[header]" in run("pull", "--node", "2", "--out", "-").stdout
     assert not (folder / "-").exists()
 
