@@ -295,7 +295,7 @@ def _written(uploads: list[Upload]) -> list[UploadResult]:
     with Interrupts(is_last=False) as interrupts:
         if threading.current_thread() is threading.main_thread():
             late = "the interrupt came too late: everything has been written; a second one ends the demo"
-            interrupts.hold("interrupted: all written values are restored; wait for the outcome", late)
+            interrupts.hold("interrupted: restoring every written value; wait for the outcome", late)
         return fleet.run(uploads, fleet.UploadControl(interrupts.window))
 
 

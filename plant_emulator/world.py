@@ -323,13 +323,6 @@ class World:
         """
         return self._sensor.sample(self.axes.sensed_acceleration())
 
-    def pass_period(self) -> list[Frame]:
-        """Let the period pass of a SYNC given to `hear`.
-
-        Returns the frames that the nodes send meanwhile.
-        """
-        return self.advance(self.now + self.period_ns)
-
     def finish_period(self) -> list[Frame]:
         """Let the period of the last SYNC pass."""
         pending, self._pending_ns = self._pending_ns, 0

@@ -9,11 +9,10 @@ import tarfile
 import tomllib
 import urllib.request
 import zipfile
-from pathlib import Path
 
 import pytest
 
-from tests.test_installation import BUILT, PACKAGES, ROOT
+from tests.test_installation import BUILT, PACKAGES, ROOT, interpreter
 
 MINORS = (11, 12, 13, 14)
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -48,17 +47,6 @@ def run(folder, *command):
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{command} ended with {done.returncode}:\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
     return done.stdout
-
-
-def interpreter(minor):
-    """A Python 3.minor of this machine; None where there is none."""
-    kept = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
-    found = shutil.which(f"python3.{minor}"), *sorted(map(str, kept.glob(f"3.{minor}.*/bin/python3")))
-    for each in filter(None, found):
-        works = subprocess.run([each, "-c", f"import sys, venv; sys.exit(sys.version_info[:2] != (3, {minor}))"], check=False)
-        if works.returncode == 0:
-            return each
-    return None
 
 
 @pytest.fixture(scope="module")

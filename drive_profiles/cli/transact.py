@@ -88,7 +88,7 @@ def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSe
             nodes = ", ".join(f"node {node}" for node, _ in pairs)
             confirm(f"write {count} objects{storing} on {nodes}?", yes=request.yes)
         total = sum(len(item.changes) + len(item.writes) for item in uploads)
-        back = "all written values are restored" if request.options.rollback else "nothing more is written"
+        back = "restoring every written value" if request.options.rollback else "nothing more will be written"
         interrupts.hold(f"interrupted: {back}; wait for the outcome", TOO_LATE)
         with progress("writing", total) as step:
             outcomes = fleet.run(uploads, fleet.UploadControl(interrupts.window, lambda node, made: step(made)))

@@ -30,7 +30,7 @@ from drive_profiles.family.capability import (
     gain_unit,
 )
 from drive_profiles.family.identity import PRODUCT_NAME, Identity, Modes, SyncLimits
-from drive_profiles.family.parameter import Parameter, ParameterClass
+from drive_profiles.family.parameter import Parameter
 from drive_profiles.family.product import Product, in_words
 from drive_profiles.files import toml as files
 from drive_profiles.files.toml import UNIT_NAMES, Table, split_unit
@@ -317,10 +317,6 @@ class Profile(Table):
     def is_fixed(self, address: ObjectAddress) -> bool:
         """Return True if the profile marks an object as constant."""
         return any(entry.address == address and not entry.is_settable for entry in self.parameters.values())
-
-    def in_class(self, parameter_class: ParameterClass) -> dict[str, Parameter]:
-        """Return the parameters of one class, in the order of the file."""
-        return {name: entry for name, entry in self.parameters.items() if entry.parameter_class == parameter_class}
 
 
 def available() -> list[str]:

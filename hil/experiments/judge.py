@@ -174,22 +174,6 @@ def own_ringing(recording: Recording, axis: int) -> Ringing:
     return ringing(ramp, ORDERS)
 
 
-def own_scale(bench: Bench, axis: int, recording: Recording) -> TipScale:
-    """Scale of an axis without a model, from a ramp.
-
-    The ramp must be one without a treatment.
-
-    Raises:
-        NotPossibleError: The ramp does not show the resonance.
-    """
-    judge = RunJudge(bench)
-    judge.look(recording, axis)
-    found = judge.found(axis)
-    if found.scale is None:
-        raise NotPossibleError(found.words)
-    return found.scale
-
-
 def shown_rps(bench: Bench) -> float:
     """Motor speed up to which the bench's ramps show the arm."""
     ramp = bench.constant_acceleration

@@ -18,7 +18,7 @@ from drive_profiles.standard.error_codes import error_text
 from hil.bench.bench import Bench
 from hil.can.bits import NOMINAL_BITS
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG
-from hil.can.listening import FRAME_RECORD, ReceivedFrames
+from hil.can.listening import ReceivedFrames
 from hil.logs.findings.bus import EXTENDED_BITS, STUFFED
 from hil.logs.log import Stream
 from hil.scope.derived import AxisPast, derived
@@ -294,8 +294,3 @@ class SignalDecoder:
         for number in [node] if node else list(self._overhearing.nodes):
             self._operational[number] = command == NmtCommand.START
         return [HeardEvent(time_s, "nmt", node, f"NMT: {names.get(command, f'{command:02X}h')}")]
-
-
-def no_frames() -> ReceivedFrames:
-    """No frames."""
-    return np.empty(0, FRAME_RECORD)

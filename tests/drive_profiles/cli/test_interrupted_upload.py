@@ -18,7 +18,7 @@ from drive_profiles.upload import journal
 from tests.drive_profiles.cli.test_on_a_bus import serving
 
 VALUES = (13.5, 20.0)
-IN_TIME, TOO_LATE = "interrupted: all written values are restored", "the interrupt came too late"
+IN_TIME, TOO_LATE = "interrupted: restoring every written value", "the interrupt came too late"
 
 
 @pytest.fixture(scope="module")

@@ -86,8 +86,7 @@ def test_every_name_of_a_control_or_notch_table_is_a_parameter():
     control = {"position_gain_per_s", "velocity_gain_nm_s_rad", "velocity_integral_gain_nm_rad", "lowpass_hz"}
     notch = {"order", "start_rps", "end_rps", "offset_hz", "zeta_rn", "zeta_rdth"}
     for name in control | {f"notch_{n}.{key}" for n in (1, 2) for key in notch}:
-        assert DRIVE.parameter(name).access == "rw"
-        assert name in DRIVE.in_class("tuning")
+        assert (DRIVE.parameter(name).access, DRIVE.parameter(name).parameter_class) == ("rw", "tuning")
 
 
 def test_indices_in_the_profile_area_are_known_to_cia402():
