@@ -11,11 +11,14 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.core.library import CORE
+from hil.design.ate.ripple import NO_RIPPLE, Ripple, motor_speed_rps
 
 Real = NDArray[np.float64]
 
 STEPS_PER_RADIAN = 2.0
 """Steps per radian of the fastest vibration: a Runge-Kutta step of order 4 then turns it by 3e-4 rad too little (h⁵/120)."""
+RIPPLE_ROUNDS = 2
+"""Rounds in which the ripple is evaluated at the angle that contains it: of 500″ at order 4, each leaves 1 %."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ def _between(period_s: float, values: Real) -> scipy.interpolate.BSpline:
 class BaseMotion:
     """Motion of a gear's input, at half steps of an integration.
 
-    It is the spline through the measured motor angle, with the waves of some orders.
+    It is the spline through the measured motor angle, but for its ripple, with the waves of some orders.
 
     Attributes:
         per_sample: Integration steps in a sample.
@@ -113,7 +116,13 @@ class BaseMotion:
 
     @classmethod
     def of(
-        cls, motor_angle_rad: Real, period_s: float, reduction_ratio: float, orders: tuple[float, ...], fastest_hz: float
+        cls,
+        motor_angle_rad: Real,
+        period_s: float,
+        reduction_ratio: float,
+        orders: tuple[float, ...],
+        fastest_hz: float,
+        ripple: Ripple = NO_RIPPLE,
     ) -> "BaseMotion":
         """Motion along a measured motor angle.
 
@@ -123,11 +132,17 @@ class BaseMotion:
             reduction_ratio: Reduction ratio N.
             orders: Orders k.
             fastest_hz: Fastest vibration that the steps resolve.
+            ripple: Ripple of the motor that its samples show at another frequency.
         """
         per_sample = max(1, math.ceil(STEPS_PER_RADIAN * 2.0 * math.pi * fastest_hz * period_s))
-        spline = _between(period_s, motor_angle_rad)
+        shown, _ = ripple.angle(motor_angle_rad, motor_speed_rps(motor_angle_rad, period_s))
+        spline = _between(period_s, motor_angle_rad - shown)
         halves = period_s / (2 * per_sample) * np.arange(2 * per_sample * (len(motor_angle_rad) - 1) + 1)
-        angle, speed = spline(halves), spline(halves, 1)
+        smooth, smooth_speed = spline(halves), spline(halves, 1)
+        angle, speed = smooth, smooth_speed
+        for _ in range(RIPPLE_ROUNDS if ripple.waves else 0):
+            added = ripple.angle(angle, smooth_speed / (2.0 * math.pi))
+            angle, speed = smooth + added[0], smooth_speed + added[1]
         k = np.array(orders)[:, np.newaxis]
         cosine, sine = np.cos(k * angle), np.sin(k * angle)
         waves = np.stack([np.stack([cosine, -sine], 1), np.stack([-k * sine * speed, -k * cosine * speed], 1)])

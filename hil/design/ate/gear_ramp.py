@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hil.design.ate.gear import BaseMotion, GearLaw
 from hil.design.ate.model import Arm, Sweep, resolution_rad
+from hil.design.ate.ripple import Ripple, motor_speed_rps, stretches
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -17,15 +18,18 @@ GEAR_BAND = (0.3, 2.1)
 """Band of the fit by the arm's frequency: the motion itself lies below it, noise alone above it."""
 TAPERED = 0.05
 """Part of each ramp over which its ends fade: the motion below the band does not leak into it."""
+STANDING = 1e-3
+"""Speed over the largest one below which the motor stands."""
 LEAST_STEP_RAD = 1e-9
 """Step of an encoder whose readings show none: finer than any."""
 SHARED = (
-    "resonance", "damping", "drag", "bend", "delay",
+    "resonance", "damping", "drag", "bend", "delay", "beyond", "turned",
     "softness", "wind_up", "hysteresis", "hysteresis_torsion", "cosine", "sine",
 )  # fmt: skip
 """Unknowns of arm, gear and sensor. Resonance, damping (ζ of the gear), drag (ζ of the arm) and all of the gear's are logarithms;
-the last two are gravity's."""
-FACTORS = ("bend", "delay")
+the last two are gravity's. 1 + beyond + j turned is the gain of the sensor's filter beyond half of the sampling rate, over that
+of the model; the samples show such vibrations in the band."""
+FACTORS = ("bend", "delay", "beyond", "turned")
 """Those that need no simulation: factors of the spectrum."""
 OF_ROUNDING = ("resonance", "damping", "drag", "bend")
 """Those on which the noise of the encoder depends."""
@@ -43,12 +47,14 @@ class Setting:
         lever_m: Tip lever.
         orders: Orders k.
         band_hz: Band of the fit.
+        ripple: Ripple of the motor beyond half of the sampling rate.
     """
 
     reduction_ratio: float
     lever_m: float
     orders: tuple[float, ...]
     band_hz: tuple[float, float]
+    ripple: Ripple
 
     @property
     def waves(self) -> slice:
@@ -94,12 +100,13 @@ class Ramp:
         counts: Samples of each part.
         hz: Frequencies of each part's bins.
         seen: Spectra of the signal.
+        still: Variance of the signal while the motor stands; infinite if it never does.
     """
 
     def __init__(self, sweep: Sweep, setting: Setting, wound_at: int) -> None:
         self._setting, self._period_s, self.wound_at = setting, sweep.period_s, wound_at
         self._motion = BaseMotion.of(
-            sweep.motor_angle_rad, sweep.period_s, setting.reduction_ratio, setting.orders, setting.band_hz[1]
+            sweep.motor_angle_rad, sweep.period_s, setting.reduction_ratio, setting.orders, setting.band_hz[1], setting.ripple
         )
         self._count = len(sweep.motor_angle_rad)
         self._length = int(scipy.fft.next_fast_len(self._count, real=True))
@@ -116,6 +123,9 @@ class Ramp:
         self._inside = [slice(*np.searchsorted(hz, (low, high))) for hz in rates]
         self.hz = [hz[inside] for hz, inside in zip(rates, self._inside, strict=True)]
         self.seen = self._spectra(sweep.signal)
+        speed = np.abs(motor_speed_rps(sweep.motor_angle_rad, sweep.period_s))
+        at_rest = [sweep.signal[rows] for rows in stretches(speed < STANDING * np.max(speed))]
+        self.still = min((float(np.var(scipy.signal.detrend(each), ddof=2)) for each in at_rest), default=math.inf)
         step = max(resolution_rad(sweep.motor_angle_rad), LEAST_STEP_RAD)
         size = setting.lever_m * step / setting.reduction_ratio
         self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]
@@ -138,8 +148,9 @@ class Ramp:
 
     def shown(self, moved: Complex, p: Real) -> list[Complex]:
         """Spectra of each part as the sensor shows them, of one at the integration's steps."""
-        late_s, hz = self._setting.shared(p)["delay"], self._fine_hz
-        late = moved * self._setting.lever_m * self._mounted(hz, p) * np.exp(-2j * math.pi * hz * late_s)
+        v, hz = self._setting.shared(p), self._fine_hz
+        late = moved * self._setting.lever_m * self._mounted(hz, p) * np.exp(-2j * math.pi * hz * v["delay"])
+        late[hz > 0.5 / self._period_s] *= 1.0 + v["beyond"] + 1j * v["turned"]
         return self._spectra(_decimated(late, self._length, self._motion.per_sample)[: self._count])
 
     def shaken(self, p: Real, law: GearLaw, moved: Complex) -> list[Real]:

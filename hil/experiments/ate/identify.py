@@ -16,7 +16,7 @@ from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError
 from hil.control.angles import ARCSEC
 from hil.design.ate.gear import GearLaw
-from hil.design.ate.gear_fit import on_its_gear
+from hil.design.ate.gear_fit import POOR_MISS, on_its_gear
 from hil.design.ate.gravity import weight_of
 from hil.design.ate.identification import JointEstimate, with_arm
 from hil.design.ate.model import Arm, Sensing, Sweep
@@ -288,8 +288,9 @@ def simulated(
 ) -> JointEstimate:
     """Estimate from all passes with the arm simulated on its gear.
 
-    The fit starts from the linear arm; if no gear near it explains the vibration, it starts from the identified plant. The motor
-    tells a soft gear's f_a and ζ where the vibration is so far from a linear arm's that its fit takes another arm for true.
+    The fit starts from the linear arm; if no gear near it explains the vibration well, it starts from the identified plant, and
+    the gear that misses less is taken. The motor tells a soft gear's f_a and ζ where the vibration is so far from a linear arm's
+    that its fit takes another arm for true.
 
     Args:
         estimate: Estimate from all passes, with a linear arm.
@@ -300,12 +301,13 @@ def simulated(
     """
     weight = weight_of(sweeps, reduction_ratio, knowledge.arm_inertia)
     found = on_its_gear(estimate, sweeps, reduction_ratio, sensing, weight)
-    if found.gear is not None or weight is None or knowledge.start is None or knowledge.resonance_error_hz is None:
+    is_good = found.gear is not None and found.structured <= POOR_MISS**2
+    if is_good or weight is None or knowledge.start is None or knowledge.resonance_error_hz is None:
         return found
     known = with_arm(estimate, sweeps, reduction_ratio, sensing, knowledge.start)
     error = Arm(knowledge.resonance_error_hz, knowledge.damping_error or 0.0, estimate.arm_error.delay_s)
     other = on_its_gear(replace(known, arm_error=error), sweeps, reduction_ratio, sensing, weight)
-    return found if other.gear is None else other
+    return min((each for each in (found, other) if each.gear is not None), key=lambda each: each.structured, default=found)
 
 
 def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool, sensor: str = "accelerometer") -> Sweep:
