@@ -25,7 +25,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hil.design.transmission_error import acceleration_spectrum
+from hil.design.transmission_error import acceleration_spectrum, shown_waves
 
 Real = NDArray[np.float64]
 
@@ -190,7 +190,7 @@ class _RampModel:
         self._period_s = every * period_s
         self._top_rps = float(speed_rps[end - 1])
         self._length = int(scipy.fft.next_fast_len(len(angle) + round(PADDING_S / period_s), real=True))
-        waves = np.concatenate([[np.cos(order * angle), np.sin(order * angle)] for order in orders])
+        waves = shown_waves(angle, period_s, orders)
         self._frequency, self._spectra = acceleration_spectrum(waves, period_s, self._length)
         place = 2.0 * self._time_s / self._time_s[-1] - 1.0
         self._slow = np.polynomial.legendre.legvander(place, SLOW)

@@ -14,6 +14,7 @@ Source: the paper, section 3.2, eq. (1) to (3), which gives the idea (tip accele
 results, not the method.
 """
 
+import cmath
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,6 +35,10 @@ PAPER_ORDERS = (2, 4)
 DEFAULT_BAND_HZ = (6.0, 25.0)
 """The resonance near 12 Hz with its skirts: below lies the motion itself, above lies noise."""
 
+SMOOTHED = 5.0
+"""Samples over which the motor speed is smoothed."""
+SHOWN = (0.42, 0.5)
+"""Frequencies over the sampling rate between which a wave fades out: up to half of it, gradually, since a jump shakes the arm."""
 RING_DOWN = 6.0
 """Time constants of the arm on its gear for which the transform is padded, so that its end does not wrap into its beginning."""
 
@@ -131,6 +136,32 @@ def acceleration_spectrum(angle_rad: Real, period_s: float, length: int) -> tupl
     return frequency, scipy.fft.rfft(difference, length, axis=-1) / np.sinc(frequency * period_s) ** 2
 
 
+def motor_speed_rps(motor_angle_rad: Real, period_s: float) -> Real:
+    """Smoothed motor speed f_m, with its sign; of the angle's shape."""
+    speed = np.gradient(motor_angle_rad, period_s) / (2.0 * np.pi)
+    return np.asarray(scipy.ndimage.gaussian_filter1d(speed, SMOOTHED))
+
+
+def shown_waves(motor_angle_rad: Real, period_s: float, orders: Sequence[float]) -> Real:
+    """Cos kθ_m and −sin kθ_m of each order; shape (2·orders, n).
+
+    A_k cos(kθ + φ_k) = (A_k cos φ_k) cos kθ − (A_k sin φ_k) sin kθ. Samples show a wave beyond half of the sampling rate at
+    another frequency, at which the arm would answer it: such a wave fades out before.
+    """
+    speed, (low, high), waves = motor_speed_rps(motor_angle_rad, period_s), SHOWN, []
+    for order in orders:
+        there = np.clip((high - np.abs(order * speed * period_s)) / (high - low), 0.0, 1.0)
+        waves += [there * np.cos(order * motor_angle_rad), -there * np.sin(order * motor_angle_rad)]
+    return np.array(waves).reshape(len(waves), len(motor_angle_rad))
+
+
+def shown_error(error: TransmissionError, motor_angle_rad: Real, period_s: float) -> Real:
+    """Error θ_sync in rad at the arm, of waves as their samples show them; of the angle's shape."""
+    waves = shown_waves(motor_angle_rad, period_s, tuple(error.amplitude_arcsec))
+    sizes = [cmath.rect(error.amplitude_arcsec[k] * ARCSEC, math.radians(error.phase_deg[k])) for k in error.amplitude_arcsec]
+    return np.asarray(np.array([part for size in sizes for part in (size.real, size.imag)]) @ waves)
+
+
 def arm_response(
     model: TwoInertia,
     motor_angle_rad: Real,
@@ -161,7 +192,7 @@ def arm_response(
     omega = arm.omega_rad_s if resonance_hz is None else 2.0 * math.pi * resonance_hz
     arm = _Arm(omega, arm.zeta if damping is None else damping, arm.gear_fraction)
     angle = np.asarray(motor_angle_rad, dtype=np.float64)
-    driven = angle / model.reduction_ratio + error.angle_rad(angle)
+    driven = angle / model.reduction_ratio + shown_error(error, angle, period_s)
     length = arm.padded(len(angle), period_s)
     frequency, spectrum = acceleration_spectrum(driven, period_s, length)
     return np.asarray(lever_m * scipy.fft.irfft(spectrum * arm.response(frequency), length)[: len(angle)])
@@ -179,10 +210,8 @@ class _Problem:
     ) -> None:  # fmt: skip
         self.arm, self._rows, self._count = _Arm.of(model), rows, len(angle)
         self._length = self.arm.padded(self._count, period_s)
-        waves = [angle / model.reduction_ratio]
-        for order in orders:  # A cos(kθ + φ) = (A cos φ) cos kθ − (A sin φ) sin kθ
-            waves += [np.cos(order * angle), -np.sin(order * angle)]
-        self._frequency, spectra = acceleration_spectrum(np.stack(waves), period_s, self._length)
+        waves = np.vstack([angle / model.reduction_ratio, shown_waves(angle, period_s, orders)])
+        self._frequency, spectra = acceleration_spectrum(waves, period_s, self._length)
         band = scipy.signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
         _, gain = scipy.signal.sosfreqz(band, self._frequency, fs=1.0 / period_s)
         weight = np.abs(gain) ** 2  # forward and backward: no phase

@@ -92,7 +92,12 @@ def held(case: str, robot: str) -> Iterator[subprocess.Popen[str]]:
 @pytest.mark.parametrize(
     ("case", "number"),
     [
-        pytest.param(case, number, id=f"{case}, {number.name}", marks=() if (case, number) in EVERY_DAY else pytest.mark.ci)
+        pytest.param(
+            case,
+            number,
+            id=f"{case}, {number.name}",
+            marks=() if (case, number) in EVERY_DAY else pytest.mark.ci if number == signal.SIGINT else pytest.mark.slow,
+        )
         for case in CASES
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
         if number == signal.SIGTERM or "run" in case or case == "upload"

@@ -11,7 +11,8 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.core.library import CORE
-from hil.design.ate.ripple import NO_RIPPLE, Ripple, motor_speed_rps
+from hil.design.ate.ripple import NO_RIPPLE, Ripple
+from hil.design.transmission_error import motor_speed_rps
 
 Real = NDArray[np.float64]
 

@@ -200,7 +200,7 @@ class GearFit:
         top = 0.45 / max(each.period_s for each in sweeps)
         self.orders = tuple(error.amplitude_arcsec)
         band = (GEAR_BAND[0] * hz, min(GEAR_BAND[1] * hz, top))
-        self._setting = Setting(reduction_ratio, sensing.gain, self.orders, band, Ripple.of(sweeps, self.orders, hz))
+        self._setting = Setting(reduction_ratio, sensing.gain, self.orders, band, Ripple.of(sweeps, self.orders, hz, band[1]))
         first = len(SHARED) + 2 * len(self.orders)
         self._ramps = [Ramp(each, self._setting, first + i) for i, each in enumerate(sweeps)]
         self._priors = priors(weight, hz)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from hil.design.ate.gear import BaseMotion, GearLaw
 from hil.design.ate.model import Arm, Sweep, resolution_rad
-from hil.design.ate.ripple import Ripple, motor_speed_rps, stretches
+from hil.design.ate.ripple import Ripple, stretches
+from hil.design.transmission_error import motor_speed_rps
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]

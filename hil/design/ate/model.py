@@ -14,7 +14,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hil.design.transmission_error import RING_DOWN, TransmissionError, acceleration_spectrum
+from hil.design.transmission_error import (
+    RING_DOWN,
+    TransmissionError,
+    acceleration_spectrum,
+    shown_error,
+    shown_waves,
+)
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -187,10 +193,8 @@ class SweepModel:
         ring_down = round(min(RING_DOWN / (FLOOR * 2.0 * math.pi * band_hz[0]), 4.0) / period_s)
         self._length = int(scipy.fft.next_fast_len(-(-(len(angle) + ring_down) // self._every), real=True))
         full = self._length * self._every
-        waves = [angle / reduction_ratio]
-        for order in orders:  # A cos(kθ + φ) = (A cos φ) cos kθ − (A sin φ) sin kθ
-            waves += [np.cos(order * angle), -np.sin(order * angle)]
-        frequency, spectra = acceleration_spectrum(np.stack(waves), period_s, full)
+        waves = np.vstack([angle / reduction_ratio, shown_waves(angle, period_s, orders)])
+        frequency, spectra = acceleration_spectrum(waves, period_s, full)
         band = scipy.signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
         _, gain = scipy.signal.sosfreqz(band, frequency, fs=1.0 / period_s)
         weight = np.abs(gain) ** 2  # forward and backward: no phase
@@ -446,7 +450,7 @@ def modelled(sweep: Sweep, reduction_ratio: float, sensing: Sensing, arm: Arm, e
         error: Transmission error with A_k and φ_k.
     """
     angle, period_s = np.asarray(sweep.motor_angle_rad, dtype=np.float64), sweep.period_s
-    waves = np.stack([angle / reduction_ratio + error.angle_rad(angle), angle])
+    waves = np.stack([angle / reduction_ratio + shown_error(error, angle, period_s), angle])
     length = int(
         scipy.fft.next_fast_len(len(angle) + round(RING_DOWN / (FLOOR * 2.0 * math.pi * arm.resonance_hz) / period_s), real=True)
     )

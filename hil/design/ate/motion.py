@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.ate.model import Arm, Sensing, Sweep, levelled, resolution_rad
-from hil.design.transmission_error import acceleration_spectrum
+from hil.design.transmission_error import acceleration_spectrum, shown_waves
 
 Real = NDArray[np.float64]
 
@@ -70,10 +70,8 @@ def _below(
     every = max(1, int(0.5 / period_s / (4.0 * band_hz[1])))
     length = int(scipy.fft.next_fast_len(-(-(len(angle) + round(2.0 / band_hz[0] / period_s)) // every), real=True))
     full = length * every
-    waves = [angle / reduction_ratio]
-    for order in orders:
-        waves += [np.cos(order * angle), -np.sin(order * angle)]
-    frequency, spectra = acceleration_spectrum(np.stack(waves), period_s, full)
+    waves = np.vstack([angle / reduction_ratio, shown_waves(angle, period_s, orders)])
+    frequency, spectra = acceleration_spectrum(waves, period_s, full)
     band = scipy.signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
     gain = np.abs(scipy.signal.sosfreqz(band, frequency, fs=1.0 / period_s)[1]) ** 2
     shape = sensing.gain * gain * arm.response(frequency)

@@ -17,18 +17,15 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.ate.model import Sweep
+from hil.design.transmission_error import motor_speed_rps
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-NYQUIST = 0.5
-"""Half of the sampling rate, over it: the ripple of an order that gets there is fitted."""
 SPLINED, CALCULATED = 0.3, 0.4
 """Frequencies over the sampling rate up to which the spline through the samples is kept, and from which c_k replaces it."""
 POWERS = (1, 2)
 """Powers of f_k/|f_m|."""
-SMOOTHED = 5.0
-"""Samples over which the motor speed is smoothed."""
 PATH_SAMPLES, WAVE_SAMPLES = 7.5, 19.0
 """Samples between the knots of θ̄ and of the other orders' amplitudes.
 
@@ -56,21 +53,23 @@ class Ripple:
     waves: Mapping[float, Complex] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, sweeps: Sequence[Sweep], orders: Sequence[float], resonance_hz: float) -> "Ripple":
+    def of(cls, sweeps: Sequence[Sweep], orders: Sequence[float], resonance_hz: float, top_hz: float) -> "Ripple":
         """Fit the ripple of some recordings, by least squares.
 
-        θ̄ and the amplitudes of the other orders are cubic splines.
+        It has the orders whose image 1/T − k f_m comes below a frequency. θ̄ and the amplitudes of the other orders are cubic
+        splines. Recordings with different sampling periods get no ripple.
 
         Args:
-            sweeps: Recordings with the same sampling period.
+            sweeps: The recordings.
             orders: Orders of the transmission error.
             resonance_hz: The arm's resonance f_a.
+            top_hz: Frequency from which on an image does no harm, at most 1/(2T).
         """
         period_s = sweeps[0].period_s
-        speeds = [motor_speed_rps(each.motor_angle_rad, each.period_s) for each in sweeps]
+        speeds = [motor_speed_rps(each.motor_angle_rad, period_s) for each in sweeps]
         top_rps = max(float(np.max(np.abs(speed))) for speed in speeds)
-        fast = [order for order in orders if order * top_rps * period_s > NYQUIST]
-        if not fast:
+        fast = [order for order in orders if order * top_rps > 1.0 / period_s - top_hz]
+        if not fast or any(each.period_s != period_s for each in sweeps):
             return cls(period_s)
         columns, angles = [], []
         for sweep, speed in zip(sweeps, speeds, strict=True):
@@ -103,12 +102,6 @@ class Ripple:
 
 
 NO_RIPPLE = Ripple()
-
-
-def motor_speed_rps(motor_angle_rad: Real, period_s: float) -> Real:
-    """Smoothed motor speed f_m, with its sign; of the angle's shape."""
-    speed = np.gradient(motor_angle_rad, period_s) / (2.0 * np.pi)
-    return np.asarray(scipy.ndimage.gaussian_filter1d(speed, SMOOTHED))
 
 
 def _slowness(order: float, speed_rps: Real, period_s: float) -> Real:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from hil.control.angles import ARCSEC
 from hil.design.ate.model import Arm
 from hil.design.frequency import Loop
-from hil.design.transmission_error import acceleration_spectrum
+from hil.design.transmission_error import acceleration_spectrum, shown_waves
 from hil.recording import Recording
 
 Real = NDArray[np.float64]
@@ -194,8 +194,7 @@ class _Spectra:
         self._waves: dict[int, Complex] = {}
         for axis in axes:
             angle = recording.axis(axis.number, "position_rad")
-            turning = np.outer(axis.orders, angle)
-            pairs = np.stack([np.cos(turning), -np.sin(turning)], axis=1).reshape(-1, self._count)
+            pairs = shown_waves(angle, period, axis.orders)
             waves = np.concatenate([ARCSEC * pairs, axis.planned_rad[np.newaxis, : self._count]])
             spectra = acceleration_spectrum(waves, period, self._length)[1]
             # the planned motion twice, a quarter of a period apart: the loop turns its jerks by what is not known here

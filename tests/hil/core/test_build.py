@@ -105,7 +105,7 @@ def test_a_core_that_is_missing_or_stale_is_built_on_import_and_one_that_cannot_
     assert run(folder, SAY).stdout == "0.038663\n"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler")
 def test_a_header_that_the_control_period_inlines_makes_the_plant_stale(tmp_path):
     folder = copied(tmp_path)

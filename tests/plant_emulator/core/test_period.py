@@ -171,7 +171,7 @@ def test_the_control_period_is_that_of_the_specification_in_every_mode(seed):
     wander(axes, [plain(each) for each in axes.rows], source, 30)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_control_period_is_that_of_the_specification_over_a_hundred_thousand_steps_of_the_solver():
     source = np.random.default_rng(7)
     axes = random_axes(source, load_robot("reference"))

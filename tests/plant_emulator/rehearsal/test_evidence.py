@@ -11,7 +11,7 @@ from plant_emulator.rehearsal.evidence.table import errors_table
 from plant_emulator.rehearsal.many.one import drawn
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_replay_gives_what_the_bus_gave_and_its_truth_is_the_drawn_robots(tmp_path):
     assert list(record([40_002], "linear", tmp_path)) == [(40_002, ())]
     assert list(record([40_002], "linear", tmp_path)) == []

@@ -449,7 +449,7 @@ def test_the_command_leaves_json_draws_and_a_page_and_the_worst_plant_can_be_run
     assert {"time_s", "axis2_position_counts", "tip_z_m_s2", "measured_z_m_s2"} <= set(signals.dtype.names)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_tables_say_shares_percentiles_influences_and_how_to_see_the_worst_again():
     found = command("--runs", 20, "--jobs", 1, "--axis", 3)
     assert found.exit_code == 0, found.output
@@ -558,7 +558,7 @@ class Mortal:
         return {"index": index}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 def test_the_plant_whose_process_dies_twice_ends_the_study_and_is_named():
     with pytest.raises(RuntimeError, match="plant 3: its process died 2 times"):

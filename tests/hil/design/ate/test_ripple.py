@@ -46,7 +46,7 @@ def recorded(top_rps):
 
 def test_the_ripple_is_found_in_both_directions_and_replaces_what_the_samples_show():
     sweep, time, angle, speed = recorded(27.0)
-    ripple = Ripple.of([sweep], ORDERS, RESONANCE_HZ)
+    ripple = Ripple.of([sweep], ORDERS, RESONANCE_HZ, 46.0)
     assert list(ripple.waves) == [FAST]
     for found, true in zip(ripple.waves[FAST], (FORWARDS, BACKWARDS), strict=True):
         for slowness in (0.75, 0.35):
@@ -63,9 +63,9 @@ def test_the_ripple_is_found_in_both_directions_and_replaces_what_the_samples_sh
     assert missed(ripple) < 0.25 * missed(NO_RIPPLE)
 
 
-def test_where_all_orders_are_slow_there_is_no_ripple():
-    sweep, *_ = recorded(15.0)
-    assert not Ripple.of([sweep], ORDERS, RESONANCE_HZ).waves
+def test_where_no_image_is_in_the_band_there_is_no_ripple():
+    sweep, *_ = recorded(18.0)
+    assert not Ripple.of([sweep], ORDERS, RESONANCE_HZ, 46.0).waves
 
 
 def test_the_ripple_ends_where_the_samples_show_it_as_it_is():

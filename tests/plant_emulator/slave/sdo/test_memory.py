@@ -83,8 +83,13 @@ def test_a_bound_that_is_none_is_refused(tmp_path, wrong):
         load_robot(path)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("transfers", [("segments", "segments"), ("segments", "block"), ("block", "block")])
+@pytest.mark.parametrize(
+    "transfers",
+    [
+        pytest.param(("segments", "block"), marks=pytest.mark.ci),
+        *(pytest.param((each, each), marks=pytest.mark.slow) for each in ("segments", "block")),
+    ],
+)
 def test_all_channels_together_keep_no_more_than_a_bound_for_each(transfers):
     """Both channels are flooded in turn by clients that never end: sum of the buffers, and the process' own memory."""
     bound = 20_000
