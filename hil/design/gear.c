@@ -68,6 +68,8 @@ void gear_follow(
     for (int i = 0; i < RESTING_STEPS; i++) {
         angle += (spring(law, base[0] - angle) + z - gravity(law, angle).there) / law->stiffness;
     }
+    angle += law->ahead;
+    v += law->ahead_speed;
     struct turn from = {base[0] - angle, z};
     const real half = 0.5 * step_s;
     for (integer n = 0; n < steps; n++) {

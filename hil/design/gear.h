@@ -27,9 +27,11 @@ struct gear_law {
     real gravity_cosine;  /* g_c in rad/s^2 */
     real gravity_sine;    /* g_s in rad/s^2 */
     real wound;           /* z/F at rest before the motion: what the motions before have left */
+    real ahead;           /* theta_l at the beginning in rad, over that at rest: the arm may still ring */
+    real ahead_speed;     /* theta_l' at the beginning in rad/s, likewise */
 };
 
-/* The arm's acceleration along a motion of its base, from rest under gravity.
+/* The arm's acceleration along a motion of its base, from rest under gravity or ringing.
  *
  * base and speed hold b in rad and b' in rad/s at every half step, 2 steps + 1 of each; acceleration becomes theta_l'' in rad/s^2
  * at every whole step, steps + 1 numbers. Runge-Kutta steps of order 4 for theta_l, the closed form for z. */

@@ -46,7 +46,7 @@ class GearLaw:
     hysteresis_torsion_rad: float = 1.0
     gravity_rad_s2: tuple[float, float] = (0.0, 0.0)
 
-    def record(self, wound: float = 0.0) -> NDArray[np.void]:
+    def record(self, wound: float = 0.0, ahead_rad: complex = 0j) -> NDArray[np.void]:
         """The law as `struct gear_law`; shape (1,)."""
         made = np.zeros(1, CORE.dtype("gear_law"))
         omega = 2.0 * math.pi * self.resonance_hz
@@ -57,16 +57,18 @@ class GearLaw:
         made["hysteresis"], made["per_hysteresis"] = omega**2 * self.hysteresis_rad, 1.0 / self.hysteresis_torsion_rad
         made["gravity_cosine"], made["gravity_sine"] = self.gravity_rad_s2
         made["wound"] = wound
+        made["ahead"], made["ahead_speed"] = ahead_rad.real, -omega * ahead_rad.imag
         return made
 
-    def follow(self, base_rad: Real, speed_rad_s: Real, step_s: float, wound: float = 0.0) -> Real:
-        """Acceleration of the arm along a motion of the gear's input, from rest.
+    def follow(self, base_rad: Real, speed_rad_s: Real, step_s: float, wound: float = 0.0, ahead_rad: complex = 0j) -> Real:
+        """Acceleration of the arm along a motion of the gear's input, from rest or ringing.
 
         Args:
             base_rad: θ_m/N + θ_sync at every half step; shape (2 n + 1,).
             speed_rad_s: Its rate of change, of the same shape.
             step_s: Step of the integration.
             wound: Dahl's friction over F at rest, which the motions before have left.
+            ahead_rad: Phasor of the arm's ringing at the beginning: Re[ahead e^{jωt}] in a linear gear.
 
         Returns:
             θ̈_l in rad/s² at every step; shape (n + 1,).
@@ -79,7 +81,7 @@ class GearLaw:
                 f"base and speed have shapes {base_rad.shape} and {speed_rad_s.shape}; both must be (2 n + 1,), with half steps"
             )
         steps = len(base_rad) // 2
-        law, acceleration = self.record(wound), np.empty(steps + 1)
+        law, acceleration = self.record(wound, ahead_rad), np.empty(steps + 1)
         base, speed = (np.ascontiguousarray(each, dtype=np.float64) for each in (base_rad, speed_rad_s))
         CORE.call.gear_follow(
             CORE.pointer(law, "gear_law"), CORE.pointer(base), CORE.pointer(speed), steps, step_s, CORE.pointer(acceleration)

@@ -30,6 +30,8 @@ SHARED = (
 """Unknowns of arm, gear and sensor. Resonance, damping (ζ of the gear), drag (ζ of the arm) and all of the gear's are logarithms;
 the last two are gravity's. 1 + beyond + j turned is the gain of the sensor's filter beyond half of the sampling rate, over that
 of the model; the samples show such vibrations in the band."""
+BEGINNING = ("wound", "real", "imaginary")
+"""Unknowns of each ramp: z/F at its beginning, and the phasor in rad with which the arm rings there."""
 FACTORS = ("bend", "delay", "beyond", "turned")
 """Those that need no simulation: factors of the spectrum."""
 OF_ROUNDING = ("resonance", "damping", "drag", "bend")
@@ -40,8 +42,8 @@ OF_ROUNDING = ("resonance", "damping", "drag", "bend")
 class Setting:
     """What all ramps share.
 
-    A vector of unknowns has `SHARED` first, then A_k cos φ_k and A_k sin φ_k of each order in rad, then z/F at the beginning of
-    each ramp.
+    A vector of unknowns has `SHARED` first, then A_k cos φ_k and A_k sin φ_k of each order in rad, then those of each ramp's
+    beginning: z/F, and both parts of the phasor with which the arm rings.
 
     Attributes:
         reduction_ratio: N.
@@ -95,17 +97,19 @@ class Ramp:
     Args:
         sweep: The recording.
         setting: What all ramps share.
-        wound_at: Place of this ramp's z/F among the unknowns.
+        begins_at: Place of the first unknown of this ramp's beginning.
 
     Attributes:
         counts: Samples of each part.
         hz: Frequencies of each part's bins.
+        own: Unknowns of the ramp's beginning.
         seen: Spectra of the signal.
         still: Variance of the signal while the motor stands; infinite if it never does.
     """
 
-    def __init__(self, sweep: Sweep, setting: Setting, wound_at: int) -> None:
-        self._setting, self._period_s, self.wound_at = setting, sweep.period_s, wound_at
+    def __init__(self, sweep: Sweep, setting: Setting, begins_at: int) -> None:
+        self._setting, self._period_s = setting, sweep.period_s
+        self.own = slice(begins_at, begins_at + len(BEGINNING))
         self._motion = BaseMotion.of(
             sweep.motor_angle_rad, sweep.period_s, setting.reduction_ratio, setting.orders, setting.band_hz[1], setting.ripple
         )
@@ -130,7 +134,7 @@ class Ramp:
         step = max(resolution_rad(sweep.motor_angle_rad), LEAST_STEP_RAD)
         size = setting.lever_m * step / setting.reduction_ratio
         self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]
-        rounded = np.random.default_rng(wound_at).uniform(-0.5, 0.5, self._count) * step
+        rounded = np.random.default_rng(begins_at).uniform(-0.5, 0.5, self._count) * step
         self._shaken = self._motion.shaken(rounded, setting.reduction_ratio)
 
     def _spectra(self, signal: Real) -> list[Complex]:
@@ -141,10 +145,15 @@ class Ramp:
             made.append(scipy.fft.rfft((part - line @ (part @ line)) * taper)[inside])
         return made
 
+    def _began(self, p: Real) -> tuple[float, complex]:
+        """z/F at the beginning, and the phasor of the ringing."""
+        wound, real, imaginary = p[self.own].tolist()
+        return wound, complex(real, imaginary)
+
     def moved(self, p: Real, law: GearLaw) -> Complex:
         """Spectrum of the simulated acceleration at the integration's steps."""
         base, speed = self._motion.with_error(p[self._setting.waves])
-        acceleration = law.follow(base, speed, self._motion.step_s, float(p[self.wound_at]))
+        acceleration = law.follow(base, speed, self._motion.step_s, *self._began(p))
         return np.asarray(scipy.fft.rfft(acceleration, self._length * self._motion.per_sample))
 
     def shown(self, moved: Complex, p: Real) -> list[Complex]:
@@ -157,7 +166,7 @@ class Ramp:
     def shaken(self, p: Real, law: GearLaw, moved: Complex) -> list[Real]:
         """Power that one draw of the rounding adds, simulated; per sample."""
         base, speed = self._motion.with_error(p[self._setting.waves])
-        added = law.follow(base + self._shaken[0], speed + self._shaken[1], self._motion.step_s, float(p[self.wound_at]))
+        added = law.follow(base + self._shaken[0], speed + self._shaken[1], self._motion.step_s, *self._began(p))
         spectrum = np.asarray(scipy.fft.rfft(added, self._length * self._motion.per_sample)) - moved
         return [np.abs(each) ** 2 / n for each, n in zip(self.shown(spectrum, p), self.counts, strict=True)]
 

@@ -51,14 +51,14 @@ def turned(period_s, acceleration_rps_s, top_rps=6.8):
     return math.tau * np.cumsum(speed) * period_s, direction.astype(np.int8)
 
 
-def recorded(law, acceleration_rps_s, seed, period_s=0.002, counts=2**17, backwards=1.0):
-    """A recording of ramps; turning backwards, the error has another size if asked for."""
+def recorded(law, acceleration_rps_s, seed, period_s=0.002, counts=2**17, backwards=1.0, ahead_rad=0j):
+    """A recording of ramps; turning backwards, the error has another size if asked for, and the arm may ring at first."""
     fine = period_s / FINE
     angle, direction = turned(fine, acceleration_rps_s)
     samples = (len(angle) - 1) // FINE
     angle, direction = angle[: FINE * samples + 1], direction[: FINE * samples + 1]
     motion = BaseMotion.of(angle, fine, RATIO, ORDERS, 20.0)
-    moved = law.follow(*motion.with_error(unknowns()), motion.step_s)[:: motion.per_sample]
+    moved = law.follow(*motion.with_error(unknowns()), motion.step_s, ahead_rad=ahead_rad)[:: motion.per_sample]
     if backwards != 1.0:
         other = law.follow(*motion.with_error(unknowns(backwards)), motion.step_s)[:: motion.per_sample]
         is_back = np.arange(len(moved)) >= np.flatnonzero(direction < 0)[0]
@@ -98,6 +98,15 @@ def test_the_error_is_found_and_its_standard_error_is_true(law, kinds, within):
     assert max(np.abs(relative)) < within
     assert max(np.abs(sigmas)) < 3.5
     assert found.is_true
+
+
+@pytest.mark.ci
+def test_an_arm_that_rings_when_a_ramp_begins_is_fitted_as_well_as_one_at_rest():
+    found = fitted(LINEAR, 5, ahead_rad=40.0 * ARCSEC * np.exp(1j))
+    relative, sigmas = zip(*far(found), strict=True)
+    assert max(np.abs(relative)) < 0.01
+    assert max(np.abs(sigmas)) < 3.5
+    assert found.model_error < 0.003
 
 
 @pytest.mark.ci
