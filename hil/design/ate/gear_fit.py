@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
 from hil.design.ate.gear import GearLaw
-from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_BAND, OF_ROUNDING, SHARED, Ramp, Setting
+from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_BAND, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting
 from hil.design.ate.gravity import Weight
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm, Sensing, Sweep
@@ -304,11 +304,14 @@ class GearFit:
             step = p.copy()
             step[column] += self._size[column]
             law = self._setting.law(step)
-            is_simulated = column >= len(SHARED) or SHARED[column] not in FACTORS
+            name = SHARED[column] if column < len(SHARED) else ""
+            is_simulated = name not in FACTORS
+            is_nothing = name in OF_IMAGES and not self._setting.ripple.waves
             for i, ramp in enumerate(self._ramps):
-                if column >= self._ramps[0].own.start and not ramp.own.start <= column < ramp.own.stop:
-                    for row in rows[i]:
-                        row.append(np.zeros_like(row[0]))
+                is_anothers = column >= self._ramps[0].own.start and not ramp.own.start <= column < ramp.own.stop
+                if is_nothing or is_anothers:
+                    for row, at in zip(rows[i], base[i], strict=True):
+                        row.append(np.zeros_like(at))
                     continue
                 spectrum = ramp.moved(step, law) if is_simulated else moved[i]
                 for j, (after, at) in enumerate(zip(ramp.shown(spectrum, step), base[i], strict=True)):

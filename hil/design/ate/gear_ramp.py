@@ -34,6 +34,8 @@ BEGINNING = ("wound", "real", "imaginary")
 """Unknowns of each ramp: z/F at its beginning, and the phasor in rad with which the arm rings there."""
 FACTORS = ("bend", "delay", "beyond", "turned")
 """Those that need no simulation: factors of the spectrum."""
+OF_IMAGES = ("beyond", "turned")
+"""Those of images of vibrations beyond half of the sampling rate."""
 OF_ROUNDING = ("resonance", "damping", "drag", "bend")
 """Those on which the noise of the encoder depends."""
 
