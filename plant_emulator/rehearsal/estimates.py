@@ -3,6 +3,7 @@
 The estimates are those of the documented path.
 """
 
+import cmath
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -59,7 +60,7 @@ def quantities_of(
     found = _plant(axis, None if known is None else known.plant)
     error = None if known is None else known.ate
     found["accelerometer_delay_s"] = QuantityRecord(
-        sensor_delay_s(robot.accelerometer),
+        sensor_delay_s(robot.accelerometer, antiresonance_hz(axis)),
         None if error is None else error.accelerometer_delay_s,
         None if error is None else error.standard_error.get("accelerometer_delay_s"),
     )
@@ -67,13 +68,21 @@ def quantities_of(
     return found | _error(axis, None if taught is None else taught.ate, "learnt_")
 
 
-def sensor_delay_s(sensor: RobotAccelerometer) -> float:
-    """Return the delay of slow vibrations in the sensor.
+def sensor_delay_s(sensor: RobotAccelerometer, frequency_hz: float) -> float:
+    """Return the delay of a vibration in the sensor.
 
-    It is the sensor's delay, and √2/ω of its low-pass.
+    It is the sensor's delay, and −arg H(jω)/ω of its low-pass and its mounting.
     """
-    lowpass_s = 0.0 if sensor.lowpass_hz is None else math.sqrt(2.0) / (2.0 * math.pi * sensor.lowpass_hz)
-    return sensor.delay_s + lowpass_s
+    omega = 2.0 * math.pi * frequency_hz
+    lag = 0.0
+    if sensor.lowpass_hz is not None:
+        corner = 2.0 * math.pi * sensor.lowpass_hz
+        lag += cmath.phase(corner**2 - omega**2 + math.sqrt(2.0) * 1j * corner * omega)
+    if sensor.mounting_resonance_hz is not None:
+        own = 2.0 * math.pi * sensor.mounting_resonance_hz
+        through = 2j * sensor.mounting_damping * own * omega
+        lag += cmath.phase(own**2 - omega**2 + through) - cmath.phase(own**2 + through)
+    return sensor.delay_s + lag / omega
 
 
 def _plant(axis: RobotAxis, plant: IdentifiedPlant | None) -> dict[str, QuantityRecord]:

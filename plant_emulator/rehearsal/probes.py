@@ -111,7 +111,6 @@ def model_of(robot: Robot, bench: Bench, number: int, error: TransmissionErrorTa
         coulomb_friction_nm=axis.coulomb_friction_nm,
         gravity_moment_nm=axis.gravity_moment_nm,
     )
-    part = IdentifiedError(
-        values=error, accelerometer_delay_s=sensor_delay_s(robot.accelerometer), gear_reaction=float(axis.gear_reaction)
-    )
+    delay_s = sensor_delay_s(robot.accelerometer, gear.antiresonance_hz)
+    part = IdentifiedError(values=error, accelerometer_delay_s=delay_s, gear_reaction=float(axis.gear_reaction))
     return Identified(robot=bench.name, axis={number: IdentifiedAxis(plant=plant, ate=part)})

@@ -1,5 +1,7 @@
 """The documented path on drawn robots: every step by the product, truth beside what it finds."""
 
+import math
+
 import pytest
 
 from drive_profiles.files.toml import loads
@@ -72,9 +74,13 @@ def test_tips_below_two_micrometres_make_no_ratio():
     assert ratio_of_tips({}, {2: 0.1}) is None
 
 
-def test_the_low_pass_of_a_sensor_is_a_delay_of_slow_vibrations():
+def test_the_low_pass_of_a_sensor_is_a_delay_of_slow_vibrations_and_a_longer_one_of_fast_ones():
     sensor = load_robot("reference").accelerometer.model_copy(update={"delay_s": 0.002, "lowpass_hz": 100.0})
-    assert sensor_delay_s(sensor) == pytest.approx(0.002 + 2.25e-3, rel=0.001)
+    assert sensor_delay_s(sensor, 1.0) == pytest.approx(0.002 + 2.25e-3, rel=0.001)
+    assert sensor_delay_s(sensor, 100.0) == pytest.approx(0.002 + 0.25 / 100.0)
+    mounted = sensor.model_copy(update={"lowpass_hz": None, "mounting_resonance_hz": 100.0, "mounting_damping": 0.05})
+    assert sensor_delay_s(mounted, 1.0) == pytest.approx(0.002, abs=1e-6)
+    assert sensor_delay_s(mounted, 100.0) == pytest.approx(0.002 + (math.pi / 2.0 - math.atan(0.1)) / (200.0 * math.pi))
 
 
 def test_every_fact_of_a_robot_is_told():
