@@ -283,14 +283,14 @@ class GearFit:
         rounding = np.concatenate([q for ramp in self._ramps for q in ramp.rounding(p, self._small)])
         shaken = np.concatenate([v for each in vibration for v in each])
         low = float(np.median(power)) / math.log(2.0)
-        most = min([1e3 * low, *(STILL_ROOM * ramp.still for ramp in self._ramps)])
+        most = max(min([1e3 * low, *(STILL_ROOM * ramp.still for ramp in self._ramps)]), 1e-5 * low)
 
         def cost(x: Real) -> float:
             s = math.exp(x[0]) + math.exp(x[1]) * rounding + math.exp(x[2]) * shaken
             return float(np.sum(power / s + np.log(s)))
 
         start = before or _Noise(low, 1.0, 1e-4)
-        limits = ((min(1e-6 * low, 0.5 * most), most), (1.0, LARGEST_ENCODER), (GEAR_MODEL_ERROR**2, 1.0))
+        limits = ((1e-6 * low, most), (1.0, LARGEST_ENCODER), (GEAR_MODEL_ERROR**2, 1.0))
         bounds = [(math.log(least), math.log(most)) for least, most in limits]
         given = np.log([min(start.sensor, most), start.encoder, start.miss])
         found = scipy.optimize.minimize(cost, given, method="L-BFGS-B", bounds=bounds)

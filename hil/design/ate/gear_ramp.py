@@ -132,7 +132,9 @@ class Ramp:
         self.seen = self._spectra(sweep.signal)
         speed = np.abs(motor_speed_rps(sweep.motor_angle_rad, sweep.period_s))
         at_rest = [sweep.signal[rows] for rows in stretches(speed < STANDING * np.max(speed))]
-        self.still = min((float(np.var(scipy.signal.detrend(each), ddof=2)) for each in at_rest), default=math.inf)
+        # at rest a signal may stay within one step, in motion it does not
+        steps = resolution_rad(sweep.signal) ** 2 / 12.0
+        self.still = min((float(np.var(scipy.signal.detrend(each), ddof=2)) + steps for each in at_rest), default=math.inf)
         step = max(resolution_rad(sweep.motor_angle_rad), LEAST_STEP_RAD)
         size = setting.lever_m * step / setting.reduction_ratio
         self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]

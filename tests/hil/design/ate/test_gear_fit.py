@@ -51,8 +51,13 @@ def turned(period_s, acceleration_rps_s, top_rps=6.8):
     return math.tau * np.cumsum(speed) * period_s, direction.astype(np.int8)
 
 
-def recorded(law, acceleration_rps_s, seed, period_s=0.002, counts=2**17, backwards=1.0, ahead_rad=0j):
-    """A recording of ramps; turning backwards, the error has another size if asked for, and the arm may ring at first."""
+def recorded(
+    law, acceleration_rps_s, seed, period_s=0.002, counts=2**17, backwards=1.0, ahead_rad=0j, step_m_s2=0.0, noise=NOISE
+):
+    """A recording of ramps; turning backwards, the error has another size if asked for, and the arm may ring at first.
+
+    The sensor has noise, and steps.
+    """
     fine = period_s / FINE
     angle, direction = turned(fine, acceleration_rps_s)
     samples = (len(angle) - 1) // FINE
@@ -64,7 +69,9 @@ def recorded(law, acceleration_rps_s, seed, period_s=0.002, counts=2**17, backwa
         is_back = np.arange(len(moved)) >= np.flatnonzero(direction < 0)[0]
         moved = np.where(is_back, other, moved)
     time = fine * np.arange(len(angle))
-    signal = LEVER * np.interp(time - DELAY_S, time, moved)[::FINE] + NOISE * default_rng(seed).normal(size=samples + 1)
+    signal = LEVER * np.interp(time - DELAY_S, time, moved)[::FINE] + noise * default_rng(seed).normal(size=samples + 1)
+    if step_m_s2:
+        signal = np.round(signal / step_m_s2) * step_m_s2
     step = math.tau / counts
     return Sweep(np.round(angle[::FINE] / step) * step, signal, period_s, direction[::FINE])
 
@@ -107,6 +114,15 @@ def test_an_arm_that_rings_when_a_ramp_begins_is_fitted_as_well_as_one_at_rest()
     assert max(np.abs(relative)) < 0.01
     assert max(np.abs(sigmas)) < 3.5
     assert found.model_error < 0.003
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("step_m_s2", [0.0, 0.05])
+def test_a_sensor_that_shows_nothing_at_rest_is_one_as_well(step_m_s2):
+    found = fitted(LINEAR, 5, step_m_s2=step_m_s2, noise=0.0)
+    relative, sigmas = zip(*far(found), strict=True)
+    assert max(np.abs(relative)) < 0.01
+    assert max(np.abs(sigmas)) < 3.5
 
 
 @pytest.mark.ci
