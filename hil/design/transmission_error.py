@@ -137,7 +137,9 @@ def acceleration_spectrum(angle_rad: Real, period_s: float, length: int) -> tupl
 
 
 def motor_speed_rps(motor_angle_rad: Real, period_s: float) -> Real:
-    """Smoothed motor speed f_m, with its sign; of the angle's shape."""
+    """Smoothed motor speed f_m, with its sign; of the angle's shape, and 0 for a single sample."""
+    if len(motor_angle_rad) < 2:
+        return np.zeros(len(motor_angle_rad))
     speed = np.gradient(motor_angle_rad, period_s) / (2.0 * np.pi)
     return np.asarray(scipy.ndimage.gaussian_filter1d(speed, SMOOTHED))
 

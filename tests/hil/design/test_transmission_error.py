@@ -8,7 +8,7 @@ import pytest
 
 from hil.control.angles import ARCSEC
 from hil.design.frequency import TwoInertia
-from hil.design.transmission_error import TransmissionError, arm_response, fit_transmission_error
+from hil.design.transmission_error import TransmissionError, arm_response, fit_transmission_error, shown_error, shown_waves
 from hil.robot_tables import Control
 from plant_emulator.robots import robot as world
 from plant_emulator.studies.simulate import simulate
@@ -154,3 +154,17 @@ def test_silence_gives_no_amplitude():
     found = fit_transmission_error(np.zeros(2000), np.zeros(2000), PERIOD, model(2), 0.7)
     assert found.error.amplitude_arcsec[2] == 0.0
     assert found.residual_m_s2 == 0.0
+
+
+def test_waves_are_those_of_the_error_up_to_half_of_the_sampling_rate_and_none_beyond():
+    time = PERIOD * np.arange(1000)
+    for speed_rps, factor in ((20.0, 1.0), (125.0, 0.0)):  # order 4 at 80 Hz and at 500 Hz; 500 Hz is the sampling rate
+        angle = 2.0 * math.pi * speed_rps * time
+        found = shown_waves(angle, PERIOD, (4.0,))
+        assert found == pytest.approx(factor * np.stack([np.cos(4.0 * angle), -np.sin(4.0 * angle)]))
+        error = TransmissionError({4: 10.0}, {4: 30.0})
+        assert shown_error(error, angle, PERIOD) == pytest.approx(factor * error.angle_rad(angle))
+
+
+def test_a_single_sample_has_waves_as_well():
+    assert shown_waves(np.zeros(1), PERIOD, (2.0,)) == pytest.approx(np.array([[1.0], [0.0]]))
