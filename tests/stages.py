@@ -33,6 +33,8 @@ OURS = re.compile(r"[._]?(hil|hil[-_]bench|plant[-_]emulator|drive[-_]profiles)(
 SPELLED = ("README.md", "CONTRIBUTING.md", "docs", "drive_profiles", "hil", "plant_emulator")
 """Where people read words; tests misspell on purpose."""
 SIDE_BY_SIDE = ("-n", "2", "--dist", "worksteal")
+WITH_WAITING = ("-n", "3", "--dist", "worksteal")
+"""Where workers wait for installations and for served robots: two used 80 % of two processors."""
 ALONE = ("-p", "no:xdist")
 SLAVE = ("tests/plant_emulator/slave", "tests/plant_emulator/image", "tests/plant_emulator/drive/test_state_machine.py")
 """The tests that take every branch of the slave engine and of the CiA 402 state machine."""
@@ -120,7 +122,7 @@ def stages(tier: str, seed: int) -> Iterator[Stage]:
         yield wall_clock("-m", "wall and not slow")
     elif tier == "all":
         others = (f"--ignore={path}" for path in SLAVE)
-        yield tests("tests", *SIDE_BY_SIDE, *others, *new, "-m", "not (part or wall or vm)")
+        yield tests("tests", *WITH_WAITING, *others, *new, "-m", "not (part or wall or vm)")
         yield tests("slave's branches", *SIDE_BY_SIDE, *BRANCHES, *new, "-m", "not (part or wall or vm)", *SLAVE)
         yield wall_clock(*new, "-m", "wall")
 
