@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
 from hil.design.ate.gear import GearLaw
-from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_BAND, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting
+from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_BAND, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting, thinning
 from hil.design.ate.gravity import Weight
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm, Sensing, Sweep
@@ -130,7 +130,7 @@ class GearEstimate:
         covariance: Their covariance.
         orders: Orders k.
         law: The gear.
-        noise: s² in (m/s²)², q² over that of rounding, and τ².
+        noise: s² in (m/s²)² of a sample of the thinned recordings, q² over that of rounding, and τ².
     """
 
     mean: Real
@@ -204,7 +204,8 @@ class GearFit:
         band = (GEAR_BAND[0] * hz, min(GEAR_BAND[1] * hz, top))
         self._setting = Setting(reduction_ratio, sensing.gain, self.orders, band, Ripple.of(sweeps, self.orders, hz, band[1]))
         first = len(SHARED) + 2 * len(self.orders)
-        self._ramps = [Ramp(each, self._setting, first + len(BEGINNING) * i) for i, each in enumerate(sweeps)]
+        every = thinning(sweeps, self._setting)
+        self._ramps = [Ramp(each, self._setting, first + len(BEGINNING) * i, every) for i, each in enumerate(sweeps)]
         self._priors = priors(weight, hz)
         given = {
             "resonance": math.log(hz), "damping": math.log(start.gear_fraction * start.damping),
