@@ -171,8 +171,10 @@ class Judge:
         outside = self._bare_gain[:, (self._bare_rps < notch.start_rps) | (self._bare_rps > notch.end_rps)]
         return float(np.max(np.concatenate([inside, outside], axis=1) / self._bound[:, np.newaxis]))
 
-    def score(self, notch: Notch, members: int | None = None) -> float:
+    def score(self, notch: Notch, members: int | None = None, at_most: float = math.inf) -> float:
         """Score a filter by its worst tip peak; smaller is better.
+
+        Above `at_most` the score is a lower bound of it: the simulations end with the first whose peak alone is too large.
 
         The score is the tip peak with the filter over that without, for the worst of the first `members` plants.
 
@@ -184,15 +186,20 @@ class Judge:
         if missed > 0.0:
             return 10.0 + missed
         notches = (notch, *self.problem.fixed)
-        peak, before, excess = 0.0, 0.0, 0.0
+        before = max(1e-9, *(self.problem.weighted_mm(bare, self.order) for bare in self._before_mm[:members]))
+        peak, excess = 0.0, 0.0
         for member, bare in zip(self.problem.members[:members], self._before_mm[:members], strict=True):
-            peaks = self.problem.peaks_mm(member, notches)
-            if not np.all(np.isfinite(peaks)):
-                return 9.0
-            peak = max(peak, self.problem.weighted_mm(peaks, self.order))
-            before = max(before, self.problem.weighted_mm(bare, self.order))
+            cases: list[Real] = []
+            for case in self.problem.peaks_by_case(member, notches):
+                if not np.all(np.isfinite(case)):
+                    return 9.0
+                cases.append(case)
+                peak = max(peak, self.problem.weighted_mm(np.array(cases), self.order))
+                if min(peak / before, WORST_RATIO) > at_most:
+                    return min(peak / before, WORST_RATIO)
+            peaks = np.array(cases)
             excess += sum(rise.excess for rise in rises(self.problem, bare, peaks))
-        ratio = peak / max(before, 1e-9) * (1.0 + LINE_WEIGHT * min(max(self._line_ratio(notch) - 1.0, 0.0), LINE_REACH))
+        ratio = peak / before * (1.0 + LINE_WEIGHT * min(max(self._line_ratio(notch) - 1.0, 0.0), LINE_REACH))
         return min(ratio, WORST_RATIO) if excess == 0.0 else WORST_RATIO + min(0.2 * ratio + excess, 6.9)
 
 

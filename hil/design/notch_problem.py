@@ -4,7 +4,7 @@ The module has the requirements, the ramps on which a filter is judged, and the 
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -254,14 +254,18 @@ class NotchProblem:
         return Loop(member.plant, self.cascade, tuple(notches), self.period_s, self.delay_samples)
 
     def peaks_mm(self, member: Member, notches: Sequence[Notch]) -> Real:
-        """Tip peaks of a plant by case, range and direction.
+        """Tip peaks of a plant by case, range and direction, in mm; shape (cases, ranges, 2)."""
+        return np.array(list(self.peaks_by_case(member, notches)))
+
+    def peaks_by_case(self, member: Member, notches: Sequence[Notch]) -> Iterator[Real]:
+        """Simulate the tip peaks of a plant, one case after the other.
 
         Cases of the nominal plant: every ramp under friction and gravity, the user's own first; that one with gravity's help;
         and where gravity is known, that one with the gear's reaction on the motor, gravity against it and with it. Other plants
         go along the user's ramp alone.
 
-        Returns:
-            Peaks in mm; shape (cases, ranges, 2).
+        Yields:
+            Peaks in mm by range and direction; shape (ranges, 2).
         """
         heavy, light = (self.friction_nm + self.gravity_nm, 0.0), (self.friction_nm - self.gravity_nm, 0.0)
         cases = [(ramp, heavy) for ramp in self.ramps] if member is self.members[0] else [(self.ramps[0], heavy)]
@@ -269,11 +273,10 @@ class NotchProblem:
             cases.append((self.ramps[0], light))
             if self.is_gravity_known:
                 cases += [(self.ramps[0], (self.friction_nm, sign * self.gravity_nm)) for sign in (1.0, -1.0)]
-        loop, found = self.loop(member, notches), []
+        loop = self.loop(member, notches)
         for ramp, load in cases:
             motion = follow(loop, member.error, ramp.reference_rad, load_nm=load)
-            found.append(peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges))
-        return np.array(found)
+            yield peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges)
 
     def own_cases(self, count: int) -> list[int]:
         """Cases of the user's own ramp among so many."""

@@ -3,6 +3,7 @@
 The search uses the nominal plant first, then the worst of all plants.
 """
 
+import math
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -205,9 +206,9 @@ class Space:
         return np.asarray(np.clip(point, 0.0, 1.0))
 
 
-def _weigh(judge: Judge, notches: Sequence[Notch], members: int | None) -> list[float]:
-    """Scores of some filters; runs in a worker."""
-    return [judge.score(notch, members) for notch in notches]
+def _weigh(judge: Judge, notches: Sequence[tuple[Notch, float]], members: int | None) -> list[float]:
+    """Scores of some filters, each up to a score above which it is not wanted; runs in a worker."""
+    return [judge.score(notch, members, at_most) for notch, at_most in notches]
 
 
 @contextmanager
@@ -252,19 +253,24 @@ def pooled_verdict(
 
 
 class _Scores:
-    """Scores of filters, each computed once."""
+    """Scores of filters, each computed once.
+
+    Differential evolution compares each filter of a generation with the one in its place before. A score above that one's is
+    neither computed to its end nor kept.
+    """
 
     def __init__(self, judge: Judge, space: Space, pool: Executor | None, count_weighed: Callable[[int], None]) -> None:
         self.judge, self.space, self.pool, self.count_weighed = judge, space, pool, count_weighed
         self.members: int | None = 1
         self.known: dict[Notch, float] = {}
+        self.survivors: Real | None = None
 
     def stage(self, members: int | None) -> None:
         """Forget all scores and select the plants for the next ones.
 
         These are the first `members` plants; None for all.
         """
-        self.members, self.known = members, {}
+        self.members, self.known, self.survivors = members, {}, None
 
     def __call__(self, points: Real) -> Real:
         """Score points of the unit cube, shape (dimensions, filters).
@@ -272,17 +278,28 @@ class _Scores:
         The shape is the one that scipy gives.
         """
         notches = [self.space.notch(point) for point in points.T]
-        new = list(dict.fromkeys(notch for notch in notches if notch not in self.known))
+        at_most = np.full(len(notches), math.inf) if self.survivors is None else self.survivors
+        wanted: dict[Notch, float] = {}
+        for notch, most in zip(notches, at_most.tolist(), strict=True):
+            if notch not in self.known:
+                wanted[notch] = max(most, wanted.get(notch, -math.inf))
+        new = list(wanted.items())
         chunks = [new[i : i + CHUNK] for i in range(0, len(new), CHUNK)]
         count = len(chunks)
         if self.pool is None:
             weighed: Iterator[list[float]] = map(_weigh, [self.judge] * count, chunks, [self.members] * count)
         else:
             weighed = self.pool.map(_weigh, [self.judge] * count, chunks, [self.members] * count)
+        bounds: dict[Notch, float] = {}
         for chunk, scores in zip(chunks, weighed, strict=True):
-            self.known.update(zip(chunk, scores, strict=True))
+            for (notch, most), score in zip(chunk, scores, strict=True):
+                (self.known if score <= most else bounds)[notch] = score
         self.count_weighed(len(notches) * (1 if self.members == 1 else 5))
-        return np.array([self.known[notch] for notch in notches])
+        return np.array([self.known[notch] if notch in self.known else bounds[notch] for notch in notches])
+
+    def _survived(self, intermediate_result: scipy.optimize.OptimizeResult) -> None:
+        """Note the scores with which those of the next generation are compared, each in its place."""
+        self.survivors = np.array(intermediate_result.population_energies)
 
     def evolve(self, start: Real, generations: int, generator: np.random.Generator) -> Real:
         """Run some generations of differential evolution.
@@ -300,6 +317,7 @@ class _Scores:
             polish=False,
             vectorized=True,
             updating="deferred",
+            callback=self._survived,
             rng=generator,
         )
         order = np.argsort(result.population_energies, kind="stable")

@@ -7,6 +7,7 @@ import pytest
 
 from hil.bench.bench import load_bench
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
+from hil.design import notch_problem
 from hil.design.notch_design import Judge, RequirementCheck, verdict
 from hil.design.notch_problem import DesignRamp, Requirements, rises, speed_ranges
 from hil.design.notch_search import PAPER_FILTERS, Effort, Space, search, workers
@@ -135,6 +136,37 @@ def test_the_papers_filters_are_candidates_though_nobody_gives_them(axis_2):
     assert table_3(2) in PAPER_FILTERS
     found = search(problem, 2, ("switched",), f_al, effort=Effort(5, 1, 5, 1))
     assert found.ratio <= Judge(problem, 2).score(table_3(2))
+
+
+SOME = Effort(population=8, generations=4, robust_population=5, robust_generations=2)
+
+
+@pytest.mark.ci
+def test_scores_that_end_early_change_no_filter_and_spare_simulations(monkeypatch):
+    problem, f_al = problem_of(BENCH, NotchDesignRequest(2, uncertainty_percent=5.0))
+    simulated = []
+    follow = notch_problem.follow
+    monkeypatch.setattr(notch_problem, "follow", lambda *given, **named: simulated.append(1) or follow(*given, **named))
+    early, spared = search(problem, 2, ("switched",), f_al, effort=SOME), len(simulated)
+    simulated.clear()
+    score = Judge.score
+    monkeypatch.setattr(Judge, "score", lambda judge, notch, members=None, at_most=None: score(judge, notch, members))
+    whole = search(problem, 2, ("switched",), f_al, effort=SOME)
+    assert early.best.notches == whole.best.notches
+    assert early.scores == whole.scores
+    assert spared < len(simulated)
+
+
+@pytest.mark.ci
+def test_a_score_that_ends_early_lies_between_its_limit_and_the_whole_one(axis_2):
+    problem, f_al = axis_2
+    judge, space = Judge(problem, 2), Space.around(problem, 2, "switched", f_al, Notch())
+    for place in np.random.default_rng(3).random((6, space.dimensions)):
+        notch = space.notch(place)
+        whole = judge.score(notch)
+        for at_most in (0.3, 0.6, 0.9, 1.5):
+            found = judge.score(notch, at_most=at_most)
+            assert found == whole or at_most < found <= whole
 
 
 @pytest.mark.slow  # two more interpreters have to be started
