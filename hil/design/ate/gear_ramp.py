@@ -29,19 +29,19 @@ On a soft gear with hysteresis the simulated arm then misses 0.09 % of its vibra
 LEAST_STEP_RAD = 1e-9
 """Step of an encoder whose readings show none: finer than any."""
 SHARED = (
-    "resonance", "damping", "drag", "bend", "delay", "beyond", "turned",
+    "resonance", "damping", "gear_fraction", "bend", "delay", "beyond", "turned",
     "softness", "wind_up", "hysteresis", "hysteresis_torsion", "cosine", "sine",
 )  # fmt: skip
-"""Unknowns of arm, gear and sensor. Resonance, damping (ζ of the gear), drag (ζ of the arm) and all of the gear's are logarithms;
-the last two are gravity's. 1 + beyond + j turned is the gain of the sensor's filter beyond half of the sampling rate, over that
-of the model; the samples show such vibrations in the band."""
+"""Unknowns of arm, gear and sensor. Resonance, damping ζ and all of the gear's are logarithms; gear_fraction is the logarithm of
+the gear's part of ζ over the arm's, and the last two are gravity's. 1 + beyond + j turned is the gain of the sensor's filter
+beyond half of the sampling rate, over that of the model; the samples show such vibrations in the band."""
 BEGINNING = ("wound", "real", "imaginary")
 """Unknowns of each ramp: z/F at its beginning, and the phasor in rad with which the arm rings there."""
 FACTORS = ("bend", "delay", "beyond", "turned")
 """Those that need no simulation: factors of the spectrum."""
 OF_IMAGES = ("beyond", "turned")
 """Those of images of vibrations beyond half of the sampling rate."""
-OF_ROUNDING = ("resonance", "damping", "drag", "bend")
+OF_ROUNDING = ("resonance", "damping", "gear_fraction", "bend")
 """Those on which the noise of the encoder depends."""
 
 
@@ -79,10 +79,10 @@ class Setting:
     def law(self, p: Real) -> GearLaw:
         """The gear of a vector of unknowns."""
         v = self.shared(p)
-        gear, arm = math.exp(v["damping"]), math.exp(v["drag"])
         return GearLaw(
-            math.exp(v["resonance"]), gear + arm, gear / (gear + arm), math.exp(v["softness"]), math.exp(v["wind_up"]),
-            math.exp(v["hysteresis"]), math.exp(v["hysteresis_torsion"]), (v["cosine"], v["sine"]),
+            math.exp(v["resonance"]), math.exp(v["damping"]), 1.0 / (1.0 + math.exp(-v["gear_fraction"])),
+            math.exp(v["softness"]), math.exp(v["wind_up"]), math.exp(v["hysteresis"]), math.exp(v["hysteresis_torsion"]),
+            (v["cosine"], v["sine"]),
         )  # fmt: skip
 
 

@@ -33,7 +33,7 @@ def setting(band_hz=BAND_HZ, ripple=NO_RIPPLE, orders=ORDERS):
 def soft():
     """The unknowns of `recorded`."""
     gear = {
-        "resonance": math.log(12.0), "damping": math.log(0.024), "drag": math.log(0.006), "delay": 0.004,
+        "resonance": math.log(12.0), "damping": math.log(0.03), "gear_fraction": math.log(4.0), "delay": 0.004,
         "softness": math.log(0.2), "wind_up": math.log(60.0 * ARCSEC), "hysteresis": math.log(6.0 * ARCSEC),
         "hysteresis_torsion": math.log(20.0 * ARCSEC), "cosine": 8.0, "sine": -5.0,
     }  # fmt: skip
