@@ -190,17 +190,23 @@ class Judge:
         peak, excess = 0.0, 0.0
         for member, bare in zip(self.problem.members[:members], self._before_mm[:members], strict=True):
             cases: list[Real] = []
+            others = excess
             for case in self.problem.peaks_by_case(member, notches):
                 if not np.all(np.isfinite(case)):
                     return 9.0
                 cases.append(case)
-                peak = max(peak, self.problem.weighted_mm(np.array(cases), self.order))
-                if min(peak / before, WORST_RATIO) > at_most:
-                    return min(peak / before, WORST_RATIO)
-            peaks = np.array(cases)
-            excess += sum(rise.excess for rise in rises(self.problem, bare, peaks))
-        ratio = peak / before * (1.0 + LINE_WEIGHT * min(max(self._line_ratio(notch) - 1.0, 0.0), LINE_REACH))
-        return min(ratio, WORST_RATIO) if excess == 0.0 else WORST_RATIO + min(0.2 * ratio + excess, 6.9)
+                peaks = np.array(cases)
+                peak = max(peak, self.problem.weighted_mm(peaks, self.order))
+                excess = others + sum(rise.excess for rise in rises(self.problem, bare, peaks))
+                if (least := _ranked(peak / before, excess)) > at_most:
+                    return least
+        kept = min(max(self._line_ratio(notch) - 1.0, 0.0), LINE_REACH)
+        return _ranked(peak / before * (1.0 + LINE_WEIGHT * kept), excess)
+
+
+def _ranked(ratio: float, excess: float) -> float:
+    """Score of a ratio of tip peaks, and of what is raised elsewhere; it grows with both."""
+    return min(ratio, WORST_RATIO) if excess == 0.0 else WORST_RATIO + min(0.2 * ratio + excess, 6.9)
 
 
 @dataclass(frozen=True)

@@ -319,10 +319,10 @@ def rises(problem: NotchProblem, before_mm: Real, after_mm: Real) -> list[Rise]:
     Args:
         problem: The axis.
         before_mm: Peaks of a plant without filters, from `NotchProblem.peaks_mm`.
-        after_mm: Peaks of the same plant with them.
+        after_mm: Peaks of the same plant with them; if only of its first cases, no ratio is above that of all.
     """
     found = []
-    own, rows = problem.own_cases(len(before_mm)), [problem.row(order) for order in problem.orders]
+    own, rows = problem.own_cases(len(after_mm)), [problem.row(order) for order in problem.orders]
     largest = float(np.max(after_mm[0, rows]))
     for row, each in enumerate(problem.ranges):
         before, after = before_mm[:, row], after_mm[:, row]
