@@ -124,5 +124,5 @@ def test_a_cancellation_that_fails_its_trial_leaves_the_shaper_alone_and_is_no_s
     name: TreatmentName = "cancellation+shaper-ei"
     runs = hard_stop(tmp_path, "reference-arm", knowing(306.1, 42.3), ("shaper-ei", name))
     assert runs[name].within_spec is None
-    assert "passes; the shaper stays" in (runs[name].invalid or "")
+    assert "passes its trial; the shaper remains" in (runs[name].invalid or "")
     assert runs[name].tip_peak_mm == pytest.approx(runs["shaper-ei"].tip_peak_mm, rel=0.1)
