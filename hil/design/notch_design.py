@@ -174,7 +174,7 @@ class Judge:
     def score(self, notch: Notch, members: int | None = None, at_most: float = math.inf) -> float:
         """Score a filter by its worst tip peak; smaller is better.
 
-        Above `at_most` the score is a lower bound of it: the simulations end with the first whose peak alone is too large.
+        Above `at_most` it may be a lower bound: the simulations end as soon as their peaks alone give more than that.
 
         The score is the tip peak with the filter over that without, for the worst of the first `members` plants.
 

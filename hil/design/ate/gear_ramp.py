@@ -87,10 +87,10 @@ class Setting:
 
 
 def thinning(sweeps: Sequence[Sweep], setting: Setting) -> int:
-    """Return how many samples of some recordings one of a thinned recording stands for.
+    """Return the largest n for which every n-th sample is enough.
 
-    The fastest vibration of the band takes `THINNED_STEPS_PER_RADIAN` of these in a radian, and no order is above 0.8 of half of
-    their rate. 1 where the samples show ripple of the motor at another frequency: its image depends on their rate.
+    A radian of the band's fastest vibration keeps `THINNED_STEPS_PER_RADIAN` samples, and every order stays below 0.8 of half
+    of the new rate. n is 1 where the samples show ripple of the motor at another frequency: its image depends on their rate.
     """
     if setting.ripple.waves:
         return 1
@@ -102,7 +102,7 @@ def thinning(sweeps: Sequence[Sweep], setting: Setting) -> int:
 
 
 def thinned(sweep: Sweep, every: int) -> Sweep:
-    """Return a recording of which a low-pass without phase leaves one of `every` samples.
+    """Return a recording with one of `every` samples, behind a low-pass without phase.
 
     The filter is flat to 1e-4 below a third of half of the new rate.
     """
@@ -134,7 +134,7 @@ class Ramp:
         sweep: The recording.
         setting: What all ramps share.
         begins_at: Place of the first unknown of this ramp's beginning.
-        every: Number of samples for which one of the thinned recording stands.
+        every: One of so many samples is kept.
 
     Attributes:
         counts: Samples of each part.
