@@ -1,5 +1,7 @@
 """The SDO server byte by byte, then with the canopen package as its client."""
 
+import gc
+
 import canopen
 import pytest
 from hypothesis import given
@@ -320,6 +322,7 @@ def test_a_stranger_writes_and_reads_back_expedited_and_segmented(stranger):
     assert stranger.sdo.upload(0x2004, 0) == bytes(range(256)) * 4
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_stranger_hears_why_it_is_refused(stranger):
     def code(call, *arguments):
         with pytest.raises(canopen.SdoAbortedError) as caught:
@@ -329,5 +332,6 @@ def test_a_stranger_hears_why_it_is_refused(stranger):
     assert code(stranger.sdo.upload, 0x5000, 0) == SdoAbortCode.NO_OBJECT
     assert code(stranger.sdo.download, 0x6041, 0, b"\0\0") == SdoAbortCode.READ_ONLY
     assert code(stranger.sdo.download, 0x2000, 0, b"\x65\0") == SdoAbortCode.VALUE_TOO_HIGH
-    # last: its writer may send a segment of what was refused when it is collected, and take the answer for the next one's
+    # last: canopen's stream sends a segment of the refused download when it is collected, and Python 3.13 reports its abort
     assert code(stranger.sdo.download, 0x2004, 0, bytes(1025)) == SdoAbortCode.OUT_OF_MEMORY
+    gc.collect()  # here, not in a later test
