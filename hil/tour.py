@@ -26,6 +26,7 @@ from hil.bench.bench import REFERENCE, Bench, load_bench
 from hil.bench.design import load_designs, update_designs
 from hil.bench.model import IdentifiedAxis, load_identified, update_file, values_in_words
 from hil.control.treatments import TreatmentName, treatment
+from hil.design.notch_design import NotchVerdict
 from hil.design.notch_search import Effort
 from hil.emulator import DrawnRobot
 from hil.errors import HilError, InterruptedRunError, NotPossibleError, not_restored_words
@@ -46,7 +47,7 @@ from hil.report.pages.plant import write_plant_report
 from hil.report.report_table import value_and_error
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
-from hil.results.comparison import TourPart, TourResult, TourStep
+from hil.results.comparison import TourNotch, TourPart, TourResult, TourStep
 from hil.results.revealed import facts_of, load_truth
 
 T = TypeVar("T")
@@ -134,14 +135,19 @@ def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
     given = outcome.given
     if given is None or outcome.designed is None:
         return outcome, ""
-    order = outcome.designed.peaks[0].order
-    designed_mm, given_mm = outcome.designed.peak(order).rising_mm, given.peak(order).rising_mm
-    if given_mm >= designed_mm:
-        return outcome, f"; the bench file's notch: {given_mm:.3f} mm"
-    if given.is_harmless:
-        return replace(outcome, designed=None), f"; the bench file's notch is kept; the designed notch: {designed_mm:.3f} mm"
-    margins = "; ".join(str(check) for check in given.missed if not check.is_tip_limit)
-    return outcome, f"; the bench file's notch is not used: {given_mm:.3f} mm, but it misses {margins}"
+    both = _predicted(outcome.request.axis, outcome.designed, given)
+    if both.given_mm >= both.designed_mm:
+        return outcome, f"; the bench file's notch: {both.given_mm:.3f} mm"
+    if not both.missed:
+        return replace(outcome, designed=None), f"; the bench file's notch is kept; the designed notch: {both.designed_mm:.3f} mm"
+    return outcome, f"; the bench file's notch is not used: {both.given_mm:.3f} mm, but it misses {'; '.join(both.missed)}"
+
+
+def _predicted(axis: int, designed: NotchVerdict, given: NotchVerdict) -> TourNotch:
+    """Predicted peaks of both, and the margins that the given one misses."""
+    order = designed.peaks[0].order
+    peaks = {"designed_mm": designed.peak(order).rising_mm, "given_mm": given.peak(order).rising_mm}
+    return TourNotch(axis=axis, **peaks, missed=tuple(str(check) for check in given.missed if not check.is_tip_limit))
 
 
 @dataclass
@@ -157,6 +163,7 @@ class _TourRunner:
     emulated: list[bool | None] = field(default_factory=list)
     designed: tuple[int, ...] | None = None
     """Axes with a designed filter; None for all."""
+    notches: list[TourNotch] = field(default_factory=list)
 
     @property
     def model(self) -> Path:
@@ -221,6 +228,8 @@ class _TourRunner:
         if outcome.failure is not None and not outcome.is_usable:
             raise outcome.failure
         outcome, before = better_of(outcome)
+        if outcome.designed is not None and outcome.given is not None:
+            self.notches.append(_predicted(axis, outcome.designed, outcome.given))
         update_designs(self.design, self.bench.name, axis, notch_design.designed_axis(outcome))
         made = notch_design.parameter_set(outcome.bench, axis, outcome.best, outcome.f_al_hz)
         made.save(self.parameter_set(axis), force=True)
@@ -350,6 +359,7 @@ def run(
         bench_file=BENCH_FILE,
         steps=tuple(runner.steps),
         failure=None if failure is None else str(failure),
+        notches=tuple(runner.notches) or None,
         **({} if robot is None else _revealed(robot, runner)),
     )
     result = TourResult(

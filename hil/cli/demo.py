@@ -192,10 +192,13 @@ def _tell(what: str, folder: Path, done: "TourOutcome", *, as_json: bool) -> int
     """Write the page of a tour, print its results, and return the exit status."""
     from hil.experiments.comparison.table import summary  # noqa: PLC0415
     from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
+    from hil.report.tables.compare import notch_sentences  # noqa: PLC0415
 
     page = write_compare_report(folder)
     for line in summary(done.result, terminal_width(err=as_json)):
         typer.echo(line, err=as_json)
+    for sentence in notch_sentences(done.result):
+        typer.echo(sentence, err=as_json)
     claims = done.result.tour.claims or ()
     for claim in claims:
         found = "not judged" if claim.found is None else f"{claim.found:.4f} {claim.unit}".replace("-", "−")

@@ -206,6 +206,30 @@ class TourClaim(ResultPart):
         return None if self.found is None else self.found > self.asked if self.is_above else self.found <= self.asked
 
 
+class TourNotch(ResultPart):
+    """Prediction of a design for its own notch and the bench file's.
+
+    Attributes:
+        axis: Axis number.
+        designed_mm: Predicted tip peak of the designed notch on the ramp.
+        given_mm: That of the bench file's notch.
+        missed: Margins that the bench file's notch misses, in words, the worst first.
+    """
+
+    axis: int
+    designed_mm: float
+    given_mm: float
+    missed: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Reason in a sentence why the designed notch is used."""
+        if self.missed:
+            more = f", and {len(self.missed) - 1} more" if len(self.missed) > 1 else ""
+            return f"Axis {self.axis}: the bench file's notch is not used: {self.missed[0]}{more}."
+        given = f"{self.given_mm:.3f} mm for the bench file's notch"
+        return f"Axis {self.axis}: the design predicted {self.designed_mm:.3f} mm, and {given}."
+
+
 class TourPart(ResultPart):
     """Steps of a tour up to its comparison.
 
@@ -218,6 +242,7 @@ class TourPart(ResultPart):
         facts: True numbers of the robot beside the identified ones.
         heading: Title of its page.
         claims: Claims; None for a tour without any.
+        notches: Predictions of the designs, by axis; None for a tour without any.
     """
 
     bench_file: str
@@ -228,6 +253,7 @@ class TourPart(ResultPart):
     facts: tuple[TourFact, ...] | None = None
     heading: str = "Your own robot"
     claims: tuple[TourClaim, ...] | None = None
+    notches: tuple[TourNotch, ...] | None = None
 
 
 class TreatmentTable(Result):

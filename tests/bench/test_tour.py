@@ -17,6 +17,7 @@ from hil.design.notch_search import Effort
 from hil.emulator import draw_robot
 from hil.errors import NotPossibleError
 from hil.experiments.notch_design import NotchDesignOutcome, parameter_set
+from hil.experiments.notch_problem import NotchDesignRequest
 from hil.report.pages.compare import write_compare_report
 from hil.reporter import SILENT
 from plant_emulator.pytest_plugin.served import ServedBus
@@ -108,7 +109,8 @@ def verdict(peak_mm: float, m_s: float) -> NotchVerdict:
 )
 def test_the_tour_takes_the_better_filter_or_says_why_not(given: NotchVerdict | None, kept_mm: float, said: str) -> None:
     unused: Any = None
-    outcome = NotchDesignOutcome(unused, "", unused, unused, 11.8, unused, given, verdict(0.084, 1.6), None, 0.0)
+    request, designed = NotchDesignRequest(axis=2), verdict(0.084, 1.6)
+    outcome = NotchDesignOutcome(unused, "", request, unused, 11.8, unused, given, designed, None, 0.0)
     kept, words = tour.better_of(outcome)
     assert kept.best.peaks[0].rising_mm == kept_mm
     assert said in words

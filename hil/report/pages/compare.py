@@ -154,7 +154,7 @@ def verdict(result: TreatmentTable) -> PageVerdict:
     if failure:
         details.append(f"The tour ended early: {failure}")
     details += [_sentence(name, rows, len(everywhere)) for name, rows in by_treatment.items()]
-    details += _refused(result)
+    details += [*tables_compare.notch_sentences(result), *_refused(result)]
     if failure or any(robot.ended is not None for robot in result.robots):
         return PageVerdict("bad", "■", "The comparison is not complete", tuple(details))
     keeping = {

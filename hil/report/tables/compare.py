@@ -74,6 +74,31 @@ def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | No
     return ReportTable(key, "Claims", "", header, rows, frozenset({0, 1, 3, 4}), is_prose=True)
 
 
+def notch_sentences(result: TreatmentTable) -> list[str]:
+    """Sentences why a designed notch leaves more than the bench file's.
+
+    Empty if it leaves at most as much in every experiment of a tour, or if there is no tour.
+    """
+    if not isinstance(result, TourResult) or not result.tour.notches:
+        return []
+    peaks = {
+        (row.treatment, row.experiment, row.axis): row.tip_peak_mm
+        for robot in result.robots
+        for row in robot.rows
+        if row.tip_peak_mm is not None
+    }
+    sentences, axes = [], set[int | None]()
+    for case in cases(result):
+        designed, given = peaks.get(("notch-designed", *case)), peaks.get(("notch", *case))
+        if designed is not None and given is not None and designed > given:
+            first, rest = case_name(*case)[0].upper(), case_name(*case)[1:]
+            sentences.append(
+                f"{first}{rest}: the designed notch leaves {designed:.3f} mm, the bench file's notch {given:.3f} mm."
+            )
+            axes.add(case[1])
+    return [*sentences, *(str(each) for each in result.tour.notches if axes & {each.axis, None})]
+
+
 def _peak(row: ComparisonRow | None) -> Cell:
     if row is None or row.left_out is not None:
         return Mark(None, "left out")

@@ -9,7 +9,7 @@ from hil.report.material import Material
 from hil.report.pages import demo as page
 from hil.report.pages.compare import verdict, write_compare_report
 from hil.report.pages.page import typeset
-from hil.results.comparison import ComplianceFactors
+from hil.results.comparison import ComplianceFactors, TourNotch
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult
 from tests.hil.results.made import RAMP, comparison, robot, row, tour, written
@@ -150,3 +150,36 @@ def test_the_tour_of_an_earlier_demo_is_left_alone(full_directory, tmp_path):
     old = tour(robot(ROWS), started_utc="2024-01-01T12:00:00+00:00")
     assert page._own_robot(Material(demo_with(old, full_directory, tmp_path))) is None
     assert page._own_robot(Material(full_directory)) is None
+
+
+@pytest.mark.parametrize(
+    ("designed_mm", "missed", "said"),
+    [
+        (
+            0.060,
+            ("M_s 1.9, at most 1.7 required", "phase margin 28 deg, at least 30 deg required"),
+            [
+                "Axis 2, constant acceleration: the designed notch leaves 0.060 mm, the bench file's notch 0.046 mm.",
+                "Axis 2: the bench file's notch is not used: M_s 1.9, at most 1.7 required, and 1 more.",
+            ],
+        ),
+        (
+            0.060,
+            (),
+            [
+                "Axis 2, constant acceleration: the designed notch leaves 0.060 mm, the bench file's notch 0.046 mm.",
+                "Axis 2: the design predicted 0.050 mm, and 0.070 mm for the bench file's notch.",
+            ],
+        ),
+        (0.046, ("M_s 1.9, at most 1.7 required",), []),
+    ],
+)
+def test_a_designed_notch_never_looks_worse_without_the_reason(designed_mm, missed, said):
+    made = tour(robot([row(*RAMP, "none", 0.075), row(*RAMP, "notch", 0.046), row(*RAMP, "notch-designed", designed_mm)]))
+    notches = (
+        TourNotch(axis=2, designed_mm=0.050, given_mm=0.070, missed=missed),
+        TourNotch(axis=3, designed_mm=0.1, given_mm=0.2),
+    )
+    told = made.model_copy(update={"tour": made.tour.model_copy(update={"notches": notches})})
+    assert [text for text in verdict(told).details if "designed notch leaves" in text or text.startswith("Axis")] == said
+    assert not [text for text in verdict(made).details if "designed notch leaves" in text]
