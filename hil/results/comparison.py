@@ -224,8 +224,10 @@ class TourNotch(ResultPart):
     def __str__(self) -> str:
         """Reason in a sentence why the designed notch is used."""
         if self.missed:
-            more = f", and {len(self.missed) - 1} more" if len(self.missed) > 1 else ""
-            return f"Axis {self.axis}: the bench file's notch is not used: {self.missed[0]}{more}."
+            misses = f"misses {self.missed[0]}"
+            if len(self.missed) > 1:
+                misses = f"misses {len(self.missed)} requirements. The worst: {self.missed[0]}"
+            return f"Axis {self.axis}: the bench file's notch is not used, since it {misses}."
         given = f"{self.given_mm:.3f} mm for the bench file's notch"
         return f"Axis {self.axis}: the design predicted {self.designed_mm:.3f} mm, and {given}."
 
