@@ -55,7 +55,7 @@ def us(call):
     return 250.0 * (time.process_time() - begin)
 print(json.dumps({name: statistics.median(us(call) for _ in range(6)) for name, call in calls.items()}))
 """
-"""Prints the microseconds of single calls: the door, the call, and what it computes."""
+"""Prints the microseconds of single calls: pointer, call, and what it computes."""
 
 
 class Times(NamedTuple):

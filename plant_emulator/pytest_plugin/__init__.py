@@ -93,7 +93,7 @@ def pytest_runtest_makereport(
     if report.failed:
         report.sections.append(("hil-bench", artefacts.keep()))
     elif artefacts.is_saved and report.when == "teardown":
-        artefacts.keep()  # once more: the teardown's frames belong to the story
+        artefacts.keep()  # once more: the teardown's frames belong to the log
     if report.when == "teardown":
         del item.stash[_ARTEFACTS]
     return report

@@ -259,7 +259,7 @@ def fastest_rps(at: int, bitrate: int | None) -> float:
 
 
 def window(bitrate: int | None, at: int, cycles: int | None, family: str | None = None) -> dict[str, float]:
-    """From and to of a fault of the wire that befalls so many whole cycles; None: all that follow."""
+    """From and to of a fault of the wire that hits so many whole cycles; None: all that follow."""
     cycle_s = sync_s(family)
     begin = 1e-9 * undisturbed(bitrate, family).tape.now_ns[at] - 0.1 * cycle_s
     return {"from_s": begin} if cycles is None else {"from_s": begin, "to_s": begin + cycles * cycle_s}

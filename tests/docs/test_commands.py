@@ -1,7 +1,7 @@
 """Each command of the documents runs, as it stands there: one shell a page, in a fresh folder, in the page's order.
 
 What cannot run here is in a table with its reason, and what is shortened or prepared too; a row that no page needs any more is
-a fault. An inline command, which has no place in a story, is held to the options that there are.
+a fault. An inline command, which has no place in that order, is held to the options that there are.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""Faults: which frames they befall, what they do to them, and what their file may say."""
+"""Faults: which frames they hit, what they do to them, and what their file may say."""
 
 import itertools
 
