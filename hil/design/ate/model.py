@@ -54,6 +54,8 @@ class Sweep:
         period_s: Sampling period.
         direction: +1 where the motor speeds up forwards, −1 backwards, 0 for samples that do not count; shape (n,).
         torque_nm: Torque of the motor beside a tip acceleration, which shows the arm's weight; None if it is not known.
+        late: Samples of θ_m that were taken late, and are moved back in time.
+        late_s: Delay of the one that was off most.
     """
 
     motor_angle_rad: Real
@@ -61,6 +63,8 @@ class Sweep:
     period_s: float
     direction: Signs
     torque_nm: Real | None = None
+    late: int = 0
+    late_s: float = 0.0
 
 
 @dataclass(frozen=True)

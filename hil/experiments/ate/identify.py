@@ -26,7 +26,6 @@ from hil.design.transmission_error import TransmissionError
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import (
     AteNotIdentifiedError,
-    check_accelerometer,
     check_moved,
     check_run,
     factor_remark,
@@ -46,6 +45,7 @@ from hil.experiments.ate.request import (
     is_seen,
     sensing_of,
 )
+from hil.experiments.ate.sweeps import late_words, sweep_of
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -63,8 +63,6 @@ WORTH_A_PASS = 0.75
 What the mounting of the accelerometer may add to A_k is the same in every pass, so their number lowers noise and not that."""
 FURTHER = 1.02
 """End speed of a ramp over that of the last, from which it goes further."""
-SKIP_TORQUE = 0.12
-"""Fraction of a ramp, from its beginning, that does not count without an accelerometer: there the torque is friction's."""
 SENSORLESS_BIAS = (
     "bias on the reference robot with the true J_l: A_k up to 1.2 %, φ_k up to 0.7°; a gear torque that reacts on the "
     "motor (τ_g dθ_sync/dθ_m, not in the model) adds 1.5 % to A_2 and 4 % to A_4"
@@ -310,30 +308,6 @@ def simulated(
     return min((each for each in (found, other) if each.gear is not None), key=lambda each: each.structured, default=found)
 
 
-def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool, sensor: str = "accelerometer") -> Sweep:
-    """Recording of a pass as input of the fit.
-
-    Args:
-        motion: Ramps of the pass.
-        recording: Recording of the pass.
-        axis: Axis number.
-        sensorless: True to fit the motor torque instead of the tip acceleration.
-        sensor: Name of the tip's sensor.
-
-    Raises:
-        AteNotIdentifiedError: The sensor is dead or saturated.
-        NotPossibleError: The sensor is not mounted as in the bench file.
-    """
-    angle = recording.axis(axis, "position_rad")
-    if sensorless:
-        return Sweep(angle, recording.axis(axis, "torque_nm"), recording.period_s, motion.direction(SKIP_TORQUE))
-    if recording.doubt is not None:
-        raise NotPossibleError(f"not identified: {recording.doubt}", ("wrong axis or wiring",))
-    tip = recording.felt_m_s2
-    check_accelerometer(tip, sensor)
-    return Sweep(angle, tip, recording.period_s, motion.direction(), recording.axis(axis, "torque_nm"))
-
-
 def _is_through(axis: int, made: Pass, passes_left: int) -> bool:
     """True if the ramps passed f_m2; False if the next ones can.
 
@@ -427,6 +401,7 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
             sigma = estimate.amplitude_error_arcsec[order]
             identification.notes.append(f"A_{order:g} is not significant ({amplitude:.2g} ± {sigma:.2g}″): not in the model file")
     peak = max(float(np.max(np.abs(each.recording.axis(request.axis, "torque_nm")))) for each in identification.passes)
+    identification.notes += late_words([each.sweep for each in identification.passes])
     if peak >= SATURATED_TORQUE_FRACTION * table.limits.torque_nm:
         identification.notes.append(
             f"the motor torque reached {peak:.3g} N·m of at most {table.limits.torque_nm:g} N·m: a slower ramp is better"

@@ -23,13 +23,14 @@ from hil.design.ate.motion import motion_factor
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_factor, check_moved, check_run
-from hil.experiments.ate.identify import SEARCHED_PASSES, standard_errors, sweep_of
+from hil.experiments.ate.identify import SEARCHED_PASSES, standard_errors
 from hil.experiments.ate.motion import Ramps, ramps
 from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import modal_arm, searched_delay_s
+from hil.experiments.ate.sweeps import late_words, sweep_of
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on
 from hil.experiments.cancellation.correction import Correction, OrderValue, error_of
 from hil.experiments.cancellation.pass_judge import PassJudge
@@ -302,7 +303,7 @@ def learn(
         if is_last:
             break
         watch.ramp, ramp = ramp, _next_ramp(bench, learning, ramp)
-    return replace(learning, notes=[*correction.notes(), *watch.notes(estimate, watch.scan(estimate))])
+    return replace(learning, notes=[*correction.notes(), *watch.notes(estimate, watch.scan(estimate)), *late_words(watch.sweeps)])
 
 
 def _sensing(table: AxisTable, identified: Identified | None, axis: int) -> Sensing:

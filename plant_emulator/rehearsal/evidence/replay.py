@@ -13,6 +13,7 @@ from hil.design.ate.model import Sweep
 from hil.errors import HilError
 from hil.experiments.ate.identify import as_part, estimate_of, simulated
 from hil.experiments.ate.request import AteRequest, axis_knowledge
+from hil.experiments.ate.sweeps import sweep_on_time
 from hil.recording import Recording
 from hil.results.ate import AteResult, AteRun
 from hil.results.files import load_result
@@ -91,7 +92,7 @@ def _sweep(made: AteRun, recording: Recording, axis: int) -> Sweep:
         since = recording.time_s - recording.time_s[0] - from_s
         direction[(since > -0.5 * recording.period_s) & (since <= made.ramp_s + 1e-9)] = sign
     torque = recording.axis(axis, "torque_nm")
-    return Sweep(recording.axis(axis, "position_rad"), recording.felt_m_s2, recording.period_s, direction, torque)
+    return sweep_on_time(recording, axis, recording.felt_m_s2, direction, torque)
 
 
 def _arm_on_its_gear(robot: Robot, number: int, sweeps: Sequence[Sweep], lever_m: float) -> tuple[float, float]:
