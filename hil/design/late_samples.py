@@ -21,14 +21,14 @@ Real = NDArray[np.float64]
 
 RESOLVED = 0.1
 """Largest frequency of a ripple, in units of the sampling rate, that the spline follows."""
-KNOT_SAMPLES, DEGREE = 8, 5
+KNOT_SAMPLES, KNOT_DEGREE = 8, 5
 WINDOW_SAMPLES = 101
 """Samples of which the scatter is the median."""
 FAR = 8.0
 """Standard deviations beyond which a sample is late; of 10⁶ samples with normal noise none is."""
 LEAST_PERIODS, MOST_PERIODS = 0.02, 1.1
 """Delays of a late sample in SYNC periods; shorter ones do not matter, and longer ones are no delay of SYNC."""
-ROUNDS, SETTLED, LEAST_WEIGHT = 5, 0.05, 1e-4
+REWEIGHTINGS, SETTLED, LEAST_WEIGHT = 5, 0.05, 1e-4
 OF_NORMAL = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
@@ -76,10 +76,10 @@ def on_time(angle_rad: Real, period_s: float, resolution_rad: float, order: floa
     weight = _weight(ahead, scatter)
     place = np.arange(count, dtype=np.float64)
     knots = np.concatenate([
-        np.zeros(DEGREE + 1), place[KNOT_SAMPLES : count - KNOT_SAMPLES : KNOT_SAMPLES], np.full(DEGREE + 1, count - 1.0),
+        np.zeros(KNOT_DEGREE + 1), place[KNOT_SAMPLES : count - KNOT_SAMPLES : KNOT_SAMPLES], np.full(KNOT_DEGREE + 1, count - 1.0),
     ])  # fmt: skip
-    for _ in range(ROUNDS):
-        spline = scipy.interpolate.make_lsq_spline(place, angle_rad, knots, DEGREE, weight)(place)
+    for _ in range(REWEIGHTINGS):
+        spline = scipy.interpolate.make_lsq_spline(place, angle_rad, knots, KNOT_DEGREE, weight)(place)
         ahead, before = forwards * (angle_rad - spline), weight
         scatter = _scatter(ahead, resolution_rad)
         weight = _weight(ahead, scatter)
