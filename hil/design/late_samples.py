@@ -4,9 +4,9 @@ A frame in progress delays SYNC by up to its length, and a drive that samples in
 period late. At speed v such a sample is off by v δ: on the reference robot with δ = 250 µs and 50 rad/s by 26″ behind the gear,
 which is more than its transmission error.
 
-A spline through all other samples tells where the motor was: a late sample is ahead by far more than the scatter around it, and by
-less than the motor turns in a SYNC period. Robust weights (Tukey's biweight) find the spline. Nothing makes a sample early, so a
-sample behind the spline keeps its weight.
+A spline through all other samples tells where the motor was: a late sample is ahead by far more than the scatter around it, and
+by less than the motor turns in a SYNC period. Robust weights (Tukey's biweight) find the spline. Nothing makes a sample early, so
+a sample behind the spline keeps its weight.
 
 Source: J. W. Tukey, in Robustness in Statistics, Academic Press 1979, chapter 8.
 """
@@ -75,9 +75,8 @@ def on_time(angle_rad: Real, period_s: float, resolution_rad: float, order: floa
         return OnTime(angle_rad)
     weight = _weight(ahead, scatter)
     place = np.arange(count, dtype=np.float64)
-    knots = np.concatenate([
-        np.zeros(KNOT_DEGREE + 1), place[KNOT_SAMPLES : count - KNOT_SAMPLES : KNOT_SAMPLES], np.full(KNOT_DEGREE + 1, count - 1.0),
-    ])  # fmt: skip
+    inner = place[KNOT_SAMPLES : count - KNOT_SAMPLES : KNOT_SAMPLES]
+    knots = np.concatenate([np.zeros(KNOT_DEGREE + 1), inner, np.full(KNOT_DEGREE + 1, count - 1.0)])
     for _ in range(REWEIGHTINGS):
         spline = scipy.interpolate.make_lsq_spline(place, angle_rad, knots, KNOT_DEGREE, weight)(place)
         ahead, before = forwards * (angle_rad - spline), weight
