@@ -10,7 +10,6 @@ from hil.design.late_samples import on_time
 from hil.experiments.ate.sweeps import late_words
 
 LATE_S = 250e-6
-RATIO = 100.0
 
 
 def angle_at(time, *, acceleration_rps_s=4.0, end_rps=9.0):
