@@ -1,4 +1,4 @@
-"""Samples of a motor angle that were taken late, moved back in time.
+"""Late samples of a motor angle, moved back in time.
 
 A frame in progress delays SYNC by up to its length, and a drive that samples in its own control period then samples up to one
 period late. At speed v such a sample is off by v δ: on the reference robot with δ = 250 µs and 50 rad/s by 26″ behind the gear,
@@ -100,10 +100,10 @@ def _scatter(ahead: Real, resolution_rad: float) -> Real:
 
 
 def _is_late(ahead: Real, scatter: Real, turn: Real) -> NDArray[np.bool_]:
-    """True for a sample that is ahead by more than noise, as a delay would make it."""
+    """True for a sample that a delay explains, and noise does not."""
     return np.asarray((ahead > FAR * scatter) & (ahead > LEAST_PERIODS * turn) & (ahead < MOST_PERIODS * turn))
 
 
 def _weight(ahead: Real, scatter: Real) -> Real:
-    """Tukey's biweight of each sample that is ahead, which is least beyond `FAR` standard deviations."""
+    """Tukey's biweight of each sample that is ahead; the least beyond `FAR`."""
     return np.maximum((1.0 - np.clip(ahead / (FAR * scatter), 0.0, 1.0) ** 2) ** 2, LEAST_WEIGHT)

@@ -44,7 +44,7 @@ def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool
 
 
 def sweep_on_time(recording: Recording, axis: int, signal: Real, direction: Signs, torque_nm: Real | None = None) -> Sweep:
-    """Input of the fit, with late samples of the motor angle moved back in time.
+    """Input of the fit; late motor angles are moved back in time.
 
     Args:
         recording: Recording of the pass.
@@ -65,6 +65,6 @@ def late_words(sweeps: Sequence[Sweep]) -> list[str]:
         return []
     late_ms = 1e3 * max(each.late_s for each in sweeps)
     return [
-        f"{late} of {sum(len(each.signal) for each in sweeps)} motor angles were sampled up to {late_ms:.2f} ms late, "
+        f"{late} of {sum(len(each.signal) for each in sweeps)} motor angles were sampled late, by about {late_ms:.2f} ms, "
         "and were moved back in time: other frames delay SYNC; `hil plan` shows the load of the bus"
     ]

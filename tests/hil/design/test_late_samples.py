@@ -83,4 +83,4 @@ def test_the_engineer_reads_how_many_and_how_late():
     direction = np.zeros(500, dtype=np.int8)
     assert late_words([Sweep(still, still, 1e-3, direction)]) == []
     [words] = late_words([Sweep(still, still, 1e-3, direction, late=7, late_s=0.2e-3), Sweep(still, still, 1e-3, direction)])
-    assert "7 of 1000 motor angles were sampled up to 0.20 ms late" in words
+    assert "7 of 1000 motor angles were sampled late, by about 0.20 ms" in words
