@@ -28,19 +28,21 @@ THINNED_STEPS_PER_RADIAN = 3.0
 On a soft gear with hysteresis the simulated arm then misses 0.09 % of its vibration, and 0.24 % with two samples."""
 LEAST_STEP_RAD = 1e-9
 """Step of an encoder whose readings show none: finer than any."""
+OF_IMAGES = tuple(f"{part}_{degree}" for degree in range(3) for part in ("beyond", "turned"))
+"""Unknowns of the sensor's filter beyond half of the sampling rate; the samples show such vibrations in the band.
+
+Its gain there over that of the model is 1 + Σ (beyond + j turned) (2 T f − 1)^degree."""
 SHARED = (
-    "resonance", "damping", "gear_fraction", "bend", "delay", "beyond", "turned",
+    "resonance", "damping", "gear_fraction", "bend", "delay", "dispersion", *OF_IMAGES,
     "softness", "wind_up", "hysteresis", "hysteresis_torsion", "cosine", "sine",
 )  # fmt: skip
 """Unknowns of arm, gear and sensor. Resonance, damping ζ and all of the gear's are logarithms; gear_fraction is the logarithm of
-the gear's part of ζ over the arm's, and the last two are gravity's. 1 + beyond + j turned is the gain of the sensor's filter
-beyond half of the sampling rate, over that of the model; the samples show such vibrations in the band."""
+the gear's part of ζ over the arm's, and the last two are gravity's. The sensor's filter turns the phase by the delay, which is
+that at the resonance, and by dispersion (x³ − x) more, x = f/f_a."""
 BEGINNING = ("wound", "real", "imaginary")
 """Unknowns of each ramp: z/F at its beginning, and the phasor in rad with which the arm rings there."""
-FACTORS = ("bend", "delay", "beyond", "turned")
+FACTORS = ("bend", "delay", "dispersion", *OF_IMAGES)
 """Those that need no simulation: factors of the spectrum."""
-OF_IMAGES = ("beyond", "turned")
-"""Those of images of vibrations beyond half of the sampling rate."""
 OF_ROUNDING = ("resonance", "damping", "gear_fraction", "bend")
 """Those on which the noise of the encoder depends."""
 
@@ -199,8 +201,12 @@ class Ramp:
     def shown(self, moved: Complex, p: Real) -> list[Complex]:
         """Spectra of each part as the sensor shows them, of one at the integration's steps."""
         v, hz = self._setting.shared(p), self._fine_hz
-        late = moved * self._setting.lever_m * self._mounted(hz, p) * np.exp(-2j * math.pi * hz * v["delay"])
-        late[hz > 0.5 / self._period_s] *= 1.0 + v["beyond"] + 1j * v["turned"]
+        x = np.minimum(hz / math.exp(v["resonance"]), GEAR_BAND[1])
+        turned = 2.0 * math.pi * hz * v["delay"] + v["dispersion"] * (x**3 - x)
+        late = moved * self._setting.lever_m * self._mounted(hz, p) * np.exp(-1j * turned)
+        is_beyond = hz > 0.5 / self._period_s
+        gain = [v[name] + 1j * v[other] for name, other in zip(OF_IMAGES[::2], OF_IMAGES[1::2], strict=True)]
+        late[is_beyond] *= 1.0 + np.polynomial.polynomial.polyval(2.0 * self._period_s * hz[is_beyond] - 1.0, gain)
         return self._spectra(_decimated(late, self._length, self._motion.per_sample)[: self._count])
 
     def shaken(self, p: Real, law: GearLaw, moved: Complex) -> list[Real]:
