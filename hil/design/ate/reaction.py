@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hil.design.order_map import order_tracks
@@ -29,12 +30,12 @@ SHOWN_OVER_RESONANCE = 0.6
 """k f_m up to which a window counts, in units of f_a: nearer, the arm's own part hides the reaction."""
 SMOOTHED_S = 0.5
 """Time over which the slow load is averaged."""
-SEEN_SIGMAS = 3.5
-"""Standard errors from which a reaction counts as seen."""
 LOSSLESS_ERROR = 0.1
-"""How far the reaction of a gear may be from 1, that of a gear without losses; harmonic drives give back 80 to 95 %."""
-FAR_SIGMAS = 3.0
-"""Standard errors from 1 from which on it is something else, cogging or friction."""
+"""Standard deviation of the reaction of a gear from 1, that of one without losses; harmonic drives give back 80 to 95 %."""
+REACTS = 0.5
+"""Prior probability that a gear reacts on its motor; of one that does not, cogging or friction hides the reaction."""
+UNLIKELY = 0.025
+"""Probability below which a gear does not react."""
 FEWEST_WINDOWS = 20
 BLOCK = 16
 """Windows of a block: those that overlap, and as many again."""
@@ -89,28 +90,34 @@ class Reaction:
     value: float
     standard_error: float
 
-    @property
-    def is_seen(self) -> bool:
-        """True if the gear reacts on its motor as a gear does."""
-        far = FAR_SIGMAS * math.hypot(self.standard_error, LOSSLESS_ERROR)
-        return self.value >= SEEN_SIGMAS * self.standard_error and abs(self.value - 1.0) <= far
+    def probability(self, before: float = REACTS) -> float:
+        """Posterior probability that the gear reacts on its motor.
 
-    @property
-    def is_absent(self) -> bool:
-        """True if the gear certainly does not react on its motor.
+        r is that of a gear almost without losses if it does, and 0 if it does not.
 
-        The value agrees with 0 and is too small for a real gear's reaction.
+        Args:
+            before: Prior probability.
         """
-        return abs(self.value) <= FAR_SIGMAS * self.standard_error and self.value + SEEN_SIGMAS * self.standard_error < 0.5
 
-    @property
-    def posterior(self) -> "Reaction":
-        """Mean of the measured reaction and a gear's known one.
+        def log_density(mean: float, sigma: float) -> float:
+            return -0.5 * ((self.value - mean) / sigma) ** 2 - math.log(sigma)
 
-        Each is weighted by its standard error.
+        odds = log_density(1.0, math.hypot(self.standard_error, LOSSLESS_ERROR)) - log_density(0.0, self.standard_error)
+        return float(scipy.special.expit(odds + scipy.special.logit(before)))
+
+    def posterior(self, before: float = REACTS) -> "Reaction":
+        """Posterior mean of r with its standard deviation.
+
+        Args:
+            before: Prior probability that the gear reacts.
         """
+        reacts = self.probability(before)
+        if reacts < UNLIKELY:
+            return Reaction(0.0, self.standard_error)
         measured, known = self.standard_error**-2, LOSSLESS_ERROR**-2
-        return Reaction((measured * self.value + known) / (measured + known), 1.0 / math.sqrt(measured + known))
+        there = (measured * self.value + known) / (measured + known)
+        square = reacts * (1.0 / (measured + known) + there**2) - (reacts * there) ** 2
+        return Reaction(reacts * there, math.sqrt(square))
 
 
 def gear_reaction(motions: Sequence[Turning], known: MotorSide, error: TransmissionError) -> Reaction | None:

@@ -492,7 +492,7 @@ def as_part(
         request: What was asked for.
         note: A note.
         gear_fraction_error: Standard error of the gear's fraction of the damping.
-        reaction: Reaction of the gear on its motor; one that is not seen is 0 in the entry.
+        reaction: Reaction of the gear on its motor; the entry has its posterior mean.
         plant_damping: ζ of the identified plant; None if it is not known.
     """
     delay = delay_of(estimate, gear_fraction_error, plant_damping)
@@ -500,7 +500,7 @@ def as_part(
     errors = standard_errors(estimate) | {"arm_hz": estimate.arm_error.resonance_hz, "damping": estimate.arm_error.damping}
     if not request.sensorless:
         errors["accelerometer_delay_s"] = delay.standard_error
-    reacts = reaction.posterior if reaction is not None and reaction.is_seen else None
+    reacts = None if reaction is None else reaction.posterior()
     if reacts is not None:
         errors["gear_reaction"] = reacts.standard_error
     return IdentifiedError(

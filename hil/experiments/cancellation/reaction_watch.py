@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError
-from hil.design.ate.reaction import MotorSide, Reaction, Turning, gear_reaction
+from hil.design.ate.reaction import REACTS, UNLIKELY, MotorSide, Turning, gear_reaction
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.request import axis_knowledge
 from hil.recording import Recording
@@ -23,8 +23,9 @@ class ReactionWatch:
     Attributes:
         axis: Axis number.
         side: Motor and arm as identified; None without a plant: then what was known stays.
-        value: r as estimated.
-        standard_error: Its standard error; None if none is known.
+        value: Posterior mean of r.
+        standard_error: Its standard deviation; None if none is known.
+        before: Probability that the gear reacts, without the passes.
         turnings: Motions of the passes.
     """
 
@@ -32,6 +33,7 @@ class ReactionWatch:
     side: MotorSide | None
     value: float = 0.0
     standard_error: float | None = None
+    before: float = REACTS
     turnings: list[Turning] = field(default_factory=list)
 
     @classmethod
@@ -47,7 +49,9 @@ class ReactionWatch:
         side = axis_knowledge(bench, axis, identified, sensorless=False).side
         if known is None:
             return cls(axis, side)
-        return cls(axis, side, known.gear_reaction, known.standard_error.get("gear_reaction"))
+        error = known.standard_error.get("gear_reaction")
+        before = REACTS if error is None else min(max(known.gear_reaction, UNLIKELY), 1.0 - UNLIKELY)
+        return cls(axis, side, known.gear_reaction, error, before)
 
     def take(self, recording: Recording, error: TransmissionError) -> None:
         """Add a pass with the whole cancellation.
@@ -62,10 +66,5 @@ class ReactionWatch:
         self.turnings.append(Turning(angle, torque, recording.period_s))
         found = gear_reaction(self.turnings, self.side, error)
         if found is not None:
-            self._take(found)
-
-    def _take(self, found: Reaction) -> None:
-        if found.is_seen:
-            self.value, self.standard_error = found.posterior.value, found.posterior.standard_error
-        elif found.is_absent:
-            self.value, self.standard_error = 0.0, found.standard_error
+            posterior = found.posterior(self.before)
+            self.value, self.standard_error = posterior.value, posterior.standard_error

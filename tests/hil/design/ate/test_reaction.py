@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
@@ -46,42 +47,41 @@ def told(seed: int, kind: str, *, reacts: bool) -> Reaction | None:
 def test_a_gear_that_reacts_on_its_motor_is_told_from_one_that_does_not(seed: int, kind: str) -> None:
     with_it, without = told(seed, kind, reacts=True), told(seed, kind, reacts=False)
     assert with_it is not None
-    assert with_it.is_seen
+    assert with_it.probability() > 0.975
     assert with_it.value == pytest.approx(1.0, abs=max(0.05, 4.0 * with_it.standard_error))
     assert without is not None
-    assert not without.is_seen
+    assert without.probability() < 0.5
     assert abs(without.value) < max(0.05, 4.0 * without.standard_error)
 
 
-def test_a_reaction_is_absent_only_where_a_gears_own_cannot_be() -> None:
-    assert Reaction(-0.01, 0.08).is_absent
-    assert Reaction(0.2, 0.08).is_absent
-    assert not Reaction(0.1, 0.2).is_absent, "1 is not excluded by as much"
-    assert not Reaction(0.41, 0.09).is_absent, "neither of both"
-    assert not Reaction(-9.8, 2.3).is_absent, "no reaction of a gear, nor none"
-    assert not Reaction(0.98, 0.01).is_absent
+def test_a_gear_reacts_as_certainly_as_its_measurement_says() -> None:
+    assert Reaction(1.0, 0.1).probability() > 0.999
+    assert Reaction(1.4, 0.25).probability() > 0.999
+    assert Reaction(-0.01, 0.08).probability() < 0.001
+    assert Reaction(0.2, 0.08).probability() < 0.001
+    assert 0.4 < Reaction(0.5, 0.5).probability() < 0.6
+    assert 0.4 < Reaction(3.0, 20.0).probability() < 0.6
+    odds = stats.norm.pdf(0.7, 1.0, math.hypot(0.3, 0.1)) / stats.norm.pdf(0.7, 0.0, 0.3)
+    assert Reaction(0.7, 0.3).probability(0.2) == pytest.approx(0.25 * odds / (1.0 + 0.25 * odds))
 
 
-def test_an_arm_without_a_load_shows_no_reaction_and_none_is_claimed() -> None:
+def test_a_reaction_is_as_large_as_expected_between_a_gear_that_reacts_and_one_that_does_not() -> None:
+    assert Reaction(1.4, 0.3).posterior().value == pytest.approx(1.04, abs=0.01)
+    assert Reaction(0.9, 0.001).posterior().value == pytest.approx(0.9, abs=0.001)
+    assert Reaction(1.2, 0.1).posterior().standard_error == pytest.approx(0.1 / math.sqrt(2.0), rel=1e-6)
+    assert Reaction(0.2, 0.08).posterior() == Reaction(0.0, 0.08)
+    unknown = Reaction(0.0, 50.0).posterior()
+    assert unknown.value == pytest.approx(0.5, abs=0.01)
+    assert unknown.standard_error == pytest.approx(0.5, abs=0.02)
+    assert 0.0 <= Reaction(-9.8, 2.3).posterior().value <= 1.0
+    assert Reaction(-9.8, 2.3).posterior(1.0 - 1e-12).value == pytest.approx(0.98, abs=0.01)
+
+
+def test_an_arm_without_a_load_shows_neither_a_reaction_nor_that_there_is_none() -> None:
     seen = told(111, "linear", reacts=True)
     assert seen is not None
-    assert not seen.is_seen
+    assert 0.025 < seen.probability() < 0.975
     assert seen.standard_error > 0.2
-
-
-def test_what_is_no_reaction_of_a_gear_is_not_believed() -> None:
-    assert not Reaction(3.0, 0.1).is_seen
-    assert not Reaction(-1.0, 0.1).is_seen
-    assert not Reaction(1.0, 0.3).is_seen
-    assert not Reaction(0.4, 0.02).is_seen
-    assert Reaction(1.0, 0.1).is_seen
-    assert Reaction(1.4, 0.25).is_seen
-
-
-def test_a_reaction_that_is_hardly_measured_is_taken_for_that_of_a_gear_without_losses() -> None:
-    assert Reaction(1.4, 0.3).posterior.value == pytest.approx(1.04, abs=0.01)
-    assert Reaction(0.9, 0.001).posterior.value == pytest.approx(0.9, abs=0.001)
-    assert Reaction(1.2, 0.1).posterior.standard_error == pytest.approx(0.1 / math.sqrt(2.0))
 
 
 def test_a_motor_that_never_turns_tells_nothing() -> None:
