@@ -212,12 +212,13 @@ class Cell:
     Attributes:
         entry: The entry whose value this is.
         is_guarded: True if the entry refuses some values of its type.
+        is_readable: True if an SDO may read the entry.
         value: The present value; the owner may set it directly, unchecked. It does not count where there is a read hook.
         read_hook: Gives the live value.
         write_hook: Checks and applies a value from the bus before it is stored.
     """
 
-    __slots__ = ("_packer", "entry", "is_guarded", "read_hook", "value", "write_hook")
+    __slots__ = ("_packer", "entry", "is_guarded", "is_readable", "read_hook", "value", "write_hook")
 
     def __init__(self, entry: Entry) -> None:
         self.entry = entry
@@ -225,6 +226,7 @@ class Cell:
         self.read_hook: ReadHook | None = None
         self.write_hook: WriteHook | None = None
         self._packer: struct.Struct | None = PACKERS.get(entry.data_type)
+        self.is_readable = entry.access.is_readable
         self.is_guarded = entry.data_type.is_real or entry.low is not None or entry.high is not None
 
     def current(self) -> Value:
@@ -233,7 +235,13 @@ class Cell:
 
     def encoded(self) -> bytes:
         """Return the value of this instant as bytes."""
-        return encode(self.entry.data_type, self.current())
+        value = self.value if self.read_hook is None else self.read_hook()
+        if self._packer is not None:
+            try:
+                return self._packer.pack(value)
+            except (struct.error, OverflowError):  # `encode` says why
+                pass
+        return encode(self.entry.data_type, value)
 
     def length_refusal(self, length: int) -> SdoAbortCode | None:
         """Return the reason why a length is refused, or None."""
@@ -502,7 +510,7 @@ class Dictionary:
         Raises `SdoAbort` if the entry is absent or write only.
         """
         cell = self.find(index, subindex)
-        if not cell.entry.access.is_readable:
+        if not cell.is_readable:
             raise SdoAbort(SdoAbortCode.WRITE_ONLY)
         return cell.encoded()
 

@@ -32,7 +32,7 @@ from plant_emulator.slave.pdo.engine import PdoEngine
 from plant_emulator.slave.pdo.rpdo import Rpdo
 from plant_emulator.slave.pdo.tpdo import Tpdo
 from plant_emulator.slave.sdo.channels import SdoChannels
-from plant_emulator.slave.sdo.server import DEFAULT_BLOCK_SIZE, SdoServer
+from plant_emulator.slave.sdo.server import DEFAULT_BLOCK_SIZE, SdoServer, is_read
 from plant_emulator.slave.store import ParameterStore, StoreCommand, standard_commands
 from plant_emulator.slave.sync import SyncConsumer
 from plant_emulator.slave.time_of_day import TimeConsumer
@@ -346,8 +346,10 @@ class Slave:
         return self.take_frames()
 
     def _reschedule(self) -> None:
-        times = (self._error_control.due, self._emergency.due, self._sdo.due, self._pdo.due)
-        due = min((time for time in times if time is not None), default=_NEVER)
+        due = _NEVER
+        for time in (self._error_control.due, self._emergency.due, self._sdo.due, self._pdo.due):
+            if time is not None and time < due:
+                due = time
         if due != self._due:
             self._due = due
             self.on_due()
@@ -385,8 +387,10 @@ class Slave:
         self.on_sync(now)
 
     def _on_sdo(self, server: SdoServer, data: bytes, now: int) -> None:
+        due = self._sdo.due
         self._out += self._sdo.receive(server, data, now)
-        self._reschedule()
+        if due is not None or self._sdo.due is not None or not is_read(data):  # a read leaves all as it was
+            self._reschedule()
 
     def _on_lss(self, data: bytes, _now: int) -> None:
         answer = self.lss.receive(data)

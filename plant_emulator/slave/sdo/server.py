@@ -48,6 +48,7 @@ class SdoService(Enum):
     RESERVED = 7, 0
 
 
+_ABORTED = SdoService.ABORT
 _SUB_COMMAND_BITS = {5: 0x03, 6: 0x01}
 _SERVICES = tuple(SdoService((first >> 5, first & _SUB_COMMAND_BITS.get(first >> 5, 0))) for first in range(256))
 
@@ -56,6 +57,11 @@ INITIATES = frozenset({
     *(SdoService.INITIATE_BLOCK_DOWNLOAD, SdoService.INITIATE_BLOCK_UPLOAD),
 })  # fmt: skip
 """The services that begin a transfer, and name its object."""
+
+
+def is_read(data: bytes) -> bool:
+    """Return True if a request begins an upload, expedited or segmented."""
+    return _SERVICES[data[0]] is SdoService.INITIATE_UPLOAD if data else False
 
 
 class SdoState(Enum):
@@ -70,6 +76,10 @@ class SdoState(Enum):
     BLOCK_UPLOADING = "has sent a sub-block, waits for its acknowledgement"
     BLOCK_UPLOAD_ENDING = "has sent all, waits for the client to end the block upload"
     WAITING = "waiting for the owner, who needs time for what was written"
+
+
+_IDLE, _WAITING, _BLOCK_DOWNLOADING = SdoState.IDLE, SdoState.WAITING, SdoState.BLOCK_DOWNLOADING
+"""Read off the class once: each look-up there costs as much as a request's bytes."""
 
 
 class SdoServer:
@@ -152,26 +162,27 @@ class SdoServer:
 
     def receive(self, data: bytes, now: int) -> list[Frame]:
         """Return the answers to a request."""
-        if len(data) != _LENGTH or self.state is SdoState.WAITING or self._block_download.is_repetition(data):
+        state, block = self.state, self._block_download
+        if len(data) != _LENGTH or state is _WAITING or (block is not _NO_DOWNLOAD and block.is_repetition(data)):
             return []
-        service = _SERVICES[data[0]]
-        if self.state is SdoState.BLOCK_DOWNLOADING and self._is_segment(service, data):
+        first = data[0]
+        if state is _BLOCK_DOWNLOADING and self._is_segment(_SERVICES[first], data):
             handler: Handler | None = SdoServer._block_segment
-        elif service is SdoService.ABORT:
+        elif _SERVICES[first] is _ABORTED:
             self.reset()
             return []
         else:
-            handler = _TABLE.get((self.state, service))
+            handler = _HANDLERS[state][first] if state is not _IDLE else _WHEN_IDLE[first]
         try:
             if handler is None:
-                raise self._unknown(service, data)
+                raise self._unknown(_SERVICES[first], data)
             answers = handler(self, data)
         except SdoAbort as abort:
             return [self._abort(abort.code)]
         if self._job is not None:
-            self.state, self.due, self._late_answers = SdoState.WAITING, now + self._job.duration_ns, answers
+            self.state, self.due, self._late_answers = _WAITING, now + self._job.duration_ns, answers
             return self.advance(now)
-        if self.state is SdoState.IDLE:
+        if self.state is _IDLE:
             self.due = None
         else:
             self.due = now + (self._silence_ns if self._block_download.has_heard else self._timeout_ns)
@@ -209,7 +220,7 @@ class SdoServer:
 
     def _begin(self, data: bytes) -> int:
         # A new transfer in any state forgets the old one: an abandoned one must not reach into it.
-        if self.state is not SdoState.IDLE:
+        if self.state is not _IDLE:
             self.reset()
         first, self._index, self._subindex = _HEADER.unpack_from(data)
         return int(first)
@@ -379,3 +390,6 @@ _TABLE: dict[tuple[SdoState, SdoService], Handler] = {
     (SdoState.BLOCK_UPLOAD_ENDING, SdoService.END_BLOCK_UPLOAD): SdoServer._end_block_upload,
 }
 """Handlers by state and service; a service that is not listed is answered with 0504 0001h."""
+_HANDLERS = {state: tuple(_TABLE.get((state, service)) for service in _SERVICES) for state in SdoState}
+"""The same by state and first byte."""
+_WHEN_IDLE = _HANDLERS[_IDLE]
