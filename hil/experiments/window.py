@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hil.analysis import (
@@ -25,6 +26,8 @@ from hil.analysis import (
 )
 from hil.bench.bench import Bench
 from hil.bench.tip import AT_RANGE
+from hil.design.ate.gear_ramp import STANDING
+from hil.design.ate.model import resolution_rad
 from hil.design.frequency import Complex
 from hil.design.modes.ring_down import RingDown, ring_down
 from hil.design.order_map import order_track
@@ -39,6 +42,10 @@ MAX_SENSOR_MISSED = 0.005
 """Fraction of a motion's cycles that may lack what tells the tip; beyond it the run is not judged."""
 NOISE_PEAK = 2.5
 """Largest value of a band's noise in a window, in units of its root mean square: that of a dozen independent samples."""
+LEAST_STANDING = 16
+"""Samples from which a rest shows the sensor's noise; its variance is then right to 37 %."""
+REST_TELLS = 2.0
+"""Variance in motion over that at rest from which it is no noise; the latter may be off by twice its standard error."""
 MAX_LATE = 0.005
 """Fraction of a motion's cycles on the wall clock that may be dropped or lack an answer; beyond it the run is not judged."""
 
@@ -224,7 +231,9 @@ def _with_vector(
     directions = vector_metrics(acceleration, period, judged, moving, "boxcar" if axis is None else "hann", scale)
     worst, ramp_mm, noise_mm = directions["worst"], None, None
     if scale is not None:
-        noise_mm = NOISE_PEAK * noise_rms_mm([noise_variance(column) for column in acceleration.T], period, scale.band_hz)
+        noise_mm = NOISE_PEAK * noise_rms_mm(
+            [noise_variance(column, recording) for column in acceleration.T], period, scale.band_hz
+        )
         if axis is not None:
             moved = np.linalg.norm(displacement_mm(acceleration, period, scale.band_hz), axis=1)
             ramp_mm = float(np.max(moved[ramp_rows(recording, axis) | judged]))
@@ -255,7 +264,7 @@ def _with_order_and_noise(metrics: Metrics, recording: Recording, axis: int, ord
     """
     tip, to_mm = recording.felt_m_s2, 1e3 / (2.0 * math.pi * scale.f_al_hz) ** 2
     passed = min(1.0, 2.0 * recording.period_s * (scale.band_hz[1] - scale.band_hz[0]))
-    found = replace(metrics, noise_mm=to_mm * NOISE_PEAK * math.sqrt(passed * noise_variance(tip)))
+    found = replace(metrics, noise_mm=to_mm * NOISE_PEAK * math.sqrt(passed * noise_variance(tip, recording)))
     end = max(0, int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) - round(BRAKING_S / recording.period_s))
     orders = tuple(scale.windows_rps)
     try:
@@ -272,14 +281,24 @@ def _with_order_and_noise(metrics: Metrics, recording: Recording, axis: int, ord
     return replace(found, order_mm=order_mm, order_error_mm=error_mm)
 
 
-def noise_variance(values: Real) -> float:
+def noise_variance(values: Real, recording: Recording) -> float:
     """Variance of a sensor's white noise.
 
-    It comes from the median of the spectrum's upper half, above all that the motor excites.
+    It comes from the median of the spectrum's upper half. Where the motor excites that too, as at long SYNC periods, it comes
+    from the rest before or after the motion, if the sensor shows any noise there: a coarse one may show none.
 
     Args:
         values: Samples; shape (n,).
+        recording: Recording of which they are.
     """
     weights = np.hanning(len(values))
     power = np.abs(np.fft.rfft((values - np.mean(values)) * weights)) ** 2 / float(np.sum(weights**2))
-    return float(np.median(power[len(power) // 2 :])) / math.log(2.0)
+    moving = float(np.median(power[len(power) // 2 :])) / math.log(2.0)
+    if not recording.axes:
+        return moving
+    speeds = np.abs([motor_speed_rps(recording, axis) for axis in recording.axes])
+    labels, _ = scipy.ndimage.label(np.all(speeds <= STANDING * speeds.max(initial=0.0), axis=0))
+    rests = [values[rows] for (rows,) in scipy.ndimage.find_objects(labels) if rows.stop - rows.start >= LEAST_STANDING]
+    still = min((float(np.var(scipy.signal.detrend(each), ddof=2)) for each in rests), default=0.0)
+    is_shown = still > (0.5 * resolution_rad(values)) ** 2
+    return still if is_shown and moving > REST_TELLS * still else moving

@@ -8,10 +8,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant
 from hil.robot_tables import ORDERS, amplitude_key, phase_key
-from plant_emulator.rehearsal.gear import gear_plant
+from plant_emulator.rehearsal.gear import ALL_AROUND_RAD, gear_plant
 from plant_emulator.rehearsal.record import Cell, QuantityRecord
 from plant_emulator.rehearsal.truth import true_f_al_hz
 from plant_emulator.robots.fleet import antiresonance_hz
@@ -42,7 +45,11 @@ def facts_of(robot: Robot, bench: Bench, number: int) -> dict[str, Cell]:
 
 
 def quantities_of(
-    robot: Robot, number: int, identified: Identified | None, learnt: Identified | None
+    robot: Robot,
+    number: int,
+    identified: Identified | None,
+    learnt: Identified | None,
+    arm_rad: NDArray[np.float64] = ALL_AROUND_RAD,
 ) -> dict[str, QuantityRecord]:
     """Return truth, estimate and standard error of the quantities.
 
@@ -53,11 +60,12 @@ def quantities_of(
         number: Number of the axis.
         identified: Model file of the identifications; None without one.
         learnt: Model file of learning; None if nothing was learnt.
+        arm_rad: Arm angles at which the plant was identified.
     """
     axis = robot.axis[number]
     known = None if identified is None else identified.axis.get(number)
     taught = None if learnt is None else learnt.axis.get(number)
-    found = _plant(axis, None if known is None else known.plant)
+    found = _plant(axis, None if known is None else known.plant, arm_rad)
     error = None if known is None else known.ate
     found["accelerometer_delay_s"] = QuantityRecord(
         sensor_delay_s(robot.accelerometer, antiresonance_hz(axis)),
@@ -85,12 +93,12 @@ def sensor_delay_s(sensor: RobotAccelerometer, frequency_hz: float) -> float:
     return sensor.delay_s + lag / omega
 
 
-def _plant(axis: RobotAxis, plant: IdentifiedPlant | None) -> dict[str, QuantityRecord]:
+def _plant(axis: RobotAxis, plant: IdentifiedPlant | None, arm_rad: NDArray[np.float64]) -> dict[str, QuantityRecord]:
     """Return true and identified plant.
 
-    The true gear is evaluated at the torsion that the identification states.
+    The true gear is evaluated at the torsion that the identification states, and where the arm was.
     """
-    gear = gear_plant(axis, None if plant is None else plant.torsion_arcsec)
+    gear = gear_plant(axis, None if plant is None else plant.torsion_arcsec, arm_rad)
     true = {
         "motor_inertia_kg_m2": axis.motor_inertia_kg_m2,
         "arm_inertia_kg_m2": axis.arm_inertia_kg_m2,

@@ -22,8 +22,8 @@ Real = NDArray[np.float64]
 
 STEPS = 720
 """Instants of a period at which the gear's torque is reckoned; the loss is right to 0.2 %."""
-ARM_ANGLES = 60
-"""Arm angles, all around, over which the torsion by gravity is averaged."""
+ALL_AROUND_RAD = np.linspace(0.0, 2.0 * math.pi, 60, endpoint=False)
+"""Arm angles over which the torsion by gravity is averaged if nobody knows where the arm was."""
 
 
 @dataclass(frozen=True)
@@ -43,16 +43,17 @@ class GearPlant:
     damping: float
 
 
-def gear_plant(axis: RobotAxis, torsion_arcsec: float | None) -> GearPlant:
+def gear_plant(axis: RobotAxis, torsion_arcsec: float | None, arm_rad: Real = ALL_AROUND_RAD) -> GearPlant:
     """Return the plant that a vibration of the gear meets.
 
     Args:
         axis: The axis.
         torsion_arcsec: Amplitude of the torsion; None for the robot file's constants.
+        arm_rad: Arm angles of the motion; shape (n,).
     """
     stiffness, loss = axis.gear_stiffness_nm_rad, 0.0
     if torsion_arcsec is not None and (axis.hysteresis_torque_nm or axis.wind_up_softness):
-        stiffness, loss = gear_at(axis, torsion_arcsec * ARCSEC)
+        stiffness, loss = gear_at(axis, torsion_arcsec * ARCSEC, arm_rad)
     arm, motor = axis.arm_inertia_kg_m2, axis.reduction_ratio**2 * axis.motor_inertia_kg_m2
     omega = math.sqrt(stiffness / arm)
     damping = axis.gear_damping_nm_s_rad + axis.arm_damping_nm_s_rad + loss / omega
@@ -62,7 +63,7 @@ def gear_plant(axis: RobotAxis, torsion_arcsec: float | None) -> GearPlant:
     )
 
 
-def gear_at(axis: RobotAxis, torsion_rad: float) -> tuple[float, float]:
+def gear_at(axis: RobotAxis, torsion_rad: float, arm_rad: Real = ALL_AROUND_RAD) -> tuple[float, float]:
     """Return stiffness and loss in N·m/rad for a sine of torsion.
 
     The sine is about the torsions by which gravity winds the gear up.
@@ -72,6 +73,7 @@ def gear_at(axis: RobotAxis, torsion_rad: float) -> tuple[float, float]:
     Args:
         axis: The axis.
         torsion_rad: Amplitude a.
+        arm_rad: Arm angles of the motion; shape (n,).
 
     Raises:
         ValueError: The amplitude is not above 0.
@@ -81,7 +83,7 @@ def gear_at(axis: RobotAxis, torsion_rad: float) -> tuple[float, float]:
     phase = (np.arange(STEPS) + 0.5) * (2.0 * math.pi / STEPS)
     sine, rising = np.sin(phase), np.cos(phase) > 0.0
     torsion = torsion_rad * sine
-    spring = _spring_nm(axis, _wound_up(axis)[:, np.newaxis] + torsion).mean(axis=0)
+    spring = _spring_nm(axis, _wound_up(axis, arm_rad)[:, np.newaxis] + torsion).mean(axis=0)
     torque = spring + _hysteresis_nm(axis, torsion, torsion_rad, rising)
     per_amplitude = 2.0 / (STEPS * torsion_rad)
     return float(per_amplitude * torque @ sine), float(per_amplitude * torque @ np.cos(phase))
@@ -109,9 +111,9 @@ def _spring_nm(axis: RobotAxis, torsion: Real) -> Real:
     return np.asarray(axis.gear_stiffness_nm_rad * torsion * (1.0 - soft))
 
 
-def _wound_up(axis: RobotAxis) -> Real:
-    """Return torsions under gravity at all arm angles; shape (angles,)."""
-    moment = axis.gravity_moment_nm * np.cos(np.linspace(0.0, 2.0 * math.pi, ARM_ANGLES, endpoint=False))
+def _wound_up(axis: RobotAxis, arm_rad: Real) -> Real:
+    """Return torsions under gravity; shape of `arm_rad`."""
+    moment = axis.gravity_moment_nm * np.cos(arm_rad)
     low, high = np.zeros_like(moment), np.abs(moment) / (axis.gear_stiffness_nm_rad * (1.0 - axis.wind_up_softness))
     for _ in range(50):  # the torque rises with the torsion, r being below 1
         middle = 0.5 * (low + high)

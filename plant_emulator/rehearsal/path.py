@@ -10,6 +10,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hil.bench.bench import Bench
 from hil.control.treatments import TreatmentName
 from hil.design.notch_search import Effort
@@ -17,9 +20,11 @@ from hil.emulator import EmulatorProcess
 from hil.errors import HilError, InterruptedRunError, SafetyStopError
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.treatment import Knowledge
+from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.estimates import facts_of, quantities_of
+from plant_emulator.rehearsal.gear import ALL_AROUND_RAD
 from plant_emulator.rehearsal.over_bus import StepsOverBus
 from plant_emulator.rehearsal.probes import probe
 from plant_emulator.rehearsal.record import TREATMENTS, PathRecord, StepRecord
@@ -112,7 +117,8 @@ class _Path:
         result.facts = facts_of(self.robot, self.bench, self.axis)
         with self._steps() as steps:
             self._run_steps(steps)
-        result.quantities = quantities_of(self.robot, self.axis, self.files.identified(), self._knowledge().learnt)
+        known = self.files.identified(), self._knowledge().learnt
+        result.quantities = quantities_of(self.robot, self.axis, *known, self._identified_at())
         finished = time.process_time()
         result.cpu_s = finished - began
         self._survey()
@@ -122,6 +128,15 @@ class _Path:
                 if path.is_dir():
                     shutil.rmtree(path)
         return result
+
+    def _identified_at(self) -> NDArray[np.float64]:
+        """Return the arm angles between which the plant was identified; all around without a recording."""
+        path = self.files.folder / "plant" / "runs" / f"identify-plant-axis{self.axis}-main.csv"
+        if not path.is_file():
+            return ALL_AROUND_RAD
+        motor_rad = Recording.load(path).axis(self.axis, "position_rad")
+        arm_rad = motor_rad / self.robot.axis[self.axis].reduction_ratio + self.robot.home_angle(self.axis)
+        return np.linspace(float(arm_rad.min()), float(arm_rad.max()), len(ALL_AROUND_RAD))
 
     @contextmanager
     def _steps(self) -> Iterator[Steps]:

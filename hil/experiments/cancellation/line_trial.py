@@ -157,7 +157,7 @@ def _noise_mm(bench: Bench, trials: Sequence[Trial]) -> float:
     It is the root mean square that the sensor's noise causes.
     """
     recording = trials[0].recording
-    variances = [noise_variance(column) / len(trials) for column in tip_acceleration(recording).T]
+    variances = [noise_variance(column, recording) / len(trials) for column in tip_acceleration(recording).T]
     return noise_rms_mm(variances, recording.period_s, _band_hz(bench))
 
 

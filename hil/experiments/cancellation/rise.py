@@ -123,7 +123,7 @@ class Windows:
         """
         to_mm, band_hz = 1e3 / (2.0 * math.pi * scale.f_al_hz) ** 2, scale.band_hz[1] - scale.band_hz[0]
         passed = min(1.0, 2.0 * recording.period_s * band_hz)
-        noise_mm = to_mm * math.sqrt(passed * noise_variance(recording.felt_m_s2))
+        noise_mm = to_mm * math.sqrt(passed * noise_variance(recording.felt_m_s2, recording))
         if len(recording.axes) > 1 or not scale.windows_rps:
             return cls({None: np.ones(int(np.count_nonzero(read)), dtype=np.bool_)}, to_mm, noise_mm)
         speed = np.abs(motor_speed_rps(recording, recording.axes[0]))[read]

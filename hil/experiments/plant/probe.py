@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from hil.bench.bench import Bench
+from hil.control.angles import ARCSEC
 from hil.design.estimation import inverse
 from hil.experiments.plant.motion import TURN, MotionBuilder, PlannedMotion, PlantRequest, planned
 from hil.master.motion import Real
@@ -24,6 +25,8 @@ CORRELATED_ROWS = 10.0
 """Rows for which the torque of a slow turn keeps its deviation: its noise is not white."""
 WOUND_FRACTION = 0.7
 """Torque per radian of the motor, in parts of torque limit over N: gravity stays below, a gear with its arm held does not."""
+ERROR_BEND = 4.0 * 100.0 * ARCSEC
+"""Largest d²θ_sync/dθ_m² in 1/rad, order 2 of 100″: a gear under a load has a spring of so much of it at its motor."""
 WOUND_OVER_FRICTION = 3.0
 """Torque wound up in the probe over friction's: gravity on the slope of the transmission error rises by as much as friction, an
 arm that is held by the gear's whole stiffness."""
@@ -94,12 +97,13 @@ def probe_trouble(
             f"along it; the encoder counts backwards, or the drive reports the torque with the wrong sign (607Eh, "
             "6077h, motor phases)",
         )
-    free = WOUND_FRACTION * torque_limit_nm / reduction_ratio
+    load_nm = reduction_ratio * abs(float(np.mean(np.concatenate([torque[each] for each in motion.stretches]))))
+    free = WOUND_FRACTION * torque_limit_nm / reduction_ratio + ERROR_BEND * load_nm
     wound_nm = slope[0] * float(np.ptp(angle))
     if slope[0] - SIGN_SIGMAS * slope[1] > free and wound_nm > WOUND_OVER_FRICTION * abs(friction[0]):
         return ProbeTrouble(
             "arm",
-            f"the motor acted against a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, and gravity is at most "
+            f"the motor acted against a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, and gravity's is at most "
             f"{free:.2g}; the arm is held (a brace, a stop, a second brake)",
         )
     return None
