@@ -39,8 +39,11 @@ HALF = 0.5
 """Part of what is above that a cause takes away at least."""
 NOISE_SIGMAS = 2.5
 """Largest value of noise in a window, in its standard deviations."""
-REACTION = (0.3, 2.5)
-"""Factors of the reckoned reaction between which it is the gear's: friction and gravity make the torque uncertain."""
+ABOUT = (0.3, 2.5)
+"""Factors of a reckoned vibration between which it is what is found.
+
+Friction and gravity make the torque of a reaction uncertain; between two slow set-points the motor moves at other frequencies
+too, which turns what a limit leaves."""
 REACTION_TURN = math.radians(50.0)
 """Largest angle between the reckoned reaction and what is found of it."""
 BINDS = 0.9
@@ -213,7 +216,7 @@ class _Account:
         fitted, bound = self._after[0].sighting.amplitude, self._bound()
         return {
             "order left out": self._waves([part for part in fitted if part not in self._seen.used], self._after),
-            bound: self._given_up(),
+            bound: self._found(self._given_up(), math.pi),
             "gear reaction": self._found_reaction(),
         }
 
@@ -266,14 +269,23 @@ class _Account:
         return total
 
     def _found_reaction(self) -> Real:
-        """Vibration by the gear's reaction.
-
-        It is zero unless the reaction is found about as predicted.
-        """
-        reckoned, none = np.zeros(self._count), np.zeros(self._count)
+        """Vibration by the gear's reaction, as it is found."""
+        reckoned = np.zeros(self._count)
         for axis in self._seen.axes:
             if axis.number in self._tables and isinstance(axis.response.known, Loop):
                 reckoned += self._reaction(axis, axis.response.known, self._tables[axis.number])
+        return self._found(reckoned, REACTION_TURN)
+
+    def _found(self, reckoned: Real, most_turn: float) -> Real:
+        """Part of the remainder that is a reckoned vibration.
+
+        It is zero unless that is found about as large as reckoned.
+
+        Args:
+            reckoned: The vibration.
+            most_turn: Largest angle between it and what is found, rad.
+        """
+        none = np.zeros(self._count)
         if not np.any(reckoned):
             return none
         both = np.stack([reckoned, np.imag(scipy.signal.hilbert(reckoned))], axis=1)
@@ -282,7 +294,7 @@ class _Account:
         factor, turn = math.hypot(*found), math.atan2(-found[1], found[0])
         noise = (self._noise_mm / self._seen.windows.to_mm) ** 2 / self._seen.passed
         error = math.sqrt(noise / max(float(np.sum(reckoned[rows] ** 2)), 1e-30))
-        if not REACTION[0] <= factor <= REACTION[1] or abs(turn) > REACTION_TURN or factor < COHERENT_SIGMAS * error:
+        if not ABOUT[0] <= factor <= ABOUT[1] or abs(turn) > most_turn or factor < COHERENT_SIGMAS * error:
             return none
         return np.asarray(both @ found)
 
