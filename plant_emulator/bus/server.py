@@ -179,12 +179,13 @@ class Server:
         return queued
 
     def _wait(self) -> list[int]:
-        """Return the descriptors that can be read.
+        """Return the descriptors that can be read, but for the clock holder's, whose turn is its own.
 
         While the world moves by itself, this sleeps a little for them.
         """
         if self._clock is not None:
-            return [key.fd for key, _ in self._selector.select(0.0)]
+            own = self._clock.socket.fileno()
+            return [key.fd for key, _ in self._selector.select(0.0) if key.fd != own]
         patience = FREE_POLL_S
         if self._is_wall and (due := self.medium.due) is not None:
             patience = min(patience, max(0.0, (due - self._wall_ns()) / SECOND))
