@@ -261,6 +261,19 @@ def test_with_the_first_sync_time_is_counted_in_syncs(running):
     assert still(running)
 
 
+def test_the_clocks_holder_is_served_in_its_own_turn_alone(running, monkeypatch):
+    """What is read beside that turn passes frame by frame, not as a cycle: half of it did, and runs took twice as long."""
+    channel = running.join()
+    lock(channel, running)
+    beside, read = [], running.server._read
+    monkeypatch.setattr(running.server, "_read", lambda descriptor: (beside.append(descriptor), read(descriptor)))
+    before = running.world.now
+    for _ in range(1000):
+        channel.send(SYNC)
+    wait_for(lambda: running.world.now == before + 2_000_000_000)
+    assert not beside
+
+
 def test_requests_are_answered_while_time_stands(running):
     channel = running.join()
     lock(channel, running)
