@@ -135,6 +135,8 @@ class _Path:
         if not path.is_file():
             return ALL_AROUND_RAD
         motor_rad = Recording.load(path).axis(self.axis, "position_rad")
+        if not len(motor_rad):
+            return ALL_AROUND_RAD
         arm_rad = motor_rad / self.robot.axis[self.axis].reduction_ratio + self.robot.home_angle(self.axis)
         return np.linspace(float(arm_rad.min()), float(arm_rad.max()), len(ALL_AROUND_RAD))
 

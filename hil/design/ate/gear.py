@@ -18,6 +18,8 @@ Real = NDArray[np.float64]
 
 STEPS_PER_RADIAN = 2.0
 """Steps per radian of the fastest vibration: a Runge-Kutta step of order 4 then turns it by 3e-4 rad too little (h⁵/120)."""
+LEAST_SOFTNESS, LEAST_HYSTERESIS_RAD = 1e-5, 1e-10
+"""Softness and friction below which no motion shows them: a hundredth of a thousandth of its torque, and 20 µas of torsion."""
 RIPPLE_ROUNDS = 2
 """Rounds in which the ripple is evaluated at the angle that contains it: of 500″ at order 4, each leaves 1 %."""
 
@@ -45,6 +47,11 @@ class GearLaw:
     hysteresis_rad: float = 0.0
     hysteresis_torsion_rad: float = 1.0
     gravity_rad_s2: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def is_linear(self) -> bool:
+        """True if the spring is a straight line and nothing of the torque is friction's."""
+        return self.softness < LEAST_SOFTNESS and self.hysteresis_rad < LEAST_HYSTERESIS_RAD
 
     def record(self, wound: float = 0.0, ahead_rad: complex = 0j) -> NDArray[np.void]:
         """The law as `struct gear_law`; shape (1,)."""

@@ -435,6 +435,8 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
 
 def _gear_words(gear: GearLaw) -> str:
     """Describe the gear on which the arm was simulated."""
+    if gear.is_linear:
+        return "the directions differ by more than noise; with the arm simulated under its weight, a linear gear explains both"
     return (
         f"the gear is nonlinear: {100.0 * gear.softness:.2g} % softer at torsions below {gear.wind_up_rad / ARCSEC:.0f}″, and "
         f"its friction holds a torsion of {gear.hysteresis_rad / ARCSEC:.2g}″; the fit simulates this gear, "

@@ -56,6 +56,18 @@ def test_a_gear_that_is_a_spring_has_its_constants_at_any_torsion() -> None:
     assert gear_plant(axis, None).antiresonance_hz == pytest.approx(antiresonance_hz(axis))
 
 
+def test_a_soft_gear_is_stiffer_where_the_arm_is_heavier() -> None:
+    axis = next(iter(REAL.axis.values()))
+    heavy = axis.model_copy(update={
+        "hysteresis_torque_nm": 0.0, "wind_up_softness": 0.3, "wind_up_torsion_arcsec": 50.0,
+        "gravity_moment_nm": axis.gear_stiffness_nm_rad * 200.0 * ARCSEC,
+    })  # fmt: skip
+    level, upright = (gear_plant(heavy, 10.0, np.full(3, angle)).stiffness_nm_rad for angle in (0.0, 0.5 * math.pi))
+    assert level == pytest.approx(axis.gear_stiffness_nm_rad, rel=1e-3)
+    assert upright == pytest.approx(0.7 * axis.gear_stiffness_nm_rad, rel=0.02)
+    assert upright < gear_plant(heavy, 10.0).stiffness_nm_rad < level
+
+
 def test_without_an_amplitude_there_is_no_gear_at_it() -> None:
     with pytest.raises(ValueError, match="expected an amplitude above 0"):
         gear_at(next(iter(REAL.axis.values())), 0.0)

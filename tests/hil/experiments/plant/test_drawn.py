@@ -98,6 +98,16 @@ def test_bad_hardware_is_named_after_a_third_of_a_turn(changes: dict[str, float]
     assert np.ptp(motions[0].motor_angle_rad) < 0.5 * 2.0 * math.pi
 
 
+def test_the_weight_of_an_arm_on_the_slope_of_its_transmission_error_is_no_brace() -> None:
+    """A torque of 1.2 N·m at the motor, with an error of 118″ altogether, is a spring of 0.1 N·m/rad there."""
+    error = {"a1_arcsec": 33.0, "a2_arcsec": 23.0, "a4_arcsec": 15.0}
+    axis = axis_of(100.0, 12.0, 2.0, 2.6e-4, friction=0.3, ate=error, gear_reaction=True)
+    heavy = axis.model_copy(update={"gravity_moment_nm": 0.2 * axis.torque_limit_nm * axis.reduction_ratio})
+    identified = identification(robot_of(heavy), 0.004)
+    identified._probe()
+    assert "probe" in identified.recordings
+
+
 def test_an_arm_that_never_resonates_is_said_before_the_long_runs() -> None:
     robot = robot_of(axis_of(100.0, 400.0, 2.0, 2.6e-4))
     identified = identification(robot, 0.004)
