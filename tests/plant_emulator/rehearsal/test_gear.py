@@ -65,7 +65,6 @@ def test_a_soft_gear_is_stiffer_where_the_arm_is_heavier() -> None:
     level, upright = (gear_plant(heavy, 10.0, np.full(3, angle)).stiffness_nm_rad for angle in (0.0, 0.5 * math.pi))
     assert level == pytest.approx(axis.gear_stiffness_nm_rad, rel=1e-3)
     assert upright == pytest.approx(0.7 * axis.gear_stiffness_nm_rad, rel=0.02)
-    assert upright < gear_plant(heavy, 10.0).stiffness_nm_rad < level
 
 
 def test_without_an_amplitude_there_is_no_gear_at_it() -> None:
