@@ -92,8 +92,8 @@ class IdentifiedError(Table):
         damping: Damping ratio ζ, likewise.
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle.
         set_point_delay_s: Delay of the motor behind its set-points beyond SYNC period and interpolation.
-        gear_reaction: Part of τ_g dθ_sync/dθ_m with which the gear's torque τ_g loads the motor, identified from the motor's
-            torque; 0 if that did not show it.
+        gear_reaction: Part of τ_g dθ_sync/dθ_m with which the gear's torque τ_g loads the motor, as the motor's torque lets
+            expect it; 0 if that was not measured.
         motor_friction_nm: Friction of the motor, identified with that reaction: no load of the gear. A plant's value goes first.
         learnt_by: Source of the values, one of `LearntBy`.
         motor_inertia_kg_m2: J_m with which it was learnt, as it was given; None if a plant was known.
