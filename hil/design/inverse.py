@@ -207,17 +207,19 @@ class Way:
         return np.asarray(self._inverse(frequency_hz) / self.timing.reference(frequency_hz))
 
     def image_per_motion(self, frequency_hz: Real) -> Complex:
-        """Motion at the SYNCs by the images of the sampled set-points, for each rad; shape (speeds,).
+        """Motion at the SYNCs by the images of what is sampled, for each rad; shape (speeds,).
 
-        Between two SYNCs the interpolated set-points have all frequencies f − m/T too, and at a SYNC they look like f.
+        Between two SYNCs interpolated set-points, and a held torque, have all frequencies f − m/T too, and at a SYNC they look
+        like f. Where both act together nothing is allowed for.
         """
         images = np.zeros(len(frequency_hz), dtype=np.complex128)
-        if self.actuation != "reference" or isinstance(self.timing, InnerTiming):
+        if self.actuation == "torque" or isinstance(self.timing, InnerTiming):
             return images
-        here = self.reference_per_motion(frequency_hz)
+        sampled = self.reference_per_motion if self.actuation == "reference" else self.torque_per_motion
+        here = sampled(frequency_hz)
         for image in IMAGES:
             there = frequency_hz - image / self.timing.sync_period_s
-            gain = self.reference_per_motion(np.maximum(np.abs(there), LEAST_RPS))
+            gain = sampled(np.maximum(np.abs(there), LEAST_RPS))
             images += here / np.where(there < 0.0, np.conj(gain), gain)
         return images
 
