@@ -26,8 +26,7 @@ from hil.analysis import (
 )
 from hil.bench.bench import Bench
 from hil.bench.tip import AT_RANGE
-from hil.design.ate.gear_ramp import STANDING
-from hil.design.ate.model import resolution_rad
+from hil.design.ate.model import STANDING, resolution_rad
 from hil.design.frequency import Complex
 from hil.design.modes.ring_down import RingDown, ring_down
 from hil.design.order_map import order_track

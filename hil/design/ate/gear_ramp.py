@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.ate.gear import BaseMotion, GearLaw
-from hil.design.ate.model import Arm, Sweep, resolution_rad
+from hil.design.ate.model import STANDING, Arm, Sweep, resolution_rad
 from hil.design.ate.ripple import Ripple, stretches
 from hil.design.transmission_error import motor_speed_rps
 
@@ -20,8 +20,6 @@ GEAR_BAND = (0.3, 2.1)
 """Band of the fit by the arm's frequency: the motion itself lies below it, noise alone above it."""
 TAPERED = 0.05
 """Part of each ramp over which its ends fade: the motion below the band does not leak into it."""
-STANDING = 1e-3
-"""Speed over the largest one below which the motor stands."""
 THINNED_STEPS_PER_RADIAN = 3.0
 """Samples of a thinned recording per radian of the fastest vibration.
 

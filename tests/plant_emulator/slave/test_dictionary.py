@@ -189,6 +189,12 @@ def test_a_read_hook_gives_the_live_value(dictionary):
     assert dictionary.get(0x6041) == 2
 
 
+def test_a_read_hook_whose_value_is_not_of_the_type_is_an_error_that_says_so(dictionary):
+    dictionary.on_read(0x6041, 0, lambda: 70_000)
+    with pytest.raises(ValueError, match="70000 is not a value of UNSIGNED16"):
+        dictionary.read(0x6041, 0)
+
+
 def test_a_write_hook_sees_the_value_before_it_is_stored(dictionary):
     seen = []
     dictionary.on_write(0x2000, 0, lambda value: seen.append((value, dictionary.get(0x2000))))
