@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from hil.analysis import (
@@ -26,7 +25,8 @@ from hil.analysis import (
 )
 from hil.bench.bench import Bench
 from hil.bench.tip import AT_RANGE
-from hil.design.ate.model import STANDING, resolution_rad
+from hil.design.ate.model import resolution_rad
+from hil.design.ate.rest import STILL_ROOM, variance_at_rest
 from hil.design.frequency import Complex
 from hil.design.modes.ring_down import RingDown, ring_down
 from hil.design.order_map import order_track
@@ -41,10 +41,6 @@ MAX_SENSOR_MISSED = 0.005
 """Fraction of a motion's cycles that may lack what tells the tip; beyond it the run is not judged."""
 NOISE_PEAK = 2.5
 """Largest value of a band's noise in a window, in units of its root mean square: that of a dozen independent samples."""
-LEAST_STANDING = 16
-"""Samples from which a rest shows the sensor's noise; its variance is then right to 37 %."""
-REST_TELLS = 2.0
-"""Variance in motion over that at rest from which it is no noise; the latter may be off by twice its standard error."""
 MAX_LATE = 0.005
 """Fraction of a motion's cycles on the wall clock that may be dropped or lack an answer; beyond it the run is not judged."""
 
@@ -295,9 +291,6 @@ def noise_variance(values: Real, recording: Recording) -> float:
     moving = float(np.median(power[len(power) // 2 :])) / math.log(2.0)
     if not recording.axes:
         return moving
-    speeds = np.abs([motor_speed_rps(recording, axis) for axis in recording.axes])
-    labels, _ = scipy.ndimage.label(np.all(speeds <= STANDING * speeds.max(initial=0.0), axis=0))
-    rests = [values[rows] for (rows,) in scipy.ndimage.find_objects(labels) if rows.stop - rows.start >= LEAST_STANDING]
-    still = min((float(np.var(scipy.signal.detrend(each), ddof=2)) for each in rests), default=0.0)
+    still = variance_at_rest(values, np.array([motor_speed_rps(recording, axis) for axis in recording.axes]))
     is_shown = still > (0.5 * resolution_rad(values)) ** 2
-    return still if is_shown and moving > REST_TELLS * still else moving
+    return still if is_shown and moving > STILL_ROOM * still else moving

@@ -19,7 +19,7 @@ Real = NDArray[np.float64]
 STEPS_PER_RADIAN = 2.0
 """Steps per radian of the fastest vibration: a Runge-Kutta step of order 4 then turns it by 3e-4 rad too little (h⁵/120)."""
 LEAST_SOFTNESS, LEAST_HYSTERESIS_RAD = 1e-5, 1e-10
-"""Softness and friction below which no motion shows them: a hundredth of a thousandth of its torque, and 20 µas of torsion."""
+"""Softness and friction below which no motion shows them: 1e-5 of the torque, and 20 µas of torsion."""
 RIPPLE_ROUNDS = 2
 """Rounds in which the ripple is evaluated at the angle that contains it: of 500″ at order 4, each leaves 1 %."""
 

@@ -32,6 +32,7 @@ from hil.design.ate.gravity import Weight
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.refinement import MOUNTING_HZ
+from hil.design.ate.rest import STILL_ROOM
 from hil.design.ate.ripple import Ripple
 from hil.design.estimation import EstimatedParameter
 from hil.design.transmission_error import TransmissionError
@@ -41,8 +42,6 @@ Complex = NDArray[np.complex128]
 
 LARGEST_ENCODER = 13.0
 """Most of an encoder's noise over its rounding's q²/12: one count rms beside it, more than any data sheet allows."""
-STILL_ROOM = 2.0
-"""Most of the sensor's variance over that while the motor stands: of 30 samples, the latter is right to 26 %."""
 SMOOTHED_BINS = 5
 SCORING_STEPS = 8
 """Most steps in a round of scoring."""

@@ -9,8 +9,9 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.ate.gear import BaseMotion, GearLaw
-from hil.design.ate.model import STANDING, Arm, Sweep, resolution_rad
-from hil.design.ate.ripple import Ripple, stretches
+from hil.design.ate.model import Arm, Sweep, resolution_rad
+from hil.design.ate.rest import variance_at_rest
+from hil.design.ate.ripple import Ripple
 from hil.design.transmission_error import motor_speed_rps
 
 Real = NDArray[np.float64]
@@ -166,11 +167,9 @@ class Ramp:
         self._inside = [slice(*np.searchsorted(hz, (low, high))) for hz in rates]
         self.hz = [hz[inside] for hz, inside in zip(rates, self._inside, strict=True)]
         self.seen = self._spectra(sweep.signal)
-        speed = np.abs(motor_speed_rps(sweep.motor_angle_rad, sweep.period_s))
-        at_rest = [sweep.signal[rows] for rows in stretches(speed < STANDING * np.max(speed))]
         # at rest a signal may stay within one step, in motion it does not
         steps = resolution_rad(recorded.signal) ** 2 / 12.0 / every
-        self.still = min((float(np.var(scipy.signal.detrend(each), ddof=2)) + steps for each in at_rest), default=math.inf)
+        self.still = variance_at_rest(sweep.signal, motor_speed_rps(sweep.motor_angle_rad, sweep.period_s)) + steps
         step = max(resolution_rad(recorded.motor_angle_rad), LEAST_STEP_RAD) / math.sqrt(every)
         size = setting.lever_m * step / setting.reduction_ratio
         self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]

@@ -34,8 +34,6 @@ EVEN = 2.0
 """Ratio of the residuals of recordings from which they count by what each leaves.
 
 Where a part of the vibration was cancelled less is left, and what a gear that is not a spring makes of it is less as well."""
-STANDING = 1e-3
-"""Speed over the largest one below which the motor stands."""
 LEAST_SENSOR_NOISE = 0.05
 """Least fraction of a residual's power that is taken for the sensor's."""
 BEND_UP_TO = 2.1

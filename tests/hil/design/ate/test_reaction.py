@@ -66,15 +66,23 @@ def test_a_gear_reacts_as_certainly_as_its_measurement_says() -> None:
 
 
 def test_a_reaction_is_as_large_as_expected_between_a_gear_that_reacts_and_one_that_does_not() -> None:
-    assert Reaction(1.4, 0.3).posterior().value == pytest.approx(1.04, abs=0.01)
-    assert Reaction(0.9, 0.001).posterior().value == pytest.approx(0.9, abs=0.001)
-    assert Reaction(1.2, 0.1).posterior().standard_error == pytest.approx(0.1 / math.sqrt(2.0), rel=1e-6)
-    assert Reaction(0.2, 0.08).posterior() == Reaction(0.0, 0.08)
-    unknown = Reaction(0.0, 50.0).posterior()
-    assert unknown.value == pytest.approx(0.5, abs=0.01)
-    assert unknown.standard_error == pytest.approx(0.5, abs=0.02)
-    assert 0.0 <= Reaction(-9.8, 2.3).posterior().value <= 1.0
-    assert Reaction(-9.8, 2.3).posterior(1.0 - 1e-12).value == pytest.approx(0.98, abs=0.01)
+    expected = {
+        Reaction(1.4, 0.3): (1.04, 0.095),
+        Reaction(0.9, 0.001): (0.9, 0.001),
+        Reaction(1.2, 0.1): (1.1, 0.1 / math.sqrt(2.0)),
+        Reaction(0.2, 0.08): (0.0, 0.08),
+        Reaction(0.0, 50.0): (0.5, 0.51),
+    }
+    for measured, (value, error) in expected.items():
+        found = measured.posterior()
+        assert found is not None
+        assert found.value == pytest.approx(value, abs=0.01)
+        assert found.standard_error == pytest.approx(error, abs=0.01)
+
+
+@pytest.mark.parametrize("measured", [Reaction(3.0, 0.1), Reaction(-1.0, 0.1), Reaction(0.4, 0.02), Reaction(-9.8, 2.3)])
+def test_what_is_no_reaction_of_a_gear_is_not_believed(measured: Reaction) -> None:
+    assert measured.posterior() is None
 
 
 def test_an_arm_without_a_load_shows_neither_a_reaction_nor_that_there_is_none() -> None:

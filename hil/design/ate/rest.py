@@ -1,0 +1,28 @@
+"""Noise of a sensor while the motors stand."""
+
+import math
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from hil.design.ate.ripple import stretches
+
+Real = NDArray[np.float64]
+
+STANDING = 1e-3
+"""Speed over the largest one below which the motor stands."""
+STILL_ROOM = 2.0
+"""Most of the sensor's variance over that while the motor stands: of 30 samples, the latter is right to 26 %."""
+
+
+def variance_at_rest(signal: Real, speed: Real) -> float:
+    """Least variance of a signal over the rests; infinite if there is none.
+
+    Args:
+        signal: Samples; shape (n,).
+        speed: Speed of the motor, or speeds of several; shape (n,) or (motors, n).
+    """
+    turning = np.abs(np.atleast_2d(speed))
+    is_still = np.all(turning <= STANDING * np.max(turning, initial=0.0), axis=0)
+    return min((float(np.var(scipy.signal.detrend(signal[rows]), ddof=2)) for rows in stretches(is_still)), default=math.inf)
