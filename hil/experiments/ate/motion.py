@@ -52,11 +52,10 @@ class Ramps:
         return signs
 
 
-def ramps(bench: Bench, start_rev: float, ramp: Ramp) -> Ramps:
+def ramps(bench: Bench, start_rev: float, ramp: Ramp, centre_rev: float | None = None) -> Ramps:
     """Lay out one pass from the present position.
 
-    The motor moves to the ramp's beginning, then forwards and back. The ramp is centred at the present position as far as the
-    limits allow.
+    The motor moves to the ramp's beginning, then forwards and back. The ramp is centred as far as the limits allow.
 
     On an arm it ends where it began, so that the next one, and those of other axes, find it in the same posture.
 
@@ -64,12 +63,14 @@ def ramps(bench: Bench, start_rev: float, ramp: Ramp) -> Ramps:
         bench: The bench.
         start_rev: Present position of the motor, rev.
         ramp: The ramp, with its axis.
+        centre_rev: Centre of the ramp; None for the present position.
     """
     axis, travel, braking = ramp.limits.axis, ramp.travel_rev, ramp.limits.braking_rps_s
     limits, period_s = bench.axis[axis].limits, bench.bus.sync_period_s
     trajectory = ConstantAcceleration(ramp.acceleration_rps_s, ramp.end_rps, braking, DWELL_S, TAIL_S)
     lowest = limits.position_min_rev + MARGIN_REV
-    low = min(max(start_rev - 0.5 * travel, lowest), limits.position_max_rev - MARGIN_REV - travel)
+    centre_rev = start_rev if centre_rev is None else centre_rev
+    low = min(max(centre_rev - 0.5 * travel, lowest), limits.position_max_rev - MARGIN_REV - travel)
     turn = 2.0 * math.pi
     away = turn * (low - start_rev)
     there = _approach(away, bench.approach_rps, limits.acceleration_rps_s, period_s)

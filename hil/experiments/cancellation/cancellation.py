@@ -115,6 +115,10 @@ class Cancellation:
         }
         return replace(self, tables={number: table for number, table in left.items() if table is not None})
 
+    def on(self, axes: Sequence[int]) -> "Cancellation":
+        """Cancellation of some of its axes, for a motion of these alone."""
+        return replace(self, axes=tuple(axes), tables={n: table for n, table in self.tables.items() if n in axes})
+
     def adder(self, gain: float = 1.0, only: int | None = None) -> CancellationAdder:
         """Adder for one run.
 

@@ -12,12 +12,11 @@ from hil.bench.model import Identified
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm
 from hil.experiments.ate.motion import Ramps
-from hil.experiments.cancellation.effect import AxisWaves, Part, Response, refined, sight
+from hil.experiments.cancellation.effect import AxisWaves, Part, Response, refined
+from hil.experiments.cancellation.ramp_trial import seen_by_direction
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
 from hil.experiments.cancellation.waves import response_of, waves_of
 from hil.recording import Recording
-
-DIRECTIONS = (1, -1)
 
 
 class PassJudge:
@@ -63,15 +62,8 @@ class PassJudge:
             scale: Scale of the axis.
         """
         assert self._response is not None  # noqa: S101 - made by the first pass
-        waves = self._waves(recording, motion, tuple(self._orders(orders)), self._response)
-        directions = motion.direction()[: len(recording.time_s)]
-        found: dict[float, list[Seen]] = {order: [] for order in orders}
-        for way in DIRECTIONS:
-            sighting = sight(recording, waves, directions == way, scale.band_hz)
-            for order, sights in found.items():
-                part = Part(self._axis, order)
-                sights.append(Seen(way, gain, sighting.amplitude[part], sighting.variance(part)))
-        return found
+        waves = self._waves(recording, motion, tuple({*orders, *self._without}), self._response)
+        return seen_by_direction(recording, motion, waves, orders, gain, scale)
 
     def verdicts(self, seen: Mapping[float, Sequence[Seen]], gain: float) -> tuple[PartVerdict, ...]:
         """Verdict on each order of a pass, against the first one.
@@ -94,7 +86,3 @@ class PassJudge:
 
     def _waves(self, recording: Recording, motion: Ramps, orders: Sequence[float], response: Response) -> tuple[AxisWaves, ...]:
         return waves_of(self._bench, {self._axis: response}, {self._axis: orders}, motion.motion, recording)
-
-    def _orders(self, orders: Sequence[float]) -> set[float]:
-        """Orders that are fitted: those of this and the first pass."""
-        return {*orders, *self._without}

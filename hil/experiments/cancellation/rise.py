@@ -165,16 +165,6 @@ class Windows:
             return None
         return next(iter(self.compared(_vibrations(without), _vibrations(with_them))), None)
 
-    def gain(self, looks: Sequence[Look], used: Collection[Part], more: Collection[Part]) -> PeakChange | None:
-        """Largest fall of a window by more parts than those used.
-
-        No window may rise; None if no fall is certain.
-        """
-        found = self.compared(_vibrations(alike(looks, used)), _vibrations(alike(looks, more)))
-        best = found[-1]
-        is_certain = best.before_mm - best.after_mm > RISE_SIGMAS * best.error_mm
-        return best if is_certain and best.is_fall and not found[0].exceeds(LAST_SIGMAS) else None
-
     def riser(self, looks: Sequence[Look], used: Collection[Part], rise: PeakChange, slack: float = 0.0) -> Part | None:
         """Part whose removal lowers the rising window most, or None.
 

@@ -5,29 +5,32 @@ A cancellation is used only after it has lowered the vibration.
 An order whose cancellation is wrong by more than 60° vibrates more with it. So the motion runs without the cancellation, then
 with a small fraction of it on all axes and on each, then with the whole. Each order of each axis is judged for itself
 (`verdict`), by its own complex amplitude at the tip (`effect`). Orders that are wrong, or whose effect is too small to be
-seen, are left out; if no order remains, the cancellation is refused, and the notch stays.
+seen, are left out; if no order remains, the cancellation is refused, and the notch stays. An order that the motion hides is
+judged on a slow ramp through its resonance (`ramp_trial`), if the limits leave room for one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.analysis import TipScale
-from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.control.cancellation_table import CancellationTable
+from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder
 from hil.experiments.cancellation.effect import AxisWaves, Part, Response, refined, sight
 from hil.experiments.cancellation.inside import cancel_inside, inside_parts
 from hil.experiments.cancellation.line_trial import is_line_of_arm, refused_by_vector, verify_on_line
+from hil.experiments.cancellation.ramp_trial import ramp_through, seen_by_direction
 from hil.experiments.cancellation.remainder import TrialView, remainder
 from hil.experiments.cancellation.rise import LAST_SIGMAS, OPEN_SLACK, Look, PeakChange, Windows, alike
-from hil.experiments.cancellation.verdict import PartVerdict, Seen, judged
+from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge, judged
 from hil.experiments.cancellation.verification import CancellationRefusedError, Trial, Verification
 from hil.experiments.cancellation.waves import judged_rows, response_of, seen_rows, vibration_m_s2, waves_of
-from hil.experiments.judge import vibration_scale
+from hil.experiments.judge import axis_scale, vibration_scale
 from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
@@ -56,8 +59,8 @@ def averaged(recordings: Sequence[Recording]) -> Recording:
     return Recording({name: np.mean([recording.columns[name] for recording in recordings], axis=0) for name in first}, doubt)
 
 
-Runner = Callable[[float, int | None, frozenset[Part]], Recording]
-"""What runs the motion: with a fraction of the cancellation, on one axis alone or on all, without some parts."""
+Runner = Callable[[Motion, float, int | None, frozenset[Part]], Recording]
+"""What runs a motion: with a fraction of the cancellation, on one axis alone or on all, without some parts."""
 
 
 class _Protocol:
@@ -65,7 +68,7 @@ class _Protocol:
 
     def __init__(
         self,
-        bench: Bench,
+        session: Session,
         motion: Motion,
         parts: Sequence[Part],
         responses: Mapping[int, Response],
@@ -75,7 +78,8 @@ class _Protocol:
         reporter: Reporter,
         tables: Mapping[int, CancellationTable] | None = None,
     ) -> None:
-        self._bench, self._motion, self._parts, self._responses = bench, motion, tuple(parts), responses
+        self._session, self._bench, self._motion, self._parts = session, session.bench, motion, tuple(parts)
+        self._responses = responses
         self._scale, self._gain, self._run, self._reporter = scale, gain, run, reporter
         self._tables = tables or {}
         self._trials: list[Trial] = []
@@ -94,7 +98,8 @@ class _Protocol:
         alone = alone if len(alone) > 1 else []
         least, most = 3 + len(alone), 1 + len(alone) + 2 * MOST_WHOLE
         self._reporter.step(
-            f"trial of the cancellation: untreated; {least} runs of {self._motion.time_s[-1]:.1f} s in all, at most {most}"
+            f"trial of the cancellation: untreated; {least} runs of {self._motion.time_s[-1]:.1f} s in all, at most {most}; "
+            "and two slow ramps of each axis of which the motion hides an order"
         )
         self._add("untreated", 0.0)
         percent = f"{100.0 * self._gain:g} % of the cancellation"
@@ -116,9 +121,9 @@ class _Protocol:
             verdicts = judged(self._gain, self._sights)
             if _wrong(verdicts) == wrong and not _open(verdicts, number):
                 break
+        verdicts |= self._on_ramps(verdicts)
         first = self._trials[0].recording
         windows = Windows.of(first, self._rows[: len(first.time_s)], self._scale)
-        verdicts |= self._helpers(windows, verdicts)
         verdicts |= self._risers(windows, verdicts)
         used = tuple(part for part, verdict in verdicts.items() if verdict.verdict == "accepted")
         limits = {number: self._bench.axis[number].limits.speed_rps for number in self._tables}
@@ -127,24 +132,37 @@ class _Protocol:
         left = remainder(seen, self._tables, self._bench.specification.quiet_mm) if used else None
         return Verification(self._gain, tuple(self._trials), tuple(verdicts.values()), left)
 
-    def _helpers(self, windows: Windows, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
-        """Accept parts that cannot be judged but lower the peak.
+    def _on_ramps(self, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
+        """Judge parts that the motion hides on a slow ramp of their axis.
 
         Returns their verdicts.
-
-        An order whose resonance the motion does not reach is not seen, but its sums and differences with the other
-        orders may lie where the arm rings. The peak alone does not show an error of 60°, so the visible part of the
-        order must not contradict it.
         """
-        passed = [part for part, each in verdicts.items() if each.verdict == "accepted"]
-        unseen = [part for part, each in verdicts.items() if each.verdict == "not judged" and each.seems_right]
-        if not passed or not unseen or not alike(self._looks, [*passed, *unseen]):
-            return {}
-        if not alike(self._looks, passed):
-            self._reporter.step("trial of the cancellation: the accepted orders")
-            self._add("the accepted orders", 1.0, None, frozenset(self._parts) - set(passed))
-        fall = windows.gain(self._looks, passed, [*passed, *unseen])
-        return {} if fall is None else {part: replace(verdicts[part], verdict="accepted", rise=fall.words) for part in unseen}
+        found: dict[Part, PartVerdict] = {}
+        for axis in self._axes:
+            hidden = [part for part, each in verdicts.items() if part.axis == axis.number and each.verdict == "not judged"]
+            if not hidden:
+                continue
+            orders, scale = [part.order for part in hidden], axis_scale(self._bench, axis.number) or self._scale
+            words = f"trial of the cancellation: axis {axis.number}, order {', '.join(f'{each:g}' for each in orders)}"
+            stands_rad = self._session.axes[axis.number].position_rad()
+            try:
+                ramp = ramp_through(self._bench, axis.number, orders, scale.f_al_hz, self._motion, stands_rad)
+                seen: dict[float, list[Seen]] = {order: [] for order in orders}
+                for gain, what in ((0.0, "untreated"), (1.0, "with the whole cancellation")):
+                    self._reporter.step(f"{words}: hidden; a ramp to {ramp.ramp.end_rps:.2f} rev/s shows it, {what}")
+                    recording = self._run(ramp.motion, gain, axis.number, _wrong(verdicts))
+                    waves = waves_of(
+                        self._bench, {axis.number: axis.response}, {axis.number: axis.orders}, ramp.motion, recording
+                    )
+                    for order, sights in seen_by_direction(recording, ramp, waves, orders, gain, scale).items():
+                        seen[order] += sights
+            except (NotPossibleError, UnsafeRequestError) as error:
+                self._reporter.step(f"{words}: hidden, and no ramp can show it: {error}")
+                continue
+            for part in hidden:
+                verdict = replace(judge(part, 1.0, seen[part.order]), where="on a slow ramp, ")
+                found |= {part: verdict} if verdict.verdict != "not judged" else {}
+        return found
 
     def _risers(self, windows: Windows, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
         """Refuse parts with which the tip's peak rises.
@@ -184,7 +202,7 @@ class _Protocol:
 
     def _add(self, what: str, gain: float, only: int | None = None, without: frozenset[Part] = frozenset()) -> None:
         """Make one run, and read it."""
-        recording = self._run(gain, only, without)
+        recording = self._run(self._motion, gain, only, without)
         if not self._trials:
             self._judged = judged_rows(self._bench, recording, self._scale)
             self._rows = seen_rows(self._bench, recording, self._scale.f_al_hz)
@@ -253,16 +271,22 @@ def verify(
         HilError: Limits or nodes do not allow a run.
     """
 
-    def run(part_of: float, only: int | None, without: frozenset[Part]) -> Recording:
-        adder = cancellation.without(without).adder(part_of, only) if part_of > 0.0 else None
-        return _run(session, motion, filters, adder, shows_filter)
+    def run(moved: Motion, part_of: float, only: int | None, without: frozenset[Part]) -> Recording:
+        adder = None
+        if part_of > 0.0:
+            made = cancellation.without(without)
+            if moved is not motion:
+                made = made.on(moved.axes)
+                made.check(session.bench, moved, [session.axes[number].position_rad() for number in moved.axes])
+            adder = made.adder(part_of, only)
+        return _run(session, moved, filters, adder, shows_filter)
 
     is_arm = is_line_of_arm(session.bench, motion)
     if is_arm and cancellation.is_learnt_on_motion:
-        return verify_on_line(session.bench, cancellation.parts, gain, run, reporter)
+        return verify_on_line(session.bench, cancellation.parts, gain, partial(run, motion), reporter)
     scale = cancellation.scale or vibration_scale(session.bench, motion.axes)
     protocol = _Protocol(
-        session.bench, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter, cancellation.tables
+        session, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter, cancellation.tables
     )
     found = protocol.perform()
     return refused_by_vector(session.bench, found) if is_arm else found
@@ -378,14 +402,14 @@ def choose_inside(
     bench = session.bench
     parts = inside_parts(bench, identified, motion.axes)
 
-    def run(part_of: float, only: int | None, without: frozenset[Part]) -> Recording:
+    def run(moved: Motion, part_of: float, only: int | None, without: frozenset[Part]) -> Recording:
         if part_of > 0.0:
             others = {part for part in parts if only is not None and part.axis != only}
-            cancel_inside(session, identified, motion.axes, part_of, without | others)
-        return _run(session, motion, "none", None, shows_filter=True)
+            cancel_inside(session, identified, moved.axes, part_of, without | others)
+        return _run(session, moved, "none", None, shows_filter=True)
 
     known = {number: response_of(bench, identified, number) for number in motion.axes}
     responses = {number: response for number, response in known.items() if response is not None}
     scale = vibration_scale(bench, motion.axes, identified)
-    verification = _Protocol(bench, motion, parts, responses, scale, gain, run, reporter).perform()
+    verification = _Protocol(session, motion, parts, responses, scale, gain, run, reporter).perform()
     return _chosen(session, motion, "none", verification, None)

@@ -30,8 +30,6 @@ SURE = 0.05
 """Standard error, as a fraction of the order, at which the number itself decides: nothing more would be learnt."""
 VERDICT_SIGMAS = 2.0
 """Standard errors by which a verdict stands."""
-RIGHT_LEFT = 0.5
-"""Largest fraction that is left, as far as it is seen, of a part that cannot be judged and helps all the same: 60° leave all."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,8 @@ class PartVerdict:
         turn_deg: Angle by which φ_k should be turned.
         turn_error_deg: Standard error of that.
         verdict: `accepted`; `refused` where it is wrong; `not judged` where it does too little to be seen.
-        rise: How the tip's peak rises with it, or falls where nothing else could judge it, in words; empty if neither counts.
+        rise: How the tip's peak rises with it, in words; empty if it does not.
+        where: Motion that judged it, in words, if not the one that is to be run.
     """
 
     part: Part
@@ -82,6 +81,7 @@ class PartVerdict:
     turn_error_deg: float | None
     verdict: Verdict
     rise: str = ""
+    where: str = ""
 
     def could_be_judged(self, more: float) -> bool:
         """True if more runs could judge an undecided part.
@@ -89,14 +89,6 @@ class PartVerdict:
         `more` is the number of runs as a multiple of the present one.
         """
         return self.verdict == "not judged" and VERDICT_SIGMAS * self.left_error <= MOST_LEFT * math.sqrt(more)
-
-    @property
-    def seems_right(self) -> bool:
-        """False if the signs speak against an undecided part.
-
-        It is true if nothing of the part is seen.
-        """
-        return self.factor is None or self.left <= RIGHT_LEFT
 
     @property
     def ratio(self) -> complex | None:
@@ -113,11 +105,9 @@ class PartVerdict:
         """The verdict as a line of text."""
         change = f"{'fell' if self.fall >= 0.0 else 'rose'} by {100.0 * abs(self.fall):.0f} ± {100.0 * self.fall_error:.0f} %"
         if self.rise:
-            own = "its effect is within the noise" if self.verdict == "accepted" else "it falls"
-            return f"{self.part.words}: {own}, but with its cancellation {self.rise}"
-        head = (
-            f"{self.part.words}: with {100.0 * self.gain:g} % of its cancellation it {change} ({100.0 * self.gain:g} % expected)"
-        )
+            return f"{self.part.words}: it falls, but with its cancellation {self.rise}"
+        head = f"{self.part.words}: {self.where}with {100.0 * self.gain:g} % of its cancellation it {change}"
+        head += f" ({100.0 * self.gain:g} % expected)"
         if self.verdict == "not judged":
             return f"{self.part.words}: its effect is too small to be seen above the sensor noise ({change})"
         if self.factor is None or self.turn_deg is None:

@@ -1,0 +1,70 @@
+"""Ramp on which a trial judges orders that its motion hides.
+
+An order may ring where the motion's own jerk shakes the arm far more, or not ring at all. A slow ramp through its resonance shows
+it by itself, as the passes of `hil learn` do: without the cancellation, and with the whole of it.
+"""
+
+import math
+from collections.abc import Sequence
+
+from hil.analysis import TipScale
+from hil.bench.bench import Bench
+from hil.errors import NotPossibleError
+from hil.experiments.ate.motion import Ramps, ramps
+from hil.experiments.ate.ramp import BEYOND_RESONANCE, END_OVER_RESONANCE, RampLimits, plan_ramp
+from hil.experiments.cancellation.effect import AxisWaves, Part, sight
+from hil.experiments.cancellation.verdict import Seen
+from hil.master.motion import Motion
+from hil.recording import Recording
+
+DIRECTIONS = (1, -1)
+
+
+def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: float, motion: Motion, stands_rad: float) -> Ramps:
+    """Slow ramp of one axis through the resonance of some orders.
+
+    It lies in the middle of the motion's own travel; on an arm, around the present posture.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        orders: Orders k; the ramp passes f_al/k of each.
+        f_al_hz: f_al of the axis.
+        motion: Motion that hides them.
+        stands_rad: Present motor angle.
+
+    Raises:
+        NotPossibleError: The limits leave no room for it.
+    """
+    limits, needed = RampLimits.of(bench, axis), f_al_hz / min(orders)
+    ramp = plan_ramp(limits, limits.suited(f_al_hz), END_OVER_RESONANCE * needed, BEYOND_RESONANCE * needed)
+    if ramp.end_rps < BEYOND_RESONANCE * needed:
+        raise NotPossibleError(f"axis {axis} reaches {ramp.end_rps:.2f} rev/s: {ramp.short_of(BEYOND_RESONANCE * needed)}")
+    stands_rev, centre_rev = stands_rad / math.tau, None
+    if not limits.is_arm:
+        angle = motion.motor_angle_rad[:, motion.axes.index(axis)] / math.tau
+        centre_rev = 0.5 * float(angle.min() + angle.max()) + (0.0 if motion.starts_at_home else stands_rev)
+    return ramps(bench, stands_rev, ramp, centre_rev)
+
+
+def seen_by_direction(
+    recording: Recording, motion: Ramps, waves: Sequence[AxisWaves], orders: Sequence[float], gain: float, scale: TipScale
+) -> dict[float, list[Seen]]:
+    """Read some orders of a pass' axis in each direction of turning.
+
+    Args:
+        recording: Recording of the pass.
+        motion: Ramps of the pass.
+        waves: Waves of the axis.
+        orders: Orders k.
+        gain: Fraction of the cancellation that acted.
+        scale: Scale of the axis.
+    """
+    directions = motion.direction()[: len(recording.time_s)]
+    found: dict[float, list[Seen]] = {order: [] for order in orders}
+    for way in DIRECTIONS:
+        sighting = sight(recording, waves, directions == way, scale.band_hz)
+        for order, sights in found.items():
+            part = Part(waves[0].number, order)
+            sights.append(Seen(way, gain, sighting.amplitude[part], sighting.variance(part)))
+    return found
