@@ -106,7 +106,7 @@ def test_a_standard_error_is_that_of_the_noise_and_falls_with_the_passes() -> No
         act(correction)
         correction.take(left(correction, silent, noise=0.1), ALL, ARM_HZ)
         errors.append(correction.error_arcsec(2))
-    assert errors == pytest.approx([0.1 / math.sqrt(2.0 * n) for n in (1, 2, 3)], rel=0.15)
+    assert errors == pytest.approx([0.1 / math.sqrt(n) for n in (1, 2, 3)], rel=0.15)
 
 
 def test_noise_above_what_is_known_changes_nothing_and_the_order_says_so() -> None:
