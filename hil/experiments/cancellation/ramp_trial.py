@@ -6,12 +6,15 @@ it by itself, as the passes of `hil learn` do: without the cancellation, and wit
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from hil.analysis import TipScale
 from hil.bench.bench import Bench
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import Ramps, ramps
-from hil.experiments.ate.ramp import BEYOND_RESONANCE, END_OVER_RESONANCE, RampLimits, plan_ramp
+from hil.experiments.ate.ramp import BEYOND_RESONANCE, END_OVER_RESONANCE, SPEED_FRACTION, RampLimits, plan_ramp
 from hil.experiments.cancellation.effect import AxisWaves, Part, sight
 from hil.experiments.cancellation.verdict import Seen
 from hil.master.motion import Motion
@@ -23,7 +26,8 @@ DIRECTIONS = (1, -1)
 def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: float, motion: Motion, stands_rad: float) -> Ramps:
     """Slow ramp of one axis through the resonance of some orders.
 
-    It lies in the middle of the motion's own travel; on an arm, around the present posture.
+    It has no more travel and speed than the motion, and lies in the middle of that travel: whoever allowed the motion has allowed
+    the ramp.
 
     Args:
         bench: The bench file.
@@ -34,17 +38,22 @@ def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: floa
         stands_rad: Present motor angle.
 
     Raises:
-        NotPossibleError: The limits leave no room for it.
+        NotPossibleError: The motion or the limits leave no room for it.
     """
-    limits, needed = RampLimits.of(bench, axis), f_al_hz / min(orders)
-    ramp = plan_ramp(limits, limits.suited(f_al_hz), END_OVER_RESONANCE * needed, BEYOND_RESONANCE * needed)
-    if ramp.end_rps < BEYOND_RESONANCE * needed:
-        raise NotPossibleError(f"axis {axis} reaches {ramp.end_rps:.2f} rev/s: {ramp.short_of(BEYOND_RESONANCE * needed)}")
-    stands_rev, centre_rev = stands_rad / math.tau, None
-    if not limits.is_arm:
-        angle = motion.motor_angle_rad[:, motion.axes.index(axis)] / math.tau
-        centre_rev = 0.5 * float(angle.min() + angle.max()) + (0.0 if motion.starts_at_home else stands_rev)
-    return ramps(bench, stands_rev, ramp, centre_rev)
+    angle_rev, stands_rev = motion.motor_angle_rad[:, motion.axes.index(axis)] / math.tau, stands_rad / math.tau
+    own, top_rps = RampLimits.of(bench, axis), float(np.max(np.abs(np.diff(angle_rev)))) / motion.period_s
+    limits = replace(
+        own, speed_rps=min(own.speed_rps, top_rps / SPEED_FRACTION), position_rev=min(own.position_rev, float(np.ptp(angle_rev)))
+    )
+    needed = BEYOND_RESONANCE * f_al_hz / min(orders)
+    ramp = plan_ramp(limits, limits.suited(f_al_hz), END_OVER_RESONANCE * f_al_hz / min(orders), needed)
+    if ramp.end_rps < needed:
+        raise NotPossibleError(
+            f"axis {axis} needs {needed:.2f} rev/s for it; within limits, travel and speed of the motion it reaches "
+            f"{ramp.end_rps:.2f} rev/s"
+        )
+    home_rev = 0.0 if motion.starts_at_home else stands_rev
+    return ramps(bench, stands_rev, ramp, home_rev + 0.5 * float(angle_rev.min() + angle_rev.max()))
 
 
 def seen_by_direction(

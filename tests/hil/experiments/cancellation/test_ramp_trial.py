@@ -47,8 +47,16 @@ def test_it_begins_where_the_motor_stands() -> None:
 def test_without_room_it_says_what_is_needed() -> None:
     limits = BENCH.axis[2].limits.model_copy(update={"position_min_rev": -0.6, "position_max_rev": 0.6})
     narrow = BENCH.model_copy(update={"axis": {**BENCH.axis, 2: BENCH.axis[2].model_copy(update={"limits": limits})}})
-    with pytest.raises(NotPossibleError, match=r"axis 2 reaches .* rev/s: .* between its position limits"):
+    with pytest.raises(NotPossibleError, match=r"axis 2 needs 6\.79 rev/s for it; .* it reaches .* rev/s"):
         ramp_through(narrow, 2, (2.0,), F_AL_HZ, MOTION, 0.0)
+
+
+def test_a_ramp_is_no_faster_and_no_longer_than_the_motion_that_was_allowed() -> None:
+    with pytest.raises(NotPossibleError, match=r"it reaches 10\.00 rev/s"):
+        ramp_through(BENCH, 2, (1.0,), F_AL_HZ, MOTION, 0.0)
+    short = replace(MOTION, motor_angle_rad=0.02 * MOTION.motor_angle_rad)
+    with pytest.raises(NotPossibleError, match="travel and speed of the motion"):
+        ramp_through(BENCH, 2, (4.0,), F_AL_HZ, short, 0.0)
 
 
 def choice_with(seed: int, turned: dict[float, float]) -> Choice:
