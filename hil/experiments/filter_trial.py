@@ -5,9 +5,8 @@ The motion runs without the filters and with them before the filters are used.
 A filter is designed on a model. On an axis that differs a little from it an order may rise, most of all if the gear is no
 spring. Every order of the gear is judged, at the speeds at which it meets f_al. Filters that raise the tip's peak in any
 window are not used, nor are filters that lower it in none. Runs are repeated until every rise exceeds the sensor's noise or
-is excluded by it; filters for which the largest number of runs does not exclude it are not used either. An order whose
-resonance the ramp does not pass is not judged: the peak there by switching the filter counts only above the motion's own
-largest peak.
+is excluded by it; if the largest number of runs does not decide, their mean does. An order whose resonance the ramp does not
+pass is not judged: the peak there by switching the filter counts only above the motion's own largest peak.
 """
 
 from collections.abc import Callable, Collection
@@ -78,8 +77,6 @@ def _entry(peaks: list[PeakChange], changes: list[PeakChange], runs: int) -> Fil
     words = ""
     if worst.beyond_mm > 0.0:
         words = f"the filters are refused: with them {worst.words}{end}"
-    elif not worst.is_excluded:
-        words = f"the filters are refused: with them {worst.words}, so a harmful rise is not excluded{end}"
     elif not any(peak.is_fall for peak in peaks):
         words = f"the filters are refused: they do not lower the tip's peak in any window; at best it {best.change}{end}"
     entries = tuple(
