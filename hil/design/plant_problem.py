@@ -13,8 +13,8 @@ general the demand, and the motor feels it behind the current loop, H_c = 1/(1 +
 tenth of a millisecond of it looks like 6 % of motor inertia. F_k and Y_k are the images of the held excitation at f + k/T,
 which fold onto the line; they are computed from the fitted plant and the law's gains.
 
-An accelerometer has a delay δ_a, and a low-pass or a mounting that resonates: gain g exp(−jωδ_a)/(1 − κ (ω/ω_κ)²), used
-around f_a only.
+An accelerometer has a delay δ_a, and a low-pass or a mounting that resonates: gain g exp(−jωδ_a − j d (ω/ω_κ)³)/(1 − κ (ω/ω_κ)²),
+used around f_a only.
 """
 
 import math
@@ -40,6 +40,10 @@ LAG_PRIOR_S = 1e-3
 TILT_PRIOR = 0.15
 """Standard deviation of the accelerometer's change of gain at `TILT_HZ`, before the fit."""
 TILT_HZ = 40.0
+DISPERSION_PRIOR = math.sqrt(2.0) / 3.0 * TILT_PRIOR**1.5
+"""Standard deviation of what the accelerometer's phase at `TILT_HZ` has beyond a delay: that of a low-pass with such a tilt.
+
+A Butterworth low-pass of the second order with the limit f_g turns the phase by √2/3 (f/f_g)³ more than a delay."""
 TIP_BAND = (0.5, 1.6)
 """Band in which the tip is used, over f_a."""
 LARGEST_LAG_S, LARGEST_TIP_DELAY_S = 5e-3, 0.05
@@ -92,8 +96,9 @@ class SamplingTiming:
     law: Cascade | None
 
 
-J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT = range(11)
-"""Unknowns: ln J_m, ln J_l, ln K_g, ln (D_g + D_l), D_m + D_l/N², δ, D_l/(D_g + D_l), T_i; with an accelerometer ln g, δ_a, κ."""
+J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT, DISPERSION = range(12)
+"""Unknowns: ln J_m, ln J_l, ln K_g, ln (D_g + D_l), D_m + D_l/N², δ, D_l/(D_g + D_l), T_i; with an accelerometer also ln g, δ_a, κ
+and d."""
 
 
 KEPT = 32
@@ -151,7 +156,7 @@ class PlantProblem:
         self.scatter = Scatter.of(data.angle, data.torque)
         self.tip_scatter = None if data.tip is None else Scatter.of(data.tip, data.angle)
         self._tip_lines = np.arange(len(self.jw))
-        self._aside = [AGE, LAG] if data.tip is None else [AGE, LAG, LEVER, DELAY, TILT]
+        self._aside = [AGE, LAG] if data.tip is None else [AGE, LAG, LEVER, DELAY, TILT, DISPERSION]
         self._responses = lru_cache(KEPT)(self._computed)
         self._delays = lru_cache(KEPT)(self._delayed)
 
@@ -313,7 +318,7 @@ class PlantProblem:
     def start(self, guess: Real) -> Real:
         """Complete the unknowns from a guess of the first five."""
         more = [0.5 * self.timing.control_s, 0.1, 0.5 * LEAST_LAG_S]
-        return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0]])
+        return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0, 0.0]])
 
     def is_inside(self, x: Real) -> bool:
         """True if both resonances are in the band, or little above it.
@@ -345,7 +350,7 @@ class PlantProblem:
 
     def scale(self, x: Real) -> Real:
         """Step sizes of the unknowns that have similar effects."""
-        sizes = [0.1, 0.1, 0.1, 0.3, max(1e-6, 0.3 * math.exp(x[J_M])), 1e-4, 0.1, 1e-4, 0.1, 1e-3, 0.1]
+        sizes = [0.1, 0.1, 0.1, 0.3, max(1e-6, 0.3 * math.exp(x[J_M])), 1e-4, 0.1, 1e-4, 0.1, 1e-3, 0.1, 0.03]
         return np.array(sizes[: len(x)])
 
     def focus(self, f_a: float) -> None:
@@ -401,21 +406,22 @@ class PlantProblem:
             left.append((angle - foretold) / sigma)
         if data.tip is not None and self.tip_scatter is not None:
             model = responses.arm * self._lever_m(x) * self.jw**2 * self._delays(float(x[DELAY]))[0]
-            model = model / (1.0 - float(x[TILT]) * (data.frequency_hz / TILT_HZ) ** 2)
+            tilted = data.frequency_hz / TILT_HZ
+            model = model * np.exp(-1j * float(x[DISPERSION]) * tilted**3) / (1.0 - float(x[TILT]) * tilted**2)
             sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
             left.append(((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)[self._tip_lines])
         stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
         middle = 0.5 * self.timing.control_s
         priors = [(x[AGE] - middle) / (middle or AGE_PRIOR_S), x[LAG] / LAG_PRIOR_S]
         if data.tip is not None:
-            priors.append(x[TILT] / TILT_PRIOR)
+            priors += [x[TILT] / TILT_PRIOR, x[DISPERSION] / DISPERSION_PRIOR]
         priors = [math.copysign(LOSS * math.sqrt((1.0 + 0.5 * (each / LOSS) ** 2) ** 2 - 1.0), each) for each in priors]
         return np.concatenate([stacked.real, stacked.imag, priors])
 
     @property
     def priors(self) -> int:
         """Number of the last residuals that come from priors, not data."""
-        return 2 if self.data.tip is None else 3
+        return 2 if self.data.tip is None else 4
 
 
 def first_guesses(response: Complex, frequency_hz: Real, ratio: float) -> list[Real]:
