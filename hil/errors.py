@@ -1,7 +1,4 @@
-"""Errors of the bench, with attributes, message and exit status.
-
-All have one base class.
-"""
+"""Errors of the bench, with attributes, message and exit status."""
 
 from typing import ClassVar, Literal
 
@@ -106,10 +103,7 @@ DISABLED = "all axes are stopped and disabled, and their drives close the brakes
 
 
 def not_restored_words(what: str) -> str:
-    """Return the words for an object that a run has not restored.
-
-    Or for a node.
-    """
+    """Return the words for an object that a run has not restored."""
     return f"not restored: {what}"
 
 

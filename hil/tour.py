@@ -89,10 +89,7 @@ class TourOutcome:
 
 
 def bench_without_model(name: str = NAME) -> str:
-    """Return the reference bench file without plants and transmission errors.
-
-    It is then no longer the paper's robot.
-    """
+    """Return the reference bench file without plants and transmission errors."""
     text = _REFERENCE.sub("", _MODEL.sub("\n", REFERENCE.read_text(encoding="utf-8")))
     return text.replace('name = "reference"', f'name = "{name}"')
 

@@ -206,10 +206,7 @@ class Tool(typer.Typer):
         return super().command(name, **({"cls": ToolCommand} | settings))
 
     def run(self, arguments: Sequence[str] | None = None) -> None:
-        """Run the tool; never returns.
-
-        Without `arguments` it takes those of the process.
-        """
+        """Run the tool; never returns."""
         postpone_mf4()
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # a search of all installed packages, in 40 ms
         gc.set_threshold(NEW_OBJECTS)

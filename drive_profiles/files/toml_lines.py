@@ -31,10 +31,7 @@ def key_lines(text: str) -> dict[KeyPath, int]:
 
 
 class _Scanner:
-    """Scanner that notes the line of each element of valid TOML.
-
-    It does not interpret values.
-    """
+    """Scanner that notes the line of each element of valid TOML."""
 
     def __init__(self, text: str) -> None:
         self.text = text

@@ -329,10 +329,7 @@ def worst_case_bits(data_length: int, extended: bool = False) -> int:
 
 
 def crc15(bits: int, length: int) -> int:
-    """Return the CRC from SOF to the last bit of the data.
-
-    The register starts at 0.
-    """
+    """Return the CRC from SOF to the last bit of the data."""
     register = 0
     # zeros ahead of the sequence leave the register at 0, so whole bytes may be taken
     for byte in bits.to_bytes((length + 7) // 8, "big"):

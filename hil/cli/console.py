@@ -133,9 +133,6 @@ def write_page(directory: Path) -> Path | None:
 
     An interrupt or a full disk leaves that to `hil report`, so that the end of the runs is printed all the same.
 
-    Args:
-        directory: Directory with the result of the runs.
-
     Returns:
         Path of the page; None if it was not written.
     """

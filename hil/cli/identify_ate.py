@@ -1,7 +1,4 @@
-"""`hil identify ate`: the transmission error of one axis.
-
-From ramps in both directions, or from recordings.
-"""
+"""`hil identify ate`: the transmission error of one axis."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,4 @@
-"""`hil identify plant`: the plant of one axis, without prior knowledge.
-
-Inertias, stiffness, damping, friction and gravity.
-"""
+"""`hil identify plant`: the plant of one axis, without prior knowledge."""
 
 from collections.abc import Iterator
 from enum import StrEnum

@@ -1,7 +1,4 @@
-"""`hil learn`: adaptive cancellation, then frozen in a model file.
-
-It learns pass by pass.
-"""
+"""`hil learn`: adaptive cancellation, then frozen in a model file."""
 
 from collections.abc import Iterator
 from enum import StrEnum

@@ -27,14 +27,7 @@ class Checked:
     keep: Keep
 
     def entry(self, name: str, verdict: Verdict, seen: str, recording: str | None = None) -> CheckEntry:
-        """One check of this axis.
-
-        Args:
-            name: Name of the check.
-            verdict: Its outcome.
-            seen: Observation in words.
-            recording: Path of its recording.
-        """
+        """One check of this axis."""
         return CheckEntry(axis=self.number, name=name, verdict=verdict, seen=seen, recording=recording)
 
     def not_made(self, name: str, why: str) -> CheckEntry:

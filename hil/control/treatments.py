@@ -1,7 +1,4 @@
-"""Treatments of the vibration by name, as data.
-
-Both sides read it: effect, place in the loop and knowledge needed.
-"""
+"""Treatments of the vibration by name, as data."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -186,10 +183,7 @@ _ROWS: dict[str, Treatment] = {each.name: each for each in TABLE}
 
 
 def present_name(name: str) -> str:
-    """Return the present name of a treatment.
-
-    Any other word stays as it is.
-    """
+    """Return the present name of a treatment."""
     return _PRESENT.get(name, name)
 
 

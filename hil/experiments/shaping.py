@@ -67,10 +67,7 @@ class FittedShaper:
         return replace(motion, time_s=times, motor_angle_rad=rows)
 
     def remaining(self, factor: float) -> float:
-        """Largest remaining vibration if the frequencies are off by a factor.
-
-        All frequencies are `factor` times the assumed ones.
-        """
+        """Largest remaining vibration if the frequencies are off by a factor."""
         return max(float(self.shaper.remaining(factor * mode.frequency_hz, mode.damping)) for mode in self.modes)
 
     def entry(self, path_error_mm: float | None) -> ShaperEntry:

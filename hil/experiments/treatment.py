@@ -1,7 +1,4 @@
-"""Set-up of a treatment in a run.
-
-The module builds the bench and the switches of a run from the knowledge of the robot.
-"""
+"""Set-up of a treatment in a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -64,10 +64,7 @@ class Rhythm:
 
 
 def _blocks(values: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-    """Yield numbers in pieces.
-
-    A calculation then does not need memory for all of them.
-    """
+    """Yield numbers in pieces."""
     for begin in range(0, len(values), FRAMES_AT_ONCE):
         yield values[begin : begin + FRAMES_AT_ONCE]
 

@@ -1,7 +1,4 @@
-"""Second encoder on a joint in a run: TPDO and position.
-
-Its axis moves, or is only watched.
-"""
+"""Second encoder on a joint in a run: TPDO and position."""
 
 import math
 from typing import Any

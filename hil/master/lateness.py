@@ -62,10 +62,7 @@ class Histogram:
         return self.largest_s
 
     def bars(self) -> list[tuple[float, int]]:
-        """Return bars, two per decade: upper edge and number.
-
-        From the first to the last that is not empty; the last edge is inf.
-        """
+        """Return bars, two per decade: upper edge and number."""
         bars = [(_EDGES[0], self._bins[0])]
         for begin in range(1, len(_EDGES), _COARSE):
             end = begin + _COARSE - 1
@@ -152,10 +149,7 @@ class CycleSchedule:
         return True
 
     def missing_now(self) -> int:
-        """Return the number of unsent cycles in a row until now.
-
-        0 before the first cycle.
-        """
+        """Return the number of unsent cycles in a row until now."""
         behind = self.clock.now() - self.end_s if self.cycles else 0.0
         return self._in_a_row + 1 + int(behind / self.period_s) if behind > self.limit_s else self.overdue
 
@@ -178,10 +172,7 @@ class CycleSchedule:
         self._frames.append(frame)
 
     def count_bits(self) -> None:
-        """Count the bits of the kept frames, between the cycles.
-
-        Error messages of the controller have no bits.
-        """
+        """Count the bits of the kept frames, between the cycles."""
         for frame in self._frames:
             if frame.can_id & CAN_ERR_FLAG:
                 continue

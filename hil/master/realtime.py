@@ -1,7 +1,4 @@
-"""Real time on Linux, as far as the system permits it.
-
-Requests, their outcome, and their reversal.
-"""
+"""Real time on Linux, as far as the system permits it."""
 
 import ctypes
 import gc

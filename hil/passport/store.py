@@ -195,10 +195,7 @@ def _check(path: Path, connection: sqlite3.Connection) -> None:
 
 
 def _bring_up(connection: sqlite3.Connection, version: int) -> None:
-    """Upgrade a passport from an older version or an empty file.
-
-    In one transaction.
-    """
+    """Upgrade a passport from an older version or an empty file."""
     connection.execute("BEGIN IMMEDIATE")
     if connection.execute("PRAGMA user_version").fetchone()[0] == version:
         for step in _STEPS[version:]:

@@ -112,10 +112,7 @@ class OrderOrigin:
 
 
 def gears_of(runs: Sequence[PassportRun], since: str = "") -> dict[tuple[str, int], list[PassportRun]]:
-    """Return the runs of each gear from a date on.
-
-    By robot and axis, in the order of their dates.
-    """
+    """Return the runs of each gear from a date on."""
     gears: dict[tuple[str, int], list[PassportRun]] = {}
     for run in sorted(runs, key=lambda each: (each.measured_utc, each.content)):
         if run.measured_utc >= since:

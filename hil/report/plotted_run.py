@@ -92,10 +92,7 @@ def _label(name: str, others: Mapping[str, RunEntry]) -> str:
 
 
 def key_end(number: int) -> str:
-    """Return the end of the key of a figure's n-th part.
-
-    Parts count from 0; the first has an empty end.
-    """
+    """Return the end of the key of a figure's n-th part."""
     return f"-part{number + 1}" if number else ""
 
 
@@ -177,10 +174,7 @@ def finish_vibration(
 
 
 def _within(panel: Axes, line: Line2D) -> float:
-    """Return the largest |y| of a line between the panel's x limits.
-
-    0 for a marker line across the panel.
-    """
+    """Return the largest |y| of a line between the panel's x limits."""
     x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data())
     low, high = panel.get_xlim()
     shown = (x >= low) & (x <= high)
@@ -216,12 +210,6 @@ def judged_samples(material: Material, recording: Recording, axis: int, order: i
     """Return the indices of the samples in which an order is judged.
 
     Shape (n,); none without an f_al.
-
-    Args:
-        material: Result and bench.
-        recording: The run.
-        axis: Axis that moved.
-        order: Order k.
     """
     window = material.window_rps(axis, order)
     return np.flatnonzero(speed_window(recording, axis, window)) if window is not None else np.zeros(0, dtype=np.int_)

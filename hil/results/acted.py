@@ -105,12 +105,7 @@ def bench_files(path: str | Path, bench: Bench) -> tuple[SourceFile, ...]:
 def acted_filters(
     held_by: Literal["drive", "host"], filters: Mapping[int, Sequence[Notch | FixedFilter]]
 ) -> tuple[ActedFilter, ...]:
-    """Entries of the filters that acted.
-
-    Args:
-        held_by: Side that held them.
-        filters: Filters by axis.
-    """
+    """Entries of the filters that acted."""
     return tuple(
         ActedFilter(axis=axis, held_by=held_by, notch=notch_table(each))
         if isinstance(each, Notch)

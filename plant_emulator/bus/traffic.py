@@ -1,7 +1,4 @@
-"""The traffic of a bus.
-
-It holds delivered frames, messages of controllers, counts, and the busy times.
-"""
+"""The traffic of a bus."""
 
 from collections import deque
 from dataclasses import dataclass

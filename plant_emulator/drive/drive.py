@@ -289,10 +289,7 @@ class Drive:
     # -- the process image ---------------------------------------------------------------------------------------------
 
     def takes(self, cell: Cell) -> int | None:
-        """Return what an entry means in an RPDO of the process image.
-
-        The result is None for an entry that only the slave can write.
-        """
+        """Return what an entry means in an RPDO of the process image."""
         if cell.write_hook == self._write_control_word:
             return int(CORE.call.CONTROL_WORD)
         return int(getattr(CORE.call, SHARED[cell.entry.index].upper())) if self.data.shares(cell) else None

@@ -53,10 +53,7 @@ def without_speed_limit(robot: Robot, bench: Bench, axis: int) -> Pair:
 
 
 def with_quick_bus(robot: Robot, bench: Bench, axis: int) -> Pair:
-    """Return robot and bench with a short SYNC period.
-
-    The bus carries it, and its TPDOs have no delay.
-    """
+    """Return robot and bench with a short SYNC period."""
     table = robot.axis[axis]
     behaviour = table.behaviour.model_copy(update={"tpdo_delay_us": 0})
     quick = robot.model_copy(

@@ -136,10 +136,7 @@ def _robot(name: str, seed: int, draws: Draws, axes: dict[int, ArmAxis], arm: Ar
 
 
 def arm_facts(robot: ArmRobot) -> dict[str, float]:
-    """Return mass, reach and resonances of an arm.
-
-    The reach is from its shoulder; the resonances are at home with closed brakes.
-    """
+    """Return mass, reach and resonances of an arm."""
     arm, home = robot.arm, robot.arm.home_rad()
     gears = np.diag([robot.axis[number].gear_stiffness_nm_rad for number in arm.axes])
     modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass_matrix(arm, home), gears)).real) / (2.0 * math.pi)

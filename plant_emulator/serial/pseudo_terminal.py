@@ -78,10 +78,7 @@ class PseudoTerminal:
         return len(self._backlog)
 
     def read(self) -> bytes:
-        """Read the bytes that the other end has written.
-
-        The result is b"" if there are none.
-        """
+        """Read the bytes that the other end has written."""
         try:
             return os.read(self._device, READ_BYTES)
         except OSError:  # nothing there; it cannot be gone, since the port is held open here

@@ -1,7 +1,4 @@
-"""Storage of a node's values over a loss of power.
-
-The commands are "save" and "load" (CiA 301, 7.5.2.13 and 7.5.2.14).
-"""
+"""Storage of a node's values over a loss of power."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

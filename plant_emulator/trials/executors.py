@@ -110,10 +110,7 @@ class LocalProcesses:
         self._settings.close()
 
     def capacity(self) -> int:
-        """Return the number of processes.
-
-        A free process runs a task.
-        """
+        """Return the number of processes."""
         return self._jobs
 
     def submit(self, task: Callable[..., Result], *values: object) -> "Future[Result]":

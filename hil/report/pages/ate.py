@@ -61,10 +61,7 @@ def sections(material: AteMaterial) -> list[Section]:
 
 
 def _order_maps(material: AteMaterial) -> Drawing | None:
-    """Draw order maps of the fastest and the slowest pass.
-
-    None without an accelerometer, or without a pass.
-    """
+    """Draw order maps of the fastest and the slowest pass."""
     made = [each for each in material.result.passes if each.stopped is None and (material.directory / each.recording).is_file()]
     if material.is_sensorless or not made:
         return None

@@ -172,10 +172,7 @@ def _filters(material: Material, filters: FilterSet, number: int) -> list[Drawin
 
 
 def _stops(material: Material) -> list[Drawing | ReportTable | None]:
-    """Return table and figures of shapers and stops.
-
-    None without any.
-    """
+    """Return table and figures of shapers and stops."""
     runs = material.result.runs
     stopped = sorted({run.axis for run in runs if run.axis is not None and run.experiment == POINT_TO_POINT})
     return [
@@ -385,10 +382,7 @@ def _by_specification(material: Material, details: list[str]) -> PageVerdict:
 
 
 def _ramp_words(run: RunEntry) -> str:
-    """Return order, noise, ramp peak and f_al of a run in words.
-
-    With the source of f_al.
-    """
+    """Return order, noise, ramp peak and f_al of a run in words."""
     order = "" if run.order_mm is None else f", order {run.order} {run.order_mm:.4f} ± {run.order_error_mm or 0.0:.4f} mm"
     noise = ", not above the sensor's noise" if is_noise(run.tip_peak_mm, run.noise_mm) else ""
     whole = "" if run.ramp_peak_mm is None else f", {run.ramp_peak_mm:.3f} mm on the whole ramp"

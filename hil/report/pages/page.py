@@ -224,10 +224,7 @@ def render(
 
 
 def _interactive(sections: list[Section]) -> InteractiveParts | None:
-    """Return the parts of an interactive page.
-
-    None if no figure can be zoomed.
-    """
+    """Return the parts of an interactive page."""
     drawings = [item for section in sections for item in section.items if isinstance(item, Drawing)]
     figures = {each.key: each.zoom for each in drawings if each.zoom is not None}
     return interactive_parts(figures) if figures else None

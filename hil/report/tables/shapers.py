@@ -17,11 +17,6 @@ def shapers(
     """Tabulate runs with a shaper beside runs without.
 
     Of the same motion; None without shapers.
-
-    Args:
-        runs: Entries of runs on one robot.
-        key: Anchor of the table.
-        title: Title of the table.
     """
     plain = {(run.experiment, run.axis, run.loop): run.tip_peak_mm for run in runs if run.treatment == "none"}
     rows: list[list[Cell]] = []

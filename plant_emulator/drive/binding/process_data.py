@@ -1,7 +1,4 @@
-"""A drive's process data.
-
-The CiA 402 part of its dictionary is converted to the units and arrays of its axis, and back.
-"""
+"""A drive's process data."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -155,10 +155,7 @@ class DescribedFamily(DriveFamily):
         return (*notes, self._filter_note) if self._filter_note else tuple(notes)
 
     def acting(self, address: ObjectAddress) -> Any:
-        """Return the value in force.
-
-        A parameter that acts after a reset has the value of the last one.
-        """
+        """Return the value in force."""
         if address in self._latched:
             return self._latched[address]
         return self.dictionary.cell(*address).value

@@ -1,7 +1,4 @@
-"""Conditions in which a learnt cancellation is tested.
-
-They are the line on which it was learnt, two other lines, other payloads, and another pace.
-"""
+"""Conditions in which a learnt cancellation is tested."""
 
 from collections.abc import Iterator
 from itertools import product
@@ -50,10 +47,6 @@ def conditions_of(robot: ArmRobot, bench: Bench) -> list[Condition]:
     """Return all conditions of the arm, the learnt one first.
 
     The other lines are one beside the first, which begins elsewhere, and one from the same start to another end.
-
-    Args:
-        robot: The robot.
-        bench: Its bench file.
     """
     line = bench.line_motion
     assert line is not None  # noqa: S101 - it has been learnt on

@@ -167,10 +167,7 @@ class Rig:
         return band_pass(f_al_hz, f_al_hz, self.sync_s)
 
     def follower(self, settings: FollowingSettings | None = None, begins: Mapping[float, float] = NO_BEGINS) -> FollowingLaw:
-        """Return the product's law for this axis.
-
-        Its orders begin from the parts in `begins`.
-        """
+        """Return the product's law for this axis."""
         return FollowingLaw([self.known_model()], [self.followed(begins)], self.band(), self.sync_s, settings)
 
     def _table(self, angles_rad: Real) -> CancellationTable:
