@@ -26,7 +26,7 @@ from hil.report.figures import (
 )
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, bench_lines, filled_sections, render
 from hil.report.plotted_run import key_end, shown_runs
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
 from hil.report.report_table import number as number_text
@@ -455,13 +455,6 @@ def _percent(reduction: float | None) -> str:
 
 def provenance(material: Material) -> list[tuple[str, str]]:
     """Bench, instant and versions of the runs."""
-    record = material.result.bench
-    versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
-    lines = [
-        ("Bench", record.name),
-        ("Bus", record.bus),
-        ("Clock", record.clock),
-        ("Versions", versions),
-        *((f"{file.role.capitalize()} file", f"{file.path} (SHA-256 {file.sha256})") for file in material.result.files or ()),
-    ]
-    return [(name, text) for name, text in lines if text]
+    files = material.result.files or ()
+    sources = [(f"{file.role.capitalize()} file", f"{file.path} (SHA-256 {file.sha256})") for file in files]
+    return [*bench_lines(material.result.bench), *sources]

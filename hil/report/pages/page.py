@@ -2,7 +2,7 @@
 
 import datetime
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -17,7 +17,7 @@ from hil.report.origin import MEASURED, Origin, origin_of
 from hil.report.paper import CITATION
 from hil.report.report_table import Mark, ReportTable
 from hil.report.style import Drawing
-from hil.results.base import MeasuredResult
+from hil.results.base import MeasuredBench, MeasuredResult
 
 
 @dataclass(frozen=True)
@@ -171,6 +171,20 @@ def moment_text(instant: str) -> str:
 _MONTHS = (
     "January", "February", "March", "April", "May", "June", "July", "August", "September", "October", "November", "December",
 )  # fmt: skip
+
+
+def bench_lines(bench: MeasuredBench, *more: tuple[str, str]) -> list[tuple[str, str]]:
+    """Return names and texts of a measurement's bench, further ones, and versions.
+
+    A line without a text is left out.
+    """
+    lines = [("Bench", bench.name), ("Bus", bench.bus), ("Clock", bench.clock), *more]
+    return [(name, text) for name, text in (*lines, ("Versions", versions_text(bench.versions))) if text]
+
+
+def versions_text(versions: Mapping[str, str]) -> str:
+    """Return versions by package as a line."""
+    return ", ".join(f"{name} {version}" for name, version in versions.items())
 
 
 def render(

@@ -6,7 +6,7 @@ from hil.bench.model import values_in_words
 from hil.report import style
 from hil.report.figures import recorded_ate as figures
 from hil.report.figures.recorded_ate import RecordedMaterial
-from hil.report.pages.page import PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import PageHead, PageVerdict, Section, filled_sections, render, versions_text
 from hil.report.report_table import ReportTable
 from hil.report.style import Drawing
 
@@ -76,7 +76,7 @@ def provenance(material: RecordedMaterial) -> list[tuple[str, str]]:
     ]
     if result.plant is not None:
         lines.append(("Plant", result.plant))
-    lines.append(("Versions", ", ".join(f"{name} {version}" for name, version in result.versions.items())))
+    lines.append(("Versions", versions_text(result.versions)))
     return lines
 
 
