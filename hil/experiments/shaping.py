@@ -18,7 +18,7 @@ from hil.design.modes.problem import ArmMode
 from hil.design.modes.ring_down import closed_loop_rates, modes_of
 from hil.errors import NotPossibleError
 from hil.master.motion import LoopName, Motion
-from hil.results.runs import ShapedMode, ShaperEntry
+from hil.results.runs import ShaperEntry
 
 MOST_MODES = 2
 """Modes that a shaper is convolved for: each makes the motion longer."""
@@ -74,8 +74,8 @@ class FittedShaper:
         """Entry of the shaper for the result file."""
         return ShaperEntry(
             name=self.name,
-            modes=tuple(ShapedMode(frequency_hz=mode.frequency_hz, damping=mode.damping) for mode in self.modes),
-            left=tuple(ShapedMode(frequency_hz=mode.frequency_hz, damping=mode.damping) for mode in self.left),
+            modes=self.modes,
+            left=self.left,
             amplitudes=self.shaper.amplitudes,
             times_s=self.shaper.times_s,
             duration_s=self.shaper.duration_s,

@@ -6,9 +6,10 @@ The residual is that of the formula, and that on the robot.
 import math
 from collections.abc import Sequence
 
+from hil.control.shapers import SwingingMode
 from hil.experiments.treatment import TITLES
 from hil.report.report_table import NONE, Cell, ReportTable, number
-from hil.results.runs import RunEntry, ShapedMode
+from hil.results.runs import RunEntry
 
 
 def shapers(
@@ -49,7 +50,7 @@ def shapers(
     return ReportTable(key, title, "", header, rows, frozenset({0, 1, 2}), caption)
 
 
-def mode_words(mode: ShapedMode) -> str:
+def mode_words(mode: SwingingMode) -> str:
     """A mode in words: `11.63 Hz, ζ 0.129`."""
     return f"{mode.frequency_hz:.2f} Hz, ζ {mode.damping:.3f}"
 
