@@ -17,8 +17,6 @@ TREATMENTS: tuple[TreatmentName, ...] = tuple(each.name for each in TABLE)
 
 TITLES: dict[str, str] = {each.name: each.title for each in TABLE}
 
-CANCELLING: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if each.cancels == "set-points")
-
 FILTERING: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if each.filters == "variable")
 """Treatments in which the drives' variable filters act."""
 

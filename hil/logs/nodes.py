@@ -96,7 +96,6 @@ class Pdo:
         can_id: Identifier.
         transmission_type: Transmission type; None if it is not known.
         entries: Its numbers; empty if the mapping is not known.
-        is_reconstructed: True if only its identifier of the predefined connection set was seen.
     """
 
     node: int
@@ -105,7 +104,6 @@ class Pdo:
     can_id: int
     transmission_type: int | None
     entries: tuple[MappedNumber, ...]
-    is_reconstructed: bool = False
 
     @property
     def name(self) -> str:
@@ -242,7 +240,6 @@ def _pdos(node: Node) -> Iterable[Pdo]:
         for number in range(MOST_PDOS):
             communication, mapping = COMMUNICATION_PARAMETERS[direction] + number, MAPPING_PARAMETERS[direction] + number
             cob_id = node.value(communication, 1)
-            is_heard = cob_id is not None
             if cob_id is None:
                 if number >= 4:
                     continue
@@ -251,7 +248,7 @@ def _pdos(node: Node) -> Iterable[Pdo]:
             if cob_id & CobIdBit.INVALID or not can_id:
                 continue
             entries = tuple(_entries(node, mapping))
-            yield Pdo(node.number, direction, number + 1, can_id, node.value(communication, 2), entries, not is_heard)
+            yield Pdo(node.number, direction, number + 1, can_id, node.value(communication, 2), entries)
 
 
 def _entries(node: Node, mapping: int) -> Iterable[MappedNumber]:

@@ -215,13 +215,12 @@ def judged_samples(material: Material, recording: Recording, axis: int, order: i
     return np.flatnonzero(speed_window(recording, axis, window)) if window is not None else np.zeros(0, dtype=np.int_)
 
 
-def window_words(material: Material, axis: int, order: int = SHADED_ORDER) -> str:
+def window_words(material: Material, axis: int) -> str:
     """Sentence on the shaded speeds."""
-    window = material.window_rps(axis, order)
+    window = material.window_rps(axis, SHADED_ORDER)
     if window is None:
         return "Nothing is shaded: the run is not judged."
-    words = {1: "first", 2: "second", 4: "fourth"}.get(order, f"{order}th")
-    return f"Shaded: {window[0]:.3g} to {window[1]:.3g} rev/s, where the {words} harmonic crosses the resonance."
+    return f"Shaded: {window[0]:.3g} to {window[1]:.3g} rev/s, where the second harmonic crosses the resonance."
 
 
 def judged_line_s(material: Material) -> tuple[float, float]:

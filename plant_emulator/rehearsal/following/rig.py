@@ -80,8 +80,6 @@ class Assumed:
 
 
 RIGHT = Assumed()
-AS_IDENTIFIED = Assumed(1.01, 1.0, 1.01, 1.15, 0.5e-3)
-"""Off as `hil identify` leaves it."""
 
 
 @dataclass(frozen=True)
