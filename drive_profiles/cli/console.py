@@ -25,9 +25,6 @@ class ToolExitStatus(IntEnum):
     """Exit statuses of one tool.
 
     Each member has its number and its sentence in the help.
-
-    Attributes:
-        sentence: The meaning, without a full stop.
     """
 
     sentence: str

@@ -14,13 +14,7 @@ Keep = Callable[[Recording, str], str]
 
 @dataclass(frozen=True)
 class Checked:
-    """One axis that is being checked.
-
-    Attributes:
-        session: Session that has been brought up.
-        number: Number of the axis.
-        keep: Function that saves a recording.
-    """
+    """One axis that is being checked."""
 
     session: Session
     number: int

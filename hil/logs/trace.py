@@ -75,11 +75,6 @@ class Trace:
     Args:
         log: The log.
         descriptions: Device descriptions by node-ID.
-
-    Attributes:
-        log: The log.
-        events: SDO transfers in it.
-        nodes: Its nodes, by node-ID.
     """
 
     def __init__(self, log: Log, descriptions: Mapping[int, Description]) -> None:

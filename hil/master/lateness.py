@@ -25,10 +25,6 @@ class Histogram:
     A run of any length takes the same memory. A percentile is never below the exact one, which is the smallest value that
     at least this fraction of all values does not exceed. From 100 ns to 100 s it exceeds the exact one by no more than
     `RELATIVE_ERROR`; below, by no more than 100 ns; beyond, it is the largest value. The largest value is exact.
-
-    Attributes:
-        count: Number of values.
-        largest_s: Largest value.
     """
 
     RELATIVE_ERROR = 10.0 ** (1.0 / PER_DECADE) - 1.0

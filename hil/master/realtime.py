@@ -209,9 +209,6 @@ class RealTime:
     Args:
         settings: The requests.
         system: The calls to the system; a test gives its own.
-
-    Attributes:
-        measures: Requests with their outcome, in their order.
     """
 
     def __init__(self, settings: Settings, system: System | None = None) -> None:

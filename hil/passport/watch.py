@@ -94,15 +94,7 @@ class Trend:
 
 @dataclass(frozen=True)
 class OrderOrigin:
-    """Origin of an order of a gear.
-
-    Attributes:
-        robot: Name of the bench.
-        axis: Axis number.
-        order: Order k.
-        name: Its origin.
-        why: Reason for it.
-    """
+    """Origin of an order of a gear."""
 
     robot: str
     axis: int

@@ -91,9 +91,6 @@ class SignalDecoder:
         bench: Bench file, or None.
         descriptions: Device descriptions by node-ID.
         bitrate: Bit rate in bit/s; None if it is not known, and the load is in kbit/s.
-
-    Attributes:
-        signals: Signals so far, by their columns.
     """
 
     def __init__(self, bench: Bench | None, descriptions: Mapping[int, Description], bitrate: int | None) -> None:

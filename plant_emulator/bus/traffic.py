@@ -68,11 +68,7 @@ class Statistics:
 
 
 class Traffic:
-    """Counts and busy stretches of a bus.
-
-    Attributes:
-        counts: Counts up to now.
-    """
+    """Counts and busy stretches of a bus."""
 
     def __init__(self) -> None:
         """Start with all counts at 0."""

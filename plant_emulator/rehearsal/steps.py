@@ -65,11 +65,7 @@ class TrialRefusedError(HilError):
 
 @dataclass(frozen=True)
 class PathFiles:
-    """The files of a path.
-
-    Attributes:
-        folder: Directory of all of them.
-    """
+    """The files of a path."""
 
     folder: Path
 

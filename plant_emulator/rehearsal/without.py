@@ -97,15 +97,7 @@ def _up_to(over_resonance: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class PathEnd:
-    """End of a path: a cancellation on a robot.
-
-    Attributes:
-        robot: The robot.
-        bench: Its bench file.
-        axis: Number of the axis.
-        model: Model of the cancellation.
-        left_out: Orders that its trial has left out.
-    """
+    """End of a path: a cancellation on a robot."""
 
     robot: Robot
     bench: Bench

@@ -80,13 +80,7 @@ class ComparisonRequest:
 
 @dataclass(frozen=True)
 class KnownRobot:
-    """Robot of a comparison, and the knowledge of it.
-
-    Attributes:
-        bench: Bench file of the robot.
-        knowledge: Knowledge beside the bench file.
-        source: Path of the bench file.
-    """
+    """Robot of a comparison, and the knowledge of it."""
 
     bench: Bench
     knowledge: Knowledge = field(default_factory=Knowledge)

@@ -84,13 +84,7 @@ class PlantRequest:
 
 @dataclass(frozen=True)
 class Band:
-    """Band and bias speed of an excitation.
-
-    Attributes:
-        low_hz: Lower end.
-        high_hz: Upper end.
-        bias_rps: Motor speed.
-    """
+    """Band and bias speed of an excitation."""
 
     low_hz: float
     high_hz: float

@@ -35,14 +35,7 @@ AGAINST_FILE = "against.html"
 
 @dataclass(frozen=True)
 class _Content:
-    """Numbers, figures and cards of two results, with notes.
-
-    Attributes:
-        numbers: Pairs of numbers.
-        drawings: Figures with both results.
-        cards: Cards of the page.
-        notes: Sentences on parts without a counterpart.
-    """
+    """Numbers, figures and cards of two results, with notes."""
 
     numbers: list[NumberPair]
     drawings: list[Drawing]
