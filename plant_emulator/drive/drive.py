@@ -48,7 +48,7 @@ from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes
 from plant_emulator.slave.delays import slave_with
 from plant_emulator.slave.dictionary import Cell, ReadHook, ResetKind
-from plant_emulator.slave.node import Slave
+from plant_emulator.slave.node import SlaveNode
 
 
 class DelayedTransition(NamedTuple):
@@ -65,7 +65,7 @@ class DelayedTransition(NamedTuple):
     due: int | None = None
 
 
-class Drive:
+class Drive(SlaveNode):
     """A servo drive on the bus, sans IO.
 
     `receive`, `advance` and `due` are those of every node; `update` is called after each advance of the axes.
@@ -74,7 +74,6 @@ class Drive:
         axes: The mechanics.
         row: Row of the axis in `Axes.rows`.
         behaviour: The quirks that the robot file gives the drive.
-        slave: The CANopen engine underneath.
         data: The process data, between the dictionary and the axis.
         stage: The power stage.
         inputs: The digital inputs, safe torque off among them.
@@ -105,7 +104,7 @@ class Drive:
         self.family = family_of(axes.robot, number) if family is None else family
         dictionary = self.family.dictionary
         share_set_points(dictionary, axes, self.row)
-        self.slave: Slave = slave_with(
+        self.slave = slave_with(
             self.behaviour,
             axes.robot.seed + number,
             axes.robot.node_ids[number],
@@ -185,16 +184,6 @@ class Drive:
 
     # -- the node, for the world ---------------------------------------------------------------------------------------
 
-    @property
-    def node_id(self) -> int:
-        """Node-ID of the drive."""
-        return self.slave.node_id
-
-    @property
-    def due(self) -> int | None:
-        """Next instant, in ns, at which `advance` must be called."""
-        return self.slave.due
-
     def power_on(self, now: int) -> list[Frame]:
         """Start, or restart after a loss of power.
 
@@ -202,14 +191,6 @@ class Drive:
         """
         self._restart()
         return self.slave.power_on(now)
-
-    def receive(self, frame: Frame, now: int) -> list[Frame]:
-        """Process a frame from the bus; return the drive's answers."""
-        return self.slave.receive(frame, now)
-
-    def advance(self, now: int) -> list[Frame]:
-        """Let time pass up to now."""
-        return self.slave.advance(now)
 
     def update(self, now: int) -> list[Frame]:
         """Process what the axis has done since the last call.
