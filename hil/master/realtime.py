@@ -219,10 +219,7 @@ class RealTime:
         self._undo: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
-        """Make the requests, the scheduler last.
-
-        The others may take their time.
-        """
+        """Make the requests, the scheduler last; the others may take their time."""
         settings = self._settings
         self._undo.append(quiet_garbage_collection())
         interval = sys.getswitchinterval()

@@ -228,10 +228,7 @@ class SignalDecoder:
     def _finish(
         self, stamps: NDArray[np.int64], columns: dict[object, Real], missed: Real, bits: Real, whole: slice
     ) -> tuple[Real, Real]:
-        """Return times and values of the complete rows.
-
-        With the derived signals.
-        """
+        """Return times and values of the complete rows, with the derived signals."""
         time_s = np.asarray(stamps[whole] * 1e-9, np.float64)
         if not len(time_s):
             return time_s, np.empty((0, len(self.signals)))

@@ -104,10 +104,7 @@ class DriveFaults:
         return any(cause in LACKS for cause in self._slave.emergency_causes)
 
     def clear(self) -> None:
-        """Withdraw all causes at a fault reset.
-
-        The history keeps them.
-        """
+        """Withdraw all causes at a fault reset; the history keeps them."""
         self.forget()
         for cause in _CAUSES:
             self._slave.clear_emergency(cause)

@@ -43,10 +43,7 @@ def write_learning_report(directory: Path, *, is_interactive: bool = False) -> P
 
 
 def sections(result: LearningResult, directory: Path | None = None) -> list[Section]:
-    """Return all chapters with data.
-
-    Figures of recordings need their directory.
-    """
+    """Return all chapters with data; figures of recordings need their directory."""
     learnt: list[Drawing | ReportTable | None] = []
     is_paper = result.bench.file.is_paper
     for each in result.learnt:

@@ -143,10 +143,7 @@ class DriveLimits:
         self._apply_profile_speed()
 
     def forget_halt(self) -> None:
-        """Clear the halt at a reset.
-
-        `apply` then restores the profile speed.
-        """
+        """Clear the halt at a reset; `apply` then restores the profile speed."""
         self.is_profile_halted = False
 
     def _apply_alone(self, limit: Limit, field: str) -> None:

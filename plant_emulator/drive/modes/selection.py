@@ -126,10 +126,7 @@ class ModeSelection:
         mode.begin(self._power().control_word)
 
     def end(self) -> None:
-        """End the acting mode.
-
-        6061h shows it until the torque is off.
-        """
+        """End the acting mode; 6061h shows it until the torque is off."""
         if self.acting is not None:
             self.acting.end()
         self._limit_switches.forget()
