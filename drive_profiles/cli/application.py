@@ -1,7 +1,4 @@
-"""The common look of the three tools.
-
-They share one form of help, examples that can be copied, `--version`, and completion in the shell.
-"""
+"""The common look of the three tools."""
 
 from __future__ import annotations
 

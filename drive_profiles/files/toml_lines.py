@@ -1,7 +1,4 @@
-"""Line numbers of a TOML text.
-
-`tomllib` returns the values without their lines.
-"""
+"""Line numbers of a TOML text."""
 
 import re
 import tomllib

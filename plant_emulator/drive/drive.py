@@ -1,7 +1,4 @@
-"""The emulated servo drive, joined to one axis of the robot.
-
-It is made of a CANopen slave, the CiA 402 state machine, the modes and the servo law.
-"""
+"""The emulated servo drive, joined to one axis of the robot."""
 
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,7 +1,4 @@
-"""The record of one path.
-
-It states how each step ended, truth beside estimate, and the true tip under each treatment.
-"""
+"""The record of one path."""
 
 import math
 from collections.abc import Mapping

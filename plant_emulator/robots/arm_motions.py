@@ -1,7 +1,4 @@
-"""Motions of an arm for its bench file.
-
-They are a straight line that the arm can follow from home, and a ramp that turns it little.
-"""
+"""Motions of an arm for its bench file."""
 
 import math
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""Tuning of the drives in a run without a bus.
-
-Gains and filters by axis are read from a bench, design or tuning file.
-"""
+"""Tuning of the drives in a run without a bus."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,7 +1,4 @@
-"""The emulated accelerometer, a CiA 404 node.
-
-Its three acceleration values are sent by TPDO on SYNC.
-"""
+"""The emulated accelerometer, a CiA 404 node."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,4 @@
-"""A pseudo-terminal under a given path.
-
-Other programs open it as a serial device.
-"""
+"""A pseudo-terminal under a given path."""
 
 import contextlib
 import os

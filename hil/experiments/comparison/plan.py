@@ -1,7 +1,4 @@
-"""Plan of a comparison of treatments over experiments.
-
-Each run has its set-up, or the reason why it is left out.
-"""
+"""Plan of a comparison of treatments over experiments."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

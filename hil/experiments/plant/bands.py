@@ -1,7 +1,4 @@
-"""Band and bias speed of an excitation.
-
-The pilot has a wide band, the main run one around the resonances.
-"""
+"""Band and bias speed of an excitation."""
 
 import math
 from collections.abc import Sequence

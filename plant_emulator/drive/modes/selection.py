@@ -1,7 +1,4 @@
-"""Choice of the mode of operation by 6060h and 6061h.
-
-A mode must have what it needs before it may act.
-"""
+"""Choice of the mode of operation by 6060h and 6061h."""
 
 from collections.abc import Callable, Mapping
 from typing import Any

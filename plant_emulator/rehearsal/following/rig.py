@@ -1,7 +1,4 @@
-"""One axis of a robot with a tracking cancellation.
-
-It runs in one process without a bus, with the control laws of the product.
-"""
+"""One axis of a robot with a tracking cancellation."""
 
 import math
 from collections.abc import Callable, Mapping

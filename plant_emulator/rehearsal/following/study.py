@@ -1,7 +1,4 @@
-"""Study of tracking cancellations on drawn robots.
-
-Each law on each motion is compared with the feed-forward alone.
-"""
+"""Study of tracking cancellations on drawn robots."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
