@@ -82,10 +82,7 @@ def _shortest(bitrate: int) -> str:
 
 
 def _is_same(text: str, other: str) -> bool:
-    """Return True if both texts name the same bus.
-
-    Paths of local sockets are made absolute before the comparison.
-    """
+    """Return True if both texts name the same bus."""
     try:
         one, two = parse_address(text), parse_address(other)
     except AddressError:

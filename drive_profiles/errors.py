@@ -1,7 +1,4 @@
-"""Errors of this package.
-
-All have one root class; each keeps its values as attributes and composes its message from them.
-"""
+"""Errors of this package."""
 
 from __future__ import annotations
 
@@ -41,10 +38,7 @@ class OutOfRangeError(DriveProfileError, ValueError):
 
 
 def beyond(low: float, high: float) -> str:
-    """Return the reason why a value outside the limits is refused.
-
-    An infinite limit is left out of the text.
-    """
+    """Return the reason why a value outside the limits is refused."""
     if math.isinf(low):
         return f"must be at most {high:.10g}"
     return f"must be at least {low:.10g}" if math.isinf(high) else f"is outside {low:.10g} to {high:.10g}"

@@ -44,10 +44,7 @@ _CLASSES = {"tuning": "Tuning", "limits": "Limits", "communication": "Communicat
 
 
 def page(profile: Profile) -> str:
-    """Return the page of one family.
-
-    It lists the capabilities for the loop, the facts and the parameters, each with its source.
-    """
+    """Return the page of one family."""
     sources = _Sources(profile)
     parts = [
         f"# {profile.title}",
@@ -275,10 +272,7 @@ def _held(profile: Profile, target: NotchTarget, period_s: float | None) -> tupl
 
 
 def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
-    """Yield the table of one fact of a profile.
-
-    It holds the fact's values, nested tables, note and evidence.
-    """
+    """Yield the table of one fact of a profile."""
     rows = [
         (_label(name), text)
         for name, value in fact

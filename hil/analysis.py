@@ -71,10 +71,7 @@ class TipScale:
 
 
 def tip_scale(f_al_hz: float) -> TipScale:
-    """Return the scale of an axis from its f_al.
-
-    Every window and band is in units of f_al.
-    """
+    """Return the scale of an axis from its f_al."""
     windows: dict[float, tuple[float, float]] = {order: order_window_rps(f_al_hz, order) for order in ORDERS}
     return TipScale(f_al_hz, _times(f_al_hz, BAND_FACTORS), _times(f_al_hz, PEAK_BAND_FACTORS), windows)
 
@@ -106,10 +103,7 @@ def judged_orders(scale: TipScale | None, last_rps: float) -> tuple[int, ...]:
 
 
 def paper_scale(f_al_hz: float) -> TipScale:
-    """Return the scale of an axis of the paper's robot.
-
-    Its windows and bands are given in rev/s and Hz.
-    """
+    """Return the scale of an axis of the paper's robot."""
     return TipScale(f_al_hz, PAPER_BAND_HZ, PAPER_PEAK_BAND_HZ, PAPER_WINDOWS_RPS)
 
 
@@ -140,10 +134,7 @@ def band_scale(band_hz: tuple[float, float]) -> TipScale:
 
 
 def ramp_scale(band_hz: tuple[float, float]) -> TipScale:
-    """Return the scale of an arm's ramp with a given band.
-
-    Each order is judged at the speeds at which it is in the band.
-    """
+    """Return the scale of an arm's ramp with a given band."""
     windows: dict[float, tuple[float, float]] = {order: (band_hz[0] / order, band_hz[1] / order) for order in ORDERS}
     return replace(band_scale(band_hz), windows_rps=windows)
 
@@ -162,10 +153,7 @@ def line_window_s(duration_s: float) -> tuple[float, float]:
 
 
 def motor_speed_rps(recording: Recording, axis: int) -> Real:
-    """Compute the motor speed f_m in rev/s; shape (n,).
-
-    From the recorded motor angle, low-passed without phase.
-    """
+    """Compute the motor speed f_m in rev/s; shape (n,)."""
     return speed_of(recording.axis(axis, "position_rad") / (2.0 * math.pi), recording.period_s)
 
 
@@ -268,10 +256,7 @@ def rising_within(speed_rps: Real, period_s: float, window_rps: tuple[float, flo
 
 
 def ramp_rows(recording: Recording, axis: int) -> NDArray[np.bool_]:
-    """Return the rows of a rising ramp without its ends; shape (n,).
-
-    The jerks at its ends are left out.
-    """
+    """Return the rows of a rising ramp without its ends; shape (n,)."""
     speed, edge = np.abs(motor_speed_rps(recording, axis)), round(BRAKING_S / recording.period_s)
     top = int(np.argmax(speed))
     standing = np.flatnonzero(speed[: top + 1] < 0.01 * speed[top])

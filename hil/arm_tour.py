@@ -66,10 +66,7 @@ class _ArmTourRunner:
         return f"{len(outcome.result.runs)} runs of the line: {learnt}", LEARN_PAGE
 
     def run(self, request: ComparisonRequest) -> tuple[str, str]:
-        """Run the line untreated, with the notch, and with the learnt cancellation.
-
-        The notch is the bench file's.
-        """
+        """Run the line untreated, with the notch, and with the learnt cancellation."""
         knowledge = known_from(self.out / BENCH_FILE, self.bench, learnt=self.model)
         robot = KnownRobot(self.bench, knowledge, BENCH_FILE)
         return run_side_by_side(robot, request, self.out, self.comparisons, self.reporter)
@@ -123,10 +120,7 @@ def run(address: str, out: Path, *, reporter: Reporter = SILENT) -> TourOutcome:
 
 
 def _claims_of(runner: _ArmTourRunner) -> tuple[TourClaim, ...]:
-    """Return the claims on the runs that were made.
-
-    Without a run, they have no numbers.
-    """
+    """Return the claims on the runs that were made."""
     entries: list[RunEntry] = []
     for robot in runner.comparisons[0].result.robots if runner.comparisons else ():
         if (runner.out / robot.directory / RESULT_FILE).is_file():
@@ -138,10 +132,6 @@ def claims(entries: list[RunEntry], limit_mm: float) -> tuple[TourClaim, ...]:
     """Return the claims on the line with the judged numbers.
 
     A number that was not judged is None.
-
-    Args:
-        entries: Runs of the line.
-        limit_mm: Specification of the bench file.
     """
     before, after = (peaks_mm(entries, treatment) for treatment in ("none", LEARNT))
     rises = [after[name] - before[name] for name in ALONG if name in before and name in after]

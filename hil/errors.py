@@ -1,8 +1,6 @@
-"""Errors of the bench, with attributes, message and exit status.
+"""Errors of the bench, with attributes, message and exit status."""
 
-All have one base class.
-"""
-
+from pathlib import Path
 from typing import ClassVar, Literal
 
 from drive_profiles import errors
@@ -22,6 +20,17 @@ class HilError(Exception):
 
     exit_code: ClassVar[int] = 1
     causes: tuple[RefusalCause, ...] = ()
+
+
+class FileProblemError(HilError):
+    """A file cannot be used; base of the errors of each kind of file."""
+
+    exit_code: ClassVar[int] = 3
+
+    def __init__(self, path: Path, problem: str) -> None:
+        """Keep the file and its defect."""
+        self.path, self.problem = path, problem
+        super().__init__(f"{path}: {problem}")
 
 
 class UnsafeRequestError(HilError):
@@ -106,10 +115,7 @@ DISABLED = "all axes are stopped and disabled, and their drives close the brakes
 
 
 def not_restored_words(what: str) -> str:
-    """Return the words for an object that a run has not restored.
-
-    Or for a node.
-    """
+    """Return the words for an object that a run has not restored."""
     return f"not restored: {what}"
 
 

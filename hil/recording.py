@@ -1,7 +1,4 @@
-"""Recordings of the master: columns as CSV, frames as candump log.
-
-The columns' names have units.
-"""
+"""Recordings of the master: columns as CSV, frames as candump log."""
 
 import csv
 import io
@@ -75,10 +72,7 @@ class Recording:
         return self.columns.get(ALONG, self.columns["tip_z_m_s2"])
 
     def save(self, path: Path) -> None:
-        """Write a CSV file.
-
-        One line of names with units, then the numbers.
-        """
+        """Write a CSV file."""
         path.parent.mkdir(parents=True, exist_ok=True)
         numbers, header = np.column_stack(list(self.columns.values())), ",".join(self.columns)
         with naming(path):
@@ -152,10 +146,7 @@ class BusLog:
         self._kept.append(message)
 
     def write(self) -> None:
-        """Append the kept frames to the file.
-
-        In candump's format, as python-can's writer has it.
-        """
+        """Append the kept frames to the file."""
         kept, self._kept = self._kept, []
         if self._path is None or not kept:
             return

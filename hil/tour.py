@@ -88,13 +88,10 @@ class TourOutcome:
     comparison: ComparisonOutcome | None
 
 
-def bench_without_model(name: str = NAME) -> str:
-    """Return the reference bench file without plants and transmission errors.
-
-    It is then no longer the paper's robot.
-    """
+def bench_without_model() -> str:
+    """Return the reference bench file without plants and transmission errors."""
     text = _REFERENCE.sub("", _MODEL.sub("\n", REFERENCE.read_text(encoding="utf-8")))
-    return text.replace('name = "reference"', f'name = "{name}"')
+    return text.replace('name = "reference"', f'name = "{NAME}"')
 
 
 def make_step(steps: list[TourStep], out: Path, name: str, make: Step, report: str = "") -> None:

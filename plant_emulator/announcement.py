@@ -1,7 +1,4 @@
-"""Announcement of a served robot at its start.
-
-It lists which drive is at which node, and unusual settings.
-"""
+"""Announcement of a served robot at its start."""
 
 from collections.abc import Iterable, Iterator
 

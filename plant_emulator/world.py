@@ -274,9 +274,6 @@ class World:
 
         After it one period is pending, as after `receive` of the SYNC, and the answers are the same.
 
-        Args:
-            message: Records of frames.
-
         Returns:
             Records of the answers. None if the slaves must hear the frames one by one, since a drive does more than follow its
             set-points, a node has a deadline, or a frame is another one; then nothing has changed.
@@ -377,10 +374,7 @@ class World:
         return frames
 
     def _update(self) -> list[tuple[int, Frame]]:
-        """Update the drives that have something to observe.
-
-        They watch for an exceeded limit, an event or a finished ramp.
-        """
+        """Update the drives that have something to observe."""
         wakes = self._wakes.tolist()
         if self._is_plain and self._is_looked_at and 1 not in wakes:
             return []  # drives that only follow observe nothing else
@@ -415,17 +409,11 @@ class World:
 
 
 def _is_due(slave: Slave, now: int) -> bool:
-    """Return True if a node has something to do.
-
-    A timer has run out, or the node watches objects that may have changed.
-    """
+    """Return True if a node has something to do."""
     due = slave.due
     return (due is not None and due <= now) or slave.waits_for_changes
 
 
 def _by_priority(frames: Iterable[Frame]) -> list[Frame]:
-    """Return frames of one instant in the bus's order of arbitration.
-
-    The lowest identifier comes first.
-    """
+    """Return frames of one instant in the bus's order of arbitration."""
     return sorted(frames, key=_IDENTIFIER)

@@ -1,7 +1,4 @@
-"""The common look of the three tools.
-
-They share one form of help, examples that can be copied, `--version`, and completion in the shell.
-"""
+"""The common look of the three tools."""
 
 from __future__ import annotations
 
@@ -206,10 +203,7 @@ class Tool(typer.Typer):
         return super().command(name, **({"cls": ToolCommand} | settings))
 
     def run(self, arguments: Sequence[str] | None = None) -> None:
-        """Run the tool; never returns.
-
-        Without `arguments` it takes those of the process.
-        """
+        """Run the tool; never returns."""
         postpone_mf4()
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # a search of all installed packages, in 40 ms
         gc.set_threshold(NEW_OBJECTS)

@@ -1,7 +1,4 @@
-"""Commands of ``drive-profiles`` that compare parameter sets.
-
-A set is compared with another, or with the values of a drive.
-"""
+"""Commands of ``drive-profiles`` that compare parameter sets."""
 
 # ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
 
@@ -208,10 +205,7 @@ def _show(differences: list[Difference], header: tuple[str, ...], *, as_json: bo
 
 
 def _values(difference: Difference) -> tuple[str, str]:
-    """Format both values so that they differ visibly.
-
-    A set without the object has a dash.
-    """
+    """Format both values so that they differ visibly."""
     from drive_profiles.family.catalogue import address_from
 
     left, right = difference.left, difference.right

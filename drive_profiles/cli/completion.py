@@ -138,11 +138,7 @@ def complete_nodes(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def complete_list(names: Callable[[], Iterable[str]]) -> Completer:
-    """Return a completer of names with commas between.
-
-    Args:
-        names: Giver of the names.
-    """
+    """Return a completer of names with commas between."""
 
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
         *before, last = incomplete.split(",")
@@ -189,10 +185,7 @@ def _eds_addresses(path: Path | None) -> set[str]:
 
 
 def _tables(document: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
-    """Yield the tables of a file that may name a node.
-
-    The file is a bench or robot file.
-    """
+    """Yield the tables of a bench or robot file that may name a node."""
     for key, value in document.items():
         if isinstance(value, dict):
             yield from (each for each in ([value] if key != "axis" else value.values()) if isinstance(each, dict))

@@ -1,7 +1,4 @@
-"""Console of the commands of ``drive-profiles``.
-
-It prints tables, JSON, errors and progress, gives the exit statuses, and asks before a command writes.
-"""
+"""Console of the commands of ``drive-profiles``."""
 
 from __future__ import annotations
 
@@ -28,9 +25,6 @@ class ToolExitStatus(IntEnum):
     """Exit statuses of one tool.
 
     Each member has its number and its sentence in the help.
-
-    Attributes:
-        sentence: The meaning, without a full stop.
     """
 
     sentence: str
@@ -162,10 +156,7 @@ def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], 
 
 
 def terminal_width(*, err: bool = False) -> int | None:
-    """Return the columns of the terminal on standard output or error.
-
-    The result is None if the stream is not a terminal.
-    """
+    """Return the terminal's columns, or None if the stream is not one."""
     return shutil.get_terminal_size().columns if (sys.stderr if err else sys.stdout).isatty() else None
 
 

@@ -1,7 +1,4 @@
-"""``drive-profiles``: drive families as data, and parameters of drives.
-
-Its commands read, compare, write and restore parameters.
-"""
+"""``drive-profiles``: drive families as data, and parameters of drives."""
 
 from __future__ import annotations
 

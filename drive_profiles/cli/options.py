@@ -15,10 +15,7 @@ from drive_profiles.cli.console import ExitStatus, fail
 
 
 def take_bus(context: typer.Context, value: str | None) -> str | None:
-    """Print the chosen bus and its origin on standard error.
-
-    This is the callback of the option `--bus`.
-    """
+    """Print the chosen bus and its origin on standard error."""
     if value is None or context.resilient_parsing:  # the shell asks for completions
         return value
     source = context.get_parameter_source("bus")

@@ -300,10 +300,7 @@ def _got(
 
 
 def _value(entry: CatalogueEntry, data: bytes, value: float | str) -> str:
-    """Format a value for people.
-
-    A word of bits is hexadecimal even if its type is not known.
-    """
+    """Format a value for people."""
     if entry.data_type is None and shown.is_hexadecimal(entry.address) and len(data) in {1, 2, 4, 8}:
         return f"0x{int.from_bytes(data, 'little'):0{2 * len(data)}X}"
     return shown.value(value, entry.address, entry.data_type)

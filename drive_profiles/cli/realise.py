@@ -1,7 +1,4 @@
-"""Commands of ``drive-profiles`` that realise a notch and gains.
-
-Another one writes the documentation's pages of the families.
-"""
+"""Commands that realise a notch and gains, and write the families' pages."""
 
 # ruff: noqa: PLC0415 - pydantic and numpy are imported inside the commands, so that --help and completion stay quick
 
@@ -202,10 +199,7 @@ def _why_unverified(fact: NotchFacts | LoopFacts | None) -> str:
 
 
 def _finite(facts: Any) -> Any:
-    """Replace infinities by None, since JSON has none.
-
-    The depth of an undamped zero, for example, becomes null.
-    """
+    """Replace infinities by None, since JSON has none."""
     if isinstance(facts, dict):
         return {key: _finite(value) for key, value in facts.items()}
     if isinstance(facts, list | tuple):

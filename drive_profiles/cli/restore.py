@@ -147,10 +147,7 @@ def _snapshot(request: TransactionRequest, path: Path, node: int | None) -> None
 
 
 def _newest(path: Path, node: int | None) -> Path:
-    """Return the path of the journal.
-
-    In a folder it is the newest, of the named node if one is given.
-    """
+    """Return the path of the journal; in a folder the newest."""
     if not path.is_dir():
         return path
     journals = [each for each in path.glob("*.jsonl") if node is None or each.name.startswith(f"node{node}-")]

@@ -1,7 +1,4 @@
-"""The command ``schema`` of all three tools.
-
-It writes the JSON Schema of a kind of TOML file, for editors.
-"""
+"""The command ``schema`` of all three tools: JSON Schemas for editors."""
 
 # ruff: noqa: PLC0415 - pydantic is imported inside the command, so that --help and completion stay quick
 

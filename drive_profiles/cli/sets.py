@@ -1,7 +1,4 @@
-"""Parameter sets as a user names them.
-
-They are files of any format, for a comparison of files or for a drive.
-"""
+"""Parameter sets as a user names them."""
 
 # ruff: noqa: PLC0415 - canopen and pydantic are imported inside the functions, so that --help and completion stay quick
 
@@ -83,10 +80,7 @@ def _own_eds(path: Path, eds: Path | None) -> Path | None:
 
 
 def _matching(header: Header) -> str | None:
-    """Return the one profile that fits the header's identity, or None.
-
-    The result is None if none fits, or several do.
-    """
+    """Return the one profile that fits the header's identity, or None."""
     from drive_profiles.device.device import DeviceIdentity
     from drive_profiles.device.target import matching
 

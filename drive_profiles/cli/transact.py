@@ -99,10 +99,7 @@ def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSe
 
 
 def exit_status(outcomes: Sequence[UploadResult]) -> int:
-    """Return the exit status of a command with these results.
-
-    An unknown state takes precedence over any failure.
-    """
+    """Return the commands' exit status; an unknown state precedes any failure."""
     if any(outcome.kind == "unknown" for outcome in outcomes):
         return ExitStatus.UNKNOWN
     return max((outcome.exit_code for outcome in outcomes), default=0)

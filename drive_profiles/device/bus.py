@@ -1,7 +1,4 @@
-"""A CAN bus for the parameter tool, opened through python-can.
-
-It offers SDO ports, NMT commands and a scan for nodes.
-"""
+"""A CAN bus for the parameter tool, opened through python-can."""
 
 from __future__ import annotations
 
@@ -180,10 +177,7 @@ class SdoBus:
             raise BusError(f"bus {self.address} lost: {self._lost}")
 
     def answering(self, nodes: range | list[int]) -> list[int]:
-        """Return the nodes that answer a read of 1000h, in rising order.
-
-        All nodes are asked at once.
-        """
+        """Return the nodes that answer a read of 1000h, in rising order."""
         for node in nodes:
             self.port(node)
             self._lines[node].clear()

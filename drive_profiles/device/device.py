@@ -1,7 +1,4 @@
-"""A device behind an SDO port.
-
-It has an identity, a CiA 402 state, a scaling and the values of its object dictionary.
-"""
+"""A device behind an SDO port."""
 
 from __future__ import annotations
 
@@ -269,10 +266,7 @@ class Device:
             return None
 
     def _check_that_it_answers(self) -> None:
-        """Raise `NoAnswerError` if the device no longer answers at all.
-
-        It is called after a read that had no answer.
-        """
+        """Raise `NoAnswerError` if the device no longer answers at all."""
         with contextlib.suppress(SdoAbortedError):
             _read(self.port, (0x1000, 0))
 
@@ -317,10 +311,7 @@ class Device:
         return int.from_bytes(self.read(object_address(address)), "little")
 
     def resolve(self, parameter_set: ParameterSet, classes: Collection[str] = CLASSES, *, limits: bool = True) -> list[Write]:
-        """Encode each line of a parameter set for this device.
-
-        See `ParameterSet.writes`.
-        """
+        """Encode each line of a parameter set for this device."""
         named = {key for _, key, item in parameter_set.items() if item.type is None}
         scaling = self.scaling([entry for entry in self.catalogue if entry.needs_scaling and entry.name in named])
         return parameter_set.writes(self.catalogue, scaling, classes=classes, limits=limits)
@@ -395,10 +386,7 @@ class Device:
 
 @dataclass
 class _PulledValues:
-    """Values that a pull has read so far, and the unreadable objects.
-
-    The values are ordered by class and name.
-    """
+    """Values that a pull has read so far, and the unreadable objects."""
 
     tables: dict[str, dict[str, Item]] = field(default_factory=lambda: {name: {} for name in CLASSES})
     not_read: list[str] = field(default_factory=list)

@@ -1,7 +1,4 @@
-"""Layer setting services (LSS, CiA 305) on a bus.
-
-The master selects one node, reads its address, and gives it a node-ID or a bit rate.
-"""
+"""Layer setting services (LSS, CiA 305) on a bus."""
 
 from __future__ import annotations
 

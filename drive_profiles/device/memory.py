@@ -1,7 +1,4 @@
-"""Store and restore commands of a drive.
-
-Store keeps the values over a loss of power; restore returns to the factory settings.
-"""
+"""Store and restore commands of a drive."""
 
 from __future__ import annotations
 

@@ -291,18 +291,12 @@ class SdoPort:
         return (self.shared if self.is_shared else self.silence)(self.node, what, after_s)
 
     def _text_of(self, code: int) -> str:
-        """Return the text of an abort code.
-
-        If another client shares the node, codes that entangled transfers cause are marked so.
-        """
+        """Return the text of an abort code."""
         text = abort_text(code)
         return f"{text} (another SDO client talks to this node)" if self.is_shared and code in _ENTANGLED else text
 
     def _look_at(self, answer: bytes) -> None:
-        """Note the object of another client's confirmed write.
-
-        An answer to a download that this port has not sent shows it.
-        """
+        """Note the object of another client's confirmed write."""
         if len(answer) == LENGTH and answer[0] >> 5 == _DOWNLOAD_ANSWER and answer[1:4] not in self._written:
             index, subindex = _OBJECT.unpack(answer[1:4])
             self.strays.add((index, subindex))

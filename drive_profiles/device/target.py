@@ -22,10 +22,7 @@ def matching(identity: DeviceIdentity) -> list[str]:
 
 
 def fitting(vendor_id: int | None, product_code: int | None, revision: int | None) -> list[str]:
-    """Return the labels of the profiles that fit 1018h.
-
-    See `matching`.
-    """
+    """Return the labels of the profiles that fit 1018h; see `matching`."""
     exact: list[str] = []
     vendor: list[str] = []
     for name in available():
@@ -48,10 +45,7 @@ def fault_texts_of(vendor_id: int | None, product_code: int | None, revision: in
 
 @cache
 def _profile(name: str) -> Profile:
-    """Read a profile of the package once.
-
-    A scan compares all of them with every node.
-    """
+    """Read a profile of the package once."""
     return Profile.load(name)
 
 
@@ -59,10 +53,6 @@ def named_profile(identity: DeviceIdentity, name: str) -> Profile:
     """Return the profile that a user names for a device.
 
     Of a family with several products it is that of the device's product.
-
-    Args:
-        identity: Identity of the device.
-        name: Name or path of a drive profile.
 
     Raises:
         NodeError: The profile is of another maker's devices.
@@ -113,12 +103,7 @@ def catalogue_of(
 
 
 def doubt_of_profile(identity: DeviceIdentity, name: str) -> str | None:
-    """Return a warning if a named profile is of another maker's devices.
-
-    Args:
-        identity: Identity of the device.
-        name: Name or path of a drive profile.
-    """
+    """Return a warning if a named profile is of another maker's devices."""
     vendor = Profile.load(name).identity.vendor_id
     if vendor is None or identity.vendor_id in {None, vendor}:
         return None
@@ -183,10 +168,7 @@ def _who(identity: DeviceIdentity) -> str:
 
 
 def _remedy(identity: DeviceIdentity) -> str:
-    """Return advice for a device that no profile names.
-
-    The advice lists families of the same maker, which may be similar.
-    """
+    """Return advice for a device that no profile names."""
     near = [each for each in map(_profile, available()) if each.identity.vendor_id == identity.vendor_id]
     if not near:
         return "give --profile, or the EDS of the device with --eds"

@@ -51,10 +51,7 @@ _MAX_PDOS = 512
 
 
 def read_device_info(section: EdsSection | None, builder: Builder) -> None:
-    """Copy identity and features into canopen's form.
-
-    An empty number means unknown.
-    """
+    """Copy identity and features into canopen's form; an empty number means unknown."""
     if section is None:
         return
     information = builder.dictionary.device_information
@@ -113,10 +110,7 @@ def read_dummies(section: EdsSection | None, builder: Builder) -> None:
 
 
 def read_comments(section: EdsSection | None, builder: Builder) -> None:
-    """Join the lines of the comment.
-
-    A missing line costs a warning.
-    """
+    """Join the lines of the comment; a missing line costs a warning."""
     if section is None:
         return
     found: dict[int, str] = {}

@@ -1,7 +1,4 @@
-"""Export of a description as a clean EDS, DCF or JSON.
-
-canopen's exporter writes the EDS and the DCF.
-"""
+"""Export of a description as a clean EDS, DCF or JSON."""
 
 from __future__ import annotations
 

@@ -38,10 +38,7 @@ class ObjectSections:
 
 
 def parts_of(sections: dict[str, EdsSection], findings: Findings) -> dict[int, ObjectSections]:
-    """Collect the sections of each object, by index.
-
-    Other sections are skipped.
-    """
+    """Collect the sections of each object, by index; other sections are skipped."""
     parts: dict[int, ObjectSections] = {}
     for identity, section in sections.items():
         match = _NAME.fullmatch(identity)

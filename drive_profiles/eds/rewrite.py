@@ -1,7 +1,4 @@
-"""Rewriting of a file with other parameter values.
-
-It finds the place of each value and the text that replaces it.
-"""
+"""Rewriting of a file with other parameter values."""
 
 from __future__ import annotations
 
@@ -109,10 +106,7 @@ def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVari
 
 
 def _last(section: EdsSection) -> int:
-    """Return the line after which a parameter value is inserted.
-
-    It is the default's line, else the section's last one.
-    """
+    """Return the line after which a parameter value is inserted."""
     default = section.entries.get("defaultvalue")
     return default.line if default is not None else section.last
 

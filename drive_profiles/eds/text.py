@@ -40,10 +40,7 @@ _NEVER_LETTERS = re.compile(r"[^\W\d_]([\u2018\u201c-\u2039\u203a\u02c6\u02dc\u2
 
 
 def quoted(text: str) -> str:
-    """Quote text from a file for a message.
-
-    The result has one line, no control characters, and a shortened text of at most 60 characters.
-    """
+    """Quote text from a file for a message."""
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
@@ -145,10 +142,7 @@ class Findings:
         self._add(self.refused, Problem(line, _key(section, key), message, expected))
 
     def closed(self) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
-        """Return warnings and refusals, sorted by line.
-
-        The last warning counts those that are not listed.
-        """
+        """Return warnings and refusals, sorted by line."""
         warnings, refused = sorted(self.warnings), sorted(self.refused)
         if self.beyond:
             warnings.append(Problem(0, "", f"has {self.beyond} more problems, not listed", "a description of a CANopen device"))

@@ -88,10 +88,7 @@ class VariableReader:
             self.flags[index, subindex] = self.flags.get((index, subindex), 0) | (flags or 0)
 
     def name(self, section: EdsSection, substitute: str) -> str:
-        """Return the name of an object.
-
-        A missing name is replaced by `substitute` and noted.
-        """
+        """Return the name of an object."""
         name = self.text(section, "ParameterName")
         if name:
             return name

@@ -175,10 +175,7 @@ def _of_parameter(parameter: Element) -> dict[str, tuple[str | None, int]]:
 
 
 def _range(allowed: Element) -> dict[str, tuple[str | None, int]]:
-    """Return the limits of a parameter with one range.
-
-    Several ranges have no common limits.
-    """
+    """Return the limits of a parameter with one range."""
     ranges = [child for child in allowed.children if child.tag == "range"]
     if len(ranges) != 1:
         return {}

@@ -1,7 +1,4 @@
-"""Capabilities of a drive for the paper's loop, and further facts.
-
-The facts describe the drive's own loop, filters, torques, encoders and store.
-"""
+"""Capabilities of a drive for the paper's loop, and further facts."""
 
 from __future__ import annotations
 

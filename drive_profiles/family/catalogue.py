@@ -1,7 +1,4 @@
-"""Objects of a device with names, types and limits.
-
-They come from its drive profile and, if the user gives one, from its EDS.
-"""
+"""Objects of a device with names, types and limits."""
 
 from __future__ import annotations
 
@@ -210,10 +207,7 @@ class Catalogue:
         return len(self._entries)
 
     def get(self, address: ObjectAddress) -> CatalogueEntry | None:
-        """Return the entry of an object, or None.
-
-        None means that neither device nor standard has it.
-        """
+        """Return the entry of an object, or None."""
         return self._entries.get(address) or self._standard.get(address)
 
     def unit_of(self, entry: CatalogueEntry) -> str:

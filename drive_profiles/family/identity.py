@@ -42,10 +42,7 @@ class Firmware(Table):
         return self.min_revision is not None or self.max_revision is not None
 
     def covers(self, revision: int | None) -> bool:
-        """Return True if the facts hold for a revision.
-
-        An unknown revision (None) is covered only if the facts have no range.
-        """
+        """Return True if the facts hold for a revision."""
         if revision is None:
             return not self.has_range
         return (self.min_revision or 0) <= revision and (self.max_revision is None or revision <= self.max_revision)

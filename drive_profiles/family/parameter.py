@@ -1,7 +1,4 @@
-"""One value in a drive's object dictionary, as a profile states it.
-
-The profile gives its address, unit, limits, source and evidence.
-"""
+"""One value in a drive's object dictionary, as a profile states it."""
 
 from __future__ import annotations
 
@@ -221,10 +218,7 @@ class Parameter(Fact):
         return pick(limit, nearest) if math.isclose(limit, nearest, rel_tol=1e-12) else limit
 
     def value(self, raw: float, scaling: units.Scaling | None = None) -> float:
-        """Return the value in ``unit`` of a held number.
-
-        This is the inverse of `raw`.
-        """
+        """Return the value in ``unit`` of a held number, the inverse of `raw`."""
         return raw * self.value_per_step(scaling)
 
     def encoded(self, value: float | str, scaling: units.Scaling | None = None) -> bytes:

@@ -146,9 +146,6 @@ class Product(Firmware, Fact):
     def parameters_of(self, first: Mapping[str, Parameter]) -> dict[str, Parameter]:
         """Return the product's parameters in the order of the first product's.
 
-        Args:
-            first: The parameters of the first product.
-
         Raises:
             ValueError: An absent parameter is none of the family's, or a change makes no parameter.
         """

@@ -100,10 +100,7 @@ class Profile(Table):
     @pydantic.field_validator("parameters")
     @classmethod
     def _consistent(cls, parameters: dict[str, Parameter]) -> dict[str, Parameter]:
-        """Refuse a shared object, and a name with the wrong unit.
-
-        No two parameters may have one object; a unit in a parameter's name must be that of its value.
-        """
+        """Refuse a shared object, and a name with the wrong unit."""
         objects: dict[ObjectAddress, str] = {}
         for name, parameter in parameters.items():
             first = objects.setdefault(parameter.address, name)
@@ -192,10 +189,7 @@ class Profile(Table):
 
     @property
     def label(self) -> str:
-        """Name of the profile as a user writes it.
-
-        It is ``family``, or ``family/product`` for one of several products.
-        """
+        """Name of the profile as a user writes it."""
         return f"{self.name}/{self.identity.product}" if self.identity.product and not self.products else self.name
 
     @property
@@ -349,10 +343,7 @@ def file_of(text: str, folder: Path) -> Path | None:
 
 
 def is_name(text: str) -> bool:
-    """Return True for a profile name, False for a path.
-
-    Names are ``family`` and ``family/product``; all other texts are paths.
-    """
+    """Return True for a profile name, False for a path."""
     family, _ = _split(text)
     return isinstance(family, str) and _NAME.fullmatch(family) is not None
 

@@ -1,7 +1,4 @@
-"""Results of a run with each drive family.
-
-They were found on emulated drives and are kept in ``runs.toml``.
-"""
+"""Results of a run with each drive family, emulated (``runs.toml``)."""
 
 from __future__ import annotations
 

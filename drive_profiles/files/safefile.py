@@ -1,7 +1,4 @@
-"""Atomic writing of files.
-
-After a crash a file is complete or missing.
-"""
+"""Atomic writing of files: after a crash one is complete or missing."""
 
 from __future__ import annotations
 
@@ -58,10 +55,7 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Add the file's name to an `OSError`.
-
-    The error of a full disk, for example, does not name the file.
-    """
+    """Add the file's name to an `OSError`."""
     try:
         yield
     except OSError as error:

@@ -141,10 +141,7 @@ def load(path: str | Path, model: type[M], *, max_bytes: int = MAX_BYTES) -> M:
 
 
 def toml_value(value: object, *, hexadecimal: bool = False) -> str:
-    """Return a value as TOML writes it.
-
-    JSON's strings are TOML's basic strings.
-    """
+    """Return a value as TOML writes it."""
     if isinstance(value, dict):
         inside = ", ".join(f"{json.dumps(key)} = {toml_value(each)}" for key, each in value.items())
         return f"{{ {inside} }}" if inside else "{}"

@@ -1,7 +1,4 @@
-"""Line numbers of a TOML text.
-
-`tomllib` returns the values without their lines.
-"""
+"""Line numbers of a TOML text."""
 
 import re
 import tomllib
@@ -31,10 +28,7 @@ def key_lines(text: str) -> dict[KeyPath, int]:
 
 
 class _Scanner:
-    """Scanner that notes the line of each element of valid TOML.
-
-    It does not interpret values.
-    """
+    """Scanner that notes the line of each element of valid TOML."""
 
     def __init__(self, text: str) -> None:
         self.text = text

@@ -101,10 +101,7 @@ class Header(Table):
     feed_shaft_revs: int = pydantic.Field(default=1, gt=0)
 
     def scaling_of(self, entry: CatalogueEntry) -> Scaling | None:
-        """Return the scaling for one object.
-
-        The result is None if the object needs none or the header does not state it.
-        """
+        """Return the scaling for one object, or None."""
         scale = entry.parameter.scale if entry.parameter is not None and entry.needs_scaling else None
         if (self.counts_per_rev if scale == "counts" else self.rated_torque_nm if scale else None) is None:
             return None
@@ -308,10 +305,7 @@ class _ComparedLine(NamedTuple):
         return (self.item.value, self.item.unit, self.item.type) == (other.item.value, other.item.unit, other.item.type)
 
     def shown(self, scaling_of: Callable[[CatalogueEntry], Scaling | None]) -> tuple[float | str, str]:
-        """Return value and unit for display.
-
-        They are the parameter's, if the profile has one and its scaling is known.
-        """
+        """Return value and unit for display."""
         if self.entry is not None and self.data is not None and self.entry.parameter is not None:
             with contextlib.suppress(ValueError, DriveProfileError):
                 return self.entry.decoded(self.data, scaling_of(self.entry)), self.entry.unit

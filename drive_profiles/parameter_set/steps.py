@@ -1,7 +1,4 @@
-"""The order in which objects are written.
-
-PDOs follow the standard's procedure, all other objects the order of the set.
-"""
+"""The order in which objects are written."""
 
 from __future__ import annotations
 
@@ -19,10 +16,7 @@ _NONE = b"\0"
 
 
 def pdo_of(address: ObjectAddress) -> int | None:
-    """Return the index of the communication record of an object's PDO.
-
-    The result is None for an object that belongs to no PDO.
-    """
+    """Return the index of an object's PDO communication record, or None."""
     index = address[0]
     for records in _COMMUNICATION:
         if index in records:

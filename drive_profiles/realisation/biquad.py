@@ -139,10 +139,7 @@ class Shape:
 
     @property
     def is_notch(self) -> bool:
-        """True if the filter is a stable notch with a DC gain.
-
-        Its poles and zeros are damped oscillations, ζ < 1.
-        """
+        """True if the filter is a stable notch with a DC gain."""
         pairs = ((self.zero_hz, self.zeta_zero), (self.pole_hz, self.zeta_pole))
         return self.is_stable and math.isfinite(self.dc_gain) and all(0 < f < math.inf and 0 <= zeta < 1 for f, zeta in pairs)
 

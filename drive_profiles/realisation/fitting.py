@@ -1,7 +1,4 @@
-"""Search for the filter values that come nearest to a target.
-
-The values are rounded as the drive's objects hold them.
-"""
+"""Search for the filter values that come nearest to a target."""
 
 from __future__ import annotations
 

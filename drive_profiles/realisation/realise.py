@@ -17,26 +17,8 @@ from drive_profiles.family.capability import FilterSection, NotchFacts
 from drive_profiles.family.profile import Profile
 from drive_profiles.realisation.biquad import Biquad, NotchTarget, Shape, shape_of
 from drive_profiles.realisation.fitting import Fit
-from drive_profiles.realisation.gains import PidGains, gains_for, pid_gains
 from drive_profiles.realisation.refusal import NotRealisableError
-from drive_profiles.realisation.sections import held_filter, obstacles, period_of
-
-__all__ = [
-    "PAPER",
-    "Biquad",
-    "Deviations",
-    "NotRealisableError",
-    "NotchTarget",
-    "PidGains",
-    "Realisation",
-    "Shape",
-    "Tolerance",
-    "gains_for",
-    "held_filter",
-    "pid_gains",
-    "realise",
-    "shape_of",
-]
+from drive_profiles.realisation.sections import obstacles, period_of
 
 
 @dataclass(frozen=True)

@@ -203,10 +203,7 @@ def decode(data_type: DataType, data: bytes) -> Value:
 
 
 def type_of_length(size: int) -> DataType:
-    """Return the data type for bytes of unknown type.
-
-    It is the unsigned number of that length, else DOMAIN.
-    """
+    """Return the data type for bytes of unknown type."""
     unsigned = (DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32, DataType.UNSIGNED64)
     return next((data_type for data_type in unsigned if data_type.size == size), DataType.DOMAIN)
 
@@ -263,10 +260,7 @@ class SdoAbortCode(IntEnum):
 
 
 def abort_text(code: int) -> str:
-    """Return the standard's text for an abort code.
-
-    An unknown code gives a general sentence.
-    """
+    """Return the standard's text for an abort code."""
     try:
         return SdoAbortCode(code).text  # type: ignore[call-arg]  # looks a member up; mypy sees __new__ of the members
     except ValueError:

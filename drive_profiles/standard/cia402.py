@@ -119,10 +119,7 @@ class QuickStopOption(IntEnum):
 
     @property
     def stays(self) -> bool:
-        """True if the drive remains in QUICK_STOP_ACTIVE.
-
-        Transition 16 is then allowed.
-        """
+        """True if the drive remains in QUICK_STOP_ACTIVE; transition 16 is then allowed."""
         return self >= QuickStopOption.SLOW_DOWN_RAMP_AND_STAY
 
 

@@ -16,8 +16,5 @@ HARDWARE_VERSION = "none (plant-emulator)"
 
 
 def is_emulated(hardware_version: bytes) -> bool:
-    """Return True for the 1009h content of an emulated node.
-
-    Fill bytes at its end are ignored.
-    """
+    """Return True for the 1009h content of an emulated node."""
     return hardware_version.rstrip(b"\0 ") == HARDWARE_VERSION.encode("ascii")

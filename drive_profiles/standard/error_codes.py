@@ -128,10 +128,7 @@ def error_text(code: int, own: Mapping[int, str] | None = None) -> str:
 
 
 def _found(code: int, own: Mapping[int, str]) -> tuple[str, bool]:
-    """Return the text of a code, and whether it is its group's.
-
-    The text is empty if there is none.
-    """
+    """Return the text of a code, and whether it is its group's."""
     if code in own or code in _CODES:
         return own.get(code) or _CODES[code], False
     group = next((_CODES[code & mask] for mask in (0xFFF0, 0xFF00, 0xF000) if code & mask in _CODES), "")

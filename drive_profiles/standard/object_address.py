@@ -12,10 +12,7 @@ WrittenAddress = Annotated[str, pydantic.Field(pattern=r"^[0-9A-F]{4}:[0-9A-F]{1
 
 
 def object_address(text: str) -> ObjectAddress:
-    """Return index and sub-index of a `WrittenAddress`.
-
-    Without a colon the sub-index is 0.
-    """
+    """Return index and sub-index of a `WrittenAddress`."""
     index, _, subindex = text.partition(":")
     return int(index, 16), int(subindex or "0", 16)
 

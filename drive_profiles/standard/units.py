@@ -139,37 +139,6 @@ class Scaling:
         for name, units in (("_position", position), ("_velocity", velocity), ("_acceleration", acceleration)):
             object.__setattr__(self, name, units * gear)
 
-    @classmethod
-    def from_objects(
-        cls,
-        encoder_increments: int,
-        encoder_revs: int,
-        rated_torque_mnm: int,
-        gear_motor_revs: int = 1,
-        gear_shaft_revs: int = 1,
-        feed: int | None = None,
-        feed_shaft_revs: int = 1,
-    ) -> Scaling:
-        """Return the scaling from the values of a drive's objects.
-
-        They are 608Fh, 6076h (mN·m), 6091h, and 6092h if positions use it.
-
-        Args:
-            encoder_increments: 608Fh:1.
-            encoder_revs: 608Fh:2.
-            rated_torque_mnm: 6076h, in mN·m.
-            gear_motor_revs: 6091h:1.
-            gear_shaft_revs: 6091h:2.
-            feed: 6092h:1, position units per `feed_shaft_revs` revolutions of the shaft; None: positions are increments.
-            feed_shaft_revs: 6092h:2.
-
-        Raises:
-            OutOfRangeError: An object is zero, or the increments are not a whole number per revolution.
-        """
-        counts = counts_per_rev("608Fh", encoder_increments, encoder_revs)
-        torque_nm = rated_torque_nm(rated_torque_mnm)
-        return cls(counts, torque_nm, gear_motor_revs, gear_shaft_revs, feed, feed_shaft_revs)
-
     @property
     def counts_per_rad(self) -> float:
         """Position units on the wire per radian of the motor.

@@ -1,7 +1,4 @@
-"""Objections to an upload, raised before anything is written.
-
-They concern another device, unverified facts and another device's values.
-"""
+"""Objections to an upload, raised before anything is written."""
 
 from __future__ import annotations
 
@@ -85,13 +82,6 @@ def value_refusals(
     """Return reasons why these values must not go to this device.
 
     Each of them could be written all the same.
-
-    Args:
-        device: The device.
-        header: Header of the parameter set.
-        identity: Identity that the device states.
-        writes: The objects and their bytes.
-        options: Options of the upload.
     """
     guesses = [] if options.allow_unverified else [write for write in writes if not write.entry.is_verified]
     why = "its facts are not verified; give --allow-unverified to write it nevertheless"
@@ -122,10 +112,7 @@ def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Writ
 
 
 def _other_device(header: Header, identity: DeviceIdentity) -> str:
-    """Return the reason why the set is another device's, or "".
-
-    The serial number decides, else the node-ID.
-    """
+    """Return the reason why the set is another device's, or ""."""
     if header.serial_number:  # 0 is what a device says that has none
         if header.serial_number == identity.serial_number:
             return ""

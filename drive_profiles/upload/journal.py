@@ -163,10 +163,7 @@ class Journal:
             line = line[self._file.write(line) :]
 
     def close(self) -> None:
-        """Close the journal, which is then on disk.
-
-        Closing it again does nothing.
-        """
+        """Close the journal, which is then on disk."""
         if not self._file.closed:
             os.fsync(self._file.fileno())
             self._file.close()

@@ -24,10 +24,7 @@ class UploadReadBackError(DriveProfileError):
     exit_code = 6
 
     def __init__(self, node: int, mismatches: Sequence[tuple[str, str]]) -> None:
-        """Compose the message.
-
-        Each mismatch is an object, by address and name, and its fault.
-        """
+        """Compose the message."""
         self.node, self.mismatches = node, tuple(mismatches)
         super().__init__(f"node {node}: " + "; ".join(f"{name} {what}" for name, what in mismatches))
 

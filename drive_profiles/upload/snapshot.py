@@ -1,7 +1,4 @@
-"""The snapshot of an upload as a parameter set.
-
-It can be uploaded like any other set.
-"""
+"""The snapshot of an upload as a parameter set."""
 
 from __future__ import annotations
 

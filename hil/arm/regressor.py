@@ -80,15 +80,14 @@ def made_up_masses(arm: Kinematics) -> Real:
     return np.array(numbers, dtype=np.float64)
 
 
-def workspace(low_rad: Real, high_rad: Real, count: int, seed: int = 1) -> Real:
+def workspace(low_rad: Real, high_rad: Real, count: int) -> Real:
     """Postures spread over ranges of the joints; shape (count, n).
 
     Args:
         low_rad: Least angles; shape (n,). An angle that is to stay has equal ends.
         high_rad: Largest angles; shape (n,); a full turn for a joint without end.
         count: Number of postures.
-        seed: Equal seeds give equal postures.
     """
     low = np.where(np.isfinite(low_rad), low_rad, -math.pi)
     high = np.where(np.isfinite(high_rad), high_rad, math.pi)
-    return np.asarray(low + np.random.default_rng(seed).random((count, len(low))) * (high - low))
+    return np.asarray(low + np.random.default_rng(1).random((count, len(low))) * (high - low))

@@ -61,13 +61,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of one joint's motion.
-
-    Attributes:
-        low_rad: Least angle.
-        high_rad: Largest angle.
-        speed_rad_s: Largest speed.
-    """
+    """Limits of one joint's motion."""
 
     low_rad: float
     high_rad: float

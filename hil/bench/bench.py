@@ -235,10 +235,7 @@ class AxisTable(Table):
         return TwoInertia(reduction_ratio=self.reduction_ratio, **self.model.model_dump(exclude={"ate"}))
 
     def loop(self, period_s: float, delay_samples: int = 0, *, with_notch: bool = True) -> Loop | None:
-        """Return the loop around the model.
-
-        None if plant or gains are not known.
-        """
+        """Return the loop around the model; None without plant or gains."""
         plant = self.plant()
         if plant is None or not isinstance(self.control, Control):
             return None
@@ -481,10 +478,7 @@ T = TypeVar("T", AxisTable, AccelerometerTable)
 
 
 def _with_profile_in(folder: Path, table: T) -> T:
-    """Return the table with an absolute path of its profile.
-
-    A name of the package is left unchanged.
-    """
+    """Return the table with an absolute path of its profile."""
     if file_of(table.profile, folder) is None:
         return table
     return table.model_copy(update={"profile": str(folder / table.profile)})

@@ -42,10 +42,7 @@ LEAST_KNOWN_ROWS = 4
 
 
 def watched_axes(bench: Bench, moved: Collection[int]) -> tuple[int, ...]:
-    """Return the axes that do not move, but are recorded.
-
-    They are the other joints of an arm without a sensor.
-    """
+    """Return the axes that do not move, but are recorded."""
     if bench.arm is None or not bench.accelerometer.from_load_encoders:
         return ()
     return tuple(number for number in sorted(bench.axis) if number not in moved)
@@ -115,10 +112,6 @@ def by_load_encoders(bench: Bench, axes: Collection[int]) -> Bench:
 
     For runs of these axes, one at a time, whatever sensor the bench has.
 
-    Args:
-        bench: The bench file.
-        axes: Numbers of the axes.
-
     Raises:
         NotPossibleError: An axis has no load_encoder table; of an arm, any axis.
     """
@@ -139,11 +132,6 @@ def check_counting(bench: Bench, recording: Recording, number: int) -> None:
     """Refuse an encoder whose angle contradicts that of the motor.
 
     A short travel is not checked.
-
-    Args:
-        bench: The bench file.
-        recording: The run.
-        number: Number of the axis.
 
     Raises:
         NotPossibleError: It counts the wrong way, or another turn; the message has the numbers.

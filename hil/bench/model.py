@@ -1,7 +1,4 @@
-"""Model file: identified plants and transmission errors of a robot.
-
-Each number has its standard error.
-"""
+"""Model file: identified plants and transmission errors of a robot."""
 
 import math
 import re

@@ -31,10 +31,7 @@ NO_ANGLES: Mapping[int, float] = MappingProxyType({})
 
 
 def sensor_frame(bench: Bench, arm: Kinematics) -> LinkFrame:
-    """Return place and axes of the bench's sensor.
-
-    As it is mounted, or at the tip.
-    """
+    """Return place and axes of the bench's sensor."""
     mounting = bench.accelerometer.mounting
     return arm.tip if mounting is None or bench.arm is None else mounting.frame(bench.arm)
 
@@ -93,10 +90,7 @@ def with_tip(bench: Bench, recording: Recording, standing_rad: Mapping[int, floa
 
 
 def _doubt(bench: Bench, recording: Recording, angles: Real, of: LinkFrame, acceleration_m_s2: Real) -> str | None:
-    """Return a reason not to trust a mounted sensor, or None.
-
-    The sensor reaches the end of its range, or gravity has another direction than the mounting says.
-    """
+    """Return a reason not to trust a mounted sensor, or None."""
     sensor, arm, mounting = bench.accelerometer, bench.arm, bench.accelerometer.mounting
     raw = np.stack([recording.columns[name] for name in TIP], axis=1)
     if sensor.range_m_s2 is not None:

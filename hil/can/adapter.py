@@ -80,10 +80,7 @@ class AdapterChannel:
             self.send(frame)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """Receive the next frame as a list of one.
-
-        Empty if none comes in time.
-        """
+        """Receive the next frame as a list of one, or of none."""
         frame = self.receive(timeout_s)
         return [] if frame is None else [frame]
 

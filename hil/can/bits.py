@@ -294,25 +294,6 @@ def crc_fd(bits: int, length: int, width: int, start: int | None = None) -> int:
     return register
 
 
-def fd_duration_ns(can_id: int, data: bytes, extended: bool = False, *, bitrate: int, data_bitrate: int) -> int:
-    """Return the bus time of a CAN FD frame in ns.
-
-    With bit rate switching; the intermission is included; rounded up.
-
-    Args:
-        can_id: The identifier, without flags.
-        data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
-        extended: True for a 29-bit identifier.
-        bitrate: Bit rate in bit/s.
-        data_bitrate: Bit rate of the data phase, in bit/s.
-
-    Raises:
-        ValueError: No such length, or no such identifier.
-    """
-    nominal, fast = fd_bits(can_id, data, extended)
-    return -(-(nominal * data_bitrate + fast * bitrate) * 1_000_000_000 // (bitrate * data_bitrate))
-
-
 def worst_case_bits(data_length: int, extended: bool = False) -> int:
     """Return the most bits that a data frame can have.
 
@@ -329,10 +310,7 @@ def worst_case_bits(data_length: int, extended: bool = False) -> int:
 
 
 def crc15(bits: int, length: int) -> int:
-    """Return the CRC from SOF to the last bit of the data.
-
-    The register starts at 0.
-    """
+    """Return the CRC from SOF to the last bit of the data."""
     register = 0
     # zeros ahead of the sequence leave the register at 0, so whole bytes may be taken
     for byte in bits.to_bytes((length + 7) // 8, "big"):

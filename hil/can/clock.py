@@ -87,10 +87,7 @@ def read_question(data: bytes) -> Question | None:
 
 
 def period_over(count: int) -> Frame:
-    """Return the frame for the end of a client's SYNC period.
-
-    It has the count of the SYNC.
-    """
+    """Return the frame for the end of a client's SYNC period `count`."""
     return Frame(CLOCK_ID, _PERIOD.pack(PERIOD_OVER, count & 0xFFFF_FFFF))
 
 
@@ -108,8 +105,5 @@ def stamp(time_ns: int) -> Frame:
 
 
 def read_stamp(data: bytes) -> int | None:
-    """Read the time in ns of such a frame.
-
-    None for any other frame.
-    """
+    """Read the time in ns of such a frame; None for another."""
     return int.from_bytes(data[1:], "little") if len(data) == 8 and data[0] == STAMP else None

@@ -50,10 +50,7 @@ def pack(frame: Frame) -> bytes:
 
 
 def unpack(record: bytes) -> Frame | None:
-    """Return the frame of a record, or None.
-
-    None if the length is wrong, or the record announces more than 8 bytes.
-    """
+    """Return the frame of a record, or None."""
     if len(record) != RECORD.size:
         return None
     can_id, length, data = RECORD.unpack(record)

@@ -158,10 +158,7 @@ class LocalChannel(RawChannel):
         self._transmit(records)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """Receive the frames of the next message.
-
-        Empty if none comes in time.
-        """
+        """Receive the frames of the next message; none if it is late."""
         frame = self.receive(timeout_s)
         if frame is None:
             return []
@@ -333,10 +330,7 @@ class LocalChannel(RawChannel):
         return clock.read_period_over(data) == self._syncs & 0xFFFF_FFFF
 
     def _from_stream(self, more: bytes) -> Frame | None:
-        """Return the first frame of the bytes received so far.
-
-        Records that are not frames are skipped.
-        """
+        """Return the first frame of the bytes received so far."""
         self._buffer += more
         while len(self._buffer) >= RECORD.size:
             record, self._buffer = self._buffer[: RECORD.size], self._buffer[RECORD.size :]

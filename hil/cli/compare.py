@@ -167,10 +167,7 @@ def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> 
 def _knowledge(
     benches: dict[str, "Bench"], models: list[Path], designs: list[Path], learnt: list[Path]
 ) -> dict[str, "Knowledge"]:
-    """Return the knowledge of each robot from its files, by name.
-
-    `benches` has the benches by their files.
-    """
+    """Return the knowledge of each robot from its files, by name."""
     from hil.bench.design import load_designs
     from hil.bench.model import load_identified
     from hil.experiments.comparison.plan import knowledge_by_robot

@@ -1,7 +1,7 @@
 """Exit statuses, errors, progress and questions of all `hil` commands."""
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from hil.reporter import SilentReporter
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
+    from hil.experiments.measurement import MeasurementOutcome
     from hil.experiments.plan import Experiment
 
 
@@ -133,9 +134,6 @@ def write_page(directory: Path) -> Path | None:
 
     An interrupt or a full disk leaves that to `hil report`, so that the end of the runs is printed all the same.
 
-    Args:
-        directory: Directory with the result of the runs.
-
     Returns:
         Path of the page; None if it was not written.
     """
@@ -154,6 +152,33 @@ def say_page(page: Path | None) -> None:
     """Print the path of a report that was written."""
     if page is not None:
         say(f"report: {page}")
+
+
+def tell_measurement(
+    outcome: "MeasurementOutcome[Any]", where: Path, summary: Callable[[], None], model: Path | None, *, as_json: bool
+) -> None:
+    """Write the report, print the result, exit with a failure's status.
+
+    Args:
+        outcome: End of the measurement.
+        where: Its directory.
+        summary: Printer of the result as text.
+        model: Model file that was written; None if none was.
+        as_json: Print result.json instead of text.
+    """
+    page = write_page(where)
+    if as_json:
+        typer.echo(outcome.result.dumps())
+    else:
+        summary()
+    if model is not None:
+        say(f"model file: {model}")
+    say_page(page)
+    say_not_restored(outcome.not_restored)
+    if outcome.failure is not None:
+        raise exit_with(outcome.failure)
+    if outcome.not_restored:
+        raise typer.Exit(ExitStatus.SDO)
 
 
 def bench_on(bench_file: str, bus: str | None) -> "Bench":

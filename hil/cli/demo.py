@@ -129,9 +129,6 @@ def tool_prefix(program: str) -> str:
     """Return the folder in front of a tool's name, with its slash.
 
     As you type it in this directory; empty if PATH has the tool.
-
-    Args:
-        program: Path of the running tool.
     """
     path = Path(program)
     found = shutil.which(path.name)

@@ -178,10 +178,7 @@ def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
 def _requirements(
     bench: "Bench", max_sensitivity: float, phase_margin_deg: float, gain_margin_db: float, tip_mm: float | None
 ) -> "Requirements":
-    """Return the requirements on a filter.
-
-    The tip's requirement is the bench file's unless it is given.
-    """
+    """Return the requirements on a filter."""
     from hil.design.notch_problem import Requirements
 
     return Requirements(

@@ -1,7 +1,4 @@
-"""`hil identify`: plant and transmission error of an axis, an arm's masses.
-
-Plant and transmission error are measured on the robot; the masses come from the plants of several axes.
-"""
+"""`hil identify`: plant and transmission error of an axis, an arm's masses."""
 
 import importlib
 

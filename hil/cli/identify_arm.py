@@ -1,7 +1,4 @@
-"""`hil identify arm`: masses of an arm from its axes' plants.
-
-The plants are of several postures; nothing is sent.
-"""
+"""`hil identify arm`: masses of an arm from its axes' plants."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

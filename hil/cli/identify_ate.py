@@ -1,7 +1,4 @@
-"""`hil identify ate`: the transmission error of one axis.
-
-From ramps in both directions, or from recordings.
-"""
+"""`hil identify ate`: the transmission error of one axis."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,12 +14,8 @@ from hil.cli.console import (
     confirm_motion,
     epilog_of_runs,
     exit_on_error,
-    exit_with,
     result_directory,
-    say,
-    say_not_restored,
-    say_page,
-    write_page,
+    tell_measurement,
 )
 from hil.cli.identify_recording import (
     ColumnOption,
@@ -145,26 +138,10 @@ def ate(
         file = model or where / "model.toml"
         if outcome.part is not None:
             update_file(file, bench.name, axis, outcome.part)
-        _tell(outcome, where, file, as_json=as_json)
-
-
-def _tell(outcome: "AteOutcome", where: Path, model: Path, *, as_json: bool) -> None:
-    """Write the report, print the result, exit with a failure's status."""
-    page = write_page(where)
-    if as_json:
-        typer.echo(outcome.result.dumps())
-    else:
-        _summary(outcome)
-    if outcome.part is not None:
-        say(f"model file: {model}")
-    say_page(page)
-    say_not_restored(outcome.not_restored)
-    if outcome.failure is not None:
-        raise exit_with(outcome.failure)
-    if outcome.not_restored:
-        raise typer.Exit(ExitStatus.SDO)
-    if not outcome.result.is_within_goal:
-        raise typer.Exit(ExitStatus.NOT_MET)
+        written = None if outcome.part is None else file
+        tell_measurement(outcome, where, lambda: _summary(outcome), written, as_json=as_json)
+        if not outcome.result.is_within_goal:
+            raise typer.Exit(ExitStatus.NOT_MET)
 
 
 def _summary(outcome: "AteOutcome") -> None:

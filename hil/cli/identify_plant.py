@@ -1,7 +1,4 @@
-"""`hil identify plant`: the plant of one axis, without prior knowledge.
-
-Inertias, stiffness, damping, friction and gravity.
-"""
+"""`hil identify plant`: the plant of one axis, without prior knowledge."""
 
 from collections.abc import Iterator
 from enum import StrEnum
@@ -19,12 +16,8 @@ from hil.cli.console import (
     confirm_motion,
     epilog_of_runs,
     exit_on_error,
-    exit_with,
     result_directory,
-    say,
-    say_not_restored,
-    say_page,
-    write_page,
+    tell_measurement,
 )
 from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import (
@@ -174,19 +167,8 @@ def _identify(bench: "Bench", request: "PlantRequest", where: Path, file: Path, 
     from hil.experiments.plant.on_bus import run_identify_plant  # noqa: PLC0415
 
     outcome = run_identify_plant(bench, request, where, model=file, overload=overload, reporter=SpokenReporter())
-    page = write_page(where)
-    if as_json:
-        typer.echo(outcome.result.dumps())
-    else:
-        _summary(outcome.result)
-    if outcome.result.model_file is not None:
-        say(f"model file: {file}")
-    say_page(page)
-    say_not_restored(outcome.not_restored)
-    if outcome.failure is not None:
-        raise exit_with(outcome.failure)
-    if outcome.not_restored:
-        raise typer.Exit(ExitStatus.SDO)
+    written = None if outcome.result.model_file is None else file
+    tell_measurement(outcome, where, lambda: _summary(outcome.result), written, as_json=as_json)
 
 
 def _summary(result: "PlantResult") -> None:

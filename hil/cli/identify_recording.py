@@ -40,16 +40,7 @@ RobotNameOption = Annotated[str | None, typer.Option("--robot", help="Name of a 
 
 @dataclass(frozen=True)
 class RecordingWords:
-    """Options of the command line on recordings.
-
-    Attributes:
-        column: Texts of `--column`.
-        layout: Layout file.
-        ratio: Reduction ratio.
-        robot: Name of the robot.
-        description: File that decodes frames.
-        node_id: Node-ID of the drive in them.
-    """
+    """Options of the command line on recordings."""
 
     column: list[str]
     layout: Path | None

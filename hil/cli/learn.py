@@ -1,7 +1,4 @@
-"""`hil learn`: adaptive cancellation, then frozen in a model file.
-
-It learns pass by pass.
-"""
+"""`hil learn`: adaptive cancellation, then frozen in a model file."""
 
 from collections.abc import Iterator
 from enum import StrEnum
@@ -18,14 +15,10 @@ from hil.cli.console import (
     confirm_motion,
     epilog_of_runs,
     exit_on_error,
-    exit_with,
     result_directory,
-    say,
-    say_not_restored,
-    say_page,
-    write_page,
+    tell_measurement,
 )
-from hil.cli.learn_motion import MotionOptions, learn_motion
+from hil.cli.learn_motion import learn_motion
 from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import (
     AXES,
@@ -43,7 +36,7 @@ from hil.cli.options import (
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
-    from hil.experiments.cancellation.learn_run import LearningOutcome, LearnRequest
+    from hil.experiments.cancellation.learn_run import LearnRequest
 
 LEARN_EPILOG = epilog_of_runs({
     ExitStatus.DONE: "learnt",
@@ -138,7 +131,9 @@ def learn(
         where = result_directory(out, f"learn-{name}", force=force)
         inertias, ks = inertias_from(motor_inertia_kg_m2 or [], axes), orders_from(orders)
         if motion is not None:
-            probes = MotionOptions(motion.value, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
+            from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest  # noqa: PLC0415
+
+            probes = MotionLearnRequest(motion.value, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
             with shown_live(live, bench.bus.address, bench_file):
                 learn_motion(bench, probes, where, model, plant, overload=overload, yes=yes, as_json=as_json)
             return
@@ -162,11 +157,16 @@ def _learn_ramps(
     as_json: bool,
 ) -> None:
     """Learn axis by axis, by ramps."""
-    from hil.experiments.cancellation.learn_run import learn_on_bus  # noqa: PLC0415
+    from hil.experiments.cancellation.learn_run import learn_on_bus, summary  # noqa: PLC0415
 
     confirm_motion(bench, _motion_lines(bench, request), yes=yes)
     outcome = learn_on_bus(bench, request, where, model, plant=plant, overload=overload, reporter=SpokenReporter())
-    _tell(outcome, where, model, as_json=as_json)
+
+    def tell() -> None:
+        for line in summary(outcome):
+            typer.echo(line)
+
+    tell_measurement(outcome, where, tell, model if outcome.learnt else None, as_json=as_json)
 
 
 def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
@@ -193,26 +193,6 @@ def _check_pace(pace: float | None, motion: LearnedMotion | None) -> None:
         raise fail("--pace is for --motion line-motion; a ramp passes all speeds anyway", ExitStatus.USAGE)
     if pace == 1.0:
         raise fail("--pace 1 is the line's own pace; give another one, such as 0.75, for other orders", ExitStatus.USAGE)
-
-
-def _tell(outcome: "LearningOutcome", where: Path, model: Path, *, as_json: bool) -> None:
-    """Write the report, print the result, exit with a failure's status."""
-    from hil.experiments.cancellation.learn_run import summary  # noqa: PLC0415
-
-    page = write_page(where)
-    if as_json:
-        typer.echo(outcome.result.dumps())
-    else:
-        for line in summary(outcome):
-            typer.echo(line)
-    if outcome.learnt:
-        say(f"model file: {model}")
-    say_page(page)
-    say_not_restored(outcome.not_restored)
-    if outcome.failure is not None:
-        raise exit_with(outcome.failure)
-    if outcome.not_restored:
-        raise typer.Exit(ExitStatus.SDO)
 
 
 def _motion_lines(bench: "Bench", request: "LearnRequest") -> Iterator[str]:

@@ -1,7 +1,4 @@
-"""`--live [PORT]` of motion commands: a scope in another process.
-
-It listens on the bus of the run.
-"""
+"""`--live [PORT]` of motion commands: a scope in another process."""
 
 import contextlib
 from collections.abc import Iterator

@@ -1,7 +1,4 @@
-"""`hil passport`: identified errors of each gear over months.
-
-In one file, with alarms on changes.
-"""
+"""`hil passport`: identified errors of each gear over months."""
 
 # ruff: noqa: PLC0415 - numpy and the figures are imported inside the command, so that --help stays quick
 

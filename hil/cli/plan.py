@@ -1,7 +1,4 @@
-"""`hil plan`: frames of a cycle, and whether they fit.
-
-And the stability of the loop with the delay of the bus.
-"""
+"""`hil plan`: frames of a cycle, and whether they fit."""
 
 import math
 from dataclasses import asdict
@@ -103,10 +100,7 @@ def _axes(text: str) -> tuple[int, ...]:
 
 
 def _wires(verdict: "PlanVerdict") -> "list[WireTiming]":
-    """Return the timing of the plan's bus.
-
-    Without a bit rate, that of all bit rates.
-    """
+    """Return the timing of the plan's bus."""
     from hil.plan.check import RATES  # noqa: PLC0415
     from hil.plan.wire import WireTiming  # noqa: PLC0415
 

@@ -1,7 +1,4 @@
-"""`hil report`: the report of a directory, or of all runs.
-
-Anew, against an older directory, or of all runs below a folder.
-"""
+"""`hil report`: the report of a directory, or of all runs."""
 
 from pathlib import Path
 from typing import Annotated

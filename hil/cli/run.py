@@ -250,10 +250,7 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
 
 
 def _say_directions(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
-    """Print the tip along x, y and z of each window.
-
-    Only of windows that were judged as a vector.
-    """
+    """Print the tip along x, y and z of each window."""
     for run in outcome.result.runs:
         found = {name: each.tip_peak_mm for name, each in (run.directions or {}).items() if each.tip_peak_mm is not None}
         if found:

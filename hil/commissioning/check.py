@@ -85,10 +85,7 @@ def check_axes(
 
 
 def _check_axis(of: Checked, result: CheckResult, reporter: Reporter) -> None:
-    """Make the checks of an axis up to the first failure.
-
-    Later ones are not made.
-    """
+    """Make the checks of an axis up to the first failure."""
     ended: str | None = None
     for title, make, names in STEPS:
         if ended is not None:

@@ -116,10 +116,7 @@ def _numbered(drives: list[FoundNode]) -> dict[int, FoundNode]:
 
 
 def _joints(drawing: ArmDrawing, drives: int) -> dict[int, str]:
-    """Return the joints by the row of their drive.
-
-    Empty if the user has named none.
-    """
+    """Return the joints by the row of their drive."""
     if not drawing.joints:
         return {}
     unknown = [name for name in drawing.joints if name not in drawing.names]

@@ -40,11 +40,6 @@ def narrowed(bench: Bench, number: int, start_rev: float) -> Bench:
     """Return a bench with limits that suffice for the checks.
 
     They are never wider than those of the bench file.
-
-    Args:
-        bench: The bench file.
-        number: Number of the axis.
-        start_rev: Present position of the motor.
     """
     table = bench.axis[number]
     limits = table.limits

@@ -1,7 +1,4 @@
-"""Scan of a bus by reading alone.
-
-Nodes, their profiles, units and limits.
-"""
+"""Scan of a bus by reading alone."""
 
 import math
 from collections.abc import Mapping

@@ -14,27 +14,14 @@ Keep = Callable[[Recording, str], str]
 
 @dataclass(frozen=True)
 class Checked:
-    """One axis that is being checked.
-
-    Attributes:
-        session: Session that has been brought up.
-        number: Number of the axis.
-        keep: Function that saves a recording.
-    """
+    """One axis that is being checked."""
 
     session: Session
     number: int
     keep: Keep
 
     def entry(self, name: str, verdict: Verdict, seen: str, recording: str | None = None) -> CheckEntry:
-        """One check of this axis.
-
-        Args:
-            name: Name of the check.
-            verdict: Its outcome.
-            seen: Observation in words.
-            recording: Path of its recording.
-        """
+        """One check of this axis."""
         return CheckEntry(axis=self.number, name=name, verdict=verdict, seen=seen, recording=recording)
 
     def not_made(self, name: str, why: str) -> CheckEntry:

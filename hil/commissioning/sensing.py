@@ -87,13 +87,6 @@ def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: sl
     """Check the sensor's axis and direction, and the encoder's scale.
 
     The scale follows from the size of the signal.
-
-    Args:
-        of: The axis.
-        table: Its table in the bench file.
-        recording: The swing.
-        rows: Rows of whole periods.
-        path: Path of the recording.
     """
     name, period_s = "accelerometer", recording.period_s
     if of.session.bench.accelerometer.from_load_encoders:
@@ -131,15 +124,7 @@ def _wrong(of: Checked, own: Ratio, others: list[Ratio]) -> str:
 
 
 def _load_encoder(of: Checked, table: AxisTable, recording: Recording, rows: slice, path: str) -> CheckEntry:
-    """The joint's encoder against the motor's.
-
-    Args:
-        of: The axis.
-        table: Its table in the bench file.
-        recording: The swing.
-        rows: Rows of whole periods.
-        path: Path of the recording.
-    """
+    """The joint's encoder against the motor's."""
     angle = recording.axis(of.number, "position_rad")[rows] / table.reduction_ratio
     load = recording.axis(of.number, "load_rad")[rows]
     if not np.all(np.isfinite(load)):

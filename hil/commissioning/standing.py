@@ -1,7 +1,4 @@
-"""Checks of an axis at rest.
-
-Brake without torque, quick stop, and loss of the master's heartbeat.
-"""
+"""Checks of an axis at rest."""
 
 from typing import Final
 

@@ -1,7 +1,4 @@
-"""Checks in a slow third of a turn and back.
-
-Brake, encoder and torque; and a quick stop during the motion.
-"""
+"""Checks in a slow third of a turn and back."""
 
 from typing import Final
 

@@ -110,10 +110,7 @@ def _turns(table: CancellationTable | None) -> tuple[tuple[float, ...], Real, Re
 
 
 class CancellationLaw:
-    """Cancellations of several axes with their states.
-
-    One call per control period.
-    """
+    """Cancellations of several axes with their states."""
 
     def __init__(
         self,

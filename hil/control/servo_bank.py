@@ -12,12 +12,7 @@ from hil.core.library import CORE
 
 
 class ServoBank:
-    """The laws of several axes with their states.
-
-    Attributes:
-        laws: Their records, for C.
-        values: Values of `bank_step`, for C.
-    """
+    """The laws of several axes with their states."""
 
     def __init__(self, configs: Sequence[ServoConfig], period_s: float) -> None:
         """Lay out the arrays.

@@ -160,10 +160,7 @@ class Smooth:
         return 1.0 / (self.duration_s - self.ramp_s)
 
     def position(self, time_s: Array) -> Array:
-        """Return the distance s over time; shape of `time_s`.
-
-        It is 0 before the start and 1 after the end.
-        """
+        """Return the distance s over time; shape of `time_s`."""
         t = np.clip(np.asarray(time_s), 0.0, self.duration_s)
         mirrored = t > 0.5 * self.duration_s
         t = np.where(mirrored, self.duration_s - t, t)

@@ -1,10 +1,7 @@
-"""Treatments of the vibration by name, as data.
-
-Both sides read it: effect, place in the loop and knowledge needed.
-"""
+"""Treatments of the vibration by name, as data."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 LoopName = Literal["drive", "host"]
 
@@ -94,6 +91,8 @@ class Treatment:
         return self.filters == "variable" or bool(self.cancels)
 
 
+_SHAPERS: dict[ShaperName, str] = {"zv": "ZV", "zvd": "ZVD", "mzv": "MZV", "ei": "EI", "two-hump-ei": "two-hump EI"}
+
 TABLE: tuple[Treatment, ...] = (
     Treatment("none", "untreated"),
     Treatment("low-gains", "gains halved", gain_factor=0.5),  # about what an engineer takes back until the arm is quiet
@@ -134,50 +133,20 @@ TABLE: tuple[Treatment, ...] = (
         needs="model",
         follows=True,
     ),
-    Treatment("shaper-zv", "ZV shaper", shaper="zv", loops=("drive",), needs="model"),
-    Treatment("shaper-zvd", "ZVD shaper", shaper="zvd", loops=("drive",), needs="model"),
-    Treatment("shaper-mzv", "MZV shaper", shaper="mzv", loops=("drive",), needs="model"),
-    Treatment("shaper-ei", "EI shaper", shaper="ei", loops=("drive",), needs="model"),
-    Treatment("shaper-two-hump-ei", "two-hump EI shaper", shaper="two-hump-ei", loops=("drive",), needs="model"),
-    Treatment(
-        "cancellation+shaper-zv",
-        "cancellation and ZV shaper",
-        cancels="set-points",
-        shaper="zv",
-        loops=("drive",),
-        needs="model",
+    *(
+        Treatment(cast("TreatmentName", f"shaper-{name}"), f"{words} shaper", shaper=name, loops=("drive",), needs="model")
+        for name, words in _SHAPERS.items()
     ),
-    Treatment(
-        "cancellation+shaper-zvd",
-        "cancellation and ZVD shaper",
-        cancels="set-points",
-        shaper="zvd",
-        loops=("drive",),
-        needs="model",
-    ),
-    Treatment(
-        "cancellation+shaper-mzv",
-        "cancellation and MZV shaper",
-        cancels="set-points",
-        shaper="mzv",
-        loops=("drive",),
-        needs="model",
-    ),
-    Treatment(
-        "cancellation+shaper-ei",
-        "cancellation and EI shaper",
-        cancels="set-points",
-        shaper="ei",
-        loops=("drive",),
-        needs="model",
-    ),
-    Treatment(
-        "cancellation+shaper-two-hump-ei",
-        "cancellation and two-hump EI shaper",
-        cancels="set-points",
-        shaper="two-hump-ei",
-        loops=("drive",),
-        needs="model",
+    *(
+        Treatment(
+            cast("TreatmentName", f"cancellation+shaper-{name}"),
+            f"cancellation and {words} shaper",
+            cancels="set-points",
+            shaper=name,
+            loops=("drive",),
+            needs="model",
+        )
+        for name, words in _SHAPERS.items()
     ),
 )
 
@@ -186,10 +155,7 @@ _ROWS: dict[str, Treatment] = {each.name: each for each in TABLE}
 
 
 def present_name(name: str) -> str:
-    """Return the present name of a treatment.
-
-    Any other word stays as it is.
-    """
+    """Return the present name of a treatment."""
     return _PRESENT.get(name, name)
 
 

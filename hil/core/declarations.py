@@ -34,10 +34,7 @@ def _headers(path: Path, root: Path, known: dict[Path, str]) -> None:
 
 
 def _declarations(text: str) -> Iterator[str]:
-    """Yield the lines of a header that declare something.
-
-    No macro is defined.
-    """
+    """Yield the lines of a header that declare something."""
     wanted = [True]
     for line in _BODY.sub("", _COMMENT.sub("", text)).splitlines():
         word = line.split(maxsplit=1)[0] if line.strip() else ""

@@ -162,10 +162,7 @@ class _Arm:
         return {number: round(math.degrees(joints_rad[row])) for number, row in zip(self.axes, self.rows, strict=True)}
 
     def _by_bodies(self, fit: MassFit, joints_rad: Real) -> tuple[float, ...]:
-        """Dips of the bench file's bodies on the fitted gears.
-
-        The result is empty if the bench file has no bodies.
-        """
+        """Dips of the bench file's bodies, if any, on the fitted gears."""
         if all(link.body is None for link in self.arm.link):
             return ()
         inertia = mass_matrix(self.arm, joints_rad)[np.ix_(self.rows, self.rows)]

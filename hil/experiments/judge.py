@@ -96,10 +96,7 @@ class RunJudge:
         return rates_of(self.bench, axis, self._identified)
 
     def found(self, axis: int | None) -> FoundScale:
-        """Scale of a ramp of one axis, or of the line motion.
-
-        `axis` is None for the line motion.
-        """
+        """Scale of a ramp of one axis, or of the line motion."""
         return self._line() if axis is None else self._axis(axis)
 
     def _axis(self, axis: int) -> FoundScale:

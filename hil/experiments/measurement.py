@@ -1,7 +1,4 @@
-"""Measurement on a bench, shared by all commands.
-
-It covers bus, load check, frame log, session, recordings and result.
-"""
+"""Measurement on a bench, shared by all commands."""
 
 import datetime
 from collections.abc import Callable, Iterator, Sequence

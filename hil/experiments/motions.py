@@ -1,7 +1,4 @@
-"""Motions of the bench file.
-
-These are the paper's constant acceleration, the paper's line of the tip, and a move from point to point.
-"""
+"""Motions of the bench file."""
 
 import math
 

@@ -1,7 +1,4 @@
-"""Design of notch filters for `hil design notch`.
-
-The design uses a bench file and an identified model, and gives the parameter set of a drive.
-"""
+"""Design of notch filters for `hil design notch`."""
 
 import time
 from collections.abc import Sequence
@@ -101,10 +98,7 @@ class NotchDesignOutcome:
 
     @property
     def best(self) -> NotchVerdict:
-        """Verdict of the report.
-
-        It is on the designed filters, or else on the given ones.
-        """
+        """Verdict of the report."""
         verdict = self.designed or self.given
         assert verdict is not None  # noqa: S101 - one of them was requested
         return verdict
@@ -270,12 +264,6 @@ def parameter_set(bench: Bench, axis: int, verdict: NotchVerdict, f_al_hz: float
     """Convert filters to a parameter set for `drive-profiles upload`.
 
     The drive's other filters are switched off.
-
-    Args:
-        bench: The bench file.
-        axis: Axis number.
-        verdict: Verdict on the filters.
-        f_al_hz: Peak of |G_al| without a filter.
 
     Raises:
         NotPossibleError: The drive family has no variable notch.

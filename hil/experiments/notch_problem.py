@@ -1,7 +1,4 @@
-"""Problem of a notch design.
-
-The module builds plants, ramps and judged speeds from a bench file and an identified model.
-"""
+"""Problem of a notch design."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -151,14 +148,7 @@ def _loads(table: AxisTable, axis_model: IdentifiedAxis | None) -> dict[str, Any
 
 
 def unreached_words(axis: int, orders: Sequence[int], f_al_hz: float, limit_rps: float) -> str:
-    """Sentence on orders that an axis does not reach.
-
-    Args:
-        axis: Axis number.
-        orders: The orders.
-        f_al_hz: Peak of |G_al|.
-        limit_rps: Speed limit of the axis.
-    """
+    """Sentence on orders that an axis does not reach."""
     meets = ", ".join(f"order {order} meets f_al = {f_al_hz:.2f} Hz at {f_al_hz / order:.2f} rev/s" for order in orders)
     return f"axis {axis}: {meets}, beyond its speed limit of {limit_rps:g} rev/s: there is nothing to suppress"
 

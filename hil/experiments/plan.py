@@ -1,7 +1,4 @@
-"""Experiments and their entries in `result.json`.
-
-The entries are metrics, comparisons and the paper's claims.
-"""
+"""Experiments and their entries in `result.json`."""
 
 import math
 from collections.abc import Sequence
@@ -259,10 +256,7 @@ def _entry(
 
 
 def timing_of(result: RunResult) -> RunTiming | None:
-    """Timing of a run's cycles for the result file.
-
-    It is None in lock-step.
-    """
+    """Timing of a run's cycles for the result file; None in lock-step."""
     return None if result.timing is None else RunTiming(dropped_cycles=result.dropped_cycles, **vars(result.timing))
 
 

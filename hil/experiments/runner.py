@@ -1,7 +1,4 @@
-"""Runs of experiments on a bench, one after the other.
-
-They leave recordings, the bus log and `result.json`.
-"""
+"""Runs of experiments on a bench, one after the other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -57,10 +54,7 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on treatments, cancellations, models and unjudged orders.
-
-        They tell what cancellations leave, where f_al comes from, and which models a run contradicts.
-        """
+        """Sentences on treatments, cancellations, models and unjudged orders."""
         on_arm = [arm_remark(self.result.bench.file, run.treatment) for run in self.result.runs]
         sentences = [remark for remark in on_arm if remark is not None]
         for run in self.result.runs:
@@ -369,10 +363,7 @@ def _enter(
 
 
 def _keep(measurement: Measurement[ExperimentsResult], results: list[RunResult], file_name: str) -> tuple[RunResult, str]:
-    """Save the runs of one motion, and choose the judged result.
-
-    Several runs are saved beside their mean, which is judged. Returns the result and the path of its recording.
-    """
+    """Save the runs of one motion, and choose the judged result."""
     stem = Path(file_name).stem
     result = results[0] if len(results) == 1 else mean_of(results)
     for number, each in enumerate(results if len(results) > 1 else (), start=1):
@@ -381,10 +372,7 @@ def _keep(measurement: Measurement[ExperimentsResult], results: list[RunResult],
 
 
 def mean_of(results: list[RunResult]) -> RunResult:
-    """Average several runs of the same motion.
-
-    The recordings are averaged; of each count of faults the largest counts.
-    """
+    """Average several runs of the same motion."""
     return replace(
         results[-1],
         recording=averaged([result.recording for result in results]),

@@ -18,7 +18,7 @@ from hil.design.modes.problem import ArmMode
 from hil.design.modes.ring_down import closed_loop_rates, modes_of
 from hil.errors import NotPossibleError
 from hil.master.motion import LoopName, Motion
-from hil.results.runs import ShapedMode, ShaperEntry
+from hil.results.runs import ShaperEntry
 
 MOST_MODES = 2
 """Modes that a shaper is convolved for: each makes the motion longer."""
@@ -67,18 +67,15 @@ class FittedShaper:
         return replace(motion, time_s=times, motor_angle_rad=rows)
 
     def remaining(self, factor: float) -> float:
-        """Largest remaining vibration if the frequencies are off by a factor.
-
-        All frequencies are `factor` times the assumed ones.
-        """
+        """Largest remaining vibration if the frequencies are off by a factor."""
         return max(float(self.shaper.remaining(factor * mode.frequency_hz, mode.damping)) for mode in self.modes)
 
     def entry(self, path_error_mm: float | None) -> ShaperEntry:
         """Entry of the shaper for the result file."""
         return ShaperEntry(
             name=self.name,
-            modes=tuple(ShapedMode(frequency_hz=mode.frequency_hz, damping=mode.damping) for mode in self.modes),
-            left=tuple(ShapedMode(frequency_hz=mode.frequency_hz, damping=mode.damping) for mode in self.left),
+            modes=self.modes,
+            left=self.left,
             amplitudes=self.shaper.amplitudes,
             times_s=self.shaper.times_s,
             duration_s=self.shaper.duration_s,

@@ -1,7 +1,4 @@
-"""Set-up of a treatment in a run.
-
-The module builds the bench and the switches of a run from the knowledge of the robot.
-"""
+"""Set-up of a treatment in a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,8 +16,6 @@ from hil.results.acted import FileRole, SourceFile, bench_files
 TREATMENTS: tuple[TreatmentName, ...] = tuple(each.name for each in TABLE)
 
 TITLES: dict[str, str] = {each.name: each.title for each in TABLE}
-
-CANCELLING: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if each.cancels == "set-points")
 
 FILTERING: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if each.filters == "variable")
 """Treatments in which the drives' variable filters act."""

@@ -1,7 +1,4 @@
-"""Metrics of one window of a run, and the verdict on it.
-
-A window without a verdict has the reason.
-"""
+"""Metrics of one window of a run, and the verdict on it."""
 
 import math
 from dataclasses import dataclass, replace

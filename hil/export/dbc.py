@@ -30,10 +30,6 @@ def write_dbc(path: Path, what: Decoded) -> None:
     The status word is parted into its state, with a table of words, and its bits; the control word into its command and the rest.
     SDOs are left out: a DBC file has no form for them that programs agree on.
 
-    Args:
-        path: The file.
-        what: The mapping.
-
     Raises:
         MissingPackageError: cantools is not installed.
         ExportError: No PDO's mapping is known.

@@ -20,12 +20,7 @@ MOST_OTHERS = 0.1
 
 @dataclass(frozen=True)
 class NamedNumber:
-    """A number in a PDO.
-
-    Attributes:
-        entry: Place in the PDO.
-        unit: Name and unit.
-    """
+    """A number in a PDO."""
 
     entry: MappedNumber
     unit: WireUnit
@@ -52,13 +47,7 @@ class NamedPdo:
 
 @dataclass(frozen=True)
 class Decoded:
-    """Meaning of a log's process data.
-
-    Attributes:
-        trace: The log.
-        pdos: PDOs with their numbers.
-        notes: Sentences on unknown or omitted parts.
-    """
+    """Meaning of a log's process data."""
 
     trace: Trace
     pdos: tuple[NamedPdo, ...]

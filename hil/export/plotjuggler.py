@@ -54,12 +54,7 @@ def send(
 
 
 def write_layout(path: Path, series: Sequence[Series]) -> None:
-    """Write a layout: a plot for each unit, its columns as curves.
-
-    Args:
-        path: The file.
-        series: The numbers.
-    """
+    """Write a layout: a plot for each unit, its columns as curves."""
     by_unit: dict[str, list[str]] = {}
     for each in series:
         for name in each.columns:

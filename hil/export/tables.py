@@ -23,10 +23,6 @@ PIECE = 20_000
 def write_mf4(path: Path, series: Sequence[Series]) -> None:
     """Write an MF4 file: a channel group for each of the series.
 
-    Args:
-        path: The file.
-        series: The numbers.
-
     Raises:
         MissingPackageError: asammdf is not installed.
     """
@@ -90,10 +86,6 @@ def write_mcap(path: Path, series: Sequence[Series]) -> None:
     """Write an MCAP file with a channel for each series.
 
     JSON messages with their schema, in the order of their stamps.
-
-    Args:
-        path: The file.
-        series: The numbers.
 
     Raises:
         MissingPackageError: mcap is not installed.

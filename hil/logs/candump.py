@@ -59,10 +59,7 @@ def chunks(path: Path, counters: NDArray[np.int64], progress: Callable[[int], No
 
 
 def _pieces(file: BinaryIO) -> Iterator[NDArray[np.uint8]]:
-    """Yield chunks of whole lines.
-
-    The last line gets an end if it has none.
-    """
+    """Yield chunks of whole lines."""
     rest = b""
     while piece := file.read(CHUNK_BYTES - len(rest)):
         whole = rest + piece

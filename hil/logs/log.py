@@ -131,10 +131,7 @@ class Log:
         return Stream(can_id, np.empty(0, np.uint32), np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.uint64))
 
     def near(self, base: int, nodes: range = range(1, 128)) -> list[Stream]:
-        """Return the frames of all nodes with one base, by node.
-
-        The base is one of the predefined connection set.
-        """
+        """Return the frames of all nodes with one base, by node."""
         return [self.streams[base + node] for node in nodes if base + node in self.streams]
 
     def errors(self) -> list[Stream]:
@@ -172,13 +169,7 @@ class _Growing:
 
 
 def _longer(column: NDArray[Any], count: int, rows: int) -> NDArray[Any]:
-    """Return a longer copy of a column with the same first rows.
-
-    Args:
-        column: The old one.
-        count: Rows that are in use.
-        rows: Rows of the new one.
-    """
+    """Return a longer copy of a column with the same first rows."""
     size = rows * column.itemsize
     longer = np.empty(rows, column.dtype) if size < MAPPED_BYTES else np.frombuffer(mmap.mmap(-1, size), column.dtype)
     longer[:count] = column[:count]
@@ -199,11 +190,7 @@ class LogBuilder:
     """
 
     def __init__(self, path: Path) -> None:
-        """Begin with nothing.
-
-        Args:
-            path: The file.
-        """
+        """Begin with nothing."""
         self._path = path
         self._parts: dict[int, _Growing] = {}
         self._began_ns, self._last_ns = 0, 0

@@ -57,10 +57,7 @@ class MappedNumber:
     is_real: bool = False
 
     def numbers(self, stream: Stream) -> NDArray[np.float64]:
-        """Return the number in each frame as float; shape (n,).
-
-        Integers and floating-point numbers.
-        """
+        """Return the number in each frame as float; shape (n,)."""
         if not self.is_real:
             return self.of(stream).astype(np.float64)
         raw = stream.data >> np.uint64(self.start)
@@ -99,7 +96,6 @@ class Pdo:
         can_id: Identifier.
         transmission_type: Transmission type; None if it is not known.
         entries: Its numbers; empty if the mapping is not known.
-        is_reconstructed: True if only its identifier of the predefined connection set was seen.
     """
 
     node: int
@@ -108,7 +104,6 @@ class Pdo:
     can_id: int
     transmission_type: int | None
     entries: tuple[MappedNumber, ...]
-    is_reconstructed: bool = False
 
     @property
     def name(self) -> str:
@@ -154,13 +149,7 @@ class Node:
 
 
 def nodes_of(log: Log, events: Iterable[Event], descriptions: Mapping[int, Description]) -> dict[int, Node]:
-    """Nodes of a log, by node-ID.
-
-    Args:
-        log: The log.
-        events: SDO transfers in it.
-        descriptions: Device descriptions by node-ID.
-    """
+    """Nodes of a log, by node-ID."""
     found = {number: Node(number) for number in _node_ids(log)}
     for number, description in descriptions.items():
         node = found.setdefault(number, Node(number))
@@ -185,22 +174,14 @@ def nodes_of(log: Log, events: Iterable[Event], descriptions: Mapping[int, Descr
 
 
 def described_node(number: int, description: Description) -> Node:
-    """A node as its description sets it up, without any log.
-
-    Args:
-        number: Node-ID.
-        description: Its device description.
-    """
+    """A node as its description sets it up, without any log."""
     node = Node(number, dict(_described(description)), description=description)
     node.pdos = tuple(_pdos(node))
     return node
 
 
 def _working_ns(log: Log) -> int:
-    """Return an instant in the middle of the SYNCs, in ns.
-
-    Without SYNCs, in the middle of the process data.
-    """
+    """Return an instant in the middle of the SYNCs, in ns."""
     stream = log.of(FunctionCode.SYNC)
     if not len(stream):
         own = log.near(FunctionCode.TPDO1, range(1, FunctionCode.SDO_RESPONSE - FunctionCode.TPDO1))
@@ -209,10 +190,7 @@ def _working_ns(log: Log) -> int:
 
 
 def _node_ids(log: Log) -> set[int]:
-    """Return the node-IDs that send frames.
-
-    From heartbeats, SDO answers and emergencies; from PDOs alone, by the predefined connection set.
-    """
+    """Return the node-IDs that send frames."""
     found = set()
     for can_id in log.streams:
         base, node = can_id & ~0x7F, can_id & 0x7F
@@ -262,7 +240,6 @@ def _pdos(node: Node) -> Iterable[Pdo]:
         for number in range(MOST_PDOS):
             communication, mapping = COMMUNICATION_PARAMETERS[direction] + number, MAPPING_PARAMETERS[direction] + number
             cob_id = node.value(communication, 1)
-            is_heard = cob_id is not None
             if cob_id is None:
                 if number >= 4:
                     continue
@@ -271,7 +248,7 @@ def _pdos(node: Node) -> Iterable[Pdo]:
             if cob_id & CobIdBit.INVALID or not can_id:
                 continue
             entries = tuple(_entries(node, mapping))
-            yield Pdo(node.number, direction, number + 1, can_id, node.value(communication, 2), entries, not is_heard)
+            yield Pdo(node.number, direction, number + 1, can_id, node.value(communication, 2), entries)
 
 
 def _entries(node: Node, mapping: int) -> Iterable[MappedNumber]:

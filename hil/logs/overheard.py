@@ -63,13 +63,7 @@ class AbortedTransfer:
 
 @dataclass(frozen=True)
 class UnansweredRequest:
-    """A request without an answer.
-
-    Attributes:
-        stamp_ns: Stamp of the request.
-        node: Node-ID that was asked.
-        address: Index and sub-index.
-    """
+    """A request without an answer."""
 
     stamp_ns: int
     node: int
@@ -81,10 +75,6 @@ class OverlappingRequest:
     """A request during a recent open one on the same channel.
 
     Two clients send, or one client does not wait.
-
-    Attributes:
-        stamp_ns: Stamp of the later request.
-        node: Node-ID that was asked.
     """
 
     stamp_ns: int

@@ -64,10 +64,7 @@ class Rhythm:
 
 
 def _blocks(values: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-    """Yield numbers in pieces.
-
-    A calculation then does not need memory for all of them.
-    """
+    """Yield numbers in pieces."""
     for begin in range(0, len(values), FRAMES_AT_ONCE):
         yield values[begin : begin + FRAMES_AT_ONCE]
 
@@ -78,11 +75,6 @@ class Trace:
     Args:
         log: The log.
         descriptions: Device descriptions by node-ID.
-
-    Attributes:
-        log: The log.
-        events: SDO transfers in it.
-        nodes: Its nodes, by node-ID.
     """
 
     def __init__(self, log: Log, descriptions: Mapping[int, Description]) -> None:

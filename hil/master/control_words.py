@@ -1,7 +1,4 @@
-"""Control words of the master, and states without torque.
-
-CiA 402-2, state machine.
-"""
+"""Control words of the master, and states without torque (CiA 402-2)."""
 
 from drive_profiles.standard.cia402 import State
 

@@ -319,10 +319,7 @@ class CyclicExchange:
         self._count()
 
     def _take_whole(self, frames: list[Frame]) -> bool:
-        """Take a cycle's answers if they are complete and in order.
-
-        This is the usual case, and fast.
-        """
+        """Take a cycle's answers if they are complete and in order."""
         if [frame[0] for frame in frames] != self._order:
             return False
         for which, (_, content) in enumerate(frames):

@@ -1,7 +1,4 @@
-"""Second encoder on a joint in a run: TPDO and position.
-
-Its axis moves, or is only watched.
-"""
+"""Second encoder on a joint in a run: TPDO and position."""
 
 import math
 from typing import Any
@@ -33,10 +30,7 @@ class JointEncoder:
         self.data.rad_per_count = math.nan if encoder is None else encoder.rad_per_count
 
     def configure(self, pdos: PdoSet, *, with_notch_state: bool) -> None:
-        """Map the encoder's position into its TPDO.
-
-        The drive is pre-operational.
-        """
+        """Map the encoder's position into its TPDO; the drive is pre-operational."""
         number = mapping.load_tpdo(self.axis.profile, with_notch_state=with_notch_state)
         self.can_id = pdos.tpdo(number, mapping.load_position(self.axis.table, self.axis.profile))
 

@@ -25,10 +25,6 @@ class Histogram:
     A run of any length takes the same memory. A percentile is never below the exact one, which is the smallest value that
     at least this fraction of all values does not exceed. From 100 ns to 100 s it exceeds the exact one by no more than
     `RELATIVE_ERROR`; below, by no more than 100 ns; beyond, it is the largest value. The largest value is exact.
-
-    Attributes:
-        count: Number of values.
-        largest_s: Largest value.
     """
 
     RELATIVE_ERROR = 10.0 ** (1.0 / PER_DECADE) - 1.0
@@ -62,10 +58,7 @@ class Histogram:
         return self.largest_s
 
     def bars(self) -> list[tuple[float, int]]:
-        """Return bars, two per decade: upper edge and number.
-
-        From the first to the last that is not empty; the last edge is inf.
-        """
+        """Return bars, two per decade: upper edge and number."""
         bars = [(_EDGES[0], self._bins[0])]
         for begin in range(1, len(_EDGES), _COARSE):
             end = begin + _COARSE - 1
@@ -152,10 +145,7 @@ class CycleSchedule:
         return True
 
     def missing_now(self) -> int:
-        """Return the number of unsent cycles in a row until now.
-
-        0 before the first cycle.
-        """
+        """Return the number of unsent cycles in a row until now."""
         behind = self.clock.now() - self.end_s if self.cycles else 0.0
         return self._in_a_row + 1 + int(behind / self.period_s) if behind > self.limit_s else self.overdue
 
@@ -178,10 +168,7 @@ class CycleSchedule:
         self._frames.append(frame)
 
     def count_bits(self) -> None:
-        """Count the bits of the kept frames, between the cycles.
-
-        Error messages of the controller have no bits.
-        """
+        """Count the bits of the kept frames, between the cycles."""
         for frame in self._frames:
             if frame.can_id & CAN_ERR_FLAG:
                 continue

@@ -1,7 +1,4 @@
-"""The master's side of CANopen on one channel.
-
-SDO, NMT, SYNC, heartbeats and emergencies, in one thread.
-"""
+"""The master's side of CANopen on one channel."""
 
 import struct
 from collections import Counter, deque
@@ -170,10 +167,7 @@ class Network:
         return self.receive_all(self.timeout_s)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """Receive the next frame and those in one message with it.
-
-        They are logged; empty if none came in time.
-        """
+        """Receive the next frame and those in one message with it."""
         frames = self.channel.receive_all(timeout_s)
         if self.log.is_on:
             now = self.now()
@@ -257,12 +251,6 @@ class Network:
     def read_raw(self, node: int, index: int, subindex: int = 0, name: str = "") -> bytes:
         """Upload an object as bytes.
 
-        Args:
-            node: Node-ID of the node.
-            index: Index of the object.
-            subindex: Sub-index of the object.
-            name: Name of the object, for messages.
-
         Raises:
             SdoAbortedError: The node refuses.
             NoAnswerError: The node is silent.
@@ -290,13 +278,6 @@ class Network:
         """Read an object's value.
 
         Bytes of another length than the type's count as no answer.
-
-        Args:
-            node: Node-ID of the node.
-            index: Index of the object.
-            subindex: Sub-index of the object.
-            kind: Data type of the object.
-            name: Name of the object, for messages.
 
         Raises:
             SdoAbortedError: The node refuses.

@@ -1,7 +1,4 @@
-"""Real time on Linux, as far as the system permits it.
-
-Requests, their outcome, and their reversal.
-"""
+"""Real time on Linux, as far as the system permits it."""
 
 import ctypes
 import gc
@@ -212,9 +209,6 @@ class RealTime:
     Args:
         settings: The requests.
         system: The calls to the system; a test gives its own.
-
-    Attributes:
-        measures: Requests with their outcome, in their order.
     """
 
     def __init__(self, settings: Settings, system: System | None = None) -> None:
@@ -225,10 +219,7 @@ class RealTime:
         self._undo: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
-        """Make the requests, the scheduler last.
-
-        The others may take their time.
-        """
+        """Make the requests, the scheduler last; the others may take their time."""
         settings = self._settings
         self._undo.append(quiet_garbage_collection())
         interval = sys.getswitchinterval()

@@ -58,10 +58,7 @@ class RunRequest:
         return self.motion.torque_offset_nm is not None or (self.adder is not None and self.adder.uses_torque)
 
     def filters_of(self, axis: DriveAxis) -> tuple[Notch | FixedFilter, ...]:
-        """Return the filters that act on an axis.
-
-        Those that its drive holds, once written, or those of the host's loop.
-        """
+        """Return the filters that act on an axis."""
         if self.loop == "drive":
             return axis.notches
         return host_filters(axis, with_notch=self.filters == "notch", fixed=self.fixed)
@@ -104,10 +101,7 @@ class RunRequest:
 def host_filters(
     axis: DriveAxis, *, with_notch: bool, fixed: Mapping[int, FixedFilter] | None = None
 ) -> tuple[Notch | FixedFilter, ...]:
-    """Return the host's filters in the loop of an axis.
-
-    A fixed one replaces those of the bench file.
-    """
+    """Return the host's filters in the loop of an axis."""
     held = (fixed or {}).get(axis.number)
     if held is not None:
         return (held,)

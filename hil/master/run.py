@@ -1,7 +1,4 @@
-"""One run, from the first control word to the last.
-
-Enable, settle, move and record, return, disable; and stop.
-"""
+"""One run, from the first control word to the last."""
 
 import contextlib
 import math
@@ -363,10 +360,7 @@ class Run:
         return self.exchange.schedule.dropped + self.exchange.schedule.late
 
     def _with_bus_errors(self, reason: str) -> str:
-        """Return a reason with the errors on the bus since the start.
-
-        They are those that the CAN controller reported.
-        """
+        """Return a reason with the errors on the bus since the start."""
         errors = self.supervisor.network.bus_errors - self._bus_errors
         reports = ", ".join(f"{words} ({times(number)})" for words, number in errors.most_common(3))
         return f"{reason}; on the bus: {reports}" if reports else reason

@@ -1,7 +1,4 @@
-"""Session on the bus: checks of the nodes, and runs.
-
-For each run it sets the nodes up, enables, moves, disables and restores them.
-"""
+"""Session on the bus: checks of the nodes, and runs."""
 
 import math
 import signal
@@ -128,10 +125,7 @@ class Session:
         self.interrupt(signal.Signals(number).name)
 
     def interrupt(self, name: str) -> None:
-        """End a motion by a ramp, and refuse further motions.
-
-        `name` is the name of the signal.
-        """
+        """End a motion by a ramp, and refuse further motions."""
         self.supervisor.interrupted_by = name
 
     def check_interrupt(self) -> None:
@@ -308,10 +302,7 @@ class Session:
         )
 
     def _standing_rad(self, motion: Motion) -> dict[int, float]:
-        """Read the motor angles of axes that do not move.
-
-        Only on a bench with an arm, on which they turn the sensor as well; else empty.
-        """
+        """Read the motor angles of axes that do not move."""
         if self.bench.arm is None:
             return {}
         return {number: axis.position_rad() for number, axis in self.axes.items() if number not in motion.axes}
@@ -407,10 +398,7 @@ class Session:
             raise UnsafeRequestError("bus.max_lateness_s", limit, period_s, "s", "a set-point is sent only in its own cycle")
 
     def _real_time(self, context: ExitStack) -> RealTime | None:
-        """Enter real time for a run in wall-clock time.
-
-        In lock-step, only switch the garbage collector off.
-        """
+        """Enter real time for a run in wall-clock time."""
         if self.network.channel.is_lock_step:
             context.callback(no_garbage_collection())
             return None

@@ -1,7 +1,4 @@
-"""Additions to a run's set-points from the measured motor angles.
-
-In every cycle.
-"""
+"""Additions to a run's set-points from the measured motor angles."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable

@@ -1,7 +1,4 @@
-"""Supervision of the nodes while axes move.
-
-The master's heartbeat and theirs, emergencies, resets, and the user's Ctrl-C.
-"""
+"""Supervision of the nodes while axes move."""
 
 import math
 from collections.abc import Iterable
@@ -60,10 +57,7 @@ class Supervisor:
         exchange.exchange()
 
     def fault(self) -> str | None:
-        """Return the reason to stop from nodes or user, or None.
-
-        An emergency, a reset, a lost heartbeat, or Ctrl-C.
-        """
+        """Return the reason to stop from nodes or user, or None."""
         network = self.network
         if not network.emergencies and not network.boots and network.now() <= self._silent_until_s:
             return self.interrupted_by

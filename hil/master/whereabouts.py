@@ -1,7 +1,4 @@
-"""Positions of axes after a refusal or stop, in words.
-
-With the command that brings them back.
-"""
+"""Positions of axes after a refusal or stop, in words."""
 
 import math
 from collections.abc import Sequence
@@ -82,10 +79,7 @@ class Whereabouts:
 
 
 def stop_text(found: Sequence[Whereabouts]) -> str:
-    """Return the axes' positions after a stop, and how to go on.
-
-    Empty if there is nothing to report.
-    """
+    """Return the axes' positions after a stop, and how to go on."""
     away = [each for each in found if each.is_away]
     lost = [each for each in found if each.stands_rev is None]
     said = [", ".join(map(str, found))] if found else []

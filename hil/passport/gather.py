@@ -120,10 +120,7 @@ def _of_result(path: Path) -> Iterator[PassportRun]:
 
 
 def _of_passes(result: AteResult, part: IdentifiedError, path: Path) -> PassportRun:
-    """Return an identification by ramps as a run.
-
-    With the joint's range, its highest speed, and both directions.
-    """
+    """Return an identification by ramps as a run."""
     run = _run(result.bench.name, result.axis, part, result.bench.started_utc, path)
     degrees = 360.0 / result.bench.file.axis[result.axis].reduction_ratio
     return replace(
@@ -167,13 +164,6 @@ def _run(robot: str, axis: int, part: IdentifiedError, date: str, path: Path) ->
     """Return a run of the passport.
 
     Its hash is that of the measurement, whatever the file.
-
-    Args:
-        robot: Name of the bench.
-        axis: Axis number.
-        part: The identified transmission error.
-        date: Date of the measurement.
-        path: File from which it is.
 
     Raises:
         ValueError: It is too large for a passport, or its date cannot be.

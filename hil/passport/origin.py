@@ -129,10 +129,7 @@ def _is_large(each: Conditions) -> bool:
 
 
 def _turn(sides: Sequence[OrderSides]) -> tuple[OriginName, str] | None:
-    """Return the origin that the phases in both directions show.
-
-    None if they show nothing.
-    """
+    """Return the origin that both directions' phases show, or None."""
     known = [each for each in sides if each.phi_sigmas > 0.0]
     if not known:
         return None

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
-from hil.errors import HilError
+from hil.errors import FileProblemError
 
 APPLICATION_ID = 0x48494C50
 """Mark of the file in its header, by which it is told from SQLite files of other programs."""
@@ -58,15 +58,8 @@ _STEPS = (_TABLES, _TO_VERSION_2)
 """Steps that make a passport of each version from the one before it."""
 
 
-class PassportFileError(HilError):
+class PassportFileError(FileProblemError):
     """The file of a passport cannot be used."""
-
-    exit_code: ClassVar[int] = 3
-
-    def __init__(self, path: Path, problem: str) -> None:
-        """Keep the file and its defect."""
-        self.path, self.problem = path, problem
-        super().__init__(f"{path}: {problem}")
 
 
 @dataclass(frozen=True)
@@ -195,10 +188,7 @@ def _check(path: Path, connection: sqlite3.Connection) -> None:
 
 
 def _bring_up(connection: sqlite3.Connection, version: int) -> None:
-    """Upgrade a passport from an older version or an empty file.
-
-    In one transaction.
-    """
+    """Upgrade a passport from an older version or an empty file."""
     connection.execute("BEGIN IMMEDIATE")
     if connection.execute("PRAGMA user_version").fetchone()[0] == version:
         for step in _STEPS[version:]:

@@ -94,15 +94,7 @@ class Trend:
 
 @dataclass(frozen=True)
 class OrderOrigin:
-    """Origin of an order of a gear.
-
-    Attributes:
-        robot: Name of the bench.
-        axis: Axis number.
-        order: Order k.
-        name: Its origin.
-        why: Reason for it.
-    """
+    """Origin of an order of a gear."""
 
     robot: str
     axis: int
@@ -112,10 +104,7 @@ class OrderOrigin:
 
 
 def gears_of(runs: Sequence[PassportRun], since: str = "") -> dict[tuple[str, int], list[PassportRun]]:
-    """Return the runs of each gear from a date on.
-
-    By robot and axis, in the order of their dates.
-    """
+    """Return the runs of each gear from a date on."""
     gears: dict[tuple[str, int], list[PassportRun]] = {}
     for run in sorted(runs, key=lambda each: (each.measured_utc, each.content)):
         if run.measured_utc >= since:
@@ -154,20 +143,19 @@ def _motor(runs: Sequence[PassportRun], given: Motor) -> Motor:
     return Motor(given.pole_pairs or (poles[-1] if poles else None), given.slots or (slots[-1] if slots else None))
 
 
-def trends(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str = "", rate: float = FALSE_ALARMS) -> list[Trend]:
+def trends(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str = "") -> list[Trend]:
     """Trends of all gears, amplitude and phase of each order.
 
     Args:
         runs: Runs of a passport.
         motors: Poles and slots by axis.
         since: Date from which on runs count, ISO 8601: that of a new gear, or of a change that is known.
-        rate: False alarms in one run of a gear.
     """
     made = []
     told = {(each.robot, each.axis, each.order): (each.name, each.why) for each in origins(runs, motors, since)}
     for (robot, axis), own in gears_of(runs, since).items():
         orders = sorted({line.order for run in own for line in run.lines})
-        limits = AlarmLimits.of(rate, 2 * len(orders)) if orders else None
+        limits = AlarmLimits.of(FALSE_ALARMS, 2 * len(orders)) if orders else None
         for order in orders if limits is not None else ():
             found = [(run, line) for run in own for line in run.lines if line.order == order]
             for is_phase in (False, True):

@@ -1,7 +1,4 @@
-"""Changes that would make a plan fit, with their numbers.
-
-Smaller frames, fewer frames, more wires, or the loop elsewhere.
-"""
+"""Changes that would make a plan fit, with their numbers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -93,18 +90,12 @@ def packed(cycle: Cycle) -> Cycle:
 
 
 def packed_alone(cycle: Cycle) -> Cycle:
-    """Return the cycle of `packed` with a command for each axis.
-
-    Each axis is then on a bus of its own.
-    """
+    """Return the cycle of `packed` with a command for each axis."""
     return without_control_word(position_only(without_notch_state(cycle)))
 
 
 def per_axis(cycle: Cycle) -> list[Cycle]:
-    """Return the cycles with a bus for each axis.
-
-    The accelerometer is on the first.
-    """
+    """Return the cycles with a bus for each axis."""
     buses = []
     for bus, command in enumerate(cycle.of("command")):
         frames = [frame for frame in cycle.frames if frame.axis == command.axis or frame.kind == "sync"]
@@ -160,10 +151,7 @@ class Adviser:
 
     @cached_property
     def longest_stable_period_s(self) -> float | None:
-        """The longest usual period with stable host-closed loops, or None.
-
-        No loop is then unstable or at the edge.
-        """
+        """The longest usual period with stable host-closed loops, or None."""
         return next((period for period in reversed(SYNC_PERIODS_S) if self.level("host", period) == "stable"), None)
 
     @cached_property

@@ -1,7 +1,4 @@
-"""Verdict on a bench's bus plan and its loops' stability.
-
-The loops have the delay of that plan.
-"""
+"""Verdict on a bench's bus plan and its loops' stability."""
 
 import math
 from dataclasses import dataclass
@@ -184,10 +181,7 @@ def _contents(entry: MappedObject, table: AxisTable | None) -> Range:
 
 
 def wire_of(bench: Bench, bitrate: int | None = None) -> WireTiming | None:
-    """Return the bit rates of the bench's bus.
-
-    None without bit times, or if they are not known.
-    """
+    """Return the bit rates of the bench's bus, or None."""
     rate = bitrate or parse_address(bench.bus.address).bitrate
     return None if rate is None else WireTiming(rate)
 

@@ -1,7 +1,4 @@
-"""Duration of frames at a bit rate: classic CAN, or CAN FD.
-
-CAN FD has a second rate for the data.
-"""
+"""Duration of frames at a bit rate: classic CAN, or CAN FD."""
 
 from dataclasses import dataclass
 

@@ -3,18 +3,11 @@
 from pathlib import Path
 from typing import ClassVar
 
-from hil.errors import HilError
+from hil.errors import FileProblemError, HilError
 
 
-class RecordingFileError(HilError, ValueError):
+class RecordingFileError(FileProblemError, ValueError):
     """A recording, or a given layout, cannot be used."""
-
-    exit_code: ClassVar[int] = 3
-
-    def __init__(self, path: Path, problem: str) -> None:
-        """Keep the file and the defect."""
-        self.path, self.problem = path, problem
-        super().__init__(f"{path}: {problem}")
 
 
 class MissingPackageError(HilError):

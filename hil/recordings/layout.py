@@ -1,7 +1,4 @@
-"""Layout of a recording: role and unit of each column.
-
-From the command line, a file, or the columns' names.
-"""
+"""Layout of a recording: role and unit of each column."""
 
 import re
 from collections.abc import Mapping, Sequence

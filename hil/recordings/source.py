@@ -18,12 +18,7 @@ MOST_MISSING = 0.05
 
 
 class Source(Protocol):
-    """A file of columns.
-
-    Attributes:
-        path: The file.
-        names: Names of the columns.
-    """
+    """A file of columns."""
 
     path: Path
     names: tuple[str, ...]

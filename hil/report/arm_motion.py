@@ -1,7 +1,4 @@
-"""Motion of an arm along its line, as figures show it.
-
-Postures along the motion, the tip's path, and the tip's error about the path.
-"""
+"""Motion of an arm along its line, as figures show it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -62,9 +59,6 @@ def recorded_line(material: Material) -> tuple[Real, Real] | None:
     """Return joint angles and tip along the first complete recorded line.
 
     None without an arm.
-
-    Args:
-        material: Result and recordings.
     """
     arm = material.bench.arm
     if arm is None:
@@ -82,9 +76,6 @@ def moved_arms(material: Material) -> list[MovedArm]:
 
     Both drive-closed; the best treatment leaves the least tip peak. One alone if the other is missing, and an empty list
     without both.
-
-    Args:
-        material: Result and recordings.
     """
     entries = [
         run
@@ -101,10 +92,7 @@ def moved_arms(material: Material) -> list[MovedArm]:
 
 
 def _moved(material: Material, run: PlottedRun) -> MovedArm | None:
-    """Compute a run's motion by the kinematics of the bench's arm.
-
-    None without an arm, or with too few judged rows.
-    """
+    """Compute a run's motion by the kinematics of the bench's arm."""
     bench, scale, recording = material.bench, material.scale(None), run.recording
     if bench.arm is None or bench.line_motion is None or scale is None or run.entry.stopped is not None:
         return None

@@ -52,10 +52,7 @@ def treatment_name(name: str) -> str:
 
 
 class Material:
-    """Result, bench and recordings of one directory.
-
-    Every computed number is computed once.
-    """
+    """Result, bench and recordings of one directory."""
 
     def __init__(self, directory: Path, bench: Bench | None = None) -> None:
         """Read result.json; the bench comes from it unless it is given.
@@ -79,10 +76,7 @@ class Material:
 
     @cached_property
     def control_period_s(self) -> float:
-        """Period of the loop inside the drives in s.
-
-        The paper's period if no run has one.
-        """
+        """Period of the loop inside the drives in s."""
         periods = [run.control_period_s for run in self.result.runs if run.loop == "drive" and run.control_period_s]
         return periods[0] if periods else CONTROL_PERIOD_S
 
@@ -93,10 +87,7 @@ class Material:
         return {number: loop.peak_hz() for number, loop in loops.items()}
 
     def scale(self, axis: int | None) -> TipScale | None:
-        """Return the scale of an axis, or of the line motion (None).
-
-        None if no f_al is known.
-        """
+        """Return the scale of an axis, or of the line motion (None)."""
         if axis is None:
             known = line_scale(self.bench, self.control_period_s)
             own = [
@@ -132,10 +123,7 @@ class Material:
         return PAPER_BAND_HZ if scale is None else scale.band_hz
 
     def window_rps(self, axis: int | None, order: int) -> tuple[float, float] | None:
-        """Return the motor speeds in which an order is judged.
-
-        None if no f_al is known.
-        """
+        """Return the motor speeds in which an order is judged."""
         scale = self.scale(axis)
         return None if scale is None else scale.windows_rps.get(order)
 
@@ -214,10 +202,7 @@ class Material:
         return loop
 
     def margins(self, axis: int, filters: FilterSet | None = None) -> dict[float, Margins]:
-        """Return the margins of an axis with a model, by motor speed.
-
-        The arguments are those of `loop`.
-        """
+        """Return the margins of an axis with a model, by motor speed."""
         key = axis, () if filters is None else filters.treatments
         if key not in self._margins:
             loop = self.loop(axis, filters)
@@ -289,10 +274,7 @@ class Material:
         return next((c for c, key in zip(self.result.comparisons, keys, strict=True) if key == wanted), None)
 
     def recording(self, run: RunEntry | None) -> Recording | None:
-        """Return the recording of a run, or None.
-
-        None if it is missing or too short; a note then gives the reason.
-        """
+        """Return the recording of a run, or None."""
         if run is None or run.recording is None:
             return None
         if run.recording not in self._recordings:
@@ -332,10 +314,7 @@ class Material:
         return Recording(columns)
 
     def estimate(self, axis: int) -> TransmissionErrorEstimate | None:
-        """Return θ_sync identified from the run without a notch.
-
-        None if no run allows it.
-        """
+        """Return θ_sync identified from the run without a notch."""
         if axis not in self._estimates:
             self._estimates[axis] = self._identify(axis)
         return self._estimates[axis]

@@ -69,10 +69,6 @@ def css(selector: str, colours: tuple[Colour, ...] = (*OF_FIGURES, *OF_PAGES)) -
     """Return CSS rules with every colour's values by day and night.
 
     The value by night applies on screens that ask for dark.
-
-    Args:
-        selector: Element that holds the variables.
-        colours: Colours to define.
     """
     day, night = (
         " ".join(f"--{colour.name}: {colour.night if is_dark else colour.day};" for colour in colours)

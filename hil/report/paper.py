@@ -37,10 +37,7 @@ class ErrorColumn(NamedTuple):
     phi4_deg: float
 
     def of(self, order: float) -> tuple[float | None, float | None]:
-        """Return amplitude in arcsec and phase in degrees of one order.
-
-        None for an order that the paper does not have.
-        """
+        """Return amplitude in arcsec and phase in degrees of one order."""
         return {2: (self.a2_arcsec, self.phi2_deg), 4: (self.a4_arcsec, self.phi4_deg)}.get(int(order), (None, None))
 
     def error(self) -> TransmissionError:

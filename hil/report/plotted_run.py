@@ -92,10 +92,7 @@ def _label(name: str, others: Mapping[str, RunEntry]) -> str:
 
 
 def key_end(number: int) -> str:
-    """Return the end of the key of a figure's n-th part.
-
-    Parts count from 0; the first has an empty end.
-    """
+    """Return the end of the key of a figure's n-th part."""
     return f"-part{number + 1}" if number else ""
 
 
@@ -177,10 +174,7 @@ def finish_vibration(
 
 
 def _within(panel: Axes, line: Line2D) -> float:
-    """Return the largest |y| of a line between the panel's x limits.
-
-    0 for a marker line across the panel.
-    """
+    """Return the largest |y| of a line between the panel's x limits."""
     x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data())
     low, high = panel.get_xlim()
     shown = (x >= low) & (x <= high)
@@ -216,24 +210,17 @@ def judged_samples(material: Material, recording: Recording, axis: int, order: i
     """Return the indices of the samples in which an order is judged.
 
     Shape (n,); none without an f_al.
-
-    Args:
-        material: Result and bench.
-        recording: The run.
-        axis: Axis that moved.
-        order: Order k.
     """
     window = material.window_rps(axis, order)
     return np.flatnonzero(speed_window(recording, axis, window)) if window is not None else np.zeros(0, dtype=np.int_)
 
 
-def window_words(material: Material, axis: int, order: int = SHADED_ORDER) -> str:
+def window_words(material: Material, axis: int) -> str:
     """Sentence on the shaded speeds."""
-    window = material.window_rps(axis, order)
+    window = material.window_rps(axis, SHADED_ORDER)
     if window is None:
         return "Nothing is shaded: the run is not judged."
-    words = {1: "first", 2: "second", 4: "fourth"}.get(order, f"{order}th")
-    return f"Shaded: {window[0]:.3g} to {window[1]:.3g} rev/s, where the {words} harmonic crosses the resonance."
+    return f"Shaded: {window[0]:.3g} to {window[1]:.3g} rev/s, where the second harmonic crosses the resonance."
 
 
 def judged_line_s(material: Material) -> tuple[float, float]:

@@ -1,7 +1,4 @@
-"""Conversion of Matplotlib's SVG for an HTML page.
-
-Colours become variables and text remains text; ids are unique, coordinates short.
-"""
+"""Conversion of Matplotlib's SVG for an HTML page."""
 
 import io
 import re

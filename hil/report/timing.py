@@ -6,10 +6,7 @@ from hil.report.report_table import NONE, Cell, ReportTable
 
 
 def timing_table(material: Material) -> ReportTable | None:
-    """Tabulate the punctuality of SYNC and answers, by motion.
-
-    None if time was counted in SYNCs.
-    """
+    """Tabulate the punctuality of SYNC and answers, by motion."""
     by_recording = {run.recording: (run, run.timing) for run in material.result.runs if run.timing is not None}
     rows: list[list[Cell]] = []
     for run, timing in by_recording.values():

@@ -1,7 +1,4 @@
-"""Zoomable data of a figure, read from Matplotlib.
-
-Its panels with curves, shades and maps, with all samples of a curve.
-"""
+"""Zoomable data of a figure, read from Matplotlib."""
 
 import re
 from dataclasses import dataclass
@@ -148,10 +145,7 @@ def keep_whole(line: Line2D, x: Real, y: Real) -> None:
 
 
 def keep_name(line: Line2D, name: str) -> None:
-    """Keep a line's name that is not in the legend.
-
-    It is beside the line.
-    """
+    """Keep a line's name that is not in the legend."""
     _NAMED[line] = name
 
 
@@ -206,10 +200,7 @@ def _panel(panel: Axes) -> ZoomPanel:
 
 
 def _drawn(panel: Axes, line: Line2D) -> ZoomCurve | ZoomLine | None:
-    """Read a line of Matplotlib: a curve, or a line across.
-
-    None for an invisible one.
-    """
+    """Read a line of Matplotlib: a curve, or a line across."""
     is_x, is_y = line.get_transform().contains_branch_seperately(panel.transData)
     label = str(line.get_label())
     name = plain(_NAMED.get(line, "" if label.startswith("_") else label))

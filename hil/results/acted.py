@@ -14,16 +14,6 @@ from hil.robot_tables import NotchTable
 FileRole = Literal["bench", "model", "design", "learnt", "drive profile", "arm"]
 
 
-class FilterSection(ResultPart):
-    """Coefficients of a filter that does not follow the speed: `hil.control.notch.FixedFilter`."""
-
-    b0: float
-    b1: float
-    b2: float
-    a1: float
-    a2: float
-
-
 class ActedFilter(ResultPart):
     """A filter that acted in a run.
 
@@ -37,7 +27,7 @@ class ActedFilter(ResultPart):
     axis: int
     held_by: Literal["drive", "host"]
     notch: NotchTable | None = None
-    fixed: FilterSection | None = None
+    fixed: FixedFilter | None = None
 
 
 class CancelledOrder(ResultPart):
@@ -105,16 +95,11 @@ def bench_files(path: str | Path, bench: Bench) -> tuple[SourceFile, ...]:
 def acted_filters(
     held_by: Literal["drive", "host"], filters: Mapping[int, Sequence[Notch | FixedFilter]]
 ) -> tuple[ActedFilter, ...]:
-    """Entries of the filters that acted.
-
-    Args:
-        held_by: Side that held them.
-        filters: Filters by axis.
-    """
+    """Entries of the filters that acted."""
     return tuple(
         ActedFilter(axis=axis, held_by=held_by, notch=notch_table(each))
         if isinstance(each, Notch)
-        else ActedFilter(axis=axis, held_by=held_by, fixed=FilterSection(**vars(each)))
+        else ActedFilter(axis=axis, held_by=held_by, fixed=each)
         for axis, own in filters.items()
         for each in own
     )

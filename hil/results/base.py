@@ -114,10 +114,7 @@ class MeasuredBench(ResultPart):
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of this project, Python and packages.
-
-    With the commit of this project, and the packages that a result depends on.
-    """
+    """Return the versions of this project, Python and packages."""
     numbers = {DISTRIBUTION: version_text(), "python": platform.python_version()}
     for package in ("python-can", "canopen", "numpy", "scipy", "cffi"):
         try:
@@ -217,10 +214,7 @@ class MeasuredResult(Result):
 
     @property
     def aftermath(self) -> tuple[str, ...]:
-        """One sentence per setting that was not restored on the drives.
-
-        Empty if all were restored.
-        """
+        """One sentence per setting that was not restored on the drives."""
         return aftermath(self.all_disabled, self.not_restored or ())
 
     def note_failure(self, error: BaseException) -> None:

@@ -1,7 +1,4 @@
-"""Results of `hil compare`, and of a tour with a comparison.
-
-Treatments side by side, over experiments and robots.
-"""
+"""Results of `hil compare`, and of a tour with a comparison."""
 
 from typing import Literal
 
@@ -136,10 +133,7 @@ class ComparisonRobot(ResultPart):
 
     @property
     def aftermath(self) -> tuple[str, ...]:
-        """One sentence per setting that was not restored on its drives.
-
-        Empty if all were restored.
-        """
+        """One sentence per setting that was not restored on its drives."""
         return aftermath(self.all_disabled, self.not_restored)
 
 

@@ -3,11 +3,11 @@
 import json
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar, get_args
+from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from hil.errors import HilError
+from hil.errors import FileProblemError
 from hil.results.arm import ArmResult
 from hil.results.ate import AteResult
 from hil.results.base import RESULT_FILE, SCHEMA, MeasuredResult, Result
@@ -40,15 +40,8 @@ SHOWN_PROBLEMS = 5
 """Problems of a file that are shown; one wrong key often causes many."""
 
 
-class ResultFileError(HilError, ValueError):
+class ResultFileError(FileProblemError, ValueError):
     """A file is not a result that can be read here."""
-
-    exit_code: ClassVar[int] = 3
-
-    def __init__(self, path: Path, problem: str) -> None:
-        """Keep the file and its defect."""
-        self.path, self.problem = path, problem
-        super().__init__(f"{path}: {problem}")
 
 
 def load_any(path: Path) -> AnyResult:

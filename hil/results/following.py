@@ -1,7 +1,4 @@
-"""Effect of a cancellation that follows on each order.
-
-A part of `result.json`.
-"""
+"""Effect of a cancellation that follows on each order."""
 
 from hil.results.base import ResultPart
 

@@ -153,12 +153,7 @@ class ProbedPart(ResultPart):
 
 
 class LearntOnMotion(ResultPart):
-    """Transmission error of one axis that was learnt on a motion.
-
-    Attributes:
-        axis: Axis number.
-        ate: Entry of the model file.
-    """
+    """Transmission error of one axis that was learnt on a motion."""
 
     axis: int
     ate: IdentifiedError

@@ -1,7 +1,4 @@
-"""Result of `hil design notch` (`design.json`).
-
-Filters with their predicted margins and peaks.
-"""
+"""Result of `hil design notch` (`design.json`)."""
 
 import math
 from typing import Annotated, Literal

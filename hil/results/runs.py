@@ -10,6 +10,7 @@ from pydantic import Field
 
 from hil.analysis import PAPER_WINDOWS_RPS, Direction, DirectionMetrics
 from hil.bench.model import IdentifiedArm
+from hil.control.shapers import SwingingMode
 from hil.master.lateness import Percentiles
 from hil.master.realtime import Measure
 from hil.results.acted import ActedFilter, CancelledOrder, SourceFile
@@ -179,18 +180,6 @@ class FilterTrial(ResultPart):
     words: str
 
 
-class ShapedMode(ResultPart):
-    """A mode that rings while the loop holds the motor.
-
-    Attributes:
-        frequency_hz: Undamped frequency.
-        damping: Damping ratio.
-    """
-
-    frequency_hz: float
-    damping: float
-
-
 class ShaperEntry(ResultPart):
     """An input shaper of a motion, and its cost: `hil.control.shapers`.
 
@@ -209,8 +198,8 @@ class ShaperEntry(ResultPart):
     """
 
     name: str
-    modes: tuple[ShapedMode, ...]
-    left: tuple[ShapedMode, ...] = ()
+    modes: tuple[SwingingMode, ...]
+    left: tuple[SwingingMode, ...] = ()
     amplitudes: tuple[float, ...]
     times_s: tuple[float, ...]
     duration_s: float

@@ -91,9 +91,6 @@ class SignalDecoder:
         bench: Bench file, or None.
         descriptions: Device descriptions by node-ID.
         bitrate: Bit rate in bit/s; None if it is not known, and the load is in kbit/s.
-
-    Attributes:
-        signals: Signals so far, by their columns.
     """
 
     def __init__(self, bench: Bench | None, descriptions: Mapping[int, Description], bitrate: int | None) -> None:
@@ -231,10 +228,7 @@ class SignalDecoder:
     def _finish(
         self, stamps: NDArray[np.int64], columns: dict[object, Real], missed: Real, bits: Real, whole: slice
     ) -> tuple[Real, Real]:
-        """Return times and values of the complete rows.
-
-        With the derived signals.
-        """
+        """Return times and values of the complete rows, with the derived signals."""
         time_s = np.asarray(stamps[whole] * 1e-9, np.float64)
         if not len(time_s):
             return time_s, np.empty((0, len(self.signals)))

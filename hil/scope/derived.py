@@ -18,13 +18,7 @@ LONGEST_GAP = 1.5
 
 @dataclass
 class AxisPast:
-    """The last rows of an axis, which those to come need.
-
-    Attributes:
-        time_s: Time of the last row.
-        position: Its position.
-        targets: The last set-points.
-    """
+    """The last rows of an axis, which those to come need."""
 
     time_s: float = np.nan
     position: float = np.nan

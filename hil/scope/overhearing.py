@@ -27,11 +27,7 @@ _SDO = (FunctionCode.SDO_RESPONSE, FunctionCode.SDO_REQUEST)
 
 
 class Overhearing:
-    """Overheard set-up of the nodes.
-
-    Attributes:
-        nodes: Nodes by node-ID.
-    """
+    """Overheard set-up of the nodes."""
 
     def __init__(self, bench: Bench | None, descriptions: Mapping[int, Description]) -> None:
         """Begin with the contents of files.

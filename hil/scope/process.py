@@ -20,9 +20,6 @@ class ScopeProcess:
     """A process of `hil scope` on the bus of a run.
 
     It ends when its standard input closes.
-
-    Attributes:
-        url: Address of its page.
     """
 
     def __init__(self, address: str, bench_file: str, port: int) -> None:

@@ -1,7 +1,4 @@
-"""Readers of signals: frame, place and scale of each number.
-
-They follow from the known set-up of the nodes.
-"""
+"""Readers of signals: frame, place and scale of each number."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass

@@ -86,10 +86,7 @@ def _by_the_standard(node: Node, table: AxisTable | None) -> Scales:
 
 
 def acceleration_scale(node: Node) -> float | None:
-    """Return m/s² per step of an accelerometer.
-
-    None if it is not known, or for another unit.
-    """
+    """Return m/s² per step of an accelerometer."""
     asked = OverheardQuestions(node)
     digits = asked.number(Need((DIGITS_OBJECT, 1), "", ""), is_optional=True)
     unit = asked.number(Need((UNIT_OBJECT, 1), "", ""), is_optional=True)

@@ -1,7 +1,4 @@
-"""Names of signals: quantity and source.
-
-All signals of a quantity share a figure.
-"""
+"""Names of signals: quantity and source."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -54,9 +51,6 @@ class Signal:
 
 
 def state_words() -> list[str]:
-    """Return the state for each value of a status word.
-
-    Of bits 0 to 6; 128 words.
-    """
+    """Return the state for each value of a status word."""
     states = [state_of(word) for word in range(128)]
     return [UNKNOWN_STATE if state is None else state.value for state in states]

@@ -1,7 +1,4 @@
-"""Triggers on a level, a status word, or an emergency.
-
-A signal crosses the level, or the word shows another state.
-"""
+"""Triggers on a level, a status word, or an emergency."""
 
 from collections.abc import Sequence
 from typing import Literal

@@ -101,10 +101,7 @@ class AccelerometerReader:
 
     @property
     def failure(self) -> str | None:
-        """Error that ended the reading, or None.
-
-        The port is gone then.
-        """
+        """Error that ended the reading, or None; the port is gone then."""
         return self._failure
 
     def open(self, *, is_lock_step: bool) -> None:

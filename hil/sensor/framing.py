@@ -10,7 +10,7 @@ import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 Checksum = Literal["none", "xor", "sum8", "crc16-modbus"]
 Vector = tuple[float, float, float]
@@ -115,22 +115,6 @@ class Fields:
             return None
         counter = values.get(COUNTER)
         return Sample((x, y, z), None if counter is None else int(counter))
-
-
-class Decoder(Protocol):
-    """Finds samples in a stream; wire data never raises.
-
-    Attributes:
-        checksum_errors: Frames whose checksum was wrong.
-        malformed: Frames, with a right checksum or none, that do not match the description.
-    """
-
-    checksum_errors: int
-    malformed: int
-
-    def feed(self, data: bytes) -> list[Sample]:
-        """The samples that these bytes complete."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -92,10 +92,7 @@ class Attachment:
             self._hear(frame)
 
     def _follow(self) -> bool:
-        """Advance the world's time to the clock's.
-
-        Returns False, with no time passed, if the world is late.
-        """
+        """Advance the world's time to the clock's."""
         behind = self.time() - self.world.now
         if behind > LATE_NS:
             return False
@@ -104,11 +101,7 @@ class Attachment:
         return True
 
     def _catch_up(self, first: Frame | None) -> None:
-        """Process frames that arrived during a stall, then pass the rest.
-
-        Args:
-            first: The frame that has been read already.
-        """
+        """Process frames that arrived during a stall, then pass the rest."""
         waiting = [] if first is None else [first]
         while len(waiting) < TURN_FRAMES and (frame := self.channel.receive(0.0)) is not None:
             waiting.append(frame)

@@ -121,12 +121,7 @@ class Attempt:
             self.idle = self.start + rates.ns(slow + INTERMISSION_BITS, fast)
 
     def disturb(self, ports: Iterable[Port], rates: Rates) -> None:
-        """Let errors change what happens at its end.
-
-        Args:
-            ports: All ports of the bus.
-            rates: Bit rates of the bus.
-        """
+        """Let errors change what happens at its end."""
         sending = {entry.port for entry in self.senders}
         others = [port for port in ports if port not in sending and not port.is_silent]
         if len(self.senders) > 1:
@@ -165,10 +160,7 @@ def _acknowledge(attempt: Attempt, others: list[Port], rates: Rates) -> None:
 
 
 def _fail(attempt: Attempt, sent: tuple[int, int], rates: Rates) -> None:
-    """End the attempt with an error frame.
-
-    `sent` is the number of bits at either rate, those of the echo included.
-    """
+    """End the attempt with an error frame."""
     attempt.winners = ()
     attempt.occupy(sent[0] + FLAG_BITS + DELIMITER_BITS, sent[1], rates)
 

@@ -34,12 +34,7 @@ class Client:
     """
 
     def __init__(self, sock: socket.socket, port: int) -> None:
-        """Take over a connected socket.
-
-        Args:
-            sock: Its own end.
-            port: Its number on the bus.
-        """
+        """Take over a connected socket."""
         self.port = port
         self.knows_clock = self.wants_stamps = self.takes_several = False
         self.may_be_clock = True
@@ -76,10 +71,7 @@ class Client:
             self.send(b"".join(records[begin : begin + clock.MAX_RECORDS]))
 
     def _send_stream(self, record: bytes) -> None:
-        """Send a record to a stream without losing a part.
-
-        Bytes that do not fit wait, up to a bound.
-        """
+        """Send a record to a stream without losing a part."""
         self.flush()
         if len(self._backlog) >= STREAM_BACKLOG_BYTES:
             self.dropped += 1
@@ -152,10 +144,7 @@ class Client:
                 yield frame, stamp
 
     def _receive_stamped(self) -> tuple[list[Frame] | None, int | None]:
-        """Return the frames of the next message, and its arrival time.
-
-        Messages without frames are skipped.
-        """
+        """Return the frames of the next message, and its arrival time."""
         while True:
             try:
                 data, ancillary, _, _ = self.socket.recvmsg(_MESSAGE_BYTES, _ANCILLARY_BYTES, socket.MSG_DONTWAIT)

@@ -163,10 +163,7 @@ class Fault:
         return can_id | CAN_EFF_FLAG if can_id > CAN_SFF_MASK else can_id
 
     def matches(self, frame: Frame, port: int, at_ns: int) -> bool:
-        """Return True if the fault applies to a frame.
-
-        Identifier, sender and time decide.
-        """
+        """Return True if the fault applies to a frame."""
         if self.port is not None and port != self.port:
             return False
         if at_ns < self.from_ns or (self.to_ns is not None and at_ns >= self.to_ns):
@@ -272,10 +269,7 @@ class BusFaults:
         return passages
 
     def _hits(self, index: int, fault: Fault) -> bool:
-        """Decide whether a matching frame is hit.
-
-        Every n-th is, by chance, up to the largest number.
-        """
+        """Decide whether a matching frame is hit."""
         self._met[index] += 1
         if self._met[index] % fault.every or (fault.count is not None and self.hits[index] >= fault.count):
             return False
@@ -300,10 +294,7 @@ class BusFaults:
                 return tuple(p._replace(frame=self._flipped(index, fault, p.frame)) for p in passages)
 
     def _flipped(self, index: int, fault: Fault, frame: Frame) -> Frame:
-        """Return the frame with some bits of its payload inverted.
-
-        Bits beyond its end are ignored.
-        """
+        """Return the frame with some bits of its payload inverted."""
         size = 8 * len(frame.data)
         if not size or frame.can_id & CAN_RTR_FLAG:
             return frame

@@ -1,7 +1,4 @@
-"""The local bus for python-can: `interface="hil_local"`.
-
-Every python-can tool can join the bus with it.
-"""
+"""The local bus for python-can: `interface="hil_local"`."""
 
 import select
 import time

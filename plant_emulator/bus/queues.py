@@ -1,7 +1,4 @@
-"""Frames that wait at the ports of a bus.
-
-They are in the ports' queues or on their way into them.
-"""
+"""Frames that wait at the ports of a bus."""
 
 import heapq
 

@@ -85,10 +85,7 @@ class Rates:
         return fd_sent_bits(frame.can_id & CAN_EFF_MASK, frame.data, bool(frame.can_id & CAN_EFF_FLAG))
 
     def split(self, frame: Frame, count: int) -> tuple[int, int]:
-        """Split a frame's first bits between the two rates.
-
-        `count` bits are split, at most to the end of the CRC.
-        """
+        """Split a frame's first bits between the two rates."""
         if not self.is_fd(frame.can_id):
             return count, 0
         slow = self.bits(frame)[0] - (TAIL_BITS - 1)  # the delimiter of the CRC is a fast one

@@ -95,10 +95,7 @@ class Server:
         world.power_on()
 
     def open(self, listener: Listener) -> None:
-        """Accept participants through another listening socket.
-
-        `close` closes it.
-        """
+        """Accept participants through another listening socket."""
         self._listeners[listener.listener.fileno()] = listener
         self._selector.register(listener.listener, selectors.EVENT_READ)
 
@@ -140,10 +137,7 @@ class Server:
         return max(self.world.now, self.time())
 
     def _pass_time(self) -> None:
-        """Let time pass up to the clock's.
-
-        A world that is late waits for `_catch_up`, which first reads the waiting frames.
-        """
+        """Let time pass up to the clock's."""
         now = self._wall_ns()
         if now - self.world.now <= LATE_NS:
             self._deliver(self.medium.free(now))

@@ -1,7 +1,4 @@
-"""The traffic of a bus.
-
-It holds delivered frames, messages of controllers, counts, and the busy times.
-"""
+"""The traffic of a bus."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -71,11 +68,7 @@ class Statistics:
 
 
 class Traffic:
-    """Counts and busy stretches of a bus.
-
-    Attributes:
-        counts: Counts up to now.
-    """
+    """Counts and busy stretches of a bus."""
 
     def __init__(self) -> None:
         """Start with all counts at 0."""

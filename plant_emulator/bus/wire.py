@@ -347,10 +347,7 @@ class EmulatedWire:
 
     @property
     def oldest_wait_ns(self) -> int:
-        """Longest time that a waiting frame has waited.
-
-        It is 0 if none waits.
-        """
+        """Longest time that a waiting frame has waited, or 0."""
         oldest = self._queues.oldest
         return 0 if oldest is None else self.now - oldest
 

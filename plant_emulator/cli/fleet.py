@@ -1,7 +1,4 @@
-"""plant-emulator fleet: robots drawn by seed, with bench files.
-
-The bench files contain no knowledge of the drawn values.
-"""
+"""plant-emulator fleet: robots drawn by seed, with bench files."""
 
 # ruff: noqa: PLC0415 - the robots are imported inside the command, so that --help stays quick
 

@@ -1,7 +1,4 @@
-"""plant-emulator following: tracking cancellations on drawn robots.
-
-They are compared with the feed-forward alone.
-"""
+"""plant-emulator following: tracking cancellations on drawn robots."""
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 

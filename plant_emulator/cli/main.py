@@ -1,7 +1,4 @@
-"""plant-emulator: the emulated robot, and experiments without a bus.
-
-The robot runs as a process.
-"""
+"""plant-emulator: the emulated robot, and experiments without a bus."""
 
 from drive_profiles.cli.application import Tool
 from plant_emulator.cli import eds, fleet, following, rehearse, robustness, schema, serve, simulate

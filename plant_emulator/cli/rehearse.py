@@ -1,7 +1,4 @@
-"""plant-emulator rehearse: the documented path on many drawn robots.
-
-The results go into one table and one report.
-"""
+"""plant-emulator rehearse: the documented path on many drawn robots."""
 
 # ruff: noqa: PLC0415 - numpy, scipy and the master are imported inside the command, so that --help stays quick
 
@@ -173,10 +170,7 @@ def _run_missing(
 
 
 def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False) -> None:
-    """Write table and report of all robots in the folder.
-
-    It also prints which goals are reached.
-    """
+    """Write table and report of all robots in the folder."""
     from plant_emulator.rehearsal.arms.summary import arm_claims, arm_sections
     from plant_emulator.rehearsal.many.claims import claims_of, document
     from plant_emulator.rehearsal.many.page import sections, write_page

@@ -1,7 +1,4 @@
-"""plant-emulator robustness: many plants against the specification.
-
-It states the fraction that meets the specification, and the unknowns that matter.
-"""
+"""plant-emulator robustness: many plants against the specification."""
 
 # ruff: noqa: PLC0415 - numpy and scipy are imported inside the command, so that --help stays quick
 
@@ -160,10 +157,7 @@ def robustness(
 def _robot(
     name: str, tuning: Path | None, notch: Path | None
 ) -> "tuple[Robot, dict[int, TunedAxis], dict[int, tuple[Notch, ...]]]":
-    """Return the robot, and gains and filters by axis.
-
-    They come from the given files.
-    """
+    """Return the robot, and gains and filters by axis."""
     from plant_emulator.robots.robot import load_robot
 
     model = load_robot(name)
@@ -199,10 +193,7 @@ def _tuned(name: str, model: "Robot", given: Path | None) -> dict[int, "TunedAxi
 
 
 def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[int, tuple["Notch", ...]]:
-    """Return filters by axis.
-
-    Those of a design file replace an axis' others.
-    """
+    """Return filters by axis."""
     from plant_emulator.robots.tuning import load_tuning
 
     tables = {number: each.notch for number, each in tuned.items()}

@@ -213,10 +213,7 @@ class _Changes(NamedTuple):
 
 
 def _robot(robot: str, changes: _Changes) -> "Robot":
-    """Return the robot of a file with the requested changes.
-
-    These are its axes, drives, gains and seed.
-    """
+    """Return the robot of a file with the requested changes."""
     from plant_emulator.robots.part import part_of  # noqa: PLC0415
     from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
 
@@ -295,10 +292,7 @@ class _Wire(NamedTuple):
 
 
 def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) -> "Server | Attachment":
-    """Return the local bus around a world, or its attachment.
-
-    The world is attached to an existing bus.
-    """
+    """Return the local bus around a world, or its attachment."""
     from drive_profiles.address import LOCAL  # noqa: PLC0415
     from drive_profiles.errors import FileError  # noqa: PLC0415
     from drive_profiles.files.toml import load  # noqa: PLC0415

@@ -1,7 +1,4 @@
-"""The emulated servo drive, joined to one axis of the robot.
-
-It is made of a CANopen slave, the CiA 402 state machine, the modes and the servo law.
-"""
+"""The emulated servo drive, joined to one axis of the robot."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -48,7 +45,7 @@ from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes
 from plant_emulator.slave.delays import slave_with
 from plant_emulator.slave.dictionary import Cell, ReadHook, ResetKind
-from plant_emulator.slave.node import Slave
+from plant_emulator.slave.node import SlaveNode
 
 
 class DelayedTransition(NamedTuple):
@@ -65,7 +62,7 @@ class DelayedTransition(NamedTuple):
     due: int | None = None
 
 
-class Drive:
+class Drive(SlaveNode):
     """A servo drive on the bus, sans IO.
 
     `receive`, `advance` and `due` are those of every node; `update` is called after each advance of the axes.
@@ -74,7 +71,6 @@ class Drive:
         axes: The mechanics.
         row: Row of the axis in `Axes.rows`.
         behaviour: The quirks that the robot file gives the drive.
-        slave: The CANopen engine underneath.
         data: The process data, between the dictionary and the axis.
         stage: The power stage.
         inputs: The digital inputs, safe torque off among them.
@@ -105,7 +101,7 @@ class Drive:
         self.family = family_of(axes.robot, number) if family is None else family
         dictionary = self.family.dictionary
         share_set_points(dictionary, axes, self.row)
-        self.slave: Slave = slave_with(
+        self.slave = slave_with(
             self.behaviour,
             axes.robot.seed + number,
             axes.robot.node_ids[number],
@@ -185,16 +181,6 @@ class Drive:
 
     # -- the node, for the world ---------------------------------------------------------------------------------------
 
-    @property
-    def node_id(self) -> int:
-        """Node-ID of the drive."""
-        return self.slave.node_id
-
-    @property
-    def due(self) -> int | None:
-        """Next instant, in ns, at which `advance` must be called."""
-        return self.slave.due
-
     def power_on(self, now: int) -> list[Frame]:
         """Start, or restart after a loss of power.
 
@@ -202,14 +188,6 @@ class Drive:
         """
         self._restart()
         return self.slave.power_on(now)
-
-    def receive(self, frame: Frame, now: int) -> list[Frame]:
-        """Process a frame from the bus; return the drive's answers."""
-        return self.slave.receive(frame, now)
-
-    def advance(self, now: int) -> list[Frame]:
-        """Let time pass up to now."""
-        return self.slave.advance(now)
 
     def update(self, now: int) -> list[Frame]:
         """Process what the axis has done since the last call.
@@ -289,10 +267,7 @@ class Drive:
     # -- the process image ---------------------------------------------------------------------------------------------
 
     def takes(self, cell: Cell) -> int | None:
-        """Return what an entry means in an RPDO of the process image.
-
-        The result is None for an entry that only the slave can write.
-        """
+        """Return what an entry means in an RPDO of the process image."""
         if cell.write_hook == self._write_control_word:
             return int(CORE.call.CONTROL_WORD)
         return int(getattr(CORE.call, SHARED[cell.entry.index].upper())) if self.data.shares(cell) else None

@@ -57,9 +57,9 @@ class DriveFaults:
         slave.dictionary.on_read(Object.ERROR_CODE, 0, lambda: slave.last_error_code)
         self._connection: int | None = None
 
-    def report(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.PROFILE) -> None:
+    def report(self, cause: str, code: int) -> None:
         """Report a fault."""
-        self._slave.raise_emergency(cause, code, register)
+        self._slave.raise_emergency(cause, code, ErrorRegister.PROFILE)
 
     def report_connection(self, code: int) -> None:
         """Report that the connection to the master is lost.
@@ -104,10 +104,7 @@ class DriveFaults:
         return any(cause in LACKS for cause in self._slave.emergency_causes)
 
     def clear(self) -> None:
-        """Withdraw all causes at a fault reset.
-
-        The history keeps them.
-        """
+        """Withdraw all causes at a fault reset; the history keeps them."""
         self.forget()
         for cause in _CAUSES:
             self._slave.clear_emergency(cause)

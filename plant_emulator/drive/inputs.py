@@ -40,13 +40,7 @@ class DigitalInputs:
     """
 
     def __init__(self, axes: Axes, number: int, dictionary: Dictionary) -> None:
-        """Set the switches of the robot file, and bind 60FDh.
-
-        Args:
-            axes: The mechanics.
-            number: Axis number.
-            dictionary: Object dictionary of the drive.
-        """
+        """Set the switches of the robot file, and bind 60FDh."""
         row = axes.row(number)
         self.is_sto_active = False
         self.on_sto: Callable[[bool], None] = lambda _: None

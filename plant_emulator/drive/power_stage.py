@@ -1,7 +1,4 @@
-"""The power stage of one axis.
-
-It is off behind a closed brake, under torque in a mode of the drive, or braking to rest.
-"""
+"""The power stage of one axis."""
 
 import math
 from typing import Any

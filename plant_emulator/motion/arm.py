@@ -103,11 +103,3 @@ class CoupledArm:
         """
         x, y, z = self.moved[ACCELERATION].tolist()
         return x, y, z
-
-    def specific_force(self) -> tuple[float, float, float]:
-        """Return the specific force a − g at the tip in m/s².
-
-        It is along the axes of the tool, as a real accelerometer feels it.
-        """
-        x, y, z = self.moved[SPECIFIC_FORCE].tolist()
-        return x, y, z

@@ -1,7 +1,4 @@
-"""A gear that changes with time, load, direction and temperature.
-
-See `changing.h`.
-"""
+"""A gear that changes with time, load, direction and temperature; see `changing.h`."""
 
 from plant_emulator.core import CORE
 from plant_emulator.physics.axis import Record

@@ -58,9 +58,6 @@ class TipSensor:
         range_m_s2: Acceleration at which it saturates.
         generator: The noise's source.
         mixing: What each channel reads of X, Y and Z, shape (3, 3); left out, each reads its own alone.
-
-    Attributes:
-        shared: The sensor in C, a `tip_sensor`.
     """
 
     def __init__(

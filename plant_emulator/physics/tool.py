@@ -1,7 +1,4 @@
-"""Motion of an arm's tip.
-
-It includes the specific force that an accelerometer in the tool's frame feels there.
-"""
+"""Motion of an arm's tip."""
 
 import math
 

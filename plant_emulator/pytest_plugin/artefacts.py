@@ -1,7 +1,4 @@
-"""Artefacts of a test that fails.
-
-They are every frame with its time, and the recordings of its runs.
-"""
+"""Artefacts of a test that fails."""
 
 import hashlib
 import json

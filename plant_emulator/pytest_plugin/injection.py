@@ -1,7 +1,4 @@
-"""Faults that a test injects into its bench.
-
-They begin at once or after a time of the bench.
-"""
+"""Faults that a test injects into its bench."""
 
 from collections.abc import Callable
 from dataclasses import replace

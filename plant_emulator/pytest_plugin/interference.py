@@ -1,7 +1,4 @@
-"""Interference of a test with its bus.
-
-It affects frames between bus and master, and plans actions at instants.
-"""
+"""Interference of a test with its bus."""
 
 import heapq
 from collections.abc import Callable
@@ -113,10 +110,7 @@ class Interference:
             heapq.heappop(self._planned)[2]()
 
     def end(self) -> None:
-        """End all faults and restore the bus.
-
-        The drive can then be disabled and restored.
-        """
+        """End all faults and restore the bus."""
         self.frames.faults.clear()
         if self.wire is not None:
             self.wire.faults.clear()

@@ -1,7 +1,4 @@
-"""The target of a test.
-
-It is the emulated robot in the test's own process, or the bus that a bench file names.
-"""
+"""The target of a test."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -61,10 +58,7 @@ class RealChannel:
             self._inner.send(frame)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame that no fault drops, or None.
-
-        None means that none came in time.
-        """
+        """Return the next frame that no fault drops, or None."""
         self._check()
         deadline = time.monotonic() + timeout_s
         while True:

@@ -1,7 +1,4 @@
-"""True and estimated facts of a robot.
-
-The estimates are those of the documented path.
-"""
+"""True and estimated facts of a robot."""
 
 import cmath
 import math
@@ -121,10 +118,7 @@ def _plant(axis: RobotAxis, plant: IdentifiedPlant | None, arm_rad: NDArray[np.f
 
 
 def _error(axis: RobotAxis, error: IdentifiedError | None, prefix: str) -> dict[str, QuantityRecord]:
-    """Return true and identified amplitudes and phases.
-
-    An order that was left out has no estimate, but has a standard error.
-    """
+    """Return true and identified amplitudes and phases."""
     found = {}
     estimated = {} if error is None else error.values.amplitudes_arcsec()
     for order in ORDERS:

@@ -1,7 +1,4 @@
-"""The documented path on one robot, docs/tuning.md as a function.
-
-It uses the product's own functions, without an edit.
-"""
+"""The documented path on one robot, docs/tuning.md as a function."""
 
 import shutil
 import time

@@ -91,14 +91,7 @@ def wrong_orders(true: TransmissionErrorTable, assumed: TransmissionErrorTable) 
 
 
 def model_of(robot: Robot, bench: Bench, number: int, error: TransmissionErrorTable) -> Identified:
-    """Return a model file with the true plant and an assumed ATE.
-
-    Args:
-        robot: The robot.
-        bench: Its bench file.
-        number: Number of the axis.
-        error: The assumed error.
-    """
+    """Return a model file with the true plant and an assumed ATE."""
     axis = robot.axis[number]
     values = PlantTable(**{name: getattr(axis, name) for name in PlantTable.model_fields})
     gear = gear_plant(axis, None)

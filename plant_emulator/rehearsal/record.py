@@ -1,7 +1,4 @@
-"""The record of one path.
-
-It states how each step ended, truth beside estimate, and the true tip under each treatment.
-"""
+"""The record of one path."""
 
 import math
 from collections.abc import Mapping
@@ -217,10 +214,7 @@ class PathRecord:
         return tuple(f"{name} k{order}" for name, order in self._raised() if not self._is_above(name, order, self.floor))
 
     def _raised(self) -> list[tuple[str, float]]:
-        """Return accepted treatments and orders with a raised true tip.
-
-        The comparison is with the tip without a treatment.
-        """
+        """Return accepted treatments and orders with a raised true tip."""
         return [
             (name, order)
             for name in ("notch_designed", "cancellation", "cancellation_learnt")
@@ -235,10 +229,7 @@ class PathRecord:
         return rise > max(WORSE_MM, WORSE_FRACTION * other.get(order, 0.0))
 
     def row(self) -> dict[str, Cell]:
-        """Return the record as one row of a table.
-
-        Its columns are always `COLUMNS`.
-        """
+        """Return the record as one row of a table."""
         cells: dict[str, Cell] = {"name": self.name, "seed": self.seed, "axis": self.axis, "over_bus": self.over_bus}
         cells |= {f"robot_{name}": self.facts.get(name) for name in FACTS}
         for name in STEPS:

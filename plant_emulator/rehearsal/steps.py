@@ -1,7 +1,4 @@
-"""The steps of the documented path on one robot.
-
-They have its files, and call the product's function for each step.
-"""
+"""The steps of the documented path on one robot."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,10 +50,7 @@ class RunNote(NamedTuple):
 
 
 class TrialRefusedError(HilError):
-    """Refusal of a cancellation or of filters by the trial.
-
-    The text is the run's own.
-    """
+    """Refusal of a cancellation or of filters by the trial."""
 
     exit_code: ClassVar[int] = 9
 
@@ -71,11 +65,7 @@ class TrialRefusedError(HilError):
 
 @dataclass(frozen=True)
 class PathFiles:
-    """The files of a path.
-
-    Attributes:
-        folder: Directory of all of them.
-    """
+    """The files of a path."""
 
     folder: Path
 
@@ -99,19 +89,13 @@ class PathFiles:
         return load_identified(self.model) if self.model.exists() else None
 
     def knowledge(self, *, is_learnt: bool) -> Knowledge:
-        """Return all knowledge of the robot.
-
-        The learnt model is included if learning is done.
-        """
+        """Return all knowledge of the robot."""
         designs = load_designs(self.designs) if self.designs.exists() else None
         return Knowledge(self.identified(), designs, load_identified(self.learnt) if is_learnt else None)
 
 
 class Steps(Protocol):
-    """Steps of the path, each by the product.
-
-    Refusals are raised as the product raises them.
-    """
+    """Steps of the path, each by the product."""
 
     def plant(self) -> Note:
         """Identify the plant."""

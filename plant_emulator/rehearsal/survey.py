@@ -1,7 +1,4 @@
-"""The survey of a robot.
-
-It has its true tip under each treatment, and its floor.
-"""
+"""The survey of a robot."""
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager

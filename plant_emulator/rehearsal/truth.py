@@ -1,7 +1,4 @@
-"""The true tip of a robot.
-
-Its motions are measured by an ideal sensor, and judged where the robot itself resonates.
-"""
+"""The true tip of a robot."""
 
 import math
 from collections.abc import Mapping

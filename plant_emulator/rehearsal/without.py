@@ -53,10 +53,7 @@ def without_speed_limit(robot: Robot, bench: Bench, axis: int) -> Pair:
 
 
 def with_quick_bus(robot: Robot, bench: Bench, axis: int) -> Pair:
-    """Return robot and bench with a short SYNC period.
-
-    The bus carries it, and its TPDOs have no delay.
-    """
+    """Return robot and bench with a short SYNC period."""
     table = robot.axis[axis]
     behaviour = table.behaviour.model_copy(update={"tpdo_delay_us": 0})
     quick = robot.model_copy(
@@ -100,15 +97,7 @@ def _up_to(over_resonance: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class PathEnd:
-    """End of a path: a cancellation on a robot.
-
-    Attributes:
-        robot: The robot.
-        bench: Its bench file.
-        axis: Number of the axis.
-        model: Model of the cancellation.
-        left_out: Orders that its trial has left out.
-    """
+    """End of a path: a cancellation on a robot."""
 
     robot: Robot
     bench: Bench

@@ -1,7 +1,4 @@
-"""Tables of the robot file for eccentricity and cogging.
-
-These errors are periodic in an angle, beside the ATE.
-"""
+"""Tables of the robot file for eccentricity and cogging."""
 
 import math
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""Motions of an arm for its bench file.
-
-They are a straight line that the arm can follow from home, and a ramp that turns it little.
-"""
+"""Motions of an arm for its bench file."""
 
 import math
 from collections.abc import Sequence
@@ -45,7 +42,7 @@ def first_line(arm: ArmTable, limits: Sequence[JointLimits]) -> LineMotion | Non
     home, _ = Kinematics.of(arm).pose(arm.home_rad())
     for length_m in LINES_M:
         for direction in DIRECTIONS:
-            start, end = _point(home), _point(home + length_m * np.array(direction))
+            start, end = point_of(home), point_of(home + length_m * np.array(direction))
             motion = LineMotion(start_m=start, end_m=end, duration_s=max(1.0, round(length_m / PACE_M_S, 1)))
             try:
                 arm_line(arm, motion).line.check_limits(limits, PERIOD_S)
@@ -72,6 +69,7 @@ def arm_ramp(axes: list[RobotAxis], fastest_rps: float, braking_rps_s: float) ->
     return math.ceil(10.0 * steep) / 10.0, end
 
 
-def _point(position: NDArray[np.float64]) -> Point:
+def point_of(position: NDArray[np.float64]) -> Point:
+    """Return a position in m, to the micrometre, as a table has it."""
     x, y, z = (round(float(value), 6) for value in position)
     return Point(x=x, y=y, z=z)

@@ -1,7 +1,4 @@
-"""Tables of a drive in the robot file.
-
-They state its switches, and its differences from an ideal drive without delays.
-"""
+"""Tables of a drive in the robot file."""
 
 from typing import Annotated
 

@@ -1,7 +1,4 @@
-"""Text of a robot's bench file before any measurement.
-
-It holds the engineer's knowledge at that time.
-"""
+"""Text of a robot's bench file before any measurement."""
 
 import math
 from dataclasses import replace

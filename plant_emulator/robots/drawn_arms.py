@@ -55,23 +55,22 @@ MOTOR_INERTIA_KG_M2 = (0.1e-4, 5e-4)
 WRIST = (4, 5, 6)
 
 
-def draw_arm(seed: int, ranges: Distributions = ARM_RANGES) -> ArmRobot:
+def draw_arm(seed: int) -> ArmRobot:
     """Draw an arm of six axes with linear gears.
 
     Equal arguments give equal arms.
 
     Args:
         seed: Seed of all draws, and of the robot's own noise.
-        ranges: Distributions of the quantities.
 
     Raises:
         ValueError: The seed is negative.
     """
     if seed < 0:
         raise ValueError(f"seed {seed} is negative")
-    draws = Draws(seed, ranges, "arm ")
+    draws = Draws(seed, ARM_RANGES, "arm ")
     arm = _links(draws)
-    robot = _robot(f"arm-{seed}", seed, draws, _axes(seed, ranges, arm), arm)
+    robot = _robot(f"arm-{seed}", seed, draws, _axes(seed, arm), arm)
     return robot.with_links_read(SHIPPED["reference-arm"].parent)
 
 
@@ -81,7 +80,6 @@ def draw_drives(
     home_deg: tuple[float, ...],
     seed: int,
     tip_link: str | None = None,
-    ranges: Distributions = ARM_RANGES,
 ) -> ArmRobot:
     """Draw the drives of a URDF file's arm.
 
@@ -95,7 +93,6 @@ def draw_drives(
         home_deg: Joint angles at which the motors are at zero, one each, or none: all 0.
         seed: Seed of all draws, and of the robot's own noise.
         tip_link: Link whose frame is that of the tip; None: the only one at the arm's end.
-        ranges: Distributions of the quantities.
 
     Raises:
         FileError: The file describes no arm; with line and element.
@@ -106,18 +103,16 @@ def draw_drives(
     table = ArmTable(urdf=urdf, home_deg=home_deg, tip_link=tip_link)
     joints = {name: number for number, name in enumerate(turning_joints(folder / urdf), 1)}
     arm, ratios = with_links(table, folder, joints)
-    axes = _axes(seed, ranges, arm, ratios)
+    axes = _axes(seed, arm, ratios)
     named = {number: axes[number].model_copy(update={"joint": name}) for name, number in joints.items()}
-    return _robot(f"{Path(urdf).stem}-{seed}", seed, Draws(seed, ranges, "arm "), named, table)
+    return _robot(f"{Path(urdf).stem}-{seed}", seed, Draws(seed, ARM_RANGES, "arm "), named, table)
 
 
-def _axes(
-    seed: int, ranges: Distributions, arm: ArmTable, ratios: Mapping[int, float] = MappingProxyType({})
-) -> dict[int, ArmAxis]:
+def _axes(seed: int, arm: ArmTable, ratios: Mapping[int, float] = MappingProxyType({})) -> dict[int, ArmAxis]:
     """Draw motor and gear of each joint; `ratios` are known."""
     inertias = np.diag(mass_matrix(arm, arm.home_rad())).tolist()
     return {
-        link.axis: _axis(Draws(seed, ranges, f"arm axis {link.axis} "), link.axis, inertia, weight, ratios.get(link.axis))
+        link.axis: _axis(Draws(seed, ARM_RANGES, f"arm axis {link.axis} "), link.axis, inertia, weight, ratios.get(link.axis))
         for link, inertia, weight in zip(arm.link, inertias, _weights(arm), strict=True)
     }
 
@@ -136,10 +131,7 @@ def _robot(name: str, seed: int, draws: Draws, axes: dict[int, ArmAxis], arm: Ar
 
 
 def arm_facts(robot: ArmRobot) -> dict[str, float]:
-    """Return mass, reach and resonances of an arm.
-
-    The reach is from its shoulder; the resonances are at home with closed brakes.
-    """
+    """Return mass, reach and resonances of an arm."""
     arm, home = robot.arm, robot.arm.home_rad()
     gears = np.diag([robot.axis[number].gear_stiffness_nm_rad for number in arm.axes])
     modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass_matrix(arm, home), gears)).real) / (2.0 * math.pi)

@@ -1,7 +1,4 @@
-"""Tables of the robot file for a changing ATE.
-
-It may depend on time, wear, load, direction and temperature.
-"""
+"""Tables of the robot file for a changing ATE."""
 
 import math
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""The robot file's `[axis.N.load_encoder]`.
-
-It is a second encoder on the load side, on the joint itself.
-"""
+"""The robot file's `[axis.N.load_encoder]`."""
 
 from collections.abc import Sequence
 from typing import Annotated

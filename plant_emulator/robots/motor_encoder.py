@@ -36,13 +36,7 @@ class MotorEncoder(Table):
         return {order: cmath.rect(size, math.radians(phase)) for order, (size, phase) in named.items() if size > 0.0}
 
     def write(self, row: Any, counts_per_rev: int, seed: int) -> None:
-        """Put the errors into a record of an `ENCODER` array.
-
-        Args:
-            row: The record, changed in place.
-            counts_per_rev: Counts of the encoder.
-            seed: Seed of the noise.
-        """
+        """Put the errors into a record of an `ENCODER` array."""
         row["e1_rad"], row["phi1_rad"] = self.error_1_arcsec * ARCSEC, math.radians(self.phase_1_deg)
         row["e2_rad"], row["phi2_rad"] = self.error_2_arcsec * ARCSEC, math.radians(self.phase_2_deg)
         row["noise_rad"], row["draws"] = self.noise_counts * math.tau / counts_per_rev, seed

@@ -10,10 +10,6 @@ def part_of(robot: Robot, axes: Collection[int]) -> Robot:
 
     Without all axes of its geometry it has no line motion.
 
-    Args:
-        robot: The robot.
-        axes: Numbers of its axes.
-
     Raises:
         ValueError: Its links couple the axes.
     """

@@ -1,7 +1,4 @@
-"""Tuning of the drives in a run without a bus.
-
-Gains and filters by axis are read from a bench, design or tuning file.
-"""
+"""Tuning of the drives in a run without a bus."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -29,10 +26,7 @@ class TunedAxis(Table):
     @field_validator("notch", mode="before")
     @classmethod
     def _one_is_a_list(cls, value: object) -> object:
-        """Convert a single filter to a list of one.
-
-        A robot file may have one filter as a table.
-        """
+        """Convert a single filter to a list of one."""
         if isinstance(value, dict):
             return (value,)
         return tuple(value) if isinstance(value, list) else value
@@ -78,10 +72,6 @@ def tuned(robot: Robot, gains: Mapping[int, Control]) -> Robot:
     """Return a robot some of whose drives have gains initially.
 
     Their makers' tools would have set them.
-
-    Args:
-        robot: The robot.
-        gains: Gains by axis.
     """
     axes = {number: robot.axis[number].model_copy(update={"control": control}) for number, control in gains.items()}
     return robot.model_copy(update={"axis": {**robot.axis, **axes}})

@@ -1,7 +1,4 @@
-"""Text of a robot file or a bench file.
-
-It is made from what has been read of one.
-"""
+"""Text of a robot file or a bench file."""
 
 from collections.abc import Mapping
 from typing import Any

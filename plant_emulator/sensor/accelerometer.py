@@ -1,7 +1,4 @@
-"""The emulated accelerometer, a CiA 404 node.
-
-Its three acceleration values are sent by TPDO on SYNC.
-"""
+"""The emulated accelerometer, a CiA 404 node."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +10,7 @@ from hil.can.frame import Frame
 from plant_emulator.core import CORE
 from plant_emulator.drive.dictionary.manufacturer_objects import REVISION, VENDOR_ID, cycle_period_entry
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry, ObjectType
-from plant_emulator.slave.node import Slave
+from plant_emulator.slave.node import Slave, SlaveNode
 from plant_emulator.slave.objects import PdoDefault, communication_entries, pdo_entries
 
 PRODUCT_CODE = 0x00000404
@@ -68,7 +65,7 @@ def accelerometer_entries(serial_number: int = 1) -> list[Entry]:
     return entries
 
 
-class AccelerometerNode:
+class AccelerometerNode(SlaveNode):
     """The node at the tip, sans IO.
 
     A sample is drawn once per SYNC, before the TPDOs are sampled, so that the noise is the same whatever else is asked.
@@ -80,7 +77,6 @@ class AccelerometerNode:
         options: Options of the `Slave` underneath.
 
     Attributes:
-        slave: The CANopen engine underneath.
         shared: What the node shows, in C: a `tip_node`.
         channels: Process values of X, Y and Z.
     """
@@ -101,16 +97,6 @@ class AccelerometerNode:
         self.channels = [dictionary.cell(PROCESS_VALUE, channel + 1) for channel in range(len(_CHANNELS))]
         self.slave = Slave(node_id, dictionary, **options)
 
-    @property
-    def node_id(self) -> int:
-        """Node-ID of the accelerometer."""
-        return self.slave.node_id
-
-    @property
-    def due(self) -> int | None:
-        """Next instant, in ns, at which `advance` must be called."""
-        return self.slave.due
-
     def power_on(self, now: int) -> list[Frame]:
         """Start; return the boot-up frame."""
         return self.slave.power_on(now)
@@ -126,11 +112,3 @@ class AccelerometerNode:
         CiA 404 status bit 0 is "not valid", here a channel at the end of its range.
         """
         CORE.call.show_sample(self.shared, self._measure())
-
-    def receive(self, frame: Frame, now: int) -> list[Frame]:
-        """Process a frame from the bus; return the node's answers."""
-        return self.slave.receive(frame, now)
-
-    def advance(self, now: int) -> list[Frame]:
-        """Let time pass up to now."""
-        return self.slave.advance(now)

@@ -1,7 +1,4 @@
-"""A pseudo-terminal under a given path.
-
-Other programs open it as a serial device.
-"""
+"""A pseudo-terminal under a given path."""
 
 import contextlib
 import os
@@ -78,10 +75,7 @@ class PseudoTerminal:
         return len(self._backlog)
 
     def read(self) -> bytes:
-        """Read the bytes that the other end has written.
-
-        The result is b"" if there are none.
-        """
+        """Read the bytes that the other end has written."""
         try:
             return os.read(self._device, READ_BYTES)
         except OSError:  # nothing there; it cannot be gone, since the port is held open here

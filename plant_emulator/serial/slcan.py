@@ -241,9 +241,6 @@ class SlcanPort:
 
     Frames that the host does not read in time are dropped and reported by F. The host's bytes wait in the terminal while its
     answers are unread.
-
-    Attributes:
-        terminal: Pseudo-terminal that the host opens.
     """
 
     def __init__(self, terminal: PseudoTerminal, connection: socket.socket) -> None:

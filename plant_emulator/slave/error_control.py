@@ -1,7 +1,4 @@
-"""Error control by heartbeats or node guarding (CiA 301, 7.2.8.2.2).
-
-Heartbeats are sent and watched; both methods share one report.
-"""
+"""Error control by heartbeats or node guarding (CiA 301, 7.2.8.2.2)."""
 
 from collections.abc import Callable
 from functools import partial

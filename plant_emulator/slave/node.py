@@ -493,3 +493,31 @@ class Slave:
         self._routes = routes
         self.on_routes()
         self.on_due()
+
+
+class SlaveNode:
+    """A node of the world, with a slave underneath.
+
+    Attributes:
+        slave: The CANopen engine underneath.
+    """
+
+    slave: Slave
+
+    @property
+    def node_id(self) -> int:
+        """Node-ID of the node."""
+        return self.slave.node_id
+
+    @property
+    def due(self) -> int | None:
+        """Next instant, in ns, at which `advance` must be called."""
+        return self.slave.due
+
+    def receive(self, frame: Frame, now: int) -> list[Frame]:
+        """Process a frame from the bus; return the node's answers."""
+        return self.slave.receive(frame, now)
+
+    def advance(self, now: int) -> list[Frame]:
+        """Let time pass up to now."""
+        return self.slave.advance(now)

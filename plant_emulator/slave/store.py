@@ -1,7 +1,4 @@
-"""Storage of a node's values over a loss of power.
-
-The commands are "save" and "load" (CiA 301, 7.5.2.13 and 7.5.2.14).
-"""
+"""Storage of a node's values over a loss of power."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -59,10 +56,10 @@ class StoreCommand:
     indices: range = EVERYTHING
 
 
-def store_entries(groups: Sequence[tuple[str, range]] = GROUPS) -> Iterator[Entry]:
+def store_entries() -> Iterator[Entry]:
     """Return the entries 1010h and 1011h, one sub-index per group."""
     for index, name, verb in ((STORE, "Store parameters", "Save"), (RESTORE, "Restore default parameters", "Restore")):
-        for subindex, (group, _) in enumerate(groups, 1):
+        for subindex, (group, _) in enumerate(GROUPS, 1):
             yield replace(command_entry((index, subindex), f"{verb} {group}"), record_name=name, object_type=ObjectType.ARRAY)
 
 
@@ -71,12 +68,12 @@ def command_entry(address: ObjectAddress, name: str) -> Entry:
     return Entry(*address, name, DataType.UNSIGNED32, Access.RW, ON_COMMAND)
 
 
-def standard_commands(groups: Sequence[tuple[str, range]] = GROUPS) -> tuple[StoreCommand, ...]:
+def standard_commands() -> tuple[StoreCommand, ...]:
     """Return the commands that `store_entries` has entries for."""
     return tuple(
         StoreCommand((index, subindex), signature, index == RESTORE, indices)
         for index, signature in ((STORE, SAVE), (RESTORE, LOAD))
-        for subindex, (_, indices) in enumerate(groups, 1)
+        for subindex, (_, indices) in enumerate(GROUPS, 1)
     )
 
 
@@ -99,7 +96,6 @@ class ParameterStore:
         dictionary: Must have the entries of the commands.
         commands: Those whose entries the dictionary does not have are left out.
         time_ns: Duration of storing.
-        volatile: Indices that are never stored.
 
     Attributes:
         time_ns: Duration of storing; the SDO answer comes when it is over. A node that is stopped or reset before that
@@ -108,13 +104,7 @@ class ParameterStore:
         may_store: Asked at each command: why the node cannot store now, or None.
     """
 
-    def __init__(
-        self,
-        dictionary: Dictionary,
-        commands: Sequence[StoreCommand],
-        time_ns: int = 0,
-        volatile: frozenset[int] = VOLATILE,
-    ) -> None:
+    def __init__(self, dictionary: Dictionary, commands: Sequence[StoreCommand], time_ns: int = 0) -> None:
         if time_ns < 0:
             raise ValueError(f"storing takes {time_ns} ns; expected 0 or more")
         self.time_ns = time_ns
@@ -122,7 +112,7 @@ class ParameterStore:
         self.may_store: Callable[[], SdoAbortCode | None] = _always
         self._dictionary = dictionary
         present = [command for command in commands if command.address in dictionary]
-        self._volatile = volatile | {command.address[0] for command in present}
+        self._volatile = VOLATILE | {command.address[0] for command in present}
         self._verify = [(VERIFY, subindex) for subindex in (1, 2) if (VERIFY, subindex) in dictionary]
         dictionary.on_change = self._doubt
         for command in present:

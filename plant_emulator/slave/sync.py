@@ -1,7 +1,4 @@
-"""The consumer of SYNC (CiA 301, 7.2.5; 1005h, 1007h, 1019h).
-
-It handles identifier, counter and window.
-"""
+"""The consumer of SYNC (CiA 301, 7.2.5; 1005h, 1007h, 1019h)."""
 
 from collections.abc import Callable
 from functools import partial

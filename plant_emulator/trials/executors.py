@@ -96,10 +96,7 @@ class LocalProcesses:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """End all processes.
-
-        After an error, running tasks are killed.
-        """
+        """End all processes; after an error, running tasks are killed."""
         everyone = [*self._free, *self._busy.values()]
         if kind is not None:
             for each in everyone:
@@ -110,10 +107,7 @@ class LocalProcesses:
         self._settings.close()
 
     def capacity(self) -> int:
-        """Return the number of processes.
-
-        A free process runs a task.
-        """
+        """Return the number of processes."""
         return self._jobs
 
     def submit(self, task: Callable[..., Result], *values: object) -> "Future[Result]":
@@ -138,10 +132,7 @@ class LocalProcesses:
 
 
 def _process() -> ProcessPoolExecutor:
-    """Spawn one process.
-
-    A fork of a process with threads may hang.
-    """
+    """Spawn one process; a fork of a process with threads may hang."""
     return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
 
 

@@ -84,16 +84,15 @@ def parquet_bytes(rows: Sequence[Row]) -> bytes:
     return bytes(out.getvalue().to_pybytes())
 
 
-def write_table(folder: Path, rows: Sequence[Row], *, force: bool = True) -> list[Path]:
+def write_table(folder: Path, rows: Sequence[Row]) -> list[Path]:
     """Write `robots.csv` and, if possible, `robots.parquet`; return the files.
 
     Raises:
-        RefusedError: A file is there already, and `force` is not given.
         FileError: A file cannot be written.
     """
     written = [folder / "robots.csv"]
-    write_atomically(written[0], csv_text(rows).encode(), force=force)
+    write_atomically(written[0], csv_text(rows).encode(), force=True)
     if has_parquet():
         written.append(folder / "robots.parquet")
-        write_atomically(written[1], parquet_bytes(rows), force=force)
+        write_atomically(written[1], parquet_bytes(rows), force=True)
     return written

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from typer.testing import CliRunner
 
 from hil.bench.bench import REFERENCE, load_bench
 from hil.cli.main import app
-from hil.results.acted import FilterSection
+from hil.control.notch import FixedFilter
 from plant_emulator.pytest_plugin.served import ServedBus
 
 
@@ -64,4 +65,4 @@ def test_a_loop_that_the_host_closes_tells_its_own_filters(tmp_path: Path, hil_l
     (first, *_) = result_of(tmp_path, hil_local_bus, "notch", "--loop", "host")["runs"]
     assert [(each["axis"], each["held_by"]) for each in first["filters"]] == [(2, "host")]
     (first, *_) = result_of(tmp_path, hil_local_bus, "fixed-notch", "--loop", "host")["runs"]
-    assert first["filters"][0]["fixed"].keys() == FilterSection.model_fields.keys()
+    assert first["filters"][0]["fixed"].keys() == {each.name for each in fields(FixedFilter)}

@@ -1,7 +1,4 @@
-"""drive-profiles lss: node-ID and bit rate of nodes.
-
-A node is chosen by its identity alone (CiA 305).
-"""
+"""drive-profiles lss: node-ID and bit rate of nodes (CiA 305)."""
 
 # ruff: noqa: PLC0415 - canopen is imported inside the commands, so that --help and completion stay quick
 

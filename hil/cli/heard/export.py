@@ -1,7 +1,4 @@
-"""`hil export`: recordings and bus logs in other formats.
-
-As files, or as PlotJuggler's stream.
-"""
+"""`hil export`: recordings and bus logs in other formats."""
 
 # ruff: noqa: PLC0415 - numpy and the formats are imported inside the command, so that --help stays quick
 
@@ -101,10 +98,7 @@ def export(
 
 
 def _written(source: Path, files: list[Path], known: "Known", *, is_needed: bool) -> list["Series"]:
-    """Write the files; return the numbers that they contain.
-
-    Empty if no file needs numbers.
-    """
+    """Write the files; return the numbers that they contain."""
     from hil.export import tables
     from hil.export.source import mapping_of, series_in
 

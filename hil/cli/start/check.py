@@ -1,7 +1,4 @@
-"""`hil check`: checks of each axis before its first motion.
-
-Encoder, brake, torque, stops, limits and sensor.
-"""
+"""`hil check`: checks of each axis before its first motion."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated

@@ -1,7 +1,4 @@
-"""Plan of a comparison of treatments over experiments.
-
-Each run has its set-up, or the reason why it is left out.
-"""
+"""Plan of a comparison of treatments over experiments."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -80,13 +77,7 @@ class ComparisonRequest:
 
 @dataclass(frozen=True)
 class KnownRobot:
-    """Robot of a comparison, and the knowledge of it.
-
-    Attributes:
-        bench: Bench file of the robot.
-        knowledge: Knowledge beside the bench file.
-        source: Path of the bench file.
-    """
+    """Robot of a comparison, and the knowledge of it."""
 
     bench: Bench
     knowledge: Knowledge = field(default_factory=Knowledge)

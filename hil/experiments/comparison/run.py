@@ -118,10 +118,7 @@ def request_entry(request: ComparisonRequest) -> ComparisonRequestEntry:
 
 
 def _directories(plans: Sequence[ComparisonPlan]) -> list[str]:
-    """Name each robot's directory after the robot.
-
-    If several robots share a name, the directories have numbers.
-    """
+    """Name each robot's directory after the robot."""
     names: list[str] = []
     for each in plans:
         slug = re.sub(r"[^a-z0-9]+", "-", each.robot.bench.name.lower()).strip("-") or "robot"

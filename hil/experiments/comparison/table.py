@@ -1,7 +1,4 @@
-"""Table of a comparison.
-
-It has a row for each experiment and treatment, the compliance of each, and a form as text.
-"""
+"""Table of a comparison."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -141,10 +138,7 @@ def _factors(bench: Bench, experiment: Experiment, setup: TreatmentSetup, run: R
 
 
 def _compliance(bench: Bench, number: int, setup: TreatmentSetup | None, run: RunEntry) -> Compliance | None:
-    """Compliance of one axis at the period of the run.
-
-    None if the axis has no model.
-    """
+    """Compliance of one axis at the period of the run."""
     with_notch = setup is not None and setup.filters == "notch"
     loop = bench.axis[number].loop(run.control_period_s, int(run.loop == "host"), with_notch=with_notch)
     if loop is None:

@@ -1,7 +1,4 @@
-"""Band and bias speed of an excitation.
-
-The pilot has a wide band, the main run one around the resonances.
-"""
+"""Band and bias speed of an excitation."""
 
 import math
 from collections.abc import Sequence
@@ -30,10 +27,7 @@ FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
 
 
 def loop_period_s(drive: DriveAxis) -> tuple[float, list[str]]:
-    """Period of a drive's loop.
-
-    If the profile does not state it, the usual period is taken, with a remark.
-    """
+    """Period of a drive's loop."""
     stated_s = drive.control_period_s()
     if stated_s > 0.0:
         return stated_s, []
@@ -95,10 +89,7 @@ def fast_speed(f_a: float, limit_rps: float) -> float:
 
 
 def _quiet(f_a: float, speeds: Sequence[float]) -> float:
-    """First of some speeds at which no order falls on f_a.
-
-    If there is none, it is the one farthest from that.
-    """
+    """First of some speeds at which no order falls on f_a."""
     away = [min(math.exp(abs(math.log(order * speed / f_a))) for order in ORDERS) for speed in speeds]
     first = next((speed for speed, far in zip(speeds, away, strict=True) if far >= AWAY), None)
     return speeds[away.index(max(away))] if first is None else first

@@ -110,10 +110,7 @@ def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> Dat
 
 
 def travel_check(angle_rad: Real, bias_rad: Real, motion: str) -> DataCheck:
-    """Check that the requested axis has moved.
-
-    `motion` names the motion, with its preposition.
-    """
+    """Check that the requested axis has moved."""
     fraction = float(np.ptp(angle_rad)) / max(float(np.ptp(bias_rad)), 1e-9)
     remedy = "check that the encoder is the axis' own, and that its brake is open"
     least, most = 0.8, 1.25

@@ -1,7 +1,4 @@
-"""Evaluation of a plant identification.
-
-It has the entry of the model file, and the limits of the data.
-"""
+"""Evaluation of a plant identification."""
 
 import math
 from dataclasses import dataclass

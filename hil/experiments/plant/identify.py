@@ -1,7 +1,4 @@
-"""Identification of the plant of one axis.
-
-Without previous knowledge it makes slow turns, a pilot and excited runs, then fits and checks.
-"""
+"""Identification of the plant of one axis."""
 
 import math
 from contextlib import suppress
@@ -277,10 +274,7 @@ class PlantIdentification:
         return f"a SYNC period of {1e3 * sync:g} ms carries no more than {highest_hz(sync):.3g} Hz; a shorter one carries more"
 
     def _with_right_tip(self, estimate: PlantEstimate, data: Spectra) -> PlantEstimate:
-        """Fit again without the accelerometer if its signal is wrong.
-
-        The signal is wrong if it does not show this axis' arm.
-        """
+        """Fit again without the accelerometer if its signal is wrong."""
         trouble = tip_trouble(estimate, self.table.tip_lever_m)
         if trouble is None:
             return estimate

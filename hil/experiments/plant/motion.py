@@ -84,13 +84,7 @@ class PlantRequest:
 
 @dataclass(frozen=True)
 class Band:
-    """Band and bias speed of an excitation.
-
-    Attributes:
-        low_hz: Lower end.
-        high_hz: Upper end.
-        bias_rps: Motor speed.
-    """
+    """Band and bias speed of an excitation."""
 
     low_hz: float
     high_hz: float
@@ -221,10 +215,7 @@ def arm_travel_rev(bench: Bench, axis: int) -> float:
 
 
 def _periods(request: PlantRequest, *, is_pilot: bool) -> Iterator[tuple[float, int]]:
-    """Periods of the excitation in s, in the order of trial.
-
-    Each comes with the number of periods in a stretch.
-    """
+    """Periods of the excitation in s, in the order of trial."""
     for period_s in PERIODS_S:
         for periods in (PILOT_PERIODS,) if is_pilot else PER_STRETCH:
             if periods <= math.ceil(request.periods / 2):
@@ -307,10 +298,7 @@ class MotionBuilder:
         self._append(np.full(max(1, round(duration_s / self.sync_s)), self.here))
 
     def go(self, there: float, bench: Bench, axis: int) -> None:
-        """Add a smooth move to a position in motor turns.
-
-        It is like the move of an axis to the start of a motion.
-        """
+        """Add a smooth move to a position in motor turns."""
         distance = there - self.here
         if abs(distance) < 1e-9:
             return

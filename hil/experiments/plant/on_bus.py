@@ -1,7 +1,4 @@
-"""Run of `hil identify plant` on a bench.
-
-It makes the runs on the bus, and writes recordings, result and model file.
-"""
+"""Run of `hil identify plant` on a bench."""
 
 import math
 from dataclasses import asdict, dataclass

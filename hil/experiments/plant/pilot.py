@@ -1,7 +1,4 @@
-"""Evaluation of a pilot run.
-
-It gives the peaks under an excitation, the amplitude within all limits, and the reason why a plant was not seen.
-"""
+"""Evaluation of a pilot run."""
 
 import math
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""Postures of an arm in which a plant is identified.
-
-The module has the moves there and back, and the modes of a motor in a posture.
-"""
+"""Postures of an arm in which a plant is identified."""
 
 import math
 from collections.abc import Mapping
@@ -52,10 +49,7 @@ def joint_deg(bench: Bench, number: int, motor_rad: float) -> float:
 
 
 def standing_deg(session: Session) -> dict[int, float]:
-    """Present angles of all joints of the arm, by axis.
-
-    They go from the base on; the result is empty without an arm.
-    """
+    """Present angles of all joints of the arm, by axis."""
     arm = session.bench.arm
     numbers = () if arm is None else arm.axes
     return {number: joint_deg(session.bench, number, session.axes[number].position_rad()) for number in numbers}

@@ -1,7 +1,4 @@
-"""First motion of an identification: a third of a motor turn.
-
-The motor turns there and back, and shows faults that must not be found at full travel.
-"""
+"""First motion of an identification: a third of a motor turn."""
 
 import math
 from dataclasses import dataclass
@@ -110,10 +107,7 @@ def probe_trouble(
 
 
 def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_limit_nm: float) -> ProbeTrouble | None:
-    """Reason why a probe was stopped, or None.
-
-    It follows from torque and angle.
-    """
+    """Reason why a probe was stopped, or None."""
     if len(angle) < 2:
         return None
     moved, largest = float(angle[-1] - angle[0]), float(np.max(np.abs(torque)))

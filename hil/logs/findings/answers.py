@@ -1,7 +1,4 @@
-"""Findings on frames that nodes send.
-
-Process data are checked for gaps and repeats in each cycle; heartbeats and refusals are checked as well.
-"""
+"""Findings on frames that nodes send."""
 
 from collections import Counter
 from collections.abc import Iterator

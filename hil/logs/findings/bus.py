@@ -1,7 +1,4 @@
-"""Findings on the bus itself.
-
-Its load by sender, reports of controllers, and several senders where only one is allowed.
-"""
+"""Findings on the bus itself."""
 
 from collections.abc import Iterator
 

@@ -118,10 +118,7 @@ class Snapshot:
 
 
 def ask_emulated(network: Network, node: int) -> bool | None:
-    """Ask a node by its hardware version (1009h) whether it is emulated.
-
-    None if it does not answer.
-    """
+    """Ask a node by its hardware version (1009h) whether it is emulated."""
     try:
         return is_emulated(network.read_raw(node, *HARDWARE_VERSION_OBJECT, "manufacturer hardware version"))
     except SdoAbortedError:
@@ -163,10 +160,7 @@ def _check_number(network: Network, node: int, what: str, address: ObjectAddress
 
 
 def _product_at(network: Network, node: int, profile: Profile) -> Profile:
-    """Return the profile of the node's product.
-
-    A profile without several products or ranges of firmware is returned itself.
-    """
+    """Return the profile of the node's product."""
     if not profile.products and not profile.identity.has_range:
         return profile
     code, revision = (network.read(node, 0x1018, sub, U32, f"1018h:{sub:02X}h") for sub in (2, 3))
@@ -270,10 +264,7 @@ class DriveAxis:
         self._disabled_state(Questions(self.network, self.node))
 
     def _disabled_state(self, asked: Questions) -> State | None:
-        """Check that the drive has no torque; return its state.
-
-        None if it has no readable status word.
-        """
+        """Check that the drive has no torque; return its state."""
         status_word = asked.number(STATUS)
         state = None if status_word is None else state_of(status_word)
         if status_word is not None and state not in DISABLED:
@@ -326,10 +317,7 @@ class DriveAxis:
         return parameter.value(raw, self.scaling)
 
     def control_period_s(self) -> float:
-        """Read the drive's control period in s.
-
-        Without an object for it, return that of the profile.
-        """
+        """Read the drive's control period in s."""
         parameter = self.profile.parameters.get("control_period_s")
         if parameter is None:
             loop = self.profile.loop
@@ -349,21 +337,13 @@ class DriveAxis:
                 self.write_limit(limit, value_si)
 
     def write_limit(self, limit: Limit, value_si: float) -> None:
-        """Write one limit, if the drive has a parameter for it.
-
-        Args:
-            limit: The limit.
-            value_si: Its value in SI units.
-        """
+        """Write one limit, if the drive has a parameter for it."""
         name = limit.held_by(self.profile)
         if name is not None:
             self.write_parameter(name, value_in(self.profile.parameters[name], value_si, self.scaling))
 
     def write_gains(self, loop: LoopName) -> None:
-        """Write the P-PI gains, unless the drive keeps its own.
-
-        Host-closed, write those for which the drive has parameters.
-        """
+        """Write the P-PI gains, unless the drive keeps its own."""
         if not self.table.writes_gains or not isinstance(self.table.control, Control):
             return
         for name, value in self.table.control.model_dump().items():
@@ -431,10 +411,7 @@ class DriveAxis:
             self.snapshot.write(*CYCLE_PERIOD.address, U32, round(1e6 * sync_period_s), CYCLE_PERIOD.name)
 
     def _period_step(self) -> str:
-        """Return a clause on the SYNC periods that a drive accepts.
-
-        Empty if its control period is not known.
-        """
+        """Return a clause on the SYNC periods that a drive accepts."""
         control_s = self.control_period_s()
         return f"; its control period is {1e3 * control_s:g} ms, and most drives take multiples of that" if control_s else ""
 

@@ -47,10 +47,7 @@ class Limit(NamedTuple):
     at_least: str | None = None
 
     def held_by(self, profile: Profile) -> str | None:
-        """Return the name of a drive's parameter for the limit.
-
-        None if it has none that the bench can set.
-        """
+        """Return the name of a drive's parameter for the limit."""
         names = (stem + suffix for stem in self.stems for suffix in _SUFFIXES[self.unit])
         return next((name for name in names if name in profile.parameters and profile.parameters[name].is_settable), None)
 
@@ -123,10 +120,7 @@ def value_in(parameter: Parameter, si: float, scaling: Scaling) -> float:
 
 
 def holders(profile: Profile) -> dict[Holder, list[str]]:
-    """Return the keys of the bench file's limits by holder.
-
-    The drive holds a limit if it has every parameter of it.
-    """
+    """Return the keys of the bench file's limits by holder."""
     found: dict[Holder, list[str]] = {}
     for key in dict.fromkeys(limit.key for limit in LIMITS):
         held = [limit.holder(profile) for limit in LIMITS if limit.key == key]

@@ -60,10 +60,7 @@ IP: Final = CyclicMode(
 
 
 def mode_of(loop: LoopName, profile: Profile) -> CyclicMode | None:
-    """Return the mode of a drive in a run, or None.
-
-    CST if the host closes the loop, else CSP, the maker's own mode or IP.
-    """
+    """Return the mode of a drive in a run, or None."""
     has = profile.supported_modes
     if loop == "host":
         return CST if Mode.CST in has else None
@@ -75,10 +72,7 @@ def mode_of(loop: LoopName, profile: Profile) -> CyclicMode | None:
 
 
 def command(mode: CyclicMode, *, with_torque_offset: bool = False) -> tuple[MappedObject, ...]:
-    """Return RPDO1 of a drive: control word and set-point.
-
-    In CSP a torque offset is added if requested.
-    """
+    """Return RPDO1 of a drive: control word and set-point."""
     offset = (MappedObject(Object.TORQUE_OFFSET, 0, I16),) if with_torque_offset and mode.number == Mode.CSP else ()
     return MappedObject(Object.CONTROL_WORD, 0, U16), mode.target, *offset
 
@@ -95,10 +89,7 @@ def feedback(profile: Profile) -> tuple[MappedObject, ...]:
 
 
 def notch_state(profile: Profile) -> tuple[MappedObject, ...]:
-    """Return TPDO2 of a drive: the state of its filter.
-
-    Empty if the profile does not know it.
-    """
+    """Return TPDO2 of a drive: the state of its filter."""
     if not all(name in profile.parameters for name in NOTCH_STATE):
         return ()
     parameters = [profile.parameters[name] for name in NOTCH_STATE]
@@ -106,10 +97,7 @@ def notch_state(profile: Profile) -> tuple[MappedObject, ...]:
 
 
 def load_position(table: AxisTable, profile: Profile) -> tuple[MappedObject, ...]:
-    """Return the TPDO of a drive's second encoder.
-
-    Empty if the bench file has none.
-    """
+    """Return the TPDO of a drive's second encoder."""
     if table.load_encoder is None:
         return ()
     stated = None if profile.load_encoder is None else profile.load_encoder.position
@@ -117,10 +105,7 @@ def load_position(table: AxisTable, profile: Profile) -> tuple[MappedObject, ...
 
 
 def load_tpdo(profile: Profile, *, with_notch_state: bool) -> int:
-    """Return the number of the second encoder's TPDO.
-
-    The second, or the third if the second has the state of the filter.
-    """
+    """Return the number of the second encoder's TPDO."""
     return 3 if with_notch_state and notch_state(profile) else 2
 
 

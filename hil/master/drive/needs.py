@@ -22,13 +22,7 @@ ABSENT: Final = frozenset({SdoAbortCode.NO_OBJECT, SdoAbortCode.NO_SUBINDEX})
 
 
 class Need(NamedTuple):
-    """An object that a run needs of a drive.
-
-    Attributes:
-        address: Index and sub-index.
-        name: Name of the object.
-        purpose: Use of the object, as a sentence.
-    """
+    """An object that a run needs of a drive."""
 
     address: ObjectAddress
     name: str

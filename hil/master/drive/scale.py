@@ -119,11 +119,6 @@ def keys_to_state(asked: Questions, number: int, profile: Profile) -> tuple[str,
 
     They are those that the drive itself does not have.
 
-    Args:
-        asked: Questions to the drive.
-        number: Number of the axis.
-        profile: Drive profile.
-
     Raises:
         NodeError: The objects make no sense.
     """

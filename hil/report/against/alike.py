@@ -35,13 +35,7 @@ class RunPair:
 
 @dataclass(frozen=True)
 class PairedRuns:
-    """Runs of two results.
-
-    Attributes:
-        pairs: Windows that both have.
-        only_new: Windows that only the new one has.
-        only_old: Windows that only the old one has.
-    """
+    """Runs of two results."""
 
     pairs: tuple[RunPair, ...]
     only_new: tuple[RunEntry, ...]

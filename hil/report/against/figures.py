@@ -1,7 +1,4 @@
-"""Figures with two results in one diagram.
-
-They show the tip over time, its spectrum or orders, transmission errors, and frequency responses.
-"""
+"""Figures with two results in one diagram."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -38,12 +35,6 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
     """Draw the tip of two runs over time, and its spectrum.
 
     For a ramp, the lower panel shows orders instead of the spectrum. None without both recordings.
-
-    Args:
-        new: Material of the new result.
-        old: Material of the old result.
-        pair: The two runs.
-        number: Number of the pair on the page.
     """
     runs = [plotted_run(old, pair.old, "old", OLD), plotted_run(new, pair.new, "new", NEW)]
     drawn = [run for run in runs if run is not None]
@@ -109,10 +100,7 @@ def _draw_spectra(panel: Axes, drawn: list[PlottedRun]) -> str:
 
 
 def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
-    """Draw the amplitudes of two transmission errors by order.
-
-    With their standard errors; None if one identification has no transmission error.
-    """
+    """Draw the amplitudes of two transmission errors by order."""
     if new.ate is None or old.ate is None:
         return None
     figure, panels = style.panels(1, 1, 2.8)
@@ -133,10 +121,7 @@ def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
 
 
 def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:
-    """Draw the motor angle per torque of two identifications.
-
-    None if one has no frequency response.
-    """
+    """Draw the motor angle per torque of two identifications."""
     if new.response is None or old.response is None:
         return None
     figure, panels = style.panels(2, 1, 4.6, sharex=True, height_ratios=(3, 2))

@@ -1,7 +1,4 @@
-"""Headline numbers of two results side by side.
-
-Each has the difference, and whether it exceeds its standard error.
-"""
+"""Headline numbers of two results side by side."""
 
 import math
 from collections.abc import Iterator
@@ -63,10 +60,7 @@ class NumberPair:
 
     @property
     def is_beyond(self) -> bool | None:
-        """True if the difference exceeds `CERTAIN` of its standard errors.
-
-        None if it has no standard error.
-        """
+        """True if the difference exceeds `CERTAIN` of its standard errors."""
         return None if self.error is None or self.difference is None else abs(self.difference) > CERTAIN * self.error
 
 
@@ -154,10 +148,7 @@ def error_numbers(new: AteResult, old: AteResult) -> Iterator[NumberPair]:
 
 
 def _values(part: IdentifiedError) -> dict[str, float]:
-    """Return amplitudes and phases by their names in the model file.
-
-    Order by order.
-    """
+    """Return amplitudes and phases by their names in the model file."""
     phases = part.values.phases_deg()
     return {
         name: value
@@ -183,10 +174,7 @@ def plant_numbers(new: PlantResult, old: PlantResult, names: tuple[tuple[str, st
 
 
 def numbers_table(pairs: list[NumberPair]) -> ReportTable:
-    """Tabulate pairs of numbers by group.
-
-    A number that neither result has is left out.
-    """
+    """Tabulate pairs of numbers by group."""
     rows: list[list[Cell]] = []
     groups: dict[int, str] = {}
     for pair in pairs:

@@ -1,7 +1,4 @@
-"""Page of two results side by side.
-
-One self-contained HTML file in the directory of the new result.
-"""
+"""Page of two results side by side."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,14 +35,7 @@ AGAINST_FILE = "against.html"
 
 @dataclass(frozen=True)
 class _Content:
-    """Numbers, figures and cards of two results, with notes.
-
-    Attributes:
-        numbers: Pairs of numbers.
-        drawings: Figures with both results.
-        cards: Cards of the page.
-        notes: Sentences on parts without a counterpart.
-    """
+    """Numbers, figures and cards of two results, with notes."""
 
     numbers: list[NumberPair]
     drawings: list[Drawing]
@@ -109,14 +99,7 @@ def _measured(directory: Path) -> MeasuredResult:
 
 
 def _content(new: MeasuredResult, old: MeasuredResult, directory: Path, old_directory: Path) -> _Content:
-    """What results of one kind have in common.
-
-    Args:
-        new: The new result.
-        old: The old result, of the same kind.
-        directory: Directory of the new one.
-        old_directory: Directory of the old one.
-    """
+    """What results of one kind have in common."""
     if isinstance(new, AteResult) and isinstance(old, AteResult):
         drawings = [each for each in (figures.error_figure(new, old),) if each is not None]
         return _Content(list(error_numbers(new, old)), drawings, [], _not_identified(new.ate, old.ate))

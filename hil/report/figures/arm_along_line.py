@@ -44,10 +44,6 @@ def arm_along_line(material: Material, key: str = "arm-line") -> Drawing | None:
     """Draw the arm along the recorded line, and the tip's error.
 
     Three views of the arm, and below them the magnified error. None without an arm's line.
-
-    Args:
-        material: Result and recordings.
-        key: Key of the figure.
     """
     arms, way = moved_arms(material), recorded_line(material)
     if way is None or material.bench.arm is None:
@@ -147,10 +143,7 @@ class _Loops:
             panel.set(xlabel="Along the line (mm)" if name == ACROSS[-1] else "", ylabel=words)
 
     def _errors(self, moved: MovedArm, across: Real) -> tuple[Real, Real, Real]:
-        """Return position along the path, and error along and across it.
-
-        In the judged rows, in mm.
-        """
+        """Return position along the path, and error along and across it."""
         inside = moved.moved_mm[moved.judged]
         begin = moved.tip_m[0]
         return 1e3 * ((moved.tip_m[moved.judged] - begin) @ self.along), inside @ self.along, inside @ across

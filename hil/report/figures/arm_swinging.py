@@ -38,10 +38,6 @@ def arm_swinging(material: Material, key: str = "arm-resonances") -> Drawing | N
     """Draw the tip's swing at each resonance of an arm's line.
 
     None without an arm's line.
-
-    Args:
-        material: Result and recordings.
-        key: Key of the figure.
     """
     arms, arm = moved_arms(material), material.bench.arm
     band_hz = arms[0].run.entry.band_hz if arms else None

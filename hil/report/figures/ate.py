@@ -106,10 +106,7 @@ class AteMaterial:
 
     @property
     def furthest(self) -> int:
-        """Index of the pass to draw.
-
-        It is the first pass to the highest speed, which shows the most resonances.
-        """
+        """Index of the pass to draw."""
         ends = [each.end_rps or 0.0 for each in self.result.passes]
         return ends.index(max(ends))
 
@@ -235,10 +232,7 @@ def against_speed(material: AteMaterial) -> Drawing | None:
 
 
 def windows(material: AteMaterial, direction: int) -> Drawing | None:
-    """Draw speed, signal and spectrum around f_m2 and f_m4; Figs. 7, 8.
-
-    Measured and modelled, in one direction.
-    """
+    """Draw speed, signal and spectrum around f_m2 and f_m4; Figs. 7, 8."""
     part = material.part
     if not material.passes or part is None or part.arm_hz is None:
         return None
@@ -362,10 +356,7 @@ def arm(material: AteMaterial) -> ReportTable | None:
 
 
 def arm_twice(material: AteMaterial) -> ReportTable | None:
-    """Tabulate the arm as known before, beside the arm from the ramps.
-
-    None without earlier knowledge.
-    """
+    """Tabulate the arm as known before, beside the arm from the ramps."""
     part, known = material.part, material.result.known_before
     if part is None or known.start is None or part.arm_hz is None or part.damping is None:
         return None

@@ -210,10 +210,7 @@ def _overlay(
 
 
 def _envelope(run: PlottedRun, band_hz: tuple[float, float]) -> Real:
-    """Return the amplitude of the band-passed vibration in m/s²; shape (n,).
-
-    It is the magnitude of the analytic signal.
-    """
+    """Return the amplitude of the band-passed vibration in m/s²; shape (n,)."""
     return np.abs(scipy.signal.hilbert(band_passed(shown_acceleration(run), run.recording.period_s, band_hz)))
 
 

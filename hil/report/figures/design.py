@@ -207,10 +207,7 @@ def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
 
 
 def ramps(outcome: NotchDesignOutcome) -> Drawing:
-    """Draw the simulated tip on the ramp over the motor speed.
-
-    Rising and falling.
-    """
+    """Draw the simulated tip on the ramp over the motor speed."""
     figure, panels = style.panels(1, 2, 3.0, sharey=True)
     problem, limit = outcome.problem, outcome.problem.requirements.tip_mm
     scale = scale_at(outcome.bench, outcome.request.axis, outcome.f_al_hz)

@@ -1,7 +1,4 @@
-"""Figure of the tip's displacement along x, y and z.
-
-On a bench with an arm.
-"""
+"""Figure of the tip's displacement along x, y and z."""
 
 import numpy as np
 from matplotlib.axes import Axes

@@ -8,10 +8,7 @@ from hil.report.style import Drawing
 
 
 def following(material: Material) -> Drawing | None:
-    """Draw amplitude factor and phase shift of each order over the motion.
-
-    None if no run had a cancellation that follows.
-    """
+    """Draw amplitude factor and phase shift of each order over the motion."""
     runs = {run.recording: run for run in material.result.runs if run.following is not None and run.following.orders}
     if not runs:
         return None

@@ -12,10 +12,7 @@ from hil.report.style import Drawing, Real
 
 
 def identification(material: Material, axis: int) -> Drawing | None:
-    """Draw speed, tip acceleration and spectrum in both windows; Figs. 7, 8.
-
-    Measured and modelled.
-    """
+    """Draw speed, tip acceleration and spectrum in both windows; Figs. 7, 8."""
     run = material.find(CONSTANT_ACCELERATION, axis, "none", "drive") or material.find(
         CONSTANT_ACCELERATION, axis, "none", "host"
     )

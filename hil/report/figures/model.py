@@ -51,10 +51,7 @@ def plants(material: Material) -> Drawing | None:
 
 
 def transmission_errors(material: Material) -> Drawing | None:
-    """Draw identified θ_sync and that of the bench file; Fig. 5.
-
-    Over two motor revolutions.
-    """
+    """Draw identified θ_sync and that of the bench file; Fig. 5."""
     axes = material.model_axes
     if not axes:
         return None

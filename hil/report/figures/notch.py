@@ -237,10 +237,7 @@ def _on_the_line(panel: Axes, loop: Loop, notch: Notch, bound: Any) -> None:
 
 
 def _bound(material: Material, number: int, order: int) -> Any:
-    """Return constraint (5) in dB as a function of frequency.
-
-    None if the amplitude is not known.
-    """
+    """Return constraint (5) in dB as a function of frequency."""
     amplitude = material.amplitude_arcsec(number, order) * ARCSEC
     if amplitude <= 0.0:
         return None
@@ -339,10 +336,7 @@ def draw_worst(panel: Axes, response: Any, name: str) -> None:
 
 
 def _open_loop(loop: Loop, speed_rps: float, grid: Real, order: int, range_hz: tuple[float, float]) -> Any:
-    """Return L(jω) at a frozen speed, on a grid that suits it.
-
-    The grid is fine around the harmonic of that speed and in the band of the filters.
-    """
+    """Return L(jω) at a frozen speed, on a grid that suits it."""
     here = order * speed_rps
     around = np.linspace(0.85 * here, 1.15 * here, 201)
     return loop.open_loop(

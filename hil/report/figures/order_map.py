@@ -113,10 +113,6 @@ def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
     """Return the order map of the tip on the ramp.
 
     None if the motor turns too little.
-
-    Args:
-        recording: Recording of a constant-acceleration run.
-        axis: Axis that moved.
     """
     begin, end = _longest_rise(np.abs(motor_speed_rps(recording, axis)))
     angle, tip = recording.axis(axis, "position_rad")[begin:end], recording.felt_m_s2[begin:end]
@@ -198,10 +194,7 @@ def _printed(resonance: MarkedResonance) -> str:
 
 
 def _hyperbola(panel: Axes, speeds: Real, frequency_hz: float, name: str, look: style.Line) -> None:
-    """Draw the line k f_m = f with its name.
-
-    The name is above the left end, as the line falls.
-    """
+    """Draw the line k f_m = f with its name."""
     orders = frequency_hz / speeds
     inside = np.flatnonzero((orders >= ORDERS[0]) & (orders <= ORDERS[-1]))
     if len(inside) < 2:

@@ -1,7 +1,4 @@
-"""Figure of a passport: an order's amplitude and phase over dates.
-
-With their standard errors and the alarm.
-"""
+"""Figure of a passport: an order's amplitude and phase over dates."""
 
 import datetime
 from typing import Any

@@ -1,7 +1,4 @@
-"""Figures and tables of an identified plant.
-
-Frequency responses with their confidence, friction and gravity.
-"""
+"""Figures and tables of an identified plant."""
 
 import math
 from typing import Any
@@ -45,10 +42,7 @@ WHOLE_PERCENT = 10.0
 
 
 def _percent(relative: float) -> str:
-    """Return a standard error in per cent of its value.
-
-    An error much larger than the value reads `> …`.
-    """
+    """Return a standard error in per cent of its value."""
     if relative > MOST_PERCENT:
         return f"> {MOST_PERCENT:g} %"
     return f"{relative:.0f} %" if relative >= WHOLE_PERCENT else f"{relative:.2g} %"
@@ -104,10 +98,7 @@ def checks(result: PlantResult) -> ReportTable | None:
 
 
 def frequency_response(result: PlantResult) -> Drawing | None:
-    """Draw the motor angle per torque, with fit and confidence.
-
-    Gain, phase and coherence.
-    """
+    """Draw the motor angle per torque, with fit and confidence."""
     measured, plant, parameters = result.response, result.plant, result.parameters
     if measured is None or plant is None or parameters is None:
         return None

@@ -1,7 +1,4 @@
-"""Figures and tables of a transmission error from recordings.
-
-Order spectrum, map over the speed, fit, and change from part to part.
-"""
+"""Figures and tables of a transmission error from recordings."""
 
 import math
 from functools import cached_property
@@ -119,10 +116,7 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
 
 
 def speed_map(material: RecordedMaterial) -> Drawing | None:
-    """Draw the amplitude over speed and order.
-
-    None if the speed hardly changes.
-    """
+    """Draw the amplitude over speed and order."""
     table = material.map
     speeds = np.unique(table["speed_rps"])
     if len(speeds) < 3 or float(speeds[-1] - speeds[0]) < LEAST_SPEED_RANGE * float(speeds[-1]):
@@ -208,10 +202,7 @@ def fit(material: RecordedMaterial) -> Drawing | None:
 
 
 def change(material: RecordedMaterial) -> Drawing | None:
-    """Draw A_k and φ_k from part to part with two standard errors.
-
-    None for one part.
-    """
+    """Draw A_k and φ_k from part to part with two standard errors."""
     parts, part = material.result.parts, material.result.ate
     if len(parts) < 2 or part is None:
         return None

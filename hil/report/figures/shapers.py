@@ -90,11 +90,6 @@ def residuals(runs: Sequence[RunEntry], key: str, title: str) -> Drawing | None:
     """Draw the residual of each shaper over the true frequency.
 
     By the formula; None if no run has a shaper.
-
-    Args:
-        runs: Entries of runs of one motion.
-        key: Anchor of the figure.
-        title: Title of the figure.
     """
     found: dict[str, ShaperEntry] = {TITLES[run.treatment]: run.shaper for run in runs if run.shaper is not None}
     if not found:

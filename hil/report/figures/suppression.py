@@ -1,7 +1,4 @@
-"""Figures of the treatments at work; Figs. 13, 14 and 15.
-
-And the loop in the drive beside the loop on the host.
-"""
+"""Figures of the treatments at work; Figs. 13, 14 and 15."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,10 +32,7 @@ from hil.results.runs import RunEntry
 
 
 def suppression(material: Material, axis: int) -> list[Drawing]:
-    """Draw tip vibration and spectrum of a ramp; Figs. 13 and 14.
-
-    Without and with treatments.
-    """
+    """Draw tip vibration and spectrum of a ramp; Figs. 13 and 14."""
     groups = shown_runs(material, CONSTANT_ACCELERATION, axis)
     return [_ramp(material, axis, runs, f"suppression-{axis}{key_end(number)}") for number, runs in enumerate(groups)]
 
@@ -125,10 +119,7 @@ def _line(material: Material, runs: list[PlottedRun], key: str) -> Drawing:
 
 
 def loop_sides(material: Material, axis: int) -> Drawing | None:
-    """Draw the tip for the loop in the drive and host-closed.
-
-    Without and with the notch.
-    """
+    """Draw the tip for the loop in the drive and host-closed."""
     looks = (("drive", "closed in the drive", style.BROAD), ("host", "closed on the host, over the bus", style.OTHER_LOOP))
     pairs: dict[str, list[PlottedRun]] = {}
     for treatment in ("none", "notch"):

@@ -32,10 +32,7 @@ def numbers_json(figures: Mapping[str, ZoomFigure]) -> str:
 
 
 def columns_for(figures: Iterable[ZoomFigure]) -> int:
-    """Return the columns per curve that keep the bound of a page.
-
-    At least `LEAST_COLUMNS`.
-    """
+    """Return the columns per curve that keep the bound of a page."""
     panels = [panel for figure in figures for panel in figure.panels.values()]
     lengths = np.array([len(curve.x) for panel in panels for curve in panel.curves])
     room = MOST_OF_PAGE - sum(panel.map.values.size // 2 for panel in panels if panel.map is not None)

@@ -8,7 +8,7 @@ from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.ate import AteMaterial
 from hil.report.figures.order_map import MarkedResonance, order_maps
-from hil.report.pages.page import PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import PageHead, PageVerdict, Section, bench_lines, filled_sections, render
 from hil.report.report_table import ReportTable
 from hil.report.style import Drawing
 
@@ -61,10 +61,7 @@ def sections(material: AteMaterial) -> list[Section]:
 
 
 def _order_maps(material: AteMaterial) -> Drawing | None:
-    """Draw order maps of the fastest and the slowest pass.
-
-    None without an accelerometer, or without a pass.
-    """
+    """Draw order maps of the fastest and the slowest pass."""
     made = [each for each in material.result.passes if each.stopped is None and (material.directory / each.recording).is_file()]
     if material.is_sensorless or not made:
         return None
@@ -106,13 +103,4 @@ def verdict(material: AteMaterial) -> PageVerdict:
 
 def provenance(material: AteMaterial) -> list[tuple[str, str]]:
     """Bench, instant and versions of the runs."""
-    record = material.result.bench
-    versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
-    lines = [
-        ("Bench", record.name),
-        ("Bus", record.bus),
-        ("Clock", record.clock),
-        ("Known before", material.result.known_before.source),
-        ("Versions", versions),
-    ]
-    return [(name, text) for name, text in lines if text]
+    return bench_lines(material.result.bench, ("Known before", material.result.known_before.source))

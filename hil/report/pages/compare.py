@@ -10,7 +10,7 @@ from hil.report.figures import compare as figures_compare
 from hil.report.figures import shapers as figures_shapers
 from hil.report.material import POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render, versions_text
 from hil.report.report_table import Mark, ReportTable
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
@@ -239,5 +239,5 @@ def provenance(result: TreatmentTable) -> list[tuple[str, str]]:
         source = f", {robot.source}" if robot.source else ""
         lines.append(("Robot", f"{robot.name} on {robot.bus}{source}"))
     versions: dict[str, str] = next((robot.versions for robot in result.robots if robot.versions is not None), {})
-    lines.append(("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())))
+    lines.append(("Versions", versions_text(versions)))
     return [(name, text) for name, text in lines if text]

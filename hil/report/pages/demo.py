@@ -26,7 +26,7 @@ from hil.report.figures import (
 )
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, bench_lines, filled_sections, render
 from hil.report.plotted_run import key_end, shown_runs
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
 from hil.report.report_table import number as number_text
@@ -172,10 +172,7 @@ def _filters(material: Material, filters: FilterSet, number: int) -> list[Drawin
 
 
 def _stops(material: Material) -> list[Drawing | ReportTable | None]:
-    """Return table and figures of shapers and stops.
-
-    None without any.
-    """
+    """Return table and figures of shapers and stops."""
     runs = material.result.runs
     stopped = sorted({run.axis for run in runs if run.axis is not None and run.experiment == POINT_TO_POINT})
     return [
@@ -385,10 +382,7 @@ def _by_specification(material: Material, details: list[str]) -> PageVerdict:
 
 
 def _ramp_words(run: RunEntry) -> str:
-    """Return order, noise, ramp peak and f_al of a run in words.
-
-    With the source of f_al.
-    """
+    """Return order, noise, ramp peak and f_al of a run in words."""
     order = "" if run.order_mm is None else f", order {run.order} {run.order_mm:.4f} ± {run.order_error_mm or 0.0:.4f} mm"
     noise = ", not above the sensor's noise" if is_noise(run.tip_peak_mm, run.noise_mm) else ""
     whole = "" if run.ramp_peak_mm is None else f", {run.ramp_peak_mm:.3f} mm on the whole ramp"
@@ -461,13 +455,6 @@ def _percent(reduction: float | None) -> str:
 
 def provenance(material: Material) -> list[tuple[str, str]]:
     """Bench, instant and versions of the runs."""
-    record = material.result.bench
-    versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
-    lines = [
-        ("Bench", record.name),
-        ("Bus", record.bus),
-        ("Clock", record.clock),
-        ("Versions", versions),
-        *((f"{file.role.capitalize()} file", f"{file.path} (SHA-256 {file.sha256})") for file in material.result.files or ()),
-    ]
-    return [(name, text) for name, text in lines if text]
+    files = material.result.files or ()
+    sources = [(f"{file.role.capitalize()} file", f"{file.path} (SHA-256 {file.sha256})") for file in files]
+    return [*bench_lines(material.result.bench), *sources]

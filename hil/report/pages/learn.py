@@ -9,7 +9,7 @@ from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.order_names import symbol
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, bench_lines, filled_sections, render
 from hil.report.report_table import Cell, Mark, ReportTable, number
 from hil.report.style import Drawing
 from hil.report.tables.trial import trial_table
@@ -43,10 +43,7 @@ def write_learning_report(directory: Path, *, is_interactive: bool = False) -> P
 
 
 def sections(result: LearningResult, directory: Path | None = None) -> list[Section]:
-    """Return all chapters with data.
-
-    Figures of recordings need their directory.
-    """
+    """Return all chapters with data; figures of recordings need their directory."""
     learnt: list[Drawing | ReportTable | None] = []
     is_paper = result.bench.file.is_paper
     for each in result.learnt:
@@ -183,11 +180,4 @@ def cards(result: LearningResult) -> list[Card]:
 
 def provenance(result: LearningResult) -> list[tuple[str, str]]:
     """Bench, instant and versions of the passes."""
-    bench = result.bench
-    return [
-        ("Bench", bench.name),
-        ("Bus", bench.bus),
-        ("Clock", bench.clock),
-        ("Model file", result.model),
-        ("Versions", ", ".join(f"{name} {version}" for name, version in bench.versions.items())),
-    ]
+    return bench_lines(result.bench, ("Model file", result.model))

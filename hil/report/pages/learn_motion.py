@@ -4,7 +4,7 @@ from pathlib import Path
 
 from hil.report import style
 from hil.report.figures import ate as figures_ate
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, bench_lines, filled_sections, render
 from hil.report.report_table import Cell, Mark, ReportTable, number
 from hil.report.style import Drawing
 from hil.results.files import load_result
@@ -130,13 +130,5 @@ def cards(result: MotionLearningResult) -> list[Card]:
 
 def provenance(result: MotionLearningResult) -> list[tuple[str, str]]:
     """Bench, instant and versions of the runs."""
-    bench = result.bench
     noise = [] if result.noise_mm is None else [("Equal runs differ by", f"{result.noise_mm:.4f} mm (root mean square)")]
-    return [
-        ("Bench", bench.name),
-        ("Bus", bench.bus),
-        ("Clock", bench.clock),
-        ("Model file", result.model),
-        *noise,
-        ("Versions", ", ".join(f"{name} {version}" for name, version in bench.versions.items())),
-    ]
+    return bench_lines(result.bench, ("Model file", result.model), *noise)

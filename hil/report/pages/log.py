@@ -16,11 +16,6 @@ _MARKS = {Severity.FAULT: Mark(False, "fault"), Severity.WARNING: Mark(None, "wa
 def write_explanation(path: Path, found: Explanation, made_utc: str) -> Path:
     """Write the page.
 
-    Args:
-        path: The page.
-        found: Explanation of the log.
-        made_utc: Date of the page.
-
     Raises:
         OSError: The page cannot be written.
     """

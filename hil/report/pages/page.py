@@ -2,7 +2,7 @@
 
 import datetime
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -17,7 +17,7 @@ from hil.report.origin import MEASURED, Origin, origin_of
 from hil.report.paper import CITATION
 from hil.report.report_table import Mark, ReportTable
 from hil.report.style import Drawing
-from hil.results.base import MeasuredResult
+from hil.results.base import MeasuredBench, MeasuredResult
 
 
 @dataclass(frozen=True)
@@ -173,6 +173,20 @@ _MONTHS = (
 )  # fmt: skip
 
 
+def bench_lines(bench: MeasuredBench, *more: tuple[str, str]) -> list[tuple[str, str]]:
+    """Return names and texts of a measurement's bench, further ones, and versions.
+
+    A line without a text is left out.
+    """
+    lines = [("Bench", bench.name), ("Bus", bench.bus), ("Clock", bench.clock), *more]
+    return [(name, text) for name, text in (*lines, ("Versions", versions_text(bench.versions))) if text]
+
+
+def versions_text(versions: Mapping[str, str]) -> str:
+    """Return versions by package as a line."""
+    return ", ".join(f"{name} {version}" for name, version in versions.items())
+
+
 def render(
     path: Path,
     head: PageHead,
@@ -224,10 +238,7 @@ def render(
 
 
 def _interactive(sections: list[Section]) -> InteractiveParts | None:
-    """Return the parts of an interactive page.
-
-    None if no figure can be zoomed.
-    """
+    """Return the parts of an interactive page."""
     drawings = [item for section in sections for item in section.items if isinstance(item, Drawing)]
     figures = {each.key: each.zoom for each in drawings if each.zoom is not None}
     return interactive_parts(figures) if figures else None

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from hil.report import style
 from hil.report.figures import plant as figures_plant
-from hil.report.pages.page import PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import PageHead, PageVerdict, Section, bench_lines, filled_sections, render
 from hil.report.report_table import ReportTable, value_and_error
 from hil.report.style import Drawing
 from hil.results.files import load_result
@@ -69,14 +69,7 @@ def verdict(result: PlantResult) -> PageVerdict:
 
 def provenance(result: PlantResult) -> list[tuple[str, str]]:
     """Bench, instant, versions and excitation of the measurement."""
-    record, plan = result.bench, result.plan
-    versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
-    lines = [
-        ("Bench", record.name),
-        ("Bus", record.bus),
-        ("Clock", record.clock),
-        ("Versions", versions),
-    ]
+    lines, plan = bench_lines(result.bench), result.plan
     if plan is not None:
         low, high = plan.travel_rev
         shape = result.request.shape

@@ -3,10 +3,11 @@
 from pathlib import Path
 
 from hil.bench.model import values_in_words
+from hil.counting import counted
 from hil.report import style
 from hil.report.figures import recorded_ate as figures
 from hil.report.figures.recorded_ate import RecordedMaterial
-from hil.report.pages.page import PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import PageHead, PageVerdict, Section, filled_sections, render, versions_text
 from hil.report.report_table import ReportTable
 from hil.report.style import Drawing
 
@@ -27,7 +28,7 @@ def write_recorded_ate_report(directory: Path, *, is_interactive: bool = False) 
         f"{result.robot}, from recordings",
         result.started_utc,
         heading=f"Transmission error of axis {result.axis}",
-        subtitle=f"From {_count(len(result.files), 'recording')} by {result.form}",
+        subtitle=f"From {counted(len(result.files), 'recording')} by {result.form}",
         is_bench=False,
     )
     return render(
@@ -76,9 +77,5 @@ def provenance(material: RecordedMaterial) -> list[tuple[str, str]]:
     ]
     if result.plant is not None:
         lines.append(("Plant", result.plant))
-    lines.append(("Versions", ", ".join(f"{name} {version}" for name, version in result.versions.items())))
+    lines.append(("Versions", versions_text(result.versions)))
     return lines
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -54,10 +54,7 @@ def overview(result: TreatmentTable, key: str = "overview", caption: str | Marku
 
 
 def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | None:
-    """Tabulate a tour's claims beside the judged numbers.
-
-    None without claims.
-    """
+    """Tabulate a tour's claims beside the judged numbers."""
     if not isinstance(result, TourResult) or not result.tour.claims:
         return None
     rows: list[list[Cell]] = [

@@ -20,10 +20,6 @@ def peaks_mm(entries: Sequence[RunEntry], treatment: str) -> dict[Direction, flo
     """Return the tip's peaks by direction for a treatment.
 
     From its first judged run; empty if there is none.
-
-    Args:
-        entries: Runs of one motion.
-        treatment: Name of the treatment.
     """
     for run in entries:
         if run.treatment == treatment and run.invalid is None and run.directions is not None:
@@ -52,10 +48,7 @@ def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportT
 
 
 def directions(material: Material, key: str = "directions") -> ReportTable | None:
-    """Tabulate peaks, root mean squares and areas of every window.
-
-    None if no window has them.
-    """
+    """Tabulate peaks, root mean squares and areas of every window."""
     entries = [(run, run.directions) for run in material.result.runs if run.directions is not None]
     if not entries:
         return None

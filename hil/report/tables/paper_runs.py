@@ -160,10 +160,7 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
 
 
 def filters_end(nth: int) -> str:
-    """Return the end of the keys of the n-th filters.
-
-    Filters on a page count from 0; the first have an empty end.
-    """
+    """Return the end of the keys of the n-th filters."""
     return f"-filters{nth + 1}" if nth else ""
 
 

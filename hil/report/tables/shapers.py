@@ -6,9 +6,10 @@ The residual is that of the formula, and that on the robot.
 import math
 from collections.abc import Sequence
 
+from hil.control.shapers import SwingingMode
 from hil.experiments.treatment import TITLES
 from hil.report.report_table import NONE, Cell, ReportTable, number
-from hil.results.runs import RunEntry, ShapedMode
+from hil.results.runs import RunEntry
 
 
 def shapers(
@@ -17,11 +18,6 @@ def shapers(
     """Tabulate runs with a shaper beside runs without.
 
     Of the same motion; None without shapers.
-
-    Args:
-        runs: Entries of runs on one robot.
-        key: Anchor of the table.
-        title: Title of the table.
     """
     plain = {(run.experiment, run.axis, run.loop): run.tip_peak_mm for run in runs if run.treatment == "none"}
     rows: list[list[Cell]] = []
@@ -54,7 +50,7 @@ def shapers(
     return ReportTable(key, title, "", header, rows, frozenset({0, 1, 2}), caption)
 
 
-def mode_words(mode: ShapedMode) -> str:
+def mode_words(mode: SwingingMode) -> str:
     """A mode in words: `11.63 Hz, ζ 0.129`."""
     return f"{mode.frequency_hz:.2f} Hz, ζ {mode.damping:.3f}"
 

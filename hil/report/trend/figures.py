@@ -24,11 +24,6 @@ def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
     """Draw a motion in one window over the dates of its runs.
 
     Each treatment has a line.
-
-    Args:
-        runs: Its runs by date, with any treatment.
-        key: Anchor of the figure.
-        title: Title of the figure.
     """
     figure, panels = style.panels(3, 2, 6.4, sharex=True)
     treatments = list(dict.fromkeys(run.entry.treatment for run in runs))
@@ -76,15 +71,7 @@ def _scale(panel: Axes, *, from_zero: bool) -> None:
 
 
 def _draw(panel: Axes, runs: Sequence[TrendRun], value: Callable[[TrendRun], float | None], name: str, look: style.Line) -> None:
-    """Draw a number over the dates, of the runs that have it.
-
-    Args:
-        panel: The panel.
-        runs: Runs by date.
-        value: Number of a run.
-        name: Name in the legend.
-        look: Line style.
-    """
+    """Draw a number over the dates, of the runs that have it."""
     points = [(_date(run), found) for run in runs if (found := value(run)) is not None and math.isfinite(found)]
     if points:
         dates, values = zip(*points, strict=True)

@@ -24,13 +24,7 @@ from hil.results.runs import ExperimentsResult, RunEntry
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """Worst margins of a loop over the motor's speeds.
-
-    Attributes:
-        sensitivity_peak: Largest M_s.
-        gain_margin_db: Least gain margin in dB.
-        phase_margin_deg: Least phase margin in degrees.
-    """
+    """Worst margins of a loop over the motor's speeds."""
 
     sensitivity_peak: float
     gain_margin_db: float

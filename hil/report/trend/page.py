@@ -1,7 +1,4 @@
-"""Page of all runs below a folder, in that folder.
-
-One self-contained HTML file.
-"""
+"""Page of all runs below a folder, in that folder."""
 
 from collections.abc import Sequence
 from itertools import groupby

@@ -1,7 +1,4 @@
-"""Limits, ramps and windows of a drive.
-
-They are converted from the dictionary's entries, in any units, to the arrays of the axis.
-"""
+"""Limits, ramps and windows of a drive."""
 
 import math
 from collections.abc import Callable
@@ -98,10 +95,7 @@ class DriveLimits:
         return self._dictionary.cell(index, subindex).value
 
     def acting_si(self, index: int, subindex: int = 0) -> float:
-        """Return a limit, speed or ramp in SI units.
-
-        If its scale is not known, the substitute of its row is returned.
-        """
+        """Return a limit, speed or ramp in SI units."""
         address, limit = (index, subindex), MOTION_LIMITS[index]
         if limit.unscaled is not None and not self._family.is_scaled(address):
             return limit.unscaled(self.counting.scaling)
@@ -149,10 +143,7 @@ class DriveLimits:
         self._apply_profile_speed()
 
     def forget_halt(self) -> None:
-        """Clear the halt at a reset.
-
-        `apply` then restores the profile speed.
-        """
+        """Clear the halt at a reset; `apply` then restores the profile speed."""
         self.is_profile_halted = False
 
     def _apply_alone(self, limit: Limit, field: str) -> None:

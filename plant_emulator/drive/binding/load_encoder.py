@@ -40,11 +40,6 @@ def reading(encoder: LoadEncoder, axes: Axes, number: int) -> Callable[[], int]:
     """Return a function that reads the encoder, in counts.
 
     The reading is the joint's angle with the encoder's own error and noise, rounded.
-
-    Args:
-        encoder: The encoder.
-        axes: The mechanics.
-        number: Axis number.
     """
     angles, row, way = live(axes.plant_state, "arm_angle_rad"), axes.row(number), -1.0 if encoder.is_reversed else 1.0
     counts_per_rad, offset = encoder.counts_per_rev / math.tau, math.radians(encoder.offset_deg)

@@ -1,7 +1,4 @@
-"""A drive's process data.
-
-The CiA 402 part of its dictionary is converted to the units and arrays of its axis, and back.
-"""
+"""A drive's process data."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -226,10 +223,7 @@ class DriveData:
         return target - counting.offset_counts if counting.is_encoder else counting.encoder_counts(target)
 
     def cyclic_target_speed_rad_s(self) -> float:
-        """Return the cyclic target speed, 60FFh.
-
-        The law adds 60B1h.
-        """
+        """Return the cyclic target speed, 60FFh; the law adds 60B1h."""
         return self.counting.speed_rad_s(self._target_speed.value)
 
     # -- what the process image knows ----------------------------------------------------------------------------------

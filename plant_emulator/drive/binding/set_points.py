@@ -1,7 +1,4 @@
-"""Targets of the modes.
-
-They go from the dictionary to the axis. When a mode begins, the motor's values go into the dictionary.
-"""
+"""Targets of the modes."""
 
 from typing import Any
 
@@ -54,10 +51,7 @@ class SetPoints:
     # -- from the motor ------------------------------------------------------------------------------------------------
 
     def hold_position(self, *, with_offset: bool = False) -> None:
-        """Set 607Ah to the motor's position.
-
-        If the mode adds 60B0h, it is subtracted.
-        """
+        """Set 607Ah to the motor's position."""
         offset: Any = self._position_offset.value if with_offset else 0
         self._target.value = clip(self._data.shown_position(self._axes.counts(self._row)) - offset)
 

@@ -74,10 +74,7 @@ class Counting:
         return self.shifted(clip(unshifted.encoder_counts(shown) - counts))
 
     def shown_position(self, counts: float) -> int:
-        """Return the position that the drive shows at encoder counts.
-
-        It is limited to the 32 bits of an object.
-        """
+        """Return the position that the drive shows at encoder counts."""
         if self.is_encoder:
             return clip(counts + self.offset_counts)
         return clip((counts + self.offset_counts) * self.units_per_count)

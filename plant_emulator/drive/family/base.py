@@ -1,7 +1,4 @@
-"""The family of an emulated drive.
-
-It has identity, gains, filters and storing; for its CiA 402 part see `drive.dictionary`.
-"""
+"""The family of an emulated drive."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -60,10 +57,7 @@ class DriveFamily(ABC):
     load_position: ObjectAddress = FIRST
 
     def __init__(self, dictionary: Dictionary, scaling: Scaling) -> None:
-        """Make a family that moves no axis yet.
-
-        Its entries are described; `bind` binds them.
-        """
+        """Make a family that moves no axis yet."""
         self.dictionary, self.scaling = dictionary, scaling
         self._axes: Any = None
         self._row = 0

@@ -1,7 +1,4 @@
-"""Choice of the drive that moves an axis.
-
-It is our own, or one of any profile.
-"""
+"""Choice of the drive that moves an axis."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -53,10 +50,7 @@ def family_of(robot: Robot, number: int) -> DriveFamily:
 
 
 def _own_entries(robot: Robot, number: int) -> list[Entry]:
-    """Return the entries of the emulated drive.
-
-    Motor, encoder and gains are those of the robot file.
-    """
+    """Return the entries of the emulated drive."""
     axis = robot.axis[number]
     gains = (0.0, 0.0, 0.0, 300.0)
     if axis.control is not None:

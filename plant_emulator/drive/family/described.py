@@ -11,12 +11,11 @@ from drive_profiles.errors import DriveProfileError
 from drive_profiles.family.capability import FilterSection
 from drive_profiles.family.profile import Profile
 from drive_profiles.realisation import Biquad, held_filter
-from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.object_address import ObjectAddress, object_address
 from drive_profiles.standard.units import Scaling
 from hil.control.notch import NO_NOTCH, NOTCHES, FixedFilter
 from plant_emulator.drive.dictionary import manufacturer_objects as objects
-from plant_emulator.drive.dictionary.user_units import hold_units
+from plant_emulator.drive.dictionary.user_units import hold_units, only
 from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.drive.family.dictionary import FamilyDictionary
 from plant_emulator.drive.family.gains import Gains
@@ -33,14 +32,6 @@ _AT_THE_TORQUE = re.compile("torque command|current (command|reference)")
 
 def _is_identity(section: Biquad) -> bool:
     return section.b0 == 1.0 and section.b1 == section.a1 and section.b2 == section.a2
-
-
-def _only(value: int) -> WriteHook:
-    """Return a write hook that accepts one value only.
-
-    Motor and encoder of the axis are fixed.
-    """
-    return lambda wanted: None if wanted == value else SdoAbortCode.INVALID_VALUE
 
 
 class DescribedFamily(DriveFamily):
@@ -155,10 +146,7 @@ class DescribedFamily(DriveFamily):
         return (*notes, self._filter_note) if self._filter_note else tuple(notes)
 
     def acting(self, address: ObjectAddress) -> Any:
-        """Return the value in force.
-
-        A parameter that acts after a reset has the value of the last one.
-        """
+        """Return the value in force."""
         if address in self._latched:
             return self._latched[address]
         return self.dictionary.cell(*address).value
@@ -191,7 +179,7 @@ class DescribedFamily(DriveFamily):
             if address in commands or not cell.entry.access.is_writable:
                 continue
             if address in fixed:
-                self.dictionary.on_write(*address, _only(motor[address]))
+                self.dictionary.on_write(*address, only(motor[address]))
             elif address in gains | filters:
                 self.dictionary.on_write(
                     *address, self._writer(address, self._apply_gains if address in gains else self._apply_filters)

@@ -1,7 +1,4 @@
-"""The dictionary of a described drive.
-
-It has the identity, the entries that the drive needs to move, and the parameters of its profile.
-"""
+"""The dictionary of a described drive."""
 
 import math
 

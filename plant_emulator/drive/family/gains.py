@@ -1,7 +1,4 @@
-"""The gains of a maker's drive.
-
-They are converted between its objects and the P-PI that the emulated axis runs.
-"""
+"""The gains of a maker's drive."""
 
 from collections.abc import Callable
 from typing import Any
@@ -33,10 +30,7 @@ class Gains:
         self._types = {parameter.address: parameter.type for parameter in profile.parameters.values()}
 
     def factor(self, role: str) -> tuple[ObjectAddress, float] | None:
-        """Return object and step (in SI units) of a gain.
-
-        The result is None if they are not known.
-        """
+        """Return object and step (in SI units) of a gain, or None."""
         gain = self._loop.gains.get(role)  # type: ignore[call-overload]  # a role that the profile may not have
         if gain is None or gain.factor is None:
             return None

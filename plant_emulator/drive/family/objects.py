@@ -1,7 +1,4 @@
-"""A maker's drive as a dictionary.
-
-It has its profile's parameters, its EDS file's objects, and the CiA 402 objects that it needs to move.
-"""
+"""A maker's drive as a dictionary."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -65,10 +62,7 @@ def parameter_entry(name: str, parameter: Parameter, scaling: Scaling, default: 
 
 
 def stated_default(parameter: Parameter) -> Value | None:
-    """Return the factory setting of an object, or None.
-
-    The drive profile states it.
-    """
+    """Return the factory setting of an object, or None."""
     data = parameter.default_bytes()
     return None if data is None else decode(parameter.type, data)
 
@@ -195,10 +189,7 @@ def _name(text: str) -> str:
 
 
 def as_raw(si: float, parameter: Parameter, scaling: Scaling) -> Value | None:
-    """Return an object's raw value for an SI value, or None.
-
-    None means that the object cannot hold it.
-    """
+    """Return an object's raw value for an SI value, or None."""
     try:
         return parameter.raw(si, scaling)
     except DriveProfileError:

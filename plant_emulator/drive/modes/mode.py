@@ -1,7 +1,4 @@
-"""Common part of all modes of operation.
-
-It has a mode of the drive, its bits of control word and status word, and halt.
-"""
+"""Common part of all modes of operation."""
 
 from typing import ClassVar
 
@@ -84,10 +81,7 @@ class ModeOfOperation:
         self.stage.begin(self.motion)
 
     def take(self, word: int, rising: int) -> None:
-        """Process the mode's own bits.
-
-        They are the control word and its rising bits.
-        """
+        """Process the mode's own bits."""
 
     def halt(self) -> None:
         """Brake to rest as 605Dh demands, and stay under torque."""

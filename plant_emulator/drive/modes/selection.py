@@ -1,7 +1,4 @@
-"""Choice of the mode of operation by 6060h and 6061h.
-
-A mode must have what it needs before it may act.
-"""
+"""Choice of the mode of operation by 6060h and 6061h."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -126,10 +123,7 @@ class ModeSelection:
         mode.begin(self._power().control_word)
 
     def end(self) -> None:
-        """End the acting mode.
-
-        6061h shows it until the torque is off.
-        """
+        """End the acting mode; 6061h shows it until the torque is off."""
         if self.acting is not None:
             self.acting.end()
         self._limit_switches.forget()

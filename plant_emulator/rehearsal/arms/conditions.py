@@ -1,7 +1,4 @@
-"""Conditions in which a learnt cancellation is tested.
-
-They are the line on which it was learnt, two other lines, other payloads, and another pace.
-"""
+"""Conditions in which a learnt cancellation is tested."""
 
 from collections.abc import Iterator
 from itertools import product
@@ -14,6 +11,7 @@ from hil.arm.straight_line import LineError
 from hil.bench.bench import Bench
 from hil.experiments.motions import line_motion
 from hil.robot_tables import LineMotion, Point
+from plant_emulator.robots.arm_motions import point_of
 from plant_emulator.robots.robot import ArmRobot
 
 Real = NDArray[np.float64]
@@ -50,10 +48,6 @@ def conditions_of(robot: ArmRobot, bench: Bench) -> list[Condition]:
     """Return all conditions of the arm, the learnt one first.
 
     The other lines are one beside the first, which begins elsewhere, and one from the same start to another end.
-
-    Args:
-        robot: The robot.
-        bench: Its bench file.
     """
     line = bench.line_motion
     assert line is not None  # noqa: S101 - it has been learnt on
@@ -88,8 +82,8 @@ def _others(bench: Bench, line: LineMotion, *, moves_start: bool) -> Iterator[Be
     own = (end - start) / np.linalg.norm(end - start)
     ways = [sign * unit for unit, sign in product(np.eye(3)[[2, 1, 0]], (-1.0, 1.0)) if abs(float(unit @ own)) < ALONG]
     for away_m, way in product(AWAY_M, ways):
-        begins = _point(start + away_m * way) if moves_start else line.start_m
-        other = _with_line(bench, line.model_copy(update={"start_m": begins, "end_m": _point(end + away_m * way)}))
+        begins = point_of(start + away_m * way) if moves_start else line.start_m
+        other = _with_line(bench, line.model_copy(update={"start_m": begins, "end_m": point_of(end + away_m * way)}))
         if _can_follow(other):
             yield other
 
@@ -108,8 +102,3 @@ def _can_follow(bench: Bench) -> bool:
 
 def _vector(point: Point) -> Real:
     return np.array([point.x, point.y, point.z])
-
-
-def _point(place: Real) -> Point:
-    x, y, z = (round(float(value), 6) for value in place)
-    return Point(x=x, y=y, z=z)

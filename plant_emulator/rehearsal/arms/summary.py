@@ -1,7 +1,4 @@
-"""Summary of a rehearsal of arms.
-
-It has the goals, and the true tip in each condition.
-"""
+"""Summary of a rehearsal of arms."""
 
 from collections.abc import Sequence
 
@@ -31,11 +28,7 @@ WORDS = {
 
 
 def arm_claims(rows: Sequence[Row]) -> list[RehearsalClaim]:
-    """Return all claims, judged on these rows.
-
-    Args:
-        rows: Rows of arms.
-    """
+    """Return all claims, judged on these rows."""
     worse = [row for row in rows if row.get("is_worse") is True]
     quiet, on_line = sum(map(is_quiet, rows)), sum(row.get("line_quiet") is True for row in rows)
     broken = [row for row in rows if row.get("walk") != WALKED]

@@ -1,7 +1,4 @@
-"""The true tip of an arm on a line.
-
-It is the displacement along x, y and z in the judged band, from an ideal sensor at the tip.
-"""
+"""The true tip of an arm on a line."""
 
 from collections.abc import Collection
 from typing import NamedTuple

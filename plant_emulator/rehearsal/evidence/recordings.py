@@ -25,9 +25,6 @@ class RecordedRobot:
     """Folder of one robot.
 
     It has the truth, the bench file, and the files of the identifications.
-
-    Attributes:
-        folder: The folder, named by kind and seed.
     """
 
     folder: Path

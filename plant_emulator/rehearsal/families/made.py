@@ -61,10 +61,7 @@ def family_alone(name: str) -> Family:
 
 
 def family_run(name: str) -> FamilyRun:
-    """Move, identify and cancel a family.
-
-    The result states what was refused.
-    """
+    """Move, identify and cancel a family; the result states what was refused."""
     profile, family = Profile.load(name), family_alone(name)
     mode, held = mode_of("drive", profile), holders(profile)
     facts: dict[str, Any] = {

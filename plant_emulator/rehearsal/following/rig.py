@@ -1,7 +1,4 @@
-"""One axis of a robot with a tracking cancellation.
-
-It runs in one process without a bus, with the control laws of the product.
-"""
+"""One axis of a robot with a tracking cancellation."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -80,8 +77,6 @@ class Assumed:
 
 
 RIGHT = Assumed()
-AS_IDENTIFIED = Assumed(1.01, 1.0, 1.01, 1.15, 0.5e-3)
-"""Off as `hil identify` leaves it."""
 
 
 @dataclass(frozen=True)
@@ -167,10 +162,7 @@ class Rig:
         return band_pass(f_al_hz, f_al_hz, self.sync_s)
 
     def follower(self, settings: FollowingSettings | None = None, begins: Mapping[float, float] = NO_BEGINS) -> FollowingLaw:
-        """Return the product's law for this axis.
-
-        Its orders begin from the parts in `begins`.
-        """
+        """Return the product's law for this axis."""
         return FollowingLaw([self.known_model()], [self.followed(begins)], self.band(), self.sync_s, settings)
 
     def _table(self, angles_rad: Real) -> CancellationTable:

@@ -1,7 +1,4 @@
-"""Study of tracking cancellations on drawn robots.
-
-Each law on each motion is compared with the feed-forward alone.
-"""
+"""Study of tracking cancellations on drawn robots."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -135,12 +132,7 @@ def _instants(rig: Rig, duration_s: float) -> Real:
 
 
 def outcomes(seeds: Iterable[int], laws: Iterable[str] = LAWS) -> Iterator[Outcome]:
-    """Run every law on every motion of some robots.
-
-    Args:
-        seeds: Robots.
-        laws: Laws.
-    """
+    """Run every law on every motion of some robots."""
     names = tuple(laws)
     for seed in seeds:
         rig = rig_of(seed)
@@ -254,9 +246,6 @@ def summary(found: Sequence[Outcome]) -> Iterator[LawSummary]:
     """Yield counts and medians of outcomes.
 
     There is a row for each law on each motion.
-
-    Args:
-        found: The outcomes.
     """
     for motion in dict.fromkeys(each.motion for each in found):
         for law in dict.fromkeys(each.law for each in found):

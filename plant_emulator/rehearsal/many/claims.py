@@ -1,7 +1,4 @@
-"""The goals of a rehearsal, in one place.
-
-Each goal is a number, beside the measured one.
-"""
+"""The goals of a rehearsal, in one place."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -1,7 +1,4 @@
-"""Figures of a rehearsal.
-
-They show the true tip under each treatment, the ends of the steps, the robots that remain loud, errors, and cost.
-"""
+"""Figures of a rehearsal."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise

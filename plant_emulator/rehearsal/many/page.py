@@ -49,10 +49,7 @@ def sections(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> list[Secti
 
 
 def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict:
-    """Return the verdict at the top of the page.
-
-    It lists the claims that do not hold, in words.
-    """
+    """Return the verdict at the top of the page."""
     failed = [each for each in found if each.holds is False]
     open_ = [each for each in found if each.holds is None]
     quiet = "; ".join(

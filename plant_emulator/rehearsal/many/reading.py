@@ -1,7 +1,4 @@
-"""Access to rows by the names of their columns.
-
-It gives numbers, steps, tips and quantities of a robot.
-"""
+"""Access to rows by the names of their columns."""
 
 from collections.abc import Sequence
 

@@ -1,7 +1,4 @@
-"""Tables of a rehearsal.
-
-They are for the page, the terminal and, as Markdown, for the documents.
-"""
+"""Tables of a rehearsal."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""Process data of a node (CiA 301, 7.2.2).
-
-The engine decides which RPDO or TPDO acts at SYNC, on arrival, on request and on change.
-"""
+"""Process data of a node (CiA 301, 7.2.2)."""
 
 from collections.abc import Callable, Sequence
 from functools import partial

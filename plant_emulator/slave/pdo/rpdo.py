@@ -1,7 +1,4 @@
-"""One PDO that a node receives (CiA 301, 7.2.2 and 7.5.2.35).
-
-The module handles its length, SYNC, window and deadline.
-"""
+"""One PDO that a node receives (CiA 301, 7.2.2 and 7.5.2.35)."""
 
 from collections.abc import Callable
 

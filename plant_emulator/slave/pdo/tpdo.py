@@ -1,7 +1,4 @@
-"""One PDO that a node sends (CiA 301, 7.2.2, 7.5.2.37).
-
-It is sent at SYNC, on change, by its timer or on request.
-"""
+"""One PDO that a node sends (CiA 301, 7.2.2, 7.5.2.37)."""
 
 import struct
 from collections.abc import Callable

@@ -24,10 +24,7 @@ def crc_of(data: bytes) -> int:
 
 
 def count_segments(length: int) -> int:
-    """Return the number of segments of a value.
-
-    An empty value takes one segment without data.
-    """
+    """Return the number of segments of a value."""
     return max(1, -(-length // SEGMENT_DATA))
 
 

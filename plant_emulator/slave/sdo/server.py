@@ -1,7 +1,4 @@
-"""The SDO server (CiA 301, 7.2.4).
-
-It handles expedited, segmented and block transfers by a table of states and services.
-"""
+"""The SDO server (CiA 301, 7.2.4)."""
 
 import struct
 from collections.abc import Callable

@@ -104,7 +104,7 @@ def test_without_a_feed_constant_positions_are_increments_whatever_the_gear():
 
 
 def test_with_a_feed_constant_the_gear_counts():
-    scaling = Scaling.from_objects(131072, 1, 1000, 100, 1, 36000, 1)
+    scaling = Scaling(131072, 1.0, 100, 1, 36000, 1)
     assert scaling.position_counts(TURN) == 360
     assert scaling.speed_rad_s(720) == pytest.approx(2 * TURN)
     assert scaling.acceleration_counts_s2(TURN) == 360

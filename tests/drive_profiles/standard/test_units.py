@@ -70,8 +70,8 @@ def test_known_values():
     assert AXIS_2.torque_per_mille(-3.55) == -500
     assert AXIS_2.speed_counts_s(2 * math.pi * 9.0) == 9 * 131072
     assert units.rated_torque_mnm(0.95) == 950
-    assert Scaling.from_objects(131072, 1, 7100) == AXIS_2
-    assert Scaling.from_objects(262144, 2, 7100, 120, 1).shaft_rad(120.0) == 1.0
+    assert Scaling(units.counts_per_rev("608Fh", 131072, 1), units.rated_torque_nm(7100)) == AXIS_2
+    assert Scaling(units.counts_per_rev("608Fh", 262144, 2), 7.1, 120, 1).shaft_rad(120.0) == 1.0
 
 
 def test_halves_go_to_even():
@@ -120,7 +120,7 @@ def test_a_scaling_without_inverse_cannot_be_built(arguments):
 @pytest.mark.parametrize(("increments", "revs"), [(10, 3), (10, 0), (0, 1)])
 def test_objects_that_state_no_scaling_are_refused(increments, revs):
     with pytest.raises(OutOfRangeError):
-        Scaling.from_objects(increments, revs, 1000)
+        Scaling(units.counts_per_rev("608Fh", increments, revs), 1.0)
 
 
 @given(st.integers(1, 10**9))

@@ -16,7 +16,6 @@ from hil.can.bits import (
     crc_fd,
     duration_ns,
     fd_bits,
-    fd_duration_ns,
     fd_head,
     fd_sent_bits,
     fd_stuffed_by,
@@ -309,9 +308,3 @@ def test_a_short_fd_frame_counted_by_its_head_and_contents_is_as_long_as_counted
 def test_the_head_of_a_longer_fd_frame_is_refused():
     with pytest.raises(ValueError, match="expected at most 8"):
         fd_head(0x181, 12)
-
-
-def test_a_fd_duration_is_rounded_up_to_whole_nanoseconds():
-    nominal, fast = fd_bits(0x181, bytes(8))
-    assert fd_duration_ns(0x181, bytes(8), bitrate=1_000_000, data_bitrate=5_000_000) == 1000 * nominal + 200 * fast
-    assert fd_duration_ns(0x181, bytes(8), bitrate=1_000_000, data_bitrate=3_000_000) == 1000 * nominal - (-fast * 1000 // 3)

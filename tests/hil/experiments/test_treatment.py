@@ -11,12 +11,13 @@ from drive_profiles.address import Address
 from hil.bench.bench import load_bench
 from hil.bench.design import DesignedAxis, Designs
 from hil.bench.model import Identified, IdentifiedError
+from hil.control.treatments import treatment
 from hil.errors import NotPossibleError
 from hil.experiments.bus_demand import check_load
 from hil.experiments.motions import LINE_MOTION
 from hil.experiments.plan import Experiment, outside
 from hil.experiments.runner import mean_of
-from hil.experiments.treatment import CANCELLING, TITLES, TREATMENTS, Knowledge, treatment_setup
+from hil.experiments.treatment import TITLES, TREATMENTS, Knowledge, treatment_setup
 from hil.master.motion import RunResult
 from hil.recording import Recording
 from hil.robot_tables import TransmissionErrorTable
@@ -44,7 +45,7 @@ def test_every_treatment_has_a_name_and_a_way() -> None:
     assert set(TITLES) == set(TREATMENTS)
     for name in TREATMENTS:
         found = way(name, loop="host" if name == "fixed-notch" else "drive")
-        assert found.is_cancelled == (name in CANCELLING)
+        assert found.is_cancelled == (treatment(name).cancels == "set-points")
         assert found.is_inside == (name == "cancellation-inside")
 
 
