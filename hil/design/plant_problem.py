@@ -97,7 +97,7 @@ class SamplingTiming:
 
 
 J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT, DISPERSION = range(12)
-"""Unknowns: ln J_m, ln J_l, ln K_g, ln (D_g + D_l), D_m + D_l/N², δ, D_l/(D_g + D_l), T_i; with an accelerometer also ln g, δ_a, κ
+"""Unknowns: ln J_m, ln J_l, ln K_g, ln (D_g + D_l), D_m + D_l/N², δ, D_l/(D_g + D_l), T_i; with an accelerometer ln g, δ_a, κ
 and d."""
 
 
