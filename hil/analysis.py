@@ -159,9 +159,14 @@ def motor_speed_rps(recording: Recording, axis: int) -> Real:
 
 def speed_of(revolutions: Real, period_s: float) -> Real:
     """Compute the speed of a sampled angle, low-passed without phase, in rev/s; shape (n,)."""
+    return np.asarray(scipy.signal.sosfiltfilt(_speed_lowpass(period_s), np.gradient(revolutions, period_s)))
+
+
+@lru_cache(maxsize=32)
+def _speed_lowpass(period_s: float) -> Real:
+    """Return the sections of the low pass of a speed."""
     corner = min(SPEED_LOWPASS_HZ, 0.2 / period_s)
-    sections = scipy.signal.butter(2, corner, fs=1.0 / period_s, output="sos")
-    return np.asarray(scipy.signal.sosfiltfilt(sections, np.gradient(revolutions, period_s)))
+    return np.asarray(scipy.signal.butter(2, corner, fs=1.0 / period_s, output="sos"))
 
 
 SHOWN_FRACTION = 0.45

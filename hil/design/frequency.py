@@ -145,9 +145,12 @@ class Loop:
 
     def notch_response(self, frequency_hz: Real, speed_rps: float) -> Complex:
         """Filters F_n(e^{jωT}) at a constant motor speed; shape of `frequency_hz`."""
+        response = np.ones(np.shape(frequency_hz), np.complex128)
+        acting = self.filters(speed_rps)
+        if not acting:
+            return response
         z = np.exp(-2j * math.pi * np.asarray(frequency_hz) * self.period_s)
-        response = np.ones_like(z)
-        for b0, b1, b2, a1, a2 in self.filters(speed_rps):
+        for b0, b1, b2, a1, a2 in acting:
             response = response * (b0 + b1 * z + b2 * z**2) / (1.0 + a1 * z + a2 * z**2)
         return np.asarray(response)
 

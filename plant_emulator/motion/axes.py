@@ -138,6 +138,7 @@ class Axes:
         self.processes = np.zeros(count, CORE.dtype("process"))
         self._response = response_of(robot)
         self._axes = CORE.pointer(rows, "axis")
+        self._prepared = CORE.pointer(np.zeros(count, CORE.dtype("prepared")), "prepared")
         self._shared, self._has_room_for = CORE.new("mechanics"), 0
         self._share()
         self._bind()
@@ -145,7 +146,7 @@ class Axes:
     def _share(self) -> None:
         """Give C the arrays."""
         shared = self._shared
-        shared.axes, shared.count, shared.tip = self._axes, len(self.numbers), self.tip.shared
+        shared.axes, shared.prepared, shared.count, shared.tip = self._axes, self._prepared, len(self.numbers), self.tip.shared
         shared.period_s, shared.substeps = self.robot.control_period_s, self.robot.plant_substeps
         if self.arm is not None:
             shared.arm, shared.sensed = self.arm.shared, self.arm.felt_by

@@ -1,6 +1,5 @@
 #include "period.h"
 #include "hil/control/cancellation.h"
-#include "plant_emulator/physics/integration.h"
 #include "plant_emulator/physics/tool.h"
 #include "references.h"
 #include "supervision.h"
@@ -187,28 +186,26 @@ void age(struct axis *axis, real period_s)
     put_error(&axis->change, &axis->past, &axis->plant);
 }
 
-void advance(integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace)
+void advance(
+    integer periods, real period_s, integer substeps, struct axis *axes, struct prepared *prepared, integer count, real *trace)
 {
     for (integer row = 0; row < count; row++) { /* an axis feels nothing of the others: each goes through all periods alone */
         struct axis *axis = &axes[row];
         struct motion *m = &axis->motion;
         struct plant_state *mechanics = &axis->plant_state;
-        struct constants k;
-        struct grid_point near;
-        find_constants(&axis->plant, &k);
-        find_nearest(&k, mechanics, &near);
+        struct prepared *mine = &prepared[row];
+        prepare(&axis->plant, mechanics, mine);
         for (integer period = 0; period < periods; period++) {
             const real torque = command(axis, period_s);
-            plant_period(&k, &near, mechanics, torque, m->mode == BRAKED, period_s, substeps);
+            plant_period(mine, mechanics, torque, m->mode == BRAKED, period_s, substeps);
             draw_noise(&axis->encoder);
             if (axis->change.is_changing > 0.0) {
                 age(axis, period_s);
-                find_constants(&axis->plant, &k);
-                find_nearest(&k, mechanics, &near);
+                prepare(&axis->plant, mechanics, mine);
             }
             if (trace != 0) {
                 real *shown = trace + 3 * (period * count + row);
-                mechanics->arm_acceleration_rad_s2 = arm_acceleration(&k, mechanics, &near);
+                mechanics->arm_acceleration_rad_s2 = arm_acceleration(mine, mechanics);
                 shown[0] = mechanics->arm_angle_rad;
                 shown[1] = mechanics->arm_speed_rad_s;
                 shown[2] = mechanics->arm_acceleration_rad_s2;
@@ -216,7 +213,7 @@ void advance(integer periods, real period_s, integer substeps, struct axis *axes
         }
         m->wake = m->trip != 0 || m->event != 0;
         if (periods > 0 && trace == 0) {
-            mechanics->arm_acceleration_rad_s2 = arm_acceleration(&k, mechanics, &near);
+            mechanics->arm_acceleration_rad_s2 = arm_acceleration(mine, mechanics);
         }
     }
 }
@@ -276,7 +273,7 @@ static void take_axis(struct axis *axis, const struct flexible *joints, integer 
     joints->commands[i] = command(axis, period_s);
     joints->brakes[i] = axis->motion.mode == BRAKED ? 1.0 : 0.0;
     joints->stages[STATE * joints->count + i] = (struct axis_state){
-        s->motor_angle_rad, s->motor_speed_rad_s, s->arm_angle_rad, s->arm_speed_rad_s, s->hysteresis_nm, s->torque_nm};
+        s->motor_angle_rad, s->arm_angle_rad, s->motor_speed_rad_s, s->arm_speed_rad_s, s->hysteresis_nm, s->torque_nm};
 }
 
 /* Give an axis the state of its joint. */
@@ -334,7 +331,7 @@ void advance_all(const struct mechanics *m, integer periods)
             periods, m->period_s, m->substeps, m->axes, m->arm, filters ? m->tips : m->sensed, filters ? periods : 1);
     } else {
         const integer single = filters ? single_row(m->tip, m->axes, m->count) : -1;
-        advance(periods, m->period_s, m->substeps, m->axes, m->count, filters ? m->trace : 0);
+        advance(periods, m->period_s, m->substeps, m->axes, m->prepared, m->count, filters ? m->trace : 0);
         if (filters) {
             tip_trace(m->tip, m->trace, periods, m->count, single, m->tips);
         }

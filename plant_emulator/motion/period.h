@@ -3,6 +3,7 @@
 #define PLANT_PERIOD_H
 
 #include "plant_emulator/physics/flexible.h"
+#include "plant_emulator/physics/integration.h"
 #include "plant_emulator/physics/sensing.h"
 #include "plant_emulator/physics/tip.h"
 #include "record.h"
@@ -31,8 +32,10 @@ void age(struct axis *axis, real period_s);
 /* Advance all axes by some control periods of period_s, with substeps Runge-Kutta steps of the plant each.
  *
  * A broken limit turns the axis to its stop ramp in the very period in which it is seen; the drive's state machine follows.
- * trace, where it is not null, becomes theta_l, w_l and w_l' of each axis after every period; periods rows of 3 count. */
-void advance(integer periods, real period_s, integer substeps, struct axis *axes, integer count, real *trace);
+ * prepared has one for each axis. trace, where it is not null, becomes theta_l, w_l and w_l' of each axis after every period;
+ * periods rows of 3 count. */
+void advance(
+    integer periods, real period_s, integer substeps, struct axis *axes, struct prepared *prepared, integer count, real *trace);
 
 /* The row that alone moves the tip: its brake alone is open, or it is the only one. -1 where several do, or none. */
 integer single_row(const struct tip *tip, const struct axis *axes, integer count);
@@ -65,6 +68,7 @@ void advance_arm(
 /* All axes of a robot, the tip that they move, and the sensor that feels it. */
 struct mechanics {
     struct axis *axes;
+    struct prepared *prepared; /* of each axis; where links couple them, unused */
     integer count;
     real period_s;     /* control period */
     integer substeps;  /* Runge-Kutta steps of the plant in it */

@@ -44,18 +44,24 @@ void find_constants(const struct plant *plant, struct constants *constants)
     }
 }
 
+/* Put what an order counts; the factor is a power of two, so that no digit of the slope is lost. */
+static void put_order(struct grid_point *near, int row, real order, real x, real y)
+{
+    near->of_cosine[row][0] = x;
+    near->of_cosine[row][1] = -order * y;
+    near->of_sine[row][0] = -y;
+    near->of_sine[row][1] = -order * x;
+}
+
 void find_grid_point(const struct constants *k, real motor, real arm, struct grid_point *near)
 {
     const real cosine = COS(motor), sine = SIN(motor);
     const real cosine2 = 1.0 - 2.0 * sine * sine, sine2 = 2.0 * sine * cosine;
     const real cosine4 = 1.0 - 2.0 * sine2 * sine2, sine4 = 2.0 * sine2 * cosine2;
     near->motor = motor;
-    near->x1 = k->a1_cos * cosine - k->a1_sin * sine;
-    near->y1 = k->a1_sin * cosine + k->a1_cos * sine;
-    near->x2 = k->a2_cos * cosine2 - k->a2_sin * sine2;
-    near->y2 = k->a2_sin * cosine2 + k->a2_cos * sine2;
-    near->x4 = k->a4_cos * cosine4 - k->a4_sin * sine4;
-    near->y4 = k->a4_sin * cosine4 + k->a4_cos * sine4;
+    put_order(near, 0, 1.0, k->a1_cos * cosine - k->a1_sin * sine, k->a1_sin * cosine + k->a1_cos * sine);
+    put_order(near, 1, 2.0, k->a2_cos * cosine2 - k->a2_sin * sine2, k->a2_sin * cosine2 + k->a2_cos * sine2);
+    put_order(near, 2, 4.0, k->a4_cos * cosine4 - k->a4_sin * sine4, k->a4_sin * cosine4 + k->a4_cos * sine4);
     near->arm = arm;
     near->gravity_cos = k->gravity_moment * COS(arm);
     near->gravity_sin = k->gravity_moment * SIN(arm);

@@ -14,6 +14,7 @@ struct encoder {
     real phi1_rad;
     real e2_rad;
     real phi2_rad;
+    real at_home_rad; /* E_1 cos phi_1 + E_2 cos phi_2 */
     real noise_rad;   /* standard deviation of n */
     real present_rad; /* n of this control period */
     uint64_t draws;   /* state of its generator */
@@ -24,8 +25,7 @@ INLINED real shown_angle(const struct encoder *e, real angle)
 {
     real shown = angle + e->present_rad;
     if (e->e1_rad != 0.0 || e->e2_rad != 0.0) {
-        const real at_home = e->e1_rad * COS(e->phi1_rad) + e->e2_rad * COS(e->phi2_rad);
-        shown += e->e1_rad * COS(angle + e->phi1_rad) + e->e2_rad * COS(2.0 * angle + e->phi2_rad) - at_home;
+        shown += e->e1_rad * COS(angle + e->phi1_rad) + e->e2_rad * COS(2.0 * angle + e->phi2_rad) - e->at_home_rad;
     }
     return shown;
 }

@@ -1,76 +1,82 @@
 #include "integration.h"
 
-void find_nearest(const struct constants *k, const struct plant_state *state, struct grid_point *near)
-{
-    real motor, arm;
-    grid_angles(k, state->motor_angle_rad, state->arm_angle_rad, &motor, &arm);
-    find_grid_point(k, motor, arm, near);
-}
+#include <string.h>
 
-static struct axis_state state_of(const struct plant_state *s)
+void prepare(const struct plant *plant, const struct plant_state *state, struct prepared *prepared)
 {
-    return (struct axis_state){s->motor_angle_rad, s->motor_speed_rad_s, s->arm_angle_rad,
-                               s->arm_speed_rad_s, s->hysteresis_nm,     s->torque_nm};
+    const struct plant_state *s = state;
+    struct prepared *p = prepared;
+    const int has_changed = memcmp(plant, &p->plant, sizeof p->plant) != 0;
+    if (has_changed) {
+        p->plant = *plant;
+        find_constants(plant, &p->constants);
+        p->near.motor = (real)INFINITY;
+    }
+    if (has_changed || s->motor_angle_rad != p->pose.theta_m || s->arm_angle_rad != p->pose.theta_l) {
+        move_near(&p->constants, s->motor_angle_rad, s->arm_angle_rad, &p->near);
+        find_pose(&p->constants, &p->near, s->motor_angle_rad, s->arm_angle_rad, &p->pose);
+    }
 }
 
 void plant_period(
-    const struct constants *k, struct grid_point *near, struct plant_state *state, real command, int braked, real period_s,
-    integer substeps)
+    struct prepared *prepared, struct plant_state *state, real command, int braked, real period_s, integer substeps)
 {
-    struct axis_state x = state_of(state);
-    struct axis_state r1, r2, r3, r4, at;
+    const struct constants *k = &prepared->constants;
+    struct grid_point *near = &prepared->near;
+    struct pose here = prepared->pose, pose;
+    pair angles = {state->motor_angle_rad, state->arm_angle_rad}, speeds = {state->motor_speed_rad_s, state->arm_speed_rad_s};
+    pair lags = {state->hysteresis_nm, state->torque_nm}, w1, w2, w3, w4, z1, z2, z3, z4;
     if (braked) {
-        x.w_m = x.tau = 0.0;
+        speeds = (pair){0.0, speeds[1]};
+        lags = (pair){lags[0], 0.0};
     } else if (k->current_time_constant <= 0.0) {
-        x.tau = command;
+        lags = (pair){lags[0], command};
     }
     const real h = period_s / (real)substeps;
     const real half = 0.5 * h, sixth = h / 6.0;
     for (integer step = 0; step < substeps; step++) {
-        move_near(k, x.theta_m, x.theta_l, near);
-        rates(k, near, command, braked, &x, &r1);
-        const real wm2 = x.w_m + half * r1.w_m, wl2 = x.w_l + half * r1.w_l;
-        at = (struct axis_state){x.theta_m + half * x.w_m, wm2, x.theta_l + half * x.w_l, wl2,
-                                 x.z + half * r1.z,        x.tau + half * r1.tau};
-        rates(k, near, command, braked, &at, &r2);
-        const real wm3 = x.w_m + half * r2.w_m, wl3 = x.w_l + half * r2.w_l;
-        at = (struct axis_state){x.theta_m + half * wm2, wm3, x.theta_l + half * wl2, wl3, x.z + half * r2.z,
-                                 x.tau + half * r2.tau};
-        rates(k, near, command, braked, &at, &r3);
-        const real wm4 = x.w_m + h * r3.w_m, wl4 = x.w_l + h * r3.w_l;
-        at = (struct axis_state){x.theta_m + h * wm3, wm4, x.theta_l + h * wl3, wl4, x.z + h * r3.z, x.tau + h * r3.tau};
-        rates(k, near, command, braked, &at, &r4);
-        x.theta_m += sixth * (x.w_m + 2.0 * (wm2 + wm3) + wm4);
-        x.theta_l += sixth * (x.w_l + 2.0 * (wl2 + wl3) + wl4);
-        x.w_m += sixth * (r1.w_m + 2.0 * (r2.w_m + r3.w_m) + r4.w_m);
-        x.w_l += sixth * (r1.w_l + 2.0 * (r2.w_l + r3.w_l) + r4.w_l);
-        x.z += sixth * (r1.z + 2.0 * (r2.z + r3.z) + r4.z);
-        x.tau += sixth * (r1.tau + 2.0 * (r2.tau + r3.tau) + r4.tau);
+        rates(k, &here, command, braked, speeds, lags, &w1, &z1);
+        pair at = angles + half * speeds;
+        find_pose(k, near, at[0], at[1], &pose);
+        const pair speeds2 = speeds + half * w1;
+        rates(k, &pose, command, braked, speeds2, lags + half * z1, &w2, &z2);
+        at = angles + half * speeds2;
+        find_pose(k, near, at[0], at[1], &pose);
+        const pair speeds3 = speeds + half * w2;
+        rates(k, &pose, command, braked, speeds3, lags + half * z2, &w3, &z3);
+        at = angles + h * speeds3;
+        find_pose(k, near, at[0], at[1], &pose);
+        const pair speeds4 = speeds + h * w3;
+        rates(k, &pose, command, braked, speeds4, lags + h * z3, &w4, &z4);
+        angles += sixth * (speeds + 2.0 * (speeds2 + speeds3) + speeds4);
+        speeds += sixth * (w1 + 2.0 * (w2 + w3) + w4);
+        lags += sixth * (z1 + 2.0 * (z2 + z3) + z4);
+        move_near(k, angles[0], angles[1], near);
+        find_pose(k, near, angles[0], angles[1], &here);
     }
-    state->motor_angle_rad = x.theta_m;
-    state->motor_speed_rad_s = x.w_m;
-    state->arm_angle_rad = x.theta_l;
-    state->arm_speed_rad_s = x.w_l;
-    state->hysteresis_nm = x.z;
-    state->torque_nm = x.tau;
+    prepared->pose = here;
+    state->motor_angle_rad = angles[0];
+    state->motor_speed_rad_s = speeds[0];
+    state->arm_angle_rad = angles[1];
+    state->arm_speed_rad_s = speeds[1];
+    state->hysteresis_nm = lags[0];
+    state->torque_nm = lags[1];
 }
 
-real arm_acceleration(const struct constants *k, const struct plant_state *state, struct grid_point *near)
+real arm_acceleration(const struct prepared *prepared, const struct plant_state *state)
 {
-    const struct axis_state at = state_of(state);
-    struct axis_state slope;
-    move_near(k, state->motor_angle_rad, state->arm_angle_rad, near);
-    rates(k, near, 0.0, 1, &at, &slope);
-    return slope.w_l;
+    const pair speeds = {state->motor_speed_rad_s, state->arm_speed_rad_s}, lags = {state->hysteresis_nm, state->torque_nm};
+    pair speed_rates, lag_rates;
+    rates(&prepared->constants, &prepared->pose, 0.0, 1, speeds, lags, &speed_rates, &lag_rates);
+    return speed_rates[1];
 }
 
 void plant_step(
     const struct plant *plant, struct plant_state *state, real command, int braked, real period_s, integer substeps)
 {
-    struct constants k;
-    struct grid_point near;
-    find_constants(plant, &k);
-    find_nearest(&k, state, &near);
-    plant_period(&k, &near, state, command, braked, period_s, substeps);
-    state->arm_acceleration_rad_s2 = arm_acceleration(&k, state, &near);
+    struct prepared prepared;
+    memset(&prepared, 0, sizeof prepared);
+    prepare(plant, state, &prepared);
+    plant_period(&prepared, state, command, braked, period_s, substeps);
+    state->arm_acceleration_rad_s2 = arm_acceleration(&prepared, state);
 }

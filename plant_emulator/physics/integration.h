@@ -4,20 +4,27 @@
 
 #include "angle_grid.h"
 
-/* Make near the grid point nearest to a state, from which plant_period begins. */
-void find_nearest(const struct constants *k, const struct plant_state *state, struct grid_point *near);
+/* What the motion of an axis needs, worked out: constants, the grid point nearest to a state, and the pose in it.
+ *
+ * Zeros at first; prepare works out what has changed since. */
+struct prepared {
+    struct plant plant; /* from which the constants are */
+    struct constants constants;
+    struct grid_point near;
+    struct pose pose;
+};
+
+/* Make prepared that of a plant in a state. */
+void prepare(const struct plant *plant, const struct plant_state *state, struct prepared *prepared);
 
 /* One control period under a constant torque command in N m; the arm's acceleration is left as it was.
  *
- * near is the grid point nearest to a state of a short while ago, and becomes that for the next period. braked: the brake holds
- * the motor. */
+ * prepared is that of the state, and becomes that of the new one. braked: the brake holds the motor. */
 void plant_period(
-    const struct constants *k, struct grid_point *near, struct plant_state *state, real command, int braked, real period_s,
-    integer substeps);
+    struct prepared *prepared, struct plant_state *state, real command, int braked, real period_s, integer substeps);
 
-/* Acceleration of the arm in a state; it does not depend on the torque command, which the motor feels first. near becomes the
- * grid point nearest to the state. */
-real arm_acceleration(const struct constants *k, const struct plant_state *state, struct grid_point *near);
+/* Acceleration of the arm in a state; it does not depend on the torque command, which the motor feels first. */
+real arm_acceleration(const struct prepared *prepared, const struct plant_state *state);
 
 /* plant_period of one axis by itself, and the arm's acceleration after it: where tests compare the plant with other solvers. */
 void plant_step(

@@ -37,6 +37,8 @@ class MotorEncoder(Table):
 
     def write(self, row: Any, counts_per_rev: int, seed: int) -> None:
         """Put the errors into a record of an `ENCODER` array."""
-        row["e1_rad"], row["phi1_rad"] = self.error_1_arcsec * ARCSEC, math.radians(self.phase_1_deg)
-        row["e2_rad"], row["phi2_rad"] = self.error_2_arcsec * ARCSEC, math.radians(self.phase_2_deg)
+        e1, phi1 = self.error_1_arcsec * ARCSEC, math.radians(self.phase_1_deg)
+        e2, phi2 = self.error_2_arcsec * ARCSEC, math.radians(self.phase_2_deg)
+        row["e1_rad"], row["phi1_rad"], row["e2_rad"], row["phi2_rad"] = e1, phi1, e2, phi2
+        row["at_home_rad"] = e1 * math.cos(phi1) + e2 * math.cos(phi2)
         row["noise_rad"], row["draws"] = self.noise_counts * math.tau / counts_per_rev, seed

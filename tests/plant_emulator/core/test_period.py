@@ -128,6 +128,7 @@ def random_axes(source, robot):
 def wander(axes, spec, source, rounds):
     """Give both the same orders at random, and compare them after each interpolation period; returns the modes that acted."""
     pointer, count, seen = CORE.pointer(axes.rows, "axis"), len(axes.numbers), set()
+    prepared = CORE.pointer(np.zeros(count, CORE.dtype("prepared")), "prepared")
     for _ in range(rounds):
         row = int(source.integers(0, count))
         m, s = axes.motion[row], spec[row].motion
@@ -155,7 +156,7 @@ def wander(axes, spec, source, rounds):
             target = float(m["target_counts"]) + math.floor(source.uniform(-400, 400) * source.choice([1.0, 1.0, 1.0, 100.0]))
             CORE.call.set_point(pointer + row, target, PERIOD_S)
             motion.set_point(spec[row], target, PERIOD_S)
-        CORE.call.advance(8, PERIOD_S, SUBSTEPS, pointer, count, CORE.NULL)
+        CORE.call.advance(8, PERIOD_S, SUBSTEPS, pointer, prepared, count, CORE.NULL)
         motion.advance(8, PERIOD_S, SUBSTEPS, spec)
         assert numbers(axes.rows) == numbers(spec)
         seen |= {int(mode) for mode in axes.motion["mode"]}
