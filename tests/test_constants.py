@@ -94,3 +94,24 @@ def test_no_two_modules_of_a_package_give_one_name_to_numbers_of_their_own(packa
 def test_the_scan_sees_numbers_however_they_are_written() -> None:
     text = 'A = 4.0\nB, C = 1, 2\nD: int = -3\nE = (2, 3, 5)\nF = 2.0 * math.pi\nG = "4"\nH = f(4)\nJ = True\nK = (1, "a")\n'
     assert list(numbers(ast.parse(text))) == ["A", "B", "C", "D", "E", "F"]
+
+
+MOST_CONSTANTS = {"hil/design": (286, 36), "hil/experiments": (279, 34)}
+"""Numbers at the top of a package's modules, and how many of them no sentence explains: neither may rise."""
+
+
+def explained(module: ast.Module) -> Iterator[tuple[str, bool]]:
+    """Names to which a module gives a number, and whether a sentence behind it says why."""
+    for statement, after in zip(module.body, [*module.body[1:], None], strict=True):
+        says = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) and isinstance(after.value.value, str)
+        yield from ((name, says) for name in numbers(ast.Module([statement], [])))
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("package", sorted(MOST_CONSTANTS))
+def test_estimates_and_judgements_rest_on_no_more_constants_than_before(package: str) -> None:
+    found = [each for path in sorted((ROOT / package).rglob("*.py")) for each in explained(ast.parse(path.read_text("utf-8")))]
+    most, most_unexplained = MOST_CONSTANTS[package]
+    assert len(found) <= most, "derive it, or let it replace another one"
+    unexplained = [name for name, says in found if not says]
+    assert len(unexplained) <= most_unexplained, "say which bound, probability or measurement it is"
