@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from hil.analysis import BRAKING_S, TipScale, band_scale, joint_scale, last_rps, paper_scale, ramp_scale, tip_scale
+from hil.analysis import BRAKING_S, TipScale, band_scale, joint_scale, last_rps, paper_scale, ramp_scale, shown_band, tip_scale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.control.trajectory import reach_rps
@@ -265,6 +265,19 @@ def missing_words(axes: Iterable[int]) -> str:
         f"Run hil "
         "identify plant --model model.toml, then repeat with --model model.toml, or give the model in the bench file"
     )
+
+
+def check_shown(what: str, period_s: float, scale: TipScale) -> None:
+    """Refuse a SYNC period whose samples do not show the band of a scale.
+
+    Raises:
+        NotPossibleError: The period is too long.
+    """
+    try:
+        shown_band(period_s, scale.band_hz)
+    except ValueError as error:
+        words = f"{what} at a SYNC period of {1e3 * period_s:g} ms: {error}: shorten sync_period_s in the bench file"
+        raise NotPossibleError(words, ("cycle",)) from error
 
 
 def vibration_scale(bench: Bench, axes: Iterable[int], identified: Identified | None = None) -> TipScale:

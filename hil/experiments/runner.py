@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hil.analysis import TipScale, shown_band
+from hil.analysis import TipScale
 from hil.bench.bench import Bench
 from hil.bench.model import with_identified
 from hil.can.channel import Channel
@@ -17,7 +17,7 @@ from hil.experiments.cancellation.follow_trial import FollowRun, try_following
 from hil.experiments.cancellation.inside import cancel_inside
 from hil.experiments.cancellation.trial import Choice, averaged, choose, choose_inside
 from hil.experiments.filter_trial import try_filters
-from hil.experiments.judge import RunJudge, missing_words, motion_scale, vibration_scale
+from hil.experiments.judge import RunJudge, check_shown, missing_words, motion_scale, vibration_scale
 from hil.experiments.measurement import ClockName, Measurement, MeasurementOutcome
 from hil.experiments.plan import NO_TRIAL, Experiment, TrialVerdict, claims, comparisons, entries, outside
 from hil.experiments.shaping import check_stop, shaped_motion
@@ -402,8 +402,4 @@ def check_band(bench: Bench, experiment: Experiment, motion: Motion) -> None:
     scale = motion_scale(bench, experiment.axis)
     if scale is None:
         return
-    try:
-        shown_band(motion.period_s, scale.band_hz)
-    except ValueError as error:
-        what = f"{experiment.title} at a SYNC period of {1e3 * motion.period_s:g} ms"
-        raise NotPossibleError(f"{what}: {error}: shorten sync_period_s in the bench file", ("cycle",)) from error
+    check_shown(experiment.title, motion.period_s, scale)

@@ -30,7 +30,7 @@ from hil.experiments.cancellation.rise import LAST_SIGMAS, OPEN_SLACK, Look, Pea
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge, judged
 from hil.experiments.cancellation.verification import CancellationRefusedError, Trial, Verification
 from hil.experiments.cancellation.waves import judged_rows, response_of, seen_rows, vibration_m_s2, waves_of
-from hil.experiments.judge import axis_scale, vibration_scale
+from hil.experiments.judge import axis_scale, check_shown, vibration_scale
 from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
@@ -92,8 +92,9 @@ class _Protocol:
         """Make the runs that the verdicts need.
 
         Raises:
-            NotPossibleError: The motion does not excite the arm.
+            NotPossibleError: The motion does not excite the arm, or the SYNC period is too long to show its vibration.
         """
+        check_shown("a trial of the cancellation", self._motion.period_s, self._scale)
         alone = sorted({part.axis for part in self._parts})
         alone = alone if len(alone) > 1 else []
         least, most = 3 + len(alone), 1 + len(alone) + 2 * MOST_WHOLE

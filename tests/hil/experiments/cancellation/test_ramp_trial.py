@@ -94,6 +94,13 @@ def test_an_order_hidden_in_the_ramps_jolt_is_judged_on_a_slow_ramp() -> None:
         assert 4.0 not in {part.order for part in wrong.cancellation.parts}
 
 
+@pytest.mark.slow
+def test_a_trial_whose_samples_do_not_show_the_arm_is_refused_in_words() -> None:
+    """An arm of 39 Hz and a SYNC period of 8 ms, to which a caller comes with a model but without the check of a run."""
+    with pytest.raises(NotPossibleError, match=r"a trial of the cancellation at a SYNC period of 8 ms: .* shorten sync_period_s"):
+        choice_with(50105, {})
+
+
 def test_words_name_the_ramp() -> None:
     seen = PartVerdict(Part(2, 4.0), 1.0, 0.97, 0.02, 0.03, 0.02, 1.0, 0.02, 0.0, 1.0, "accepted")
     assert replace(seen, where="on a slow ramp, ").words.startswith("axis 2, order 4: on a slow ramp, with 100 %")
