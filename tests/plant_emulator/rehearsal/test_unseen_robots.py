@@ -20,7 +20,7 @@ PROBED_EVERY = 5
 HOLD = ("wrong_refused", "whole")
 """Claims that these robots keep without an exception."""
 TWENTY, HUNDRED = (0, {"linear": 9, "real": 10}), (1, {"linear": 47, "real": 49})
-"""Robots with an accepted treatment that makes the tip worse, at most, and robots of each kind that end within the goal, at least.
+"""Robots with an accepted treatment that makes the tip worse, at most, and of each kind within the goal, at least.
 
 It is what their first run gave: a change that costs a robot is seen by this."""
 
