@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.lib.recfunctions import structured_to_unstructured
@@ -22,6 +23,7 @@ from drive_profiles.standard.units import real32
 from hil.control.cascade import Cascade
 from hil.core.build import SUFFIX, BuildError, compile_core
 from hil.robot_tables import Control
+from plant_emulator.core import CORE
 from plant_emulator.core.build import PLANT
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
@@ -96,12 +98,15 @@ def compiled(flags: Sequence[str]) -> Stepper | None:
             return None
         function = ctypes.CDLL(str(library)).advance
     pointer, whole, real = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-    function.argtypes = [whole, real, whole, pointer, whole, pointer]
+    function.argtypes = [whole, real, whole, pointer, pointer, whole, pointer]
     function.restype = None
 
+    prepared: WeakKeyDictionary[Axes, NDArray[np.void]] = WeakKeyDictionary()
+
     def advance(axes: Axes, periods: int) -> None:
-        period_s, substeps = axes.robot.control_period_s, axes.robot.plant_substeps
-        function(periods, period_s, substeps, axes.rows.ctypes.data, len(axes.numbers), None)
+        period_s, substeps, count = axes.robot.control_period_s, axes.robot.plant_substeps, len(axes.numbers)
+        kept = prepared.setdefault(axes, np.zeros(count, CORE.dtype("prepared")))
+        function(periods, period_s, substeps, axes.rows.ctypes.data, kept.ctypes.data, count, None)
 
     return advance
 
