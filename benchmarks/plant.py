@@ -105,7 +105,9 @@ def compiled(flags: Sequence[str]) -> Stepper | None:
 
     def advance(axes: Axes, periods: int) -> None:
         period_s, substeps, count = axes.robot.control_period_s, axes.robot.plant_substeps, len(axes.numbers)
-        kept = prepared.setdefault(axes, np.zeros(count, CORE.dtype("prepared")))
+        kept = prepared.get(axes)
+        if kept is None:
+            kept = prepared[axes] = np.zeros(count, CORE.dtype("prepared"))
         function(periods, period_s, substeps, axes.rows.ctypes.data, kept.ctypes.data, count, None)
 
     return advance
