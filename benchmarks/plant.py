@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.lib.recfunctions import structured_to_unstructured
@@ -101,14 +100,15 @@ def compiled(flags: Sequence[str]) -> Stepper | None:
     function.argtypes = [whole, real, whole, pointer, pointer, whole, pointer]
     function.restype = None
 
-    prepared: WeakKeyDictionary[Axes, NDArray[np.void]] = WeakKeyDictionary()
+    bound: tuple[Axes, int, int, NDArray[np.void]] | None = None
 
     def advance(axes: Axes, periods: int) -> None:
+        nonlocal bound
         period_s, substeps, count = axes.robot.control_period_s, axes.robot.plant_substeps, len(axes.numbers)
-        kept = prepared.get(axes)
-        if kept is None:
-            kept = prepared[axes] = np.zeros(count, CORE.dtype("prepared"))
-        function(periods, period_s, substeps, axes.rows.ctypes.data, kept.ctypes.data, count, None)
+        if bound is None or bound[0] is not axes:
+            prepared = np.zeros(count, CORE.dtype("prepared"))
+            bound = axes, axes.rows.ctypes.data, prepared.ctypes.data, prepared
+        function(periods, period_s, substeps, bound[1], bound[2], count, None)
 
     return advance
 
