@@ -100,7 +100,7 @@ class _Protocol:
         least, most = 3 + len(alone), 1 + len(alone) + 2 * MOST_WHOLE
         self._reporter.step(
             f"trial of the cancellation: untreated; {least} runs of {self._motion.time_s[-1]:.1f} s in all, at most {most}; "
-            "and two slow ramps of each axis of which the motion hides an order"
+            "two slow ramps more for each axis with an order that the motion hides"
         )
         self._add("untreated", 0.0)
         percent = f"{100.0 * self._gain:g} % of the cancellation"
