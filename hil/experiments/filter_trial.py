@@ -15,8 +15,8 @@ from dataclasses import replace
 from hil.analysis import TipScale, order_window_rps
 from hil.bench.bench import Bench
 from hil.experiments.cancellation.alternation import Alternation
-from hil.experiments.cancellation.rise import RISE_SIGMAS, PeakChange
 from hil.experiments.judge import shown_rps
+from hil.experiments.peaks import PeakChange
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.runs import FilterTrial, FilterTrialPeak
@@ -57,7 +57,7 @@ def try_filters(
         runs.once_more()
         changes = runs.seen()
         peaks = _that_count(changes, scale.orders_met(shown_rps(bench)) if scale.windows_rps else ())
-        if peaks[0].exceeds(RISE_SIGMAS) or (peaks[0].is_excluded and any(peak.is_fall for peak in peaks)):
+        if peaks[0].rises.holds or (peaks[0].rises.fails and any(peak.falls.holds for peak in peaks)):
             break
     return _entry(peaks, changes, runs.count)
 
@@ -75,9 +75,9 @@ def _that_count(changes: list[PeakChange], judged: Collection[float]) -> list[Pe
 def _entry(peaks: list[PeakChange], changes: list[PeakChange], runs: int) -> FilterTrial:
     worst, best, end = peaks[0], peaks[-1], "; the motion is run without them"
     words = ""
-    if worst.beyond_mm > 0.0:
+    if worst.rises.is_likely:
         words = f"the filters are refused: with them {worst.words}{end}"
-    elif not any(peak.is_fall for peak in peaks):
+    elif not any(peak.falls.is_likely for peak in peaks):
         words = f"the filters are refused: they do not lower the tip's peak in any window; at best it {best.change}{end}"
     entries = tuple(
         FilterTrialPeak(order=peak.order, before_mm=peak.before_mm, after_mm=peak.after_mm, error_mm=peak.error_mm)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from hil.analysis import TipScale, band_passed, motor_speed_rps
 from hil.bench.bench import Bench
-from hil.experiments.cancellation.rise import PeakChange, Windows
 from hil.experiments.cancellation.waves import seen_rows
+from hil.experiments.peaks import PeakChange, Windows
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 

@@ -21,7 +21,8 @@ from hil.bench.bench import Bench
 from hil.control.following import FollowingSettings
 from hil.core.library import CORE
 from hil.experiments.cancellation.alternation import Alternation
-from hil.experiments.cancellation.rise import LAST_SIGMAS, RISE_SIGMAS, WORSE_FRACTION, WORSE_MM, PeakChange
+from hil.experiments.decision import SIGMAS
+from hil.experiments.peaks import PeakChange
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.following import FollowingBegin, FollowingEntry, FollowingPeak
@@ -103,7 +104,7 @@ def try_following(
         if not any(each.has_moved for watched in seen[True] for each in watched):
             begins = _begin_parts(seen[False] + seen[True])
             return _entry(changes, begins=begins), begins
-        helps, is_louder = any(_helps(each) for each in changes), _is_louder(changes)
+        helps, is_louder = any(each.falls.holds for each in changes), _is_louder(changes)
         if runs.count > 1 and (not helps or not any(_rise_mm(each) > 0.0 for each in changes)):
             break
     if helps and not is_louder:
@@ -144,12 +145,7 @@ def _is_louder(changes: Sequence[PeakChange]) -> bool:
     A rise counts if it exceeds the noise, or `LITTLE` times the largest fall.
     """
     gained = max(change.before_mm - change.after_mm for change in changes)
-    return any(_rise_mm(each) > min(LAST_SIGMAS * each.error_mm, LITTLE * max(gained, 0.0)) for each in changes)
-
-
-def _helps(change: PeakChange) -> bool:
-    """True if a peak falls beyond the noise and a small tolerance."""
-    return change.before_mm - change.after_mm > max(WORSE_MM, WORSE_FRACTION * change.before_mm, RISE_SIGMAS * change.error_mm)
+    return any(_rise_mm(each) > min(SIGMAS * each.error_mm, LITTLE * max(gained, 0.0)) for each in changes)
 
 
 def _begin_parts(runs: Sequence[Sequence[HeardOrder]]) -> dict[tuple[int, float], float]:

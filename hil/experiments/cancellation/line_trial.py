@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from hil.analysis import band_passed
 from hil.bench.bench import Bench
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.rise import LAST_SIGMAS, RISE_SIGMAS, PeakChange
 from hil.experiments.cancellation.verdict import PartVerdict, Verdict
 from hil.experiments.cancellation.verification import Trial, Verification
 from hil.experiments.judge import line_scale
+from hil.experiments.peaks import PeakChange
 from hil.experiments.window import NOISE_PEAK, noise_variance
 from hil.master.motion import Motion
 from hil.recording import Recording
@@ -66,10 +66,12 @@ def verify_on_line(bench: Bench, parts: Sequence[Part], gain: float, run: LineRu
 
     without, part_of = [add("untreated", 0.0)], add(f"{100.0 * gain:g} % of the cancellation", gain)
     tried = _changes(bench, without, [part_of])
-    if any(each.exceeds(RISE_SIGMAS) for each in tried):
+    if any(each.rises.holds for each in tried):
         return _judged(bench, gain, trials, parts, tried)
     whole = [add("the whole cancellation", 1.0)]
-    while any(each.is_open for each in _changes(bench, without, whole)) and len(whole) < MOST_PAIRS:
+    while (
+        any(each.rises.is_open and each.rises.is_likely for each in _changes(bench, without, whole)) and len(whole) < MOST_PAIRS
+    ):
         without.append(add("untreated, once more", 0.0))
         whole.append(add("the whole cancellation, once more", 1.0))
     return _judged(bench, gain, trials, parts, _changes(bench, without, whole))
@@ -108,7 +110,7 @@ def _judged(
     verdict: Verdict = "accepted" if falls else "refused"
     words = rise or f"the tip does not become quieter: {WAYS[-1]} {changes[-1].change}"
     verdicts = [
-        PartVerdict(part, gain, 1.0 - tried, 0.0, left, 0.0, None, None, None, None, verdict, "" if falls else words)
+        PartVerdict(part, gain, 1.0 - tried, 0.0, left, 0.0, 0.0, None, None, None, None, verdict, "" if falls else words)
         for part in parts
     ]
     rest = _remainder(bench, changes[-1], [each for each in trials if set(each.gains.values()) == {1.0}]) if falls else None
@@ -133,9 +135,7 @@ def _rms(trials: Sequence[Trial]) -> float | None:
 
 def _worst(changes: Sequence[PeakChange]) -> str | None:
     """Rise that counts, in words; None if there is none."""
-    risen = [
-        f"the tip's peak along {way} {each.change}" for way, each in zip(WAYS, changes, strict=True) if each.exceeds(LAST_SIGMAS)
-    ]
+    risen = [f"the tip's peak along {way} {each.change}" for way, each in zip(WAYS, changes, strict=True) if each.rises.holds]
     return risen[0] if risen else None
 
 

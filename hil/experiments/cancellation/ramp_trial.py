@@ -75,5 +75,5 @@ def seen_by_direction(
         sighting = sight(recording, waves, directions == way, scale.band_hz)
         for order, sights in found.items():
             part = Part(waves[0].number, order)
-            sights.append(Seen(way, gain, sighting.amplitude[part], sighting.variance(part)))
+            sights.append(Seen(way, gain, sighting.amplitude[part], sighting.variance(part), sighting.bias_variance(part)))
     return found

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from hil.analysis import TipScale, motor_speed_rps
 from hil.control.cancellation_table import CancellationTable
 from hil.design.frequency import Loop
-from hil.experiments.cancellation.effect import AxisWaves, Part, acceleration_of
-from hil.experiments.cancellation.rise import Look, Windows, alike
+from hil.experiments.cancellation.effect import AxisWaves, Look, Part, acceleration_of, alike
+from hil.experiments.peaks import Windows
 from hil.recording import Recording
 from hil.results.runs import CancellationRemainder, RemainderCause
 

@@ -9,7 +9,7 @@ seen, are left out; if no order remains, the cancellation is refused, and the no
 judged on a slow ramp through its resonance (`ramp_trial`), if the limits leave room for one.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,21 +21,22 @@ from hil.bench.model import Identified
 from hil.control.cancellation_table import CancellationTable
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder
-from hil.experiments.cancellation.effect import AxisWaves, Part, Response, refined, sight
+from hil.experiments.cancellation.effect import AxisWaves, Look, Part, Response, alike, refined, sight
 from hil.experiments.cancellation.inside import cancel_inside, inside_parts
 from hil.experiments.cancellation.line_trial import is_line_of_arm, refused_by_vector, verify_on_line
 from hil.experiments.cancellation.ramp_trial import ramp_through, seen_by_direction
 from hil.experiments.cancellation.remainder import TrialView, remainder
-from hil.experiments.cancellation.rise import LAST_SIGMAS, OPEN_SLACK, Look, PeakChange, Windows, alike
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge, judged
 from hil.experiments.cancellation.verification import CancellationRefusedError, Trial, Verification
 from hil.experiments.cancellation.waves import judged_rows, response_of, seen_rows, vibration_m_s2, waves_of
 from hil.experiments.judge import axis_scale, check_shown, vibration_scale
+from hil.experiments.peaks import Windows
 from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 
+Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
 PROBE_GAIN = 0.3
@@ -125,7 +126,7 @@ class _Protocol:
         verdicts |= self._on_ramps(verdicts)
         first = self._trials[0].recording
         windows = Windows.of(first, self._rows[: len(first.time_s)], self._scale)
-        verdicts |= self._risers(windows, verdicts)
+        verdicts |= self._risen(windows, verdicts)
         used = tuple(part for part, verdict in verdicts.items() if verdict.verdict == "accepted")
         limits = {number: self._bench.axis[number].limits.speed_rps for number in self._tables}
         looks, rows = tuple(self._looks), self._rows
@@ -165,41 +166,29 @@ class _Protocol:
                 found |= {part: verdict} if verdict.verdict != "not judged" else {}
         return found
 
-    def _risers(self, windows: Windows, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
-        """Refuse parts with which the tip's peak rises.
+    def _risen(self, windows: Windows, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
+        """Refuse all parts if the tip's largest peak rises with them.
 
-        Their own order falls nevertheless. Returns their verdicts.
+        Returns their verdicts.
         """
-        found: dict[Part, PartVerdict] = {}
-        while used := [part for part, verdict in verdicts.items() if verdict.verdict == "accepted" and part not in found]:
-            riser = self._riser(windows, used)
-            if riser is None:
-                break
-            part, rise = riser
-            found[part] = replace(verdicts[part], verdict="refused", rise=rise.words)
-        return found
-
-    def _riser(self, windows: Windows, used: Sequence[Part]) -> tuple[Part, PeakChange] | None:
-        """Part to leave out, and the rise of a window, or None.
-
-        Rises that the noise may hide are run again.
-        """
-        without = frozenset(self._parts) - set(used)
-        what = "the accepted orders" if without else "the whole cancellation"
-        while True:
-            rise, runs = windows.rise(self._looks, used), len(alike(self._looks, used))
-            if rise is not None:
-                is_over = not rise.is_open or runs >= MOST_WHOLE
-                part = (
-                    windows.riser(self._looks, used, rise, 0.0 if is_over else OPEN_SLACK) if rise.exceeds(LAST_SIGMAS) else None
-                )
-                if is_over or part is None:
-                    return None if part is None else (part, rise)
-            if runs and len(alike(self._looks, ())) <= runs:
+        used = [part for part, verdict in verdicts.items() if verdict.verdict == "accepted"]
+        change = None
+        while used and (change is None or change.rises.is_open) and len(self._alike(used)) < MOST_WHOLE:
+            if change is not None and len(self._alike(())) <= len(self._alike(used)):
                 self._reporter.step("trial of the cancellation: untreated, once more, for the tip's peak")
                 self._add("untreated, once more", 0.0)
-            self._reporter.step(f"trial of the cancellation: {what}, for the tip's peak")
-            self._add(f"{what}, for the tip's peak", 1.0, None, without)
+            if change is not None or not self._alike(used):
+                what = "the accepted orders, for the tip's peak"
+                self._reporter.step(f"trial of the cancellation: {what}")
+                self._add(what, 1.0, None, frozenset(self._parts) - set(used))
+            change = windows.largest(self._alike(()), self._alike(used))
+        if change is None or not change.rises.is_likely:
+            return {}
+        return {part: replace(verdicts[part], verdict="refused", rise=change.words) for part in used}
+
+    def _alike(self, used: Collection[Part]) -> list[Real]:
+        """Vibration in the runs in which exactly these parts acted."""
+        return [look.sighting.vibration for look in alike(self._looks, used)]
 
     def _add(self, what: str, gain: float, only: int | None = None, without: frozenset[Part] = frozenset()) -> None:
         """Make one run, and read it."""
@@ -231,7 +220,9 @@ class _Protocol:
         sighting = sight(trial.recording, self._axes, self._rows[: len(trial.recording.time_s)], self._scale.band_hz)
         self._looks.append(Look(trial.gains, sighting))
         for part, sights in self._sights.items():
-            sights.append(Seen(1, trial.gains[part], sighting.amplitude[part], sighting.variance(part)))
+            sights.append(
+                Seen(1, trial.gains[part], sighting.amplitude[part], sighting.variance(part), sighting.bias_variance(part))
+            )
 
 
 def _wrong(verdicts: Mapping[Part, PartVerdict]) -> frozenset[Part]:

@@ -4,9 +4,8 @@ It follows from runs without the cancellation, with parts of it, and with the wh
 
 In run i a fraction g_i of a part acts, so its complex amplitude at the tip is e − g_i c: e is the amplitude without the
 cancellation, c the part that the cancellation removes. Both follow by least squares from all runs. A part is good if the
-whole of it leaves at most `MOST_LEFT` of e, and if the tried fraction lowers e by at least half of that fraction: a phase
-error of 45° passes; 60° fail at any amplitude, as does three times the amplitude. A part is wrong if it misses a bound by
-`VERDICT_SIGMAS` standard errors; between the two it is not judged.
+whole of it leaves at most `MOST_LEFT` of e: a phase error of 45° passes; 60° fail at any amplitude, as does three times the
+amplitude. Where the standard errors leave that open (`decision`), the part is not judged.
 """
 
 import cmath
@@ -18,18 +17,13 @@ from typing import Literal
 import numpy as np
 
 from hil.experiments.cancellation.effect import Part
+from hil.experiments.decision import SIGMAS, Decision
 from hil.results.runs import TrialPart
 
 Verdict = Literal["accepted", "refused", "not judged"]
 
 MOST_LEFT = 0.765
 """Largest fraction of an order that the whole of its cancellation may leave: 2 sin(45°/2), a phase error of 45°."""
-LEAST_FRACTION = 0.5
-"""Least fall of an order, as a fraction of the fraction of its cancellation that is tried."""
-SURE = 0.05
-"""Standard error, as a fraction of the order, at which the number itself decides: nothing more would be learnt."""
-VERDICT_SIGMAS = 2.0
-"""Standard errors by which a verdict stands."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +35,14 @@ class Seen:
         gain: Fraction of the part's cancellation that acted.
         amplitude: Complex amplitude in arcsec.
         variance: Variance of either of its components.
+        bias_variance: Variance of what all runs of the motion add to it alike.
     """
 
     direction: int
     gain: float
     amplitude: complex
     variance: float
+    bias_variance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -60,6 +56,7 @@ class PartVerdict:
         fall_error: Standard error of that.
         left: Fraction of the order that the whole cancellation leaves.
         left_error: Standard error of that.
+        lasting_error: Part of it that more runs do not lower.
         factor: Factor by which the cancellation should be multiplied; None if nothing of it was seen.
         factor_error: Standard error of that.
         turn_deg: Angle by which φ_k should be turned.
@@ -75,6 +72,7 @@ class PartVerdict:
     fall_error: float
     left: float
     left_error: float
+    lasting_error: float
     factor: float | None
     factor_error: float | None
     turn_deg: float | None
@@ -88,7 +86,9 @@ class PartVerdict:
 
         `more` is the number of runs as a multiple of the present one.
         """
-        return self.verdict == "not judged" and VERDICT_SIGMAS * self.left_error <= MOST_LEFT * math.sqrt(more)
+        noise = math.sqrt(max(self.left_error**2 - self.lasting_error**2, 0.0))
+        least_error = math.hypot(noise / math.sqrt(more), self.lasting_error)
+        return self.verdict == "not judged" and SIGMAS * least_error <= MOST_LEFT
 
     @property
     def ratio(self) -> complex | None:
@@ -109,7 +109,10 @@ class PartVerdict:
         head = f"{self.part.words}: {self.where}with {100.0 * self.gain:g} % of its cancellation it {change}"
         head += f" ({100.0 * self.gain:g} % expected)"
         if self.verdict == "not judged":
-            return f"{self.part.words}: its effect is too small to be seen above the sensor noise ({change})"
+            if SIGMAS * self.left_error > MOST_LEFT:
+                return f"{self.part.words}: its effect is too small to be seen above the sensor noise ({change})"
+            whole = f"the whole leaves {100.0 * self.left:.0f} ± {100.0 * self.left_error:.0f} % of it"
+            return f"{self.part.words}: not certain to be right: {whole}, and {100.0 * MOST_LEFT:.0f} % at most are allowed"
         if self.factor is None or self.turn_deg is None:
             return head
         turn = f"{self.turn_deg:+.0f}° ± {self.turn_error_deg:.0f}°".replace("-", "−")
@@ -128,20 +131,14 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
         ValueError: No run is without the part, or none with it.
     """
     pairs = [_solved(part, [each for each in seen if each.direction == way]) for way in sorted({each.direction for each in seen})]
-    there, taken, covariance = (np.array(each) for each in zip(*pairs, strict=True))
+    there, taken, covariance, bias = (np.array(each) for each in zip(*pairs, strict=True))
     size = float(np.linalg.norm(there))
-    left, left_error = _left(there, taken, covariance, 1.0)
-    tried, tried_error = _left(there, taken, covariance, gain)
-    verdict: Verdict = "accepted"
-    whole, part_of = (1.0, MOST_LEFT, left, left_error), (gain, 1.0 - LEAST_FRACTION * gain, tried, tried_error)
-    for fraction, most, rest, error in (whole,) if gain == 1.0 else (whole, part_of):
-        margin = most * size - rest
-        clear = VERDICT_SIGMAS * error if error > SURE * fraction * size else 0.0
-        if margin < -clear:
-            verdict = "refused"
-            break
-        if margin < clear:
-            verdict = "not judged"
+    noise_error = _left(there, taken, covariance, 1.0, MOST_LEFT)[1]
+    covariance[:, 0, 0] += bias
+    left, left_error = _left(there, taken, covariance, 1.0, MOST_LEFT)
+    tried, tried_error = _left(there, taken, covariance, gain, 1.0)
+    lowers = _lowers(there, taken, covariance)
+    verdict: Verdict = "accepted" if lowers.holds else "refused" if lowers.fails else "not judged"
     safe = max(size, 1e-30)
     factor, factor_error, turn_deg, turn_error_deg = _factor(there, taken, covariance)
     return PartVerdict(
@@ -151,6 +148,7 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
         fall_error=tried_error / safe,
         left=left / safe,
         left_error=left_error / safe,
+        lasting_error=math.sqrt(max(left_error**2 - noise_error**2, 0.0)) / safe,
         factor=factor,
         factor_error=factor_error,
         turn_deg=turn_deg,
@@ -159,10 +157,10 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     )
 
 
-def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndarray]:
+def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndarray, float]:
     """Solve e and c of one direction by weighted least squares.
 
-    Returns also the covariance of either of their components, shape (2, 2).
+    Returns also the covariance of either of their components, shape (2, 2), and the variance of what all runs add to e.
     """
     gains = {each.gain for each in seen}
     if len(gains) < 2:
@@ -173,17 +171,31 @@ def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndar
     wanted = np.array([each.amplitude for each in seen]) / np.sqrt([each.variance for each in seen])
     covariance = np.linalg.inv(rows.T @ rows)
     there, taken = covariance @ (rows.T @ wanted)
-    return complex(there), complex(taken), covariance
+    return complex(there), complex(taken), covariance, float(np.mean([each.bias_variance for each in seen]))
 
 
-def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: float) -> tuple[float, float]:
+def _lowers(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray) -> Decision:
+    """Claim that the whole leaves at most `MOST_LEFT` of the order.
+
+    Over the directions that is q = Σ (m² |e|² − |e − c|²) ≥ 0, a quadratic form x^H A x of x = (e, c). With the posterior
+    N(μ, Σ) of either component its mean is μ^H A μ + 2 tr AΣ, and its variance 4 μ^H AΣA μ + 4 tr (AΣ)².
+    """
+    form = np.array([[MOST_LEFT**2 - 1.0, 1.0], [1.0, -1.0]])
+    mean = variance = 0.0
+    for own, at in zip(covariance, np.stack([there, taken], axis=1), strict=True):
+        spread = form @ own
+        mean += (np.conj(at) @ form @ at).real + 2.0 * np.trace(spread)
+        variance += 4.0 * (np.conj(at) @ spread @ form @ at).real + 4.0 * np.trace(spread @ spread)
+    return Decision(float(mean), math.sqrt(max(float(variance), 0.0)))
+
+
+def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: float, most: float) -> tuple[float, float]:
     """Size of e − g c over the directions, and its error.
 
-    The error is that of the difference from a given part of ‖e‖.
+    The error is that of the difference from `most` times ‖e‖.
     """
     remainder = there - gain * taken
     left, size = float(np.linalg.norm(remainder)), float(np.linalg.norm(there))
-    most = MOST_LEFT if gain == 1.0 else 1.0 - LEAST_FRACTION * gain
     total = 0.0
     for e, rest, own in zip(there, remainder, covariance, strict=True):
         along_e, along_rest = e / max(size, 1e-30), rest / max(left, 1e-30)
@@ -205,7 +217,7 @@ def _factor(
     """
     size, effect = float(np.linalg.norm(there)), float(np.linalg.norm(taken))
     error_e, error_c = (math.sqrt(float(np.max(covariance[:, i, i]))) for i in (0, 1))
-    if effect < VERDICT_SIGMAS * error_c or size < VERDICT_SIGMAS * error_e:
+    if effect < SIGMAS * error_c or size < SIGMAS * error_e:
         return None, None, None, None
     ratio = complex(np.vdot(taken, there)) / effect**2
     relative = math.hypot(error_e / size, error_c / effect)

@@ -14,7 +14,7 @@ from hil.experiments.cancellation.learning import AxisLearning, LearntPass
 from hil.experiments.cancellation.verdict import PartVerdict, Seen
 from tests.hil.experiments.ate.test_checks import GOOD
 
-ACCEPTED = PartVerdict(Part(2, 2.0), 0.5, 0.47, 0.01, 0.06, 0.02, 1.05, 0.04, 2.0, 2.0, "accepted")
+ACCEPTED = PartVerdict(Part(2, 2.0), 0.5, 0.47, 0.01, 0.06, 0.02, 0.0, 1.05, 0.04, 2.0, 2.0, "accepted")
 """Half of the cancellation took away what half of it should."""
 
 

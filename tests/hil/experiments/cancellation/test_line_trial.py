@@ -74,7 +74,7 @@ def test_what_was_judged_order_by_order_is_held_against_the_vector_as_well() -> 
         trials = tuple(
             Trial(f"{gain}", arm(gain, None, frozenset()), dict.fromkeys(PARTS, gain), 1.0) for gain in (0.0, 0.3, 1.0)
         )
-        verdicts = tuple(PartVerdict(part, 0.3, 0.3, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, "accepted") for part in PARTS)
+        verdicts = tuple(PartVerdict(part, 0.3, 0.3, 0.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, "accepted") for part in PARTS)
         return refused_by_vector(BENCH, Verification(0.3, trials, verdicts))
 
     assert judged((0.01, 0.01, 0.01)).is_good

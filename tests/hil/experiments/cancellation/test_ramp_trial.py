@@ -102,5 +102,5 @@ def test_a_trial_whose_samples_do_not_show_the_arm_is_refused_in_words() -> None
 
 
 def test_words_name_the_ramp() -> None:
-    seen = PartVerdict(Part(2, 4.0), 1.0, 0.97, 0.02, 0.03, 0.02, 1.0, 0.02, 0.0, 1.0, "accepted")
+    seen = PartVerdict(Part(2, 4.0), 1.0, 0.97, 0.02, 0.03, 0.02, 0.0, 1.0, 0.02, 0.0, 1.0, "accepted")
     assert replace(seen, where="on a slow ramp, ").words.startswith("axis 2, order 4: on a slow ramp, with 100 %")

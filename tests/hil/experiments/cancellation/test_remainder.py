@@ -13,11 +13,11 @@ from hil.bench.bench import Bench
 from hil.bench.model import with_identified
 from hil.control.cancellation_table import CancellationTable, WaveLabel
 from hil.experiments.cancellation.cancellation import cancellation_on
-from hil.experiments.cancellation.effect import Part, Sighting
+from hil.experiments.cancellation.effect import Look, Part, Sighting
 from hil.experiments.cancellation.remainder import TrialView, remainder
-from hil.experiments.cancellation.rise import Look, Windows
 from hil.experiments.cancellation.trial import Choice, choose
 from hil.experiments.motions import constant_acceleration
+from hil.experiments.peaks import Windows
 from hil.recording import Recording
 from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.rehearsal.probes import model_of

@@ -1,0 +1,131 @@
+"""Comparison of the tip's peaks without and with a treatment, window by window."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.analysis import TipScale, motor_speed_rps
+from hil.experiments.decision import Decision
+from hil.experiments.window import noise_variance
+from hil.recording import Recording
+
+Real = NDArray[np.float64]
+Rows = NDArray[np.bool_]
+
+WORSE_FRACTION, WORSE_MM = 0.05, 0.002
+"""Rise of a peak that is harmless, whichever is more."""
+LEAST_ROWS = 8
+"""Rows that a window must have."""
+
+
+class PeakChange(NamedTuple):
+    """Tip peak in a window, without and with a cancellation.
+
+    Attributes:
+        order: Order of the window; None if there is one window alone.
+        before_mm: Peak without.
+        after_mm: Peak with it.
+        error_mm: Standard error of their difference, by the sensor's noise.
+    """
+
+    order: float | None
+    before_mm: float
+    after_mm: float
+    error_mm: float
+
+    @property
+    def rises(self) -> Decision:
+        """Claim that the peak rises by more than is harmless."""
+        return Decision(self.after_mm - self.before_mm - self.harmless_mm, self.error_mm)
+
+    @property
+    def falls(self) -> Decision:
+        """Claim that the peak falls by more than would be harmless as a rise."""
+        return Decision(self.before_mm - self.after_mm - self.harmless_mm, self.error_mm)
+
+    @property
+    def harmless_mm(self) -> float:
+        """Rise of the peak that is harmless."""
+        return max(WORSE_MM, WORSE_FRACTION * self.before_mm)
+
+    @property
+    def words(self) -> str:
+        """Change with its window, as a part of a sentence."""
+        where = "" if self.order is None else f" in the window of order {self.order:g}"
+        return f"the tip's peak{where} {self.change}"
+
+    @property
+    def change(self) -> str:
+        """Change in words, without the window."""
+        way = "rises" if self.after_mm > self.before_mm else "falls"
+        return f"{way} from {self.before_mm:.4f} to {self.after_mm:.4f} ± {self.error_mm:.4f} mm"
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows in which the peaks of a motion are judged.
+
+    Attributes:
+        rows: Rows of each window among those that are read, by its order; None for the only one of a motion of several axes.
+        to_mm: Factor from acceleration to displacement.
+        noise_mm: Standard deviation of the sensor's noise in the band.
+    """
+
+    rows: Mapping[float | None, Rows]
+    to_mm: float
+    noise_mm: float
+
+    @classmethod
+    def of(cls, recording: Recording, read: Rows, scale: TipScale) -> "Windows":
+        """Windows of a motion.
+
+        Args:
+            recording: One recording of it.
+            read: Rows that are read; shape (n,).
+            scale: Scale of its axes.
+        """
+        to_mm, band_hz = 1e3 / (2.0 * math.pi * scale.f_al_hz) ** 2, scale.band_hz[1] - scale.band_hz[0]
+        passed = min(1.0, 2.0 * recording.period_s * band_hz)
+        noise_mm = to_mm * math.sqrt(passed * noise_variance(recording.felt_m_s2, recording))
+        if len(recording.axes) > 1 or not scale.windows_rps:
+            return cls({None: np.ones(int(np.count_nonzero(read)), dtype=np.bool_)}, to_mm, noise_mm)
+        speed = np.abs(motor_speed_rps(recording, recording.axes[0]))[read]
+        rows: dict[float | None, Rows] = {}
+        for order, (low, high) in scale.windows_rps.items():
+            inside = np.asarray((speed >= low) & (speed <= high))
+            if np.count_nonzero(inside) >= LEAST_ROWS:
+                rows[order] = inside
+        return cls(rows or {None: np.ones(len(speed), dtype=np.bool_)}, to_mm, noise_mm)
+
+    def peaks_mm(self, vibration_m_s2: Real) -> dict[float | None, float]:
+        """Largest displacement in each window."""
+        tip = self.to_mm * np.abs(vibration_m_s2)
+        return {order: float(tip[rows[: len(tip)]].max()) for order, rows in self.rows.items()}
+
+    def compared(self, without: Sequence[Real], with_it: Sequence[Real]) -> list[PeakChange]:
+        """Compare the peaks in each window, the worst rise first.
+
+        Args:
+            without: Vibration in the runs without it, in the band and the rows that are read.
+            with_it: The same in those with it.
+        """
+        before, after = (self.peaks_mm(_mean(each)) for each in (without, with_it))
+        error_mm = self.noise_mm * math.sqrt(1.0 / len(without) + 1.0 / len(with_it))
+        found = [PeakChange(order, before[order], after[order], error_mm) for order in before]
+        return sorted(found, key=lambda each: -each.rises.margin)
+
+    def largest(self, without: Sequence[Real], with_it: Sequence[Real]) -> PeakChange:
+        """Compare the largest peaks of all windows; the arguments are those of `compared`."""
+        changes = self.compared(without, with_it)
+        before, after = max(each.before_mm for each in changes), max(each.after_mm for each in changes)
+        return PeakChange(None, before, after, changes[0].error_mm)
+
+
+def _mean(vibrations: Sequence[Real]) -> Real:
+    """Mean of the vibration of runs of the same motion."""
+    count = min(len(each) for each in vibrations)
+    return np.asarray(np.mean([each[:count] for each in vibrations], axis=0))
