@@ -73,8 +73,9 @@ LAW_OPEN = 0.02
 Where the torque is lost in the noise of a coarse encoder, or in images, the motion that follows from excitation, plant and law is
 what tells J_m; elsewhere the measured torque tells it better.
 """
-IMAGE_ERROR = 0.5
-"""Part of the tip's images that is left open: a sensor's gain at such frequencies is not known."""
+IMAGE_PRIOR, IMAGE_ERROR = 0.5, 0.2
+"""Standard deviation of the sensor's gain where images are, over that in the band, and the part of the tip's images by which it
+differs between them."""
 SMOOTHED_LINES = 5
 """Lines over which the scatter between periods is averaged: of a few periods alone it is too uncertain for a weight."""
 
@@ -96,9 +97,9 @@ class SamplingTiming:
     law: Cascade | None
 
 
-J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT, DISPERSION = range(12)
-"""Unknowns: ln J_m, ln J_l, ln K_g, ln (D_g + D_l), D_m + D_l/N², δ, D_l/(D_g + D_l), T_i; with an accelerometer ln g, δ_a, κ
-and d."""
+J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT, DISPERSION, BEYOND, TURNED = range(14)
+"""Unknowns: ln J_m, ln J_l, ln K_g, ln (D_g + D_l), D_m + D_l/N², δ, D_l/(D_g + D_l), T_i; with an accelerometer ln g, δ_a, κ,
+d, and the sensor's gain where images are, 1 + b ± jc."""
 
 
 KEPT = 32
@@ -134,6 +135,8 @@ class _Folding:
         feedback: The law, with its hold.
         drive: Demand of the excitation.
         flat: Inverse of the torque's hold.
+        beyond: jω of the next frequencies that the law's own sampling folds onto these; shape (2, 1 + images, lines).
+        rigid: Motor angle there, for an inertia of 1, over the torque here.
     """
 
     frequency_hz: Real
@@ -141,6 +144,8 @@ class _Folding:
     feedback: Complex
     drive: Complex
     flat: Real
+    beyond: Complex
+    rigid: Complex
 
 
 class PlantProblem:
@@ -156,7 +161,7 @@ class PlantProblem:
         self.scatter = Scatter.of(data.angle, data.torque)
         self.tip_scatter = None if data.tip is None else Scatter.of(data.tip, data.angle)
         self._tip_lines = np.arange(len(self.jw))
-        self._aside = [AGE, LAG] if data.tip is None else [AGE, LAG, LEVER, DELAY, TILT, DISPERSION]
+        self._aside = [AGE, LAG] if data.tip is None else [AGE, LAG, LEVER, DELAY, TILT, DISPERSION, BEYOND, TURNED]
         self._responses = lru_cache(KEPT)(self._computed)
         self._delays = lru_cache(KEPT)(self._delayed)
 
@@ -187,12 +192,13 @@ class PlantProblem:
     def _folding(self) -> "_Folding | None":
         """Parts of the images that depend on law and times only."""
         law, sync, control = self.timing.law, self.timing.sync_s, self.timing.control_s
-        highest = max(1, int(0.5 * sync / control + 1e-9) - 1) if control > 0.0 else 0  # below half the rate of the law
-        if law is None or highest == 0:
+        count = round(sync / control) if control > 0.0 else 0
+        if law is None or count == 0:
             return None
-        fold = np.array([0, *(k for k in range(-highest, highest + 1) if k)])[:, np.newaxis]
+        fold = np.array([0, *(k for k in range(-(count // 2), count - count // 2) if k)])[:, np.newaxis]
         frequency = self.data.frequency_hz + fold / sync
         jw = 2j * math.pi * frequency
+        beyond = np.stack([jw + 2j * math.pi * sign / control for sign in (-1.0, 1.0)])
         still = TwoInertia(self.ratio, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0)  # the law does not ask for the plant
         feedback = Loop(still, law, (), control).controller(frequency)
         if self.timing.kind == "torque":
@@ -206,6 +212,8 @@ class PlantProblem:
             feedback,
             np.asarray(drive, dtype=np.complex128),
             1.0 / np.sinc(frequency * control),
+            np.asarray(beyond, dtype=np.complex128),
+            np.asarray(jw / beyond**3, dtype=np.complex128),
         )
 
     # -- what the plant felt and did -----------------------------------------------------------------------------------
@@ -224,15 +232,18 @@ class PlantProblem:
             none = np.zeros_like(self.excitation)
             return none, none, none, none
         responses = self._of(x)
-        motion = responses.image_angle / (1.0 + folded.jw * x[LAG])
+        smooth_motion = responses.image_angle / (1.0 + folded.jw * x[LAG])
+        # the law samples the angle, so what moves beyond half of its rate counts too; there the motor alone moves
+        motion = smooth_motion + (folded.rigid / (1.0 + folded.beyond * x[LAG])).sum(axis=0) / math.exp(x[J_M])
         acting = folded.drive / (1.0 + folded.feedback * motion)
         moved = motion * acting
         asked = -folded.feedback * moved if self.timing.kind == "torque" else acting
         reported = (asked * folded.flat * self._delays(float(x[AGE]))[1])[1:].sum(axis=0)
         tip = np.zeros_like(self.excitation)
         if self.data.tip is not None:
-            sensed = self._lever_m(x) * folded.jw**2 * self._delays(float(x[DELAY]))[1]
-            tip = (responses.image_arm * sensed * moved)[1:].sum(axis=0)
+            gain = self._lever_m(x) * (1.0 + float(x[BEYOND]) + 1j * float(x[TURNED]) * np.sign(folded.frequency_hz))
+            sensed = gain * folded.jw**2 * self._delays(float(x[DELAY]))[1]
+            tip = (responses.image_arm * sensed * smooth_motion * acting)[1:].sum(axis=0)
         return np.asarray(reported), np.asarray(moved[1:].sum(axis=0)), np.asarray(tip), np.asarray(moved[0])
 
     def torque(self, x: Real, torque: Complex, image: Complex) -> Complex:
@@ -240,7 +251,7 @@ class PlantProblem:
 
         Shape (…, lines).
         """
-        late = self._delays(-float(x[AGE]))[0]
+        late = self._delays(-float(x[AGE]))[0] * np.sinc(self.data.frequency_hz * self.timing.control_s)
         corrected = (torque - image) * late
         if self.timing.kind == "reference":
             return np.asarray(corrected)
@@ -318,7 +329,7 @@ class PlantProblem:
     def start(self, guess: Real) -> Real:
         """Complete the unknowns from a guess of the first five."""
         more = [0.5 * self.timing.control_s, 0.1, 0.5 * LEAST_LAG_S]
-        return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0, 0.0]])
+        return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0, 0.0, 0.0, 0.0]])
 
     def is_inside(self, x: Real) -> bool:
         """True if both resonances are in the band, or little above it.
@@ -350,7 +361,7 @@ class PlantProblem:
 
     def scale(self, x: Real) -> Real:
         """Step sizes of the unknowns that have similar effects."""
-        sizes = [0.1, 0.1, 0.1, 0.3, max(1e-6, 0.3 * math.exp(x[J_M])), 1e-4, 0.1, 1e-4, 0.1, 1e-3, 0.1, 0.03]
+        sizes = [0.1, 0.1, 0.1, 0.3, max(1e-6, 0.3 * math.exp(x[J_M])), 1e-4, 0.1, 1e-4, 0.1, 1e-3, 0.1, 0.03, 0.1, 0.1]
         return np.array(sizes[: len(x)])
 
     def focus(self, f_a: float) -> None:
@@ -414,14 +425,14 @@ class PlantProblem:
         middle = 0.5 * self.timing.control_s
         priors = [(x[AGE] - middle) / (middle or AGE_PRIOR_S), x[LAG] / LAG_PRIOR_S]
         if data.tip is not None:
-            priors += [x[TILT] / TILT_PRIOR, x[DISPERSION] / DISPERSION_PRIOR]
+            priors += [x[TILT] / TILT_PRIOR, x[DISPERSION] / DISPERSION_PRIOR, x[BEYOND] / IMAGE_PRIOR, x[TURNED] / IMAGE_PRIOR]
         priors = [math.copysign(LOSS * math.sqrt((1.0 + 0.5 * (each / LOSS) ** 2) ** 2 - 1.0), each) for each in priors]
         return np.concatenate([stacked.real, stacked.imag, priors])
 
     @property
     def priors(self) -> int:
         """Number of the last residuals that come from priors, not data."""
-        return 2 if self.data.tip is None else 4
+        return 2 if self.data.tip is None else 6
 
 
 def first_guesses(response: Complex, frequency_hz: Real, ratio: float) -> list[Real]:

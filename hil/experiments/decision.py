@@ -1,11 +1,12 @@
-"""Decision on a claim from an estimate and its standard error.
+"""Decision on a claim from the probability that it holds.
 
-An estimate meets the claim by a margin m with the standard error σ, so the claim holds with the probability Φ(m/σ). From
-`PROBABILITY` on it holds; from 1 − `PROBABILITY` down it does not; between the two it is open, and another run may decide.
+From `PROBABILITY` on the claim holds; from 1 − `PROBABILITY` down it does not; between the two it is open, and another run may
+decide. An estimate that meets the claim by a margin m with the standard error σ gives it the probability Φ(m/σ).
 """
 
+from dataclasses import dataclass
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import Self
 
 PROBABILITY = 0.975
 """Probability from which a claim counts as true."""
@@ -13,26 +14,30 @@ SIGMAS = NormalDist().inv_cdf(PROBABILITY)
 """The same as standard errors by which an estimate must meet the claim."""
 
 
-class Decision(NamedTuple):
-    """Claim with the margin by which an estimate meets it.
+@dataclass(frozen=True)
+class Decision:
+    """Claim with its probability.
 
     Attributes:
-        margin: Margin; negative if the estimate does not meet it.
-        error: Its standard error.
+        probability: Probability that it holds.
     """
 
-    margin: float
-    error: float
+    probability: float
+
+    @classmethod
+    def of(cls, margin: float, error: float) -> Self:
+        """Claim that an estimate meets by a margin, with its standard error; the margin is negative if it does not."""
+        return cls(NormalDist().cdf(margin / error) if error > 0.0 else float(margin > 0.0))
 
     @property
     def holds(self) -> bool:
         """True if the claim is as good as certain."""
-        return self.margin > 0.0 and self.margin >= SIGMAS * self.error
+        return self.probability >= PROBABILITY
 
     @property
     def fails(self) -> bool:
         """True if its contrary is as good as certain."""
-        return self.margin < 0.0 and -self.margin >= SIGMAS * self.error
+        return self.probability <= 1.0 - PROBABILITY
 
     @property
     def is_open(self) -> bool:
@@ -42,4 +47,4 @@ class Decision(NamedTuple):
     @property
     def is_likely(self) -> bool:
         """True if the claim is more probable than its contrary: the decision after the last run."""
-        return self.margin > 0.0
+        return self.probability > 0.5

@@ -40,12 +40,17 @@ class PeakChange(NamedTuple):
     @property
     def rises(self) -> Decision:
         """Claim that the peak rises by more than is harmless."""
-        return Decision(self.after_mm - self.before_mm - self.harmless_mm, self.error_mm)
+        return Decision.of(self.beyond_mm, self.error_mm)
 
     @property
     def falls(self) -> Decision:
         """Claim that the peak falls by more than would be harmless as a rise."""
-        return Decision(self.before_mm - self.after_mm - self.harmless_mm, self.error_mm)
+        return Decision.of(self.before_mm - self.after_mm - self.harmless_mm, self.error_mm)
+
+    @property
+    def beyond_mm(self) -> float:
+        """Rise beyond what is harmless; negative if there is none."""
+        return self.after_mm - self.before_mm - self.harmless_mm
 
     @property
     def harmless_mm(self) -> float:
@@ -116,7 +121,7 @@ class Windows:
         before, after = (self.peaks_mm(_mean(each)) for each in (without, with_it))
         error_mm = self.noise_mm * math.sqrt(1.0 / len(without) + 1.0 / len(with_it))
         found = [PeakChange(order, before[order], after[order], error_mm) for order in before]
-        return sorted(found, key=lambda each: -each.rises.margin)
+        return sorted(found, key=lambda each: -each.beyond_mm)
 
     def largest(self, without: Sequence[Real], with_it: Sequence[Real]) -> PeakChange:
         """Compare the largest peaks of all windows; the arguments are those of `compared`."""

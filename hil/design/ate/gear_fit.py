@@ -70,7 +70,7 @@ MOST_MISS = 0.1
 On a drawn robot (10116) a gear that missed 5 % had A_k right to 4 %, ± 5 %, and the linear arm 80 to 120 % too large."""
 MOST_DAMPED = 1e7
 SIZES = {
-    "resonance": 1e-3, "damping": 0.02, "gear_fraction": 0.2, "bend": 1e-3, "delay": 1e-4, "dispersion": 0.01,
+    "resonance": 1e-3, "damping": 0.02, "gear_fraction": 0.2, "bend": 1e-3, "droop": 1e-3, "delay": 1e-4, "dispersion": 0.01,
     **dict.fromkeys(OF_IMAGES, 0.05),
     "softness": 0.05, "wind_up": 0.05, "hysteresis": 0.05, "hysteresis_torsion": 0.05, "cosine": 0.3, "sine": 0.3,
 }  # fmt: skip
@@ -106,7 +106,7 @@ def priors(weight: Weight, resonance_hz: float) -> dict[str, Prior]:
     The gear's torsions are a factor of 2 wide, softness and friction one of 20 and 55, around the middle of the gears that the
     emulator draws. Its part of ζ is 0.55 to 0.9: as the delay does, it turns the phase in proportion to the frequency, so the
     ramps hardly tell it. The sensor's mounting and its filter of order 2 resonate above or below 110 Hz, one as likely as the
-    other.
+    other: the filter's gain falls as 1 − ½ (f/f_c)⁴.
 
     Args:
         weight: Weight of the arm.
@@ -118,6 +118,7 @@ def priors(weight: Weight, resonance_hz: float) -> dict[str, Prior]:
         "gear_fraction": Prior(1.2, 1.0),
         "delay": Prior(0.01, 0.02),
         "bend": Prior(0.0, (resonance_hz / MOUNTING_HZ) ** 2),
+        "droop": Prior(0.0, 0.5 * (resonance_hz / MOUNTING_HZ) ** 4),
         "dispersion": Prior(0.0, math.sqrt(2.0) / 3.0 * (resonance_hz / MOUNTING_HZ) ** 3),
         **dict.fromkeys(OF_IMAGES, Prior(0.0, 0.5)),
         "softness": Prior(math.log(0.1), 3.0),

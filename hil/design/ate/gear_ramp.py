@@ -32,17 +32,18 @@ OF_IMAGES = tuple(f"{part}_{degree}" for degree in range(3) for part in ("beyond
 
 Its gain there over that of the model is 1 + Σ (beyond + j turned) (2 T f − 1)^degree."""
 SHARED = (
-    "resonance", "damping", "gear_fraction", "bend", "delay", "dispersion", *OF_IMAGES,
+    "resonance", "damping", "gear_fraction", "bend", "droop", "delay", "dispersion", *OF_IMAGES,
     "softness", "wind_up", "hysteresis", "hysteresis_torsion", "cosine", "sine",
 )  # fmt: skip
 """Unknowns of arm, gear and sensor. Resonance, damping ζ and all of the gear's are logarithms; gear_fraction is the logarithm of
-the gear's part of ζ over the arm's, and the last two are gravity's. The sensor's filter turns the phase by the delay, which is
+the gear's part of ζ over the arm's, and the last two are gravity's. The sensor's gain is 1/(1 − bend x² + droop x⁴): a mounting
+that resonates, and a low-pass of order 2. Its filter turns the phase by the delay, which is
 that at the resonance, and by dispersion (x³ − x) more, x = f/f_a."""
 BEGINNING = ("wound", "real", "imaginary")
 """Unknowns of each ramp: z/F at its beginning, and the phasor in rad with which the arm rings there."""
-FACTORS = ("bend", "delay", "dispersion", *OF_IMAGES)
+FACTORS = ("bend", "droop", "delay", "dispersion", *OF_IMAGES)
 """Those that need no simulation: factors of the spectrum."""
-OF_ROUNDING = ("resonance", "damping", "gear_fraction", "bend")
+OF_ROUNDING = ("resonance", "damping", "gear_fraction", "bend", "droop")
 """Those on which the noise of the encoder depends."""
 
 
@@ -225,6 +226,7 @@ class Ramp:
         return found
 
     def _mounted(self, hz: Real, p: Real) -> Real:
-        """Gain of the sensor on its mounting."""
+        """Gain of the sensor: of its mounting and of its low-pass."""
         v = self._setting.shared(p)
-        return np.asarray(1.0 / (1.0 - v["bend"] * np.minimum(hz / math.exp(v["resonance"]), GEAR_BAND[1]) ** 2))
+        square = np.minimum(hz / math.exp(v["resonance"]), GEAR_BAND[1]) ** 2
+        return np.asarray(1.0 / (1.0 - v["bend"] * square + v["droop"] * square**2))

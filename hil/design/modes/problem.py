@@ -33,7 +33,7 @@ from hil.design.plant_problem import (
 )
 from hil.design.plant_spectra import Spectra
 
-WITHOUT_TIP, WITH_TIP = 8, 12
+WITHOUT_TIP, WITH_TIP = 8, 14
 """Unknowns of motor and first mode."""
 INERTIA, FREQUENCY, ZETA, PART = range(4)
 """Unknowns of each further mode: ln J_i, ln ω_i, ln ζ_i, and with an accelerometer γ_i."""
