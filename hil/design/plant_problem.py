@@ -4,14 +4,15 @@ The module computes what the motor felt and did, the scatter, and the residual a
 
 Y* and U* are what the plant did and felt, made from what was sampled with the SYNC (period T) while the drive's law runs at T_c:
 
-    U* = (D H_d + (U − D e^{−jωT} − Σ F_k) e^{jωδ}) H_c,        Y* = Y − Σ Y_k
+    U* = (D H_d + (U − D e^{−jωT} − Σ F_k) e^{jωδ} sinc(f T_c)) H_c,        Y* = Y − Σ Y_k
 
 The offset is held over a period, H_d = (1 − e^{−jωT})/(jωT), but is sampled at its very end; the loop's own part is younger:
 δ ≥ 0 is how old the torque is that the drive reports, half a control period if it reports the present one, and refined by the
 fit. At the resonance the two nearly cancel, which is why a single delay for both will not do. What a drive reports is in
 general the demand, and the motor feels it behind the current loop, H_c = 1/(1 + jω T_i): T_i ≥ 0 is an unknown too, since a
-tenth of a millisecond of it looks like 6 % of motor inertia. F_k and Y_k are the images of the held excitation at f + k/T,
-which fold onto the line; they are computed from the fitted plant and the law's gains.
+tenth of a millisecond of it looks like 6 % of motor inertia. F_k and Y_k are the T/T_c − 1 images of the held excitation at
+f + k/T, which fold onto the line; they are computed from the fitted plant and the law's gains. The law samples the angle with
+T_c, which folds f_k + m/T_c onto f_k: there the motor moves alone.
 
 An accelerometer has a delay δ_a, and a low-pass or a mounting that resonates: gain g exp(−jωδ_a − j d (ω/ω_κ)³)/(1 − κ (ω/ω_κ)²),
 used around f_a only.
@@ -73,9 +74,8 @@ LAW_OPEN = 0.02
 Where the torque is lost in the noise of a coarse encoder, or in images, the motion that follows from excitation, plant and law is
 what tells J_m; elsewhere the measured torque tells it better.
 """
-IMAGE_PRIOR, IMAGE_ERROR = 0.5, 0.2
-"""Standard deviation of the sensor's gain where images are, over that in the band, and the part of the tip's images by which it
-differs between them."""
+IMAGE_ERROR = 0.5
+"""Standard deviation of the sensor's gain where images are, and of each image about it: it is not known at such frequencies."""
 SMOOTHED_LINES = 5
 """Lines over which the scatter between periods is averaged: of a few periods alone it is too uncertain for a weight."""
 
@@ -135,7 +135,7 @@ class _Folding:
         feedback: The law, with its hold.
         drive: Demand of the excitation.
         flat: Inverse of the torque's hold.
-        beyond: jω of the next frequencies that the law's own sampling folds onto these; shape (2, 1 + images, lines).
+        beyond: jω of the next frequencies that the law's own sampling folds onto these; shape (4, 1 + images, lines).
         rigid: Motor angle there, for an inertia of 1, over the torque here.
     """
 
@@ -164,6 +164,7 @@ class PlantProblem:
         self._aside = [AGE, LAG] if data.tip is None else [AGE, LAG, LEVER, DELAY, TILT, DISPERSION, BEYOND, TURNED]
         self._responses = lru_cache(KEPT)(self._computed)
         self._delays = lru_cache(KEPT)(self._delayed)
+        self._loops = lru_cache(KEPT)(self._closed)
 
     def _computed(self, plant: bytes) -> _Responses:
         """Responses of the unknowns of a plant, as bytes."""
@@ -184,6 +185,25 @@ class PlantProblem:
         plant[self._aside] = 0.0
         return self._responses(plant.tobytes())
 
+    def _loop(self, x: Real) -> tuple[Complex, Complex, Complex]:
+        """Closed loop at lines and images, which neither age nor accelerometer change.
+
+        Returns the motor angle, the same as the law samples it, and the torque; each of shape (1 + images, lines).
+        """
+        point = np.array(x, dtype=np.float64)
+        point[[each for each in self._aside if each != LAG]] = 0.0
+        return self._loops(point.tobytes())
+
+    def _closed(self, point: bytes) -> tuple[Complex, Complex, Complex]:
+        """Closed loop of the unknowns, as bytes."""
+        x, folded = np.frombuffer(point), self._folded
+        assert folded is not None  # noqa: S101 - asked for where there is a law
+        motion = self._of(x).image_angle / (1.0 + folded.jw * x[LAG])
+        # what moves beyond half of the law's rate is sampled too; there the motor moves alone
+        sampled = motion + (folded.rigid / (1.0 + folded.beyond * x[LAG])).sum(axis=0) / math.exp(x[J_M])
+        acting = folded.drive / (1.0 + folded.feedback * sampled)
+        return motion * acting, sampled * acting, acting
+
     def _delayed(self, delay_s: float) -> tuple[Complex, Complex]:
         """e^{−jωδ} at the lines and at the frequencies of the images."""
         images = np.zeros_like(self.jw) if self._folded is None else self._folded.jw
@@ -198,7 +218,7 @@ class PlantProblem:
         fold = np.array([0, *(k for k in range(-(count // 2), count - count // 2) if k)])[:, np.newaxis]
         frequency = self.data.frequency_hz + fold / sync
         jw = 2j * math.pi * frequency
-        beyond = np.stack([jw + 2j * math.pi * sign / control for sign in (-1.0, 1.0)])
+        beyond = np.stack([jw + 2j * math.pi * sign / control for sign in (-2.0, -1.0, 1.0, 2.0)])
         still = TwoInertia(self.ratio, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0)  # the law does not ask for the plant
         feedback = Loop(still, law, (), control).controller(frequency)
         if self.timing.kind == "torque":
@@ -231,19 +251,14 @@ class PlantProblem:
         if folded is None:
             none = np.zeros_like(self.excitation)
             return none, none, none, none
-        responses = self._of(x)
-        smooth_motion = responses.image_angle / (1.0 + folded.jw * x[LAG])
-        # the law samples the angle, so what moves beyond half of its rate counts too; there the motor alone moves
-        motion = smooth_motion + (folded.rigid / (1.0 + folded.beyond * x[LAG])).sum(axis=0) / math.exp(x[J_M])
-        acting = folded.drive / (1.0 + folded.feedback * motion)
-        moved = motion * acting
+        continuous, moved, acting = self._loop(x)
         asked = -folded.feedback * moved if self.timing.kind == "torque" else acting
         reported = (asked * folded.flat * self._delays(float(x[AGE]))[1])[1:].sum(axis=0)
         tip = np.zeros_like(self.excitation)
         if self.data.tip is not None:
             gain = self._lever_m(x) * (1.0 + float(x[BEYOND]) + 1j * float(x[TURNED]) * np.sign(folded.frequency_hz))
             sensed = gain * folded.jw**2 * self._delays(float(x[DELAY]))[1]
-            tip = (responses.image_arm * sensed * smooth_motion * acting)[1:].sum(axis=0)
+            tip = (self._of(x).image_arm * sensed * continuous)[1:].sum(axis=0)
         return np.asarray(reported), np.asarray(moved[1:].sum(axis=0)), np.asarray(tip), np.asarray(moved[0])
 
     def torque(self, x: Real, torque: Complex, image: Complex) -> Complex:
@@ -425,7 +440,7 @@ class PlantProblem:
         middle = 0.5 * self.timing.control_s
         priors = [(x[AGE] - middle) / (middle or AGE_PRIOR_S), x[LAG] / LAG_PRIOR_S]
         if data.tip is not None:
-            priors += [x[TILT] / TILT_PRIOR, x[DISPERSION] / DISPERSION_PRIOR, x[BEYOND] / IMAGE_PRIOR, x[TURNED] / IMAGE_PRIOR]
+            priors += [x[TILT] / TILT_PRIOR, x[DISPERSION] / DISPERSION_PRIOR, x[BEYOND] / IMAGE_ERROR, x[TURNED] / IMAGE_ERROR]
         priors = [math.copysign(LOSS * math.sqrt((1.0 + 0.5 * (each / LOSS) ** 2) ** 2 - 1.0), each) for each in priors]
         return np.concatenate([stacked.real, stacked.imag, priors])
 
