@@ -157,6 +157,10 @@ class PlantProblem:
         self.jw = 2j * math.pi * data.frequency_hz
         self.excitation = data.excitation.mean(axis=0)
         self._measured = tuple(each.mean(axis=0) for each in (data.angle, data.torque))
+        self._tip = None if data.tip is None else data.tip.mean(axis=0)
+        self._flat = np.sinc(data.frequency_hz * timing.control_s)
+        self._held = (1.0 - np.exp(-self.jw * timing.sync_s)) / (self.jw * timing.sync_s)
+        self._period = np.exp(-self.jw * timing.sync_s)
         self._folded = self._folding()
         self.scatter = Scatter.of(data.angle, data.torque)
         self.tip_scatter = None if data.tip is None else Scatter.of(data.tip, data.angle)
@@ -266,13 +270,11 @@ class PlantProblem:
 
         Shape (…, lines).
         """
-        late = self._delays(-float(x[AGE]))[0] * np.sinc(self.data.frequency_hz * self.timing.control_s)
+        late = self._delays(-float(x[AGE]))[0] * self._flat
         corrected = (torque - image) * late
         if self.timing.kind == "reference":
             return np.asarray(corrected)
-        sync = self.timing.sync_s
-        hold = (1.0 - np.exp(-self.jw * sync)) / (self.jw * sync)
-        return np.asarray(self.excitation * (hold - np.exp(-self.jw * sync) * late) + corrected)
+        return np.asarray(self.excitation * (self._held - self._period * late) + corrected)
 
     def felt(self, x: Real) -> Complex:
         """Response of the current loop, H_c; shape (lines,)."""
@@ -430,12 +432,12 @@ class PlantProblem:
         if self._folded is not None:
             sigma = np.sqrt(self.scatter.output + (LAW_OPEN * np.abs(foretold)) ** 2)
             left.append((angle - foretold) / sigma)
-        if data.tip is not None and self.tip_scatter is not None:
+        if self._tip is not None and self.tip_scatter is not None:
             model = responses.arm * self._lever_m(x) * self.jw**2 * self._delays(float(x[DELAY]))[0]
             tilted = data.frequency_hz / TILT_HZ
             model = model * np.exp(-1j * float(x[DISPERSION]) * tilted**3) / (1.0 - float(x[TILT]) * tilted**2)
             sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
-            left.append(((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)[self._tip_lines])
+            left.append(((self._tip - of_tip - model * angle) / sigma)[self._tip_lines])
         stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
         middle = 0.5 * self.timing.control_s
         priors = [(x[AGE] - middle) / (middle or AGE_PRIOR_S), x[LAG] / LAG_PRIOR_S]

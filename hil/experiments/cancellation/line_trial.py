@@ -134,8 +134,14 @@ def _rms(trials: Sequence[Trial]) -> float | None:
 
 
 def _worst(changes: Sequence[PeakChange]) -> str | None:
-    """Rise that counts, in words; None if there is none."""
-    risen = [f"the tip's peak along {way} {each.change}" for way, each in zip(WAYS, changes, strict=True) if each.rises.holds]
+    """Rise that counts, in words; None if there is none.
+
+    One along x, y or z has to be as good as certain, that of the worst direction more probable than not.
+    """
+    named = zip(WAYS, changes, strict=True)
+    risen = [f"the tip's peak along {way} {each.change}" for way, each in named if each.rises.holds]
+    if not risen and changes[-1].rises.is_likely:
+        risen = [f"the tip's peak along {WAYS[-1]} {changes[-1].change}"]
     return risen[0] if risen else None
 
 

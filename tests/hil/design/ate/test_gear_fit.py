@@ -65,10 +65,11 @@ def recorded(
     noise=NOISE,
     top_rps=6.8,
     lowpass_hz=None,
+    mounting_hz=None,
 ):
     """A recording of ramps; turning backwards, the error has another size if asked for, and the arm may ring at first.
 
-    The sensor has noise, and steps; it may have a Butterworth low-pass of order 2.
+    The sensor has noise, and steps; it may have a Butterworth low-pass of order 2, and resonate on its mounting.
     """
     fine = period_s / FINE
     angle, direction = turned(fine, acceleration_rps_s, top_rps)
@@ -83,6 +84,9 @@ def recorded(
     if lowpass_hz is not None:
         s = 1j * scipy.fft.rfftfreq(len(moved), fine) / lowpass_hz
         moved = scipy.fft.irfft(scipy.fft.rfft(moved) / (1.0 + math.sqrt(2.0) * s + s**2), len(moved))
+    if mounting_hz is not None:
+        s = 1j * scipy.fft.rfftfreq(len(moved), fine) / mounting_hz
+        moved = scipy.fft.irfft(scipy.fft.rfft(moved) * (1.0 + 0.1 * s) / (1.0 + 0.1 * s + s**2), len(moved))
     time = fine * np.arange(len(angle))
     signal = LEVER * np.interp(time - DELAY_S, time, moved)[::FINE] + noise * default_rng(seed).normal(size=samples + 1)
     if step_m_s2:
@@ -199,6 +203,20 @@ def test_a_sensors_filter_beyond_half_of_the_sampling_rate_does_not_spoil_the_de
 
 
 @pytest.mark.ci
+@pytest.mark.ci
+def test_a_low_pass_on_a_mounting_that_resonates_is_not_taken_for_an_amplitude():
+    """Both bend the gain, by f² and by f⁴: with f² alone, all A_k of two such robots were 0.3 % off, 5 standard errors."""
+    law, kinds = replace(LINEAR, resonance_hz=25.0, damping=0.045), {"top_rps": 15.0, "counts": 2**19, "noise": 0.005}
+    sweeps = [
+        recorded(law, acceleration, i, lowpass_hz=100.0, mounting_hz=260.0, **kinds) for i, acceleration in enumerate((8.0, 4.0))
+    ]
+    found = GearFit(sweeps, RATIO, Sensing(LEVER), replace(NEAR, resonance_hz=24.8), START, WEIGHT).run()
+    for row, (size, _) in enumerate(TRUE.values()):
+        amplitude = found.order(row)[0]
+        assert abs(amplitude.value - size) < 3.0 * amplitude.standard_error
+        assert amplitude.standard_error < 2e-3 * size
+
+
 def test_a_gear_that_errs_differently_backwards_is_no_gear_of_the_law():
     sweeps = [recorded(LINEAR, acceleration, 3, backwards=1.4) for acceleration in (3.0, 1.5)]
     linear = identify(sweeps, RATIO, Sensing(LEVER))
