@@ -290,7 +290,8 @@ class Correction:
     def _learnt(self) -> Estimate:
         """Posterior of everything that passes have left.
 
-        What the directions differ by beyond a delay is not noise, and returns in each pass: each direction has a bias of its own.
+        What the directions differ by beyond a delay is not noise, and returns in each pass, as the motion's own vibration does:
+        each direction has a bias of its own.
         """
         assert self._prior is not None  # noqa: S101 - it has begun
         known_s, error_s = (of(DELAY) for of in (self._prior.value, self._prior.standard_error))
@@ -301,7 +302,8 @@ class Correction:
             sides = [[each for each in self._left if each.order == order and each.seen.direction == way] for way in (1, -1)]
             shown = [complex(np.mean([each.shown(late_s) for each in side])) for side in sides if side]
             noise = float(np.mean([_variance(each.seen) for side in sides for each in side])) / max(len(side) for side in sides)
-            bias = math.sqrt(max(0.25 * abs(shown[0] - shown[-1]) ** 2 - noise, 0.0))
+            own = float(np.mean([each.seen.bias_variance for side in sides for each in side]))
+            bias = math.sqrt(max(0.25 * abs(shown[0] - shown[-1]) ** 2 - noise, own))
             self._prior = self._prior.with_others({name: (0.0, bias) for way in (1, -1) for name in _bias(order, way)})
             self._widen(order, complex(np.mean(shown)), math.sqrt(0.5 * (bias**2 + noise)))
         found = self._observed()

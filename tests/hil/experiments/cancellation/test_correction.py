@@ -109,6 +109,20 @@ def test_a_standard_error_is_that_of_the_noise_and_falls_with_the_passes() -> No
     assert errors == pytest.approx([0.1 / math.sqrt(n) for n in (1, 2, 3)], rel=0.15)
 
 
+def test_the_motions_own_vibration_does_not_contradict_what_is_known() -> None:
+    """On an arm of 4 Hz the ramps' jolts looked like an order 4 of 20″ in each pass, and 12″ became 25″."""
+    correction = known()
+    correction.begin(fitted(), ALL)
+    silent = {order: phasor(value) for order, value in TRUE.items()} | {4.0: phasor(TRUE[4]) + 15.0 - 12.0j}
+    for _ in range(3):
+        act(correction)
+        seen = left(correction, silent, noise=0.5)
+        seen[4.0] = [replace(each, bias_variance=10.0**2) for each in seen[4.0]]
+        correction.take(seen, ALL, ARM_HZ)
+    assert correction.values()[4].source == "known"
+    assert correction.values()[2].phasor == pytest.approx(phasor(TRUE[2]), abs=0.3)
+
+
 def test_noise_above_what_is_known_changes_nothing_and_the_order_says_so() -> None:
     correction = known()
     correction.begin(fitted(), ALL)
