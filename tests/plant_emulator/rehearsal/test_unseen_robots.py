@@ -11,7 +11,7 @@ from plant_emulator.trials.running import run_all
 from plant_emulator.trials.table import csv_text
 from tests.plant_emulator.rehearsal.made import page_of
 
-FIRST = 50_001
+FIRST = 50_201
 """Robots from here on were kept back until the path was finished; docs/rehearsal-results.md has what two hundred of them gave."""
 
 PROBED_EVERY = 5
@@ -19,10 +19,10 @@ PROBED_EVERY = 5
 
 HOLD = ("wrong_refused", "whole")
 """Claims that these robots keep without an exception."""
-TWENTY, HUNDRED = (0, {"linear": 9, "real": 10}), (1, {"linear": 47, "real": 49})
+TWENTY, HUNDRED = (0, {"linear": 9, "real": 10}), (0, {"linear": 48, "real": 48})
 """Robots with an accepted treatment that makes the tip worse, at most, and of each kind within the goal, at least.
 
-It is what their first run gave: a change that costs a robot is seen by this."""
+It is what their first run gave, but for the one robot that it made worse: a change that costs a robot is seen by this."""
 
 
 @pytest.mark.timeout(5400)  # the longest of all begins first
