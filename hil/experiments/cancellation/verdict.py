@@ -4,8 +4,9 @@ It follows from runs without the cancellation, with parts of it, and with the wh
 
 In run i a fraction g_i of a part acts, so its complex amplitude at the tip is e − g_i c: e is the amplitude without the
 cancellation, c the part that the cancellation removes. Both follow by least squares from all runs. A part is good if the
-whole of it leaves at most `MOST_LEFT` of e: a phase error of 45° passes; 60° fail at any amplitude, as does three times the
-amplitude. Where the posterior leaves that open (`decision`), or the noise hides the order, the part is not judged.
+whole of it leaves at most `MOST_LEFT` of e, and the tried fraction lowers e by at least half of that fraction: a phase error of
+45° passes; 60° fail at any amplitude, as do three times the amplitude and the correction of another axis. Where the posterior
+leaves that open (`decision`), or the noise hides the order, the part is not judged.
 """
 
 import cmath
@@ -139,7 +140,7 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     covariance[:, 0, 0] += bias
     left, left_error = _left(there, taken, covariance, 1.0, MOST_LEFT)
     tried, tried_error = _left(there, taken, covariance, gain, 1.0)
-    lowers = _lowers(there, taken, covariance)
+    lowers = _lowers(there, taken, covariance, gain)
     safe = max(size, 1e-30)
     verdict: Verdict = "accepted" if lowers.holds else "not judged"
     if lowers.fails and _is_seen(left_error / safe):
@@ -183,19 +184,23 @@ def _is_seen(left_error: float) -> bool:
     return SIGMAS * left_error <= MOST_LEFT
 
 
-def _lowers(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray) -> Decision:
-    """Claim that the whole leaves at most `MOST_LEFT` of the order.
+def _lowers(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: float) -> Decision:
+    """Claim that the whole leaves at most `MOST_LEFT` of the order, and the tried fraction g lowers it by at least g/2.
 
     Its probability is the fraction of draws from the posterior of e and c, normal in either component and in each direction,
-    with ‖e − c‖ ≤ `MOST_LEFT` ‖e‖ over the directions.
+    with ‖e − c‖ ≤ `MOST_LEFT` ‖e‖ and ‖e − g c‖ ≤ (1 − g/2) ‖e‖ over the directions; for g = 1 the first alone counts.
     """
     generator = np.random.default_rng(0)
-    before, after = np.zeros(DRAWS), np.zeros(DRAWS)
+    before, after, tried = np.zeros(DRAWS), np.zeros(DRAWS), np.zeros(DRAWS)
     for e, c, own in zip(there, taken, covariance, strict=True):
         off = np.linalg.cholesky(own) @ (generator.standard_normal((2, DRAWS)) + 1j * generator.standard_normal((2, DRAWS)))
         before += np.abs(e + off[0]) ** 2
         after += np.abs(e + off[0] - c - off[1]) ** 2
-    return Decision(float(np.mean(after <= MOST_LEFT**2 * before)))
+        tried += np.abs(e + off[0] - gain * (c + off[1])) ** 2
+    is_lower = after <= MOST_LEFT**2 * before
+    if gain < 1.0:
+        is_lower &= tried <= (1.0 - 0.5 * gain) ** 2 * before
+    return Decision(float(np.mean(is_lower)))
 
 
 def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: float, most: float) -> tuple[float, float]:
