@@ -23,7 +23,7 @@ ROUNDING_FELT, ROUNDING_STEPS = 0.02, 20
 """Fraction of the residual's power from which the encoder's rounding is taken out of the arm, and steps for that."""
 CONVERGED = 1e-6
 """Step of each unknown, by its size, below which there are no more."""
-LEAST_ZETA = 0.003
+LEAST_ZETA, OVERDAMPED_ZETA = 0.003, 1.0
 OWN_FROM_ORDER = 2
 """Least order with an arm of its own: order 1 passes its resonance at twice the speed of order 2, which few ramps reach."""
 OWN_FROM, OWN_BETTER = 0.1, 0.85
@@ -38,7 +38,9 @@ def refine(model: RampsModel, start: Arm) -> Arm:
 def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: float) -> tuple[Arm, dict[float, Arm]]:
     """Refine the arm and the own arms by Gauss-Newton.
 
-    The unknowns are ω, ζ, Δ, the mounting's bend, and ω and ζ of every own arm.
+    The unknowns are ω, ζ, Δ, the mounting's bend, and ω and ζ of every own arm. If the fit leaves the neighbourhood of its
+    start, or finds no resonance (ζ ≥ 1), the start is returned: the vibration is not a linear arm's, and elsewhere it only looks
+    more like one.
 
     Args:
         model: Model of the ramps.
@@ -86,7 +88,9 @@ def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: f
         jac=jacobian,
         x_scale=np.array([0.01, 0.3, 0.05] + has_bend * [0.01] + more * [0.01, 0.3]),
     )
-    return arms(fit.x)
+    found = arms(fit.x)
+    is_lost = fit.active_mask[0] != 0 or found[0].damping >= OVERDAMPED_ZETA
+    return (start, dict(own)) if is_lost else found
 
 
 def _sizes(own: Mapping[float, Arm]) -> list[float]:
@@ -129,7 +133,7 @@ def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> t
         found = shifted(found, *step[:4])
         others = {k: shifted(each, step[4 + 2 * i], step[5 + 2 * i], *step[2:4]) for i, (k, each) in enumerate(others.items())}
         is_lost = abs(found.resonance_hz / arm.resonance_hz - 1.0) > 0.1 or abs(found.bend) > LARGEST_BEND
-        if is_lost or min(each.damping for each in (found, *others.values())) < LEAST_ZETA:
+        if is_lost or not all(LEAST_ZETA <= each.damping < OVERDAMPED_ZETA for each in (found, *others.values())):
             return arm, dict(own)
         if np.all(np.abs(step) < CONVERGED * np.array([found.resonance_hz, found.damping, step_s, 1.0, *_sizes(others)])):
             break

@@ -5,7 +5,7 @@ import struct
 
 import canopen
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from drive_profiles.device import transfer
@@ -21,10 +21,24 @@ contents = st.binary(max_size=2000)
 
 
 class Client:
-    """A client's end of a wire to a server, which loses segments of blocks."""
+    """A client's end of a wire to a server, which loses segments of blocks.
+
+    Two sub-blocks one after the other of which only the last segment arrives look like one with its last frame twice: the
+    server is then silent. The wire does not lose that much.
+    """
 
     def __init__(self, server, wire):
         self.server, self.passes = server, wire.passes
+        self.was_hollow = False
+
+    def arriving(self, sub_block):
+        """What of a sub-block arrives; its last segment always does, as it brings the acknowledgement."""
+        arrived = [frame for frame in sub_block[:-1] if self.passes()]
+        is_hollow = len(sub_block) > 1 and not arrived
+        if is_hollow and self.was_hollow:
+            arrived, is_hollow = sub_block[:1], False
+        self.was_hollow = is_hollow
+        return [*arrived, sub_block[-1]]
 
     def run(self, make, *arguments):
         out, answers = [], []
@@ -33,12 +47,11 @@ class Client:
             is_segment = next(running)
             while True:
                 is_block = make is transfer.block_download and len(out) > 1
-                for number, frame in enumerate(out, 1):
-                    if not is_block or number == len(out) or self.passes():  # the last brings the acknowledgement
-                        answers += [each.data for each in self.server.receive(frame, 0)]
+                for frame in self.arriving(out) if is_block else out:
+                    answers += [each.data for each in self.server.receive(frame, 0)]
                 out.clear()
                 answer = answers.pop(0)
-                while is_segment and answers and not self.passes():  # likewise
+                while is_segment and answers and not self.passes():  # its last segment arrives likewise
                     answer = answers.pop(0)
                 is_segment = running.send(answer)
         except StopIteration as end:
@@ -63,6 +76,7 @@ def test_contents_of_any_length_go_there_and_back(read, write, content):
 
 
 @given(content=contents, lost=st.sets(st.integers(0, 300)), size=st.integers(1, 127))
+@example(content=bytes(8), lost={0, 1}, size=2)
 def test_segments_that_are_lost_in_a_block_come_again(content, lost, size):
     server, dictionary = make_server(max_bytes=4000, block_size=size)
     run(transfer.block_download, BLOB, content, server=server, lost=lost)

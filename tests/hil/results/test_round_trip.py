@@ -13,6 +13,8 @@ from pydantic import BaseModel, ValidationError
 
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedArm, IdentifiedError, IdentifiedPlant
+from hil.control.notch import FixedFilter
+from hil.control.shapers import SwingingMode
 from hil.design.notch_problem import Requirements
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.report.origin import origin_of
@@ -59,6 +61,8 @@ GIVEN: dict[Any, st.SearchStrategy[Any]] = {
     IdentifiedPlant: st.just(PLANT),
     IdentifiedArm: st.just(ARM),
     NotchTable: st.just(BENCH.axis[2].notch[0]),
+    FixedFilter: st.just(FixedFilter(0.9, -1.6, 0.9, -1.6, 0.8)),
+    SwingingMode: st.just(SwingingMode(11.8, 0.03)),
     Requirements: st.just(Requirements()),
     bool: st.booleans(),
     int: st.integers(-(1 << 31), 1 << 31),

@@ -8,7 +8,7 @@ from drive_profiles.standard.cia301 import NmtState
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.lss import UNCONFIGURED
-from plant_emulator.slave.node import Slave
+from plant_emulator.slave.node import Slave, SlaveNode
 from plant_emulator.slave.objects import PdoDefault, communication_entries
 
 MS = 1_000_000
@@ -123,6 +123,25 @@ def test_whatever_happens_each_reset_has_one_boot_up_message_and_no_queue_grows(
         assert len(sent) < 200
         due = slave.due
         assert due is None or due > bench.now
+
+
+class Around(SlaveNode):
+    """A node that adds nothing to its slave."""
+
+    def __init__(self, slave):
+        self.slave = slave
+
+
+@settings(max_examples=20)
+@given(steps)
+def test_a_node_around_a_slave_does_as_the_slave_does(make_bench, steps):
+    bare, around = make_bench(**PDOS), Around(make_bench(**PDOS).slave)
+    now = bare.now
+    for frame, pause in steps:
+        now += pause
+        assert around.advance(now) == bare.slave.advance(now)
+        assert around.receive(frame, now) == bare.slave.receive(frame, now)
+        assert (around.node_id, around.due) == (bare.slave.node_id, bare.slave.due)
 
 
 @settings(max_examples=50)

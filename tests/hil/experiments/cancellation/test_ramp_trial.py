@@ -78,20 +78,23 @@ def verdict_on(order: float, choice: Choice) -> PartVerdict:
 
 @pytest.mark.slow
 def test_an_order_hidden_in_the_ramps_jolt_is_judged_on_a_slow_ramp() -> None:
-    """Order 4 of this robot passes its resonance while the ramp's start still rings.
-
-    With φ_4 60° off the tip falls by a third there, by chance.
-    """
-    right = choice_with(10262, {})
+    """Order 4 of this robot passes its resonance while the ramp's start still rings."""
+    right = choice_with(10282, {})
     assert verdict_on(4.0, right).verdict == "accepted"
     assert "order 4: on a slow ramp, with 100 % of its cancellation it fell by" in verdict_on(4.0, right).words
     assert right.cancellation is not None
     assert 4.0 in {part.order for part in right.cancellation.parts}
-    for degrees in (60.0, 180.0):
-        wrong = choice_with(10262, {4.0: degrees})
-        assert verdict_on(4.0, wrong).verdict == "refused"
-        assert wrong.cancellation is not None
-        assert 4.0 not in {part.order for part in wrong.cancellation.parts}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [10262, 10282])
+@pytest.mark.parametrize("degrees", [60.0, 180.0])
+def test_a_wrong_order_hidden_in_the_ramps_jolt_is_refused(seed: int, degrees: float) -> None:
+    """With φ_4 60° off the tip of 10262 falls by a third at the resonance of order 4, by chance."""
+    wrong = choice_with(seed, {4.0: degrees})
+    assert verdict_on(4.0, wrong).verdict == "refused"
+    assert wrong.cancellation is not None
+    assert 4.0 not in {part.order for part in wrong.cancellation.parts}
 
 
 @pytest.mark.slow
