@@ -144,15 +144,21 @@ def motor_speed_rps(motor_angle_rad: Real, period_s: float) -> Real:
     return np.asarray(scipy.ndimage.gaussian_filter1d(speed, SMOOTHED))
 
 
+def shown_fraction(over_rate: Real) -> Real:
+    """Fraction of a wave that its samples are taken to show, by its frequency over their rate; shape of `over_rate`."""
+    low, high = SHOWN
+    return np.asarray(np.clip((high - np.abs(over_rate)) / (high - low), 0.0, 1.0))
+
+
 def shown_waves(motor_angle_rad: Real, period_s: float, orders: Sequence[float]) -> Real:
     """Cos kθ_m and −sin kθ_m of each order; shape (2·orders, n).
 
     A_k cos(kθ + φ_k) = (A_k cos φ_k) cos kθ − (A_k sin φ_k) sin kθ. Samples show a wave beyond half of the sampling rate at
     another frequency, at which the arm would answer it: such a wave fades out before.
     """
-    speed, (low, high), waves = motor_speed_rps(motor_angle_rad, period_s), SHOWN, []
+    speed, waves = motor_speed_rps(motor_angle_rad, period_s), []
     for order in orders:
-        there = np.clip((high - np.abs(order * speed * period_s)) / (high - low), 0.0, 1.0)
+        there = shown_fraction(order * speed * period_s)
         waves += [there * np.cos(order * motor_angle_rad), -there * np.sin(order * motor_angle_rad)]
     return np.array(waves).reshape(len(waves), len(motor_angle_rad))
 

@@ -68,7 +68,7 @@ def tip_by_order_mm(
 ) -> dict[float, float]:
     """Return the largest tip displacement by order, mm.
 
-    Each order has a window in a rising ramp; an order whose resonance the ramp does not pass is left out.
+    Each order has a window in a rising ramp (`_windows`).
 
     Args:
         recording: Recording on a quiet sensor.
@@ -82,16 +82,22 @@ def tip_by_order_mm(
     band = (scale.band_hz[0], min(scale.band_hz[1], 0.45 / period))
     displacement = np.abs(band_passed(recording.columns["tip_z_m_s2"], period, band)) * 1e3 / (2.0 * math.pi * f_al_hz) ** 2
     speed = np.abs(motor_speed_rps(recording, axis) if speed_rps is None else speed_rps)[: len(displacement)]
-    displacement = displacement[: len(speed)]
-    top = int(np.argmax(speed))
-    rising = np.arange(len(speed)) < top - round(END_S / period)
-    found: dict[float, float] = {}
+    top = int(np.argmax(speed)) - round(END_S / period)
+    return {order: float(displacement[rows].max()) for order, rows in _windows(speed[: max(top, 0)], f_al_hz).items()}
+
+
+def _windows(speed_rps: NDArray[np.float64], f_al_hz: float) -> dict[float, NDArray[np.intp]]:
+    """Rows of a rising ramp in which each order shakes the arm near f_al.
+
+    An order whose resonance the ramp does not pass is left out, unless it passes none: then those count that it comes near.
+    """
+    near: dict[float, NDArray[np.intp]] = {}
     for order in ORDERS:
-        low, high = 0.76 * f_al_hz / order, 1.27 * f_al_hz / order
-        inside = rising & (speed >= low) & (speed <= high)
-        if np.any(inside) and float(speed[inside].max()) >= f_al_hz / order:
-            found[order] = float(displacement[inside].max())
-    return found
+        rows = np.flatnonzero((speed_rps >= 0.76 * f_al_hz / order) & (speed_rps <= 1.27 * f_al_hz / order))
+        if len(rows):
+            near[order] = rows
+    passed = {order: rows for order, rows in near.items() if float(speed_rps[rows].max()) >= f_al_hz / order}
+    return passed or near
 
 
 def tracked_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[float, float]:
@@ -112,11 +118,10 @@ def tracked_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict
     except ValueError:  # a motion of less than a turn
         return {}
     found: dict[float, float] = {}
-    for column, order in enumerate(ORDERS):
-        low, high = 0.76 * f_al_hz / order, 1.27 * f_al_hz / order
-        inside = (track.speed_rps >= low) & (track.speed_rps <= high) & np.isfinite(track.amplitude[:, column])
-        if np.any(inside) and float(track.speed_rps.max()) >= f_al_hz / order:
-            found[order] = float(track.amplitude[inside, column].max())
+    for order, rows in _windows(track.speed_rps, f_al_hz).items():
+        amplitude = track.amplitude[rows, ORDERS.index(order)]
+        if np.any(np.isfinite(amplitude)):
+            found[order] = float(np.nanmax(amplitude))
     return found
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from hil.control.angles import ARCSEC
 from hil.design.ate.model import Arm
 from hil.design.frequency import Loop
-from hil.design.transmission_error import acceleration_spectrum, shown_waves
+from hil.design.transmission_error import acceleration_spectrum, shown_fraction, shown_waves
 from hil.recording import Recording
 
 Real = NDArray[np.float64]
@@ -253,6 +253,15 @@ def _weight(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -
     top = min(band_hz[1], TOP_FRACTION / period_s)
     band = scipy.signal.butter(2, (band_hz[0], top), "bandpass", fs=1.0 / period_s, output="sos")
     return np.asarray(np.abs(scipy.signal.sosfreqz(band, frequency_hz, fs=1.0 / period_s)[1]) ** 2)
+
+
+def unshown(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
+    """Part of a sine in a band that its samples do not show, 0 to 1; shape of `frequency_hz`."""
+    band = scipy.signal.butter(2, 2.0 * math.pi * np.asarray(band_hz), "bandpass", analog=True)
+    whole = np.abs(scipy.signal.freqs(*band, 2.0 * math.pi * frequency_hz)[1]) ** 2
+    inside = np.minimum(frequency_hz, 0.5 / period_s)
+    shown = _weight(inside, period_s, band_hz) * shown_fraction(frequency_hz * period_s)
+    return np.asarray(np.clip(whole - shown, 0.0, 1.0))
 
 
 def acceleration_of(

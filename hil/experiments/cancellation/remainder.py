@@ -7,7 +7,8 @@ the remainder must meet the goal, or at least half of its excess must vanish. If
 causes:
 
 - `speed limit`: the part for which the set-points had no room, by the tables of the cancellation.
-- `frequency limit`: the same, if the highest frequency of the cancellation is the limit.
+- `frequency limit`: the same, if the highest frequency of the cancellation is the limit; beyond what the samples show it is
+  taken from the model.
 - `order left out`: an order that is not cancelled: not known, or not passed by the trial.
 - `gear reaction`: the gear's torque moves the motor through its own error, by τ_g dθ_sync/dθ_m.
 - `estimate`: the orders themselves, turned or scaled alike at all speeds: their values are not known well enough.
@@ -15,7 +16,7 @@ causes:
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,9 +24,10 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.analysis import TipScale, motor_speed_rps
+from hil.control.angles import ARCSEC
 from hil.control.cancellation_table import CancellationTable
 from hil.design.frequency import Loop
-from hil.experiments.cancellation.effect import AxisWaves, Look, Part, acceleration_of, alike
+from hil.experiments.cancellation.effect import AxisWaves, Look, Part, acceleration_of, alike, unshown
 from hil.experiments.peaks import Windows
 from hil.recording import Recording
 from hil.results.runs import CancellationRemainder, RemainderCause
@@ -126,6 +128,7 @@ class _Account:
         jolt = windows.peaks_mm(self._mean([_without_orders(look) for look in before]))
         self._jolt_mm = max(jolt.values())
         self._asked_mm = max(quiet_mm, JOLT_FACTOR * self._jolt_mm)
+        self._unseen_mm = windows.to_mm * self._unseen_m_s2()
         self._peaks = {order: self._peak_mm(order) for order in windows.rows}
         self._look_at(max(self._peaks, key=lambda order: self._peaks[order]))
 
@@ -143,13 +146,13 @@ class _Account:
         power = float(np.mean((self._seen.windows.to_mm * values[self._rows]) ** 2))
         return max(power - self._noise_mm**2, 0.0)
 
-    def _peak_mm(self, order: float | None) -> float:
-        """Peak in a window, reduced by the noise's part of the power."""
+    def _peak_mm(self, order: float | None, *, with_unseen: bool = True) -> float:
+        """Peak in a window, reduced by the noise's part of the power, with what samples do not show of it."""
         rows = self._seen.windows.rows[order][: self._count]
         tip = self._seen.windows.to_mm * self._left[rows]
         power = float(np.mean(tip**2))
         part = max(power - self._noise_mm**2, 0.0) / max(power, 1e-30)
-        return float(np.max(np.abs(tip))) * math.sqrt(part)
+        return float(np.max(math.sqrt(part) * np.abs(tip) + with_unseen * self._unseen_mm[rows]))
 
     def entry(self) -> CancellationRemainder:
         """Entry of the remainder for the result file."""
@@ -186,11 +189,14 @@ class _Account:
 
     def _cause(self) -> RemainderCause:
         """Cause that removes most of the remainder, if it explains it."""
-        kept = {name: self._after_removal(vibration) for name, vibration in self._reckoned().items()}
+        shown_mm = self._peak_mm(self._order, with_unseen=False)
+        unseen_mm = self._left_mm - shown_mm
+        kept = {name: shown_mm * self._after_removal(vibration) + unseen_mm for name, vibration in self._reckoned().items()}
+        kept["frequency limit"] -= unseen_mm
         best = min(kept, key=lambda name: kept[name])
         if self._explains(kept[best]):
             return best
-        if self._explains(self._after_removal(self._waves(self._seen.used, self._after))):
+        if self._explains(shown_mm * self._after_removal(self._waves(self._seen.used, self._after)) + unseen_mm):
             return "estimate"
         if self._left_mm - self._asked_mm < self._noise_mm:
             return "sensor noise"
@@ -214,11 +220,13 @@ class _Account:
     def _reckoned(self) -> dict[RemainderCause, Real]:
         """Vibration of each cause that can be reckoned, whatever is left."""
         fitted, bound = self._after[0].sighting.amplitude, self._bound()
-        return {
+        reckoned: dict[RemainderCause, Real] = {
             "order left out": self._waves([part for part in fitted if part not in self._seen.used], self._after),
-            bound: self._found(self._given_up(), math.pi),
+            "frequency limit": self._found(self._images(), math.pi),
             "gear reaction": self._found_reaction(),
         }
+        reckoned[bound] = reckoned.get(bound, 0.0) + self._found(self._given_up(), math.pi)
+        return reckoned
 
     def _bound(self) -> RemainderCause:
         """Limit that binds the set-points.
@@ -231,9 +239,9 @@ class _Account:
                 return "speed limit"
         return "frequency limit"
 
-    def _explains(self, fraction: float) -> bool:
-        """True if the fraction that a cause leaves is small enough."""
-        return self._left_mm * fraction <= self._left_mm - HALF * (self._left_mm - self._asked_mm)
+    def _explains(self, kept_mm: float) -> bool:
+        """True if what a cause leaves is small enough."""
+        return kept_mm <= self._left_mm - HALF * (self._left_mm - self._asked_mm)
 
     def _after_removal(self, vibration: Real) -> float:
         """Fraction of the remainder that stays after a vibration is removed."""
@@ -252,9 +260,8 @@ class _Account:
     def _amplitude(self, looks: Sequence[Look], part: Part) -> complex:
         return complex(np.mean([look.sighting.amplitude[part] for look in looks]))
 
-    def _given_up(self) -> Real:
-        """Vibration of the parts' fractions for which the set-points have no room."""
-        total, recording = np.zeros(self._count), self._seen.recording
+    def _shares(self) -> Iterator[tuple[Part, Real, Real]]:
+        """Each used part with its motor speed and its fraction for which the set-points have no room; shapes (rows,)."""
         for part in self._seen.used:
             table = self._tables.get(part.axis)
             if table is None:
@@ -263,9 +270,48 @@ class _Account:
             whole = made.max(initial=0.0)
             if whole <= 0.0:
                 continue
-            speed = np.abs(motor_speed_rps(recording, part.axis))[self._seen.rows][: self._count]
-            granted = np.interp(speed, table.speeds_rps, made[0] / whole)
-            total += (1.0 - granted) * self._waves([part], self._before)
+            speed = np.abs(motor_speed_rps(self._seen.recording, part.axis))[self._seen.rows][: self._count]
+            yield part, speed, 1.0 - np.interp(speed, table.speeds_rps, made[0] / whole)
+
+    def _given_up(self) -> Real:
+        """Vibration of the parts' fractions for which the set-points have no room."""
+        total = np.zeros(self._count)
+        for part, _, share in self._shares():
+            total += share * self._waves([part], self._before)
+        return total
+
+    def _images(self) -> Real:
+        """Vibration that images of the sampled set-points cause; at the SYNCs it looks like the orders."""
+        total, recording = np.zeros(self._count), self._seen.recording
+        for axis in self._seen.axes:
+            table = self._tables.get(axis.number)
+            if table is None or table.image is None or not isinstance(axis.response.known, Loop):
+                continue
+            angle = recording.axis(axis.number, "position_rad")[self._seen.rows][: self._count]
+            speed = np.abs(motor_speed_rps(recording, axis.number))[self._seen.rows][: self._count]
+            used = {part.order for part in self._seen.used if part.axis == axis.number}
+            for wave, image in zip(table.waves, table.image, strict=True):
+                if not wave.sources <= used:
+                    continue
+                hz = np.abs(1.0 / recording.period_s - wave.order * speed)
+                made = np.interp(speed, table.speeds_rps, image.real) + 1j * np.interp(speed, table.speeds_rps, image.imag)
+                made = (
+                    made * np.conj(axis.response.at(hz)) * (2.0 * math.pi * hz) ** 2 / axis.response.known.plant.reduction_ratio
+                )
+                total -= self._lever_m(axis) * np.real(made * np.exp(1j * (wave.order * angle + wave.phase_rad)))
+        return np.asarray(total)
+
+    def _unseen_m_s2(self) -> Real:
+        """Amplitude of these fractions that the band contains and samples do not show; shape (rows,)."""
+        total, axes = np.zeros(self._count), {axis.number: axis for axis in self._seen.axes}
+        for part, speed, share in self._shares():
+            if part.axis in axes:
+                axis, hz = axes[part.axis], part.order * speed
+                size = (
+                    abs(self._amplitude(self._before, part)) * ARCSEC * np.abs(axis.response.at(hz)) * (2.0 * math.pi * hz) ** 2
+                )
+                missed = unshown(hz, self._seen.recording.period_s, self._seen.scale.band_hz)
+                total += share * missed * size * np.abs(self._lever_m(axis))
         return total
 
     def _found_reaction(self) -> Real:
@@ -317,8 +363,11 @@ class _Account:
                 slope -= wave.order * size * np.sin(wave.order * angle + wave.phase_rad)
         torque = -ratio * carried * slope
         made = acceleration_of(torque, period_s, self._seen.scale.band_hz, lambda hz: _per_torque(axis, loop, hz))
-        lever = axis.lever_m if np.ndim(axis.lever_m) == 0 else axis.lever_m[: len(made)]
-        return np.asarray((lever * made)[self._seen.rows[: len(made)]][: self._count])
+        return self._lever_m(axis) * np.asarray(made[self._seen.rows[: len(made)]][: self._count])
+
+    def _lever_m(self, axis: AxisWaves) -> Real:
+        """Lever of an axis in the rows that are read; shape () or (rows,)."""
+        return axis.lever_m if np.ndim(axis.lever_m) == 0 else axis.lever_m[self._seen.rows[: len(axis.lever_m)]][: self._count]
 
 
 def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.complex128]:

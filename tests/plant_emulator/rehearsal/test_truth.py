@@ -30,3 +30,10 @@ def test_what_a_cancellation_adds_to_the_speed_moves_no_window() -> None:
     assert set(before) == {1, 2, 4}
     assert after == pytest.approx(before)
     assert tip_by_order_mm(added, AXIS, F_AL_HZ)[4] != pytest.approx(before[4], rel=0.01), "its own speed moves them"
+
+
+def test_of_a_ramp_that_passes_no_resonance_the_window_it_enters_counts() -> None:
+    """Its top of 8 rev/s less the braking's part is 7.4 rev/s; order 4 meets 31 Hz at 7.75 rev/s."""
+    assert set(tip_by_order_mm(ramp(), AXIS, 31.0)) == {4}
+    assert tip_by_order_mm(ramp(), AXIS, 60.0) == {}
+    assert set(tip_by_order_mm(ramp(), AXIS, 25.0)) == {4}, "order 2's window is entered, and not passed"

@@ -123,14 +123,19 @@ def tip_mm(end: PathEnd, left_out: Collection[Part]) -> float:
     return max(Survey(end.robot, end.bench, end.axis).cancelled(end.model, left_out).peak_mm.values())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("seed", "is_loud"), [(311, True), (313, True), (323, False)])
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("seed", "is_loud"), [(311, True), (313, True), (323, False), (10169, True), (10205, True), (10233, True), (10267, False)]
+)
 def test_what_is_said_to_be_left_is_the_true_tip_and_its_cause_the_true_one(seed: int, *, is_loud: bool) -> None:
-    """Drawn robots: of two of them the gear's torque acts back on the motor."""
+    """Drawn robots: of two of them the gear's torque acts back on the motor, of four the SYNC period is 8 ms.
+
+    At 8 ms images of the set-points shake an arm of 27 Hz, and order 4 passes half of the SYNC rate, where no sample shows it.
+    """
     choice, end = tried(seed)
     left, end_mm = choice.verification.remainder, tip_mm(end, end.left_out)
     assert left is not None
-    assert left.left_mm == pytest.approx(end_mm, rel=0.3, abs=0.002)
+    assert left.left_mm == pytest.approx(end_mm, rel=0.3, abs=0.002), left.words
     assert (end_mm > left.asked_mm) is is_loud
     assert bool(left.causes) is is_loud
     if is_loud:
