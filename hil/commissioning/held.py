@@ -4,6 +4,7 @@ Its limits are narrower than the bench file's.
 """
 
 import contextlib
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Final
@@ -17,7 +18,6 @@ from hil.bench.load_encoder import watched_axes, with_load_encoders
 from hil.bench.tip import with_tip
 from hil.control.trajectory import sample_times
 from hil.errors import HilError, InterruptedRunError, SafetyStopError
-from hil.experiments.plant.motion import TURN
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, SHUTDOWN
 from hil.master.cyclic import CyclicExchange, Slot
 from hil.master.drive.axis import DriveAxis
@@ -259,7 +259,7 @@ def held_axis(session: Session, number: int, limits_si: Mapping[str, float] | No
     session.check_interrupt()
     whole, axis = session.bench, session.axes[number]
     session.reset_fault(axis)  # a check before may have put it there on purpose
-    session.adopt(narrowed(whole, number, axis.position_rad() / TURN))
+    session.adopt(narrowed(whole, number, axis.position_rad() / math.tau))
     period = session.network.period_s = whole.bus.sync_period_s
     try:
         axis.identify()

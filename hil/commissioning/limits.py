@@ -4,6 +4,7 @@ The drive gets a near limit on one side and a far one on the other; the master's
 where a limit with the wrong sign would stop it, and must not pass the near one.
 """
 
+import math
 from typing import Final
 
 import numpy as np
@@ -12,7 +13,6 @@ from hil.commissioning.held import HeldAxis, held_axis
 from hil.commissioning.seen import Checked
 from hil.commissioning.turning import room_trouble
 from hil.control.trajectory import Smooth, sample_times
-from hil.experiments.plant.motion import TURN
 from hil.master.drive.limits import limit_of
 from hil.master.motion import Real
 from hil.results.check import CheckEntry
@@ -47,7 +47,7 @@ def _check(of: Checked, sign: float) -> CheckEntry:
         sign: 1 for the upper limit, -1 for the lower.
     """
     name, here = ("upper limit" if sign > 0.0 else "lower limit"), of.session.axes[of.number].position_rad()
-    low, high = sorted((here + sign * TURN * NEAR_REV, here - sign * TURN * FAR_REV))
+    low, high = sorted((here + sign * math.tau * NEAR_REV, here - sign * math.tau * FAR_REV))
     with held_axis(of.session, of.number, {"position_min_rev": low, "position_max_rev": high}) as held:
         away = -sign * _there(held)
         if not (held.rise() and held.go(away) and held.go(away[::-1])):
@@ -57,7 +57,7 @@ def _check(of: Checked, sign: float) -> CheckEntry:
             held.rest(0.1)  # a drive that holds at its limit gets its set-point back
         recording = held.recorded()
     path = of.keep(recording, f"axis-{of.number}-{name.replace(' ', '-')}")
-    furthest = float(np.max(sign * (recording.axis(of.number, "position_rad") - held.start_rad))) / TURN
+    furthest = float(np.max(sign * (recording.axis(of.number, "position_rad") - held.start_rad))) / math.tau
     seen = (
         f"sent by {sign * ASKED_REV:+.2f} rev, the motor moved {sign * furthest:+.3f} rev; its limit: {sign * NEAR_REV:+.2f} rev"
     )
@@ -71,5 +71,5 @@ def _there(held: HeldAxis) -> Real:
     From the start; shape (n,).
     """
     times = sample_times(ASKED_S, held.period_s)
-    way = TURN * ASKED_REV * np.asarray(Smooth(ASKED_S, ASKED_RAMP_S).position(times))
+    way = math.tau * ASKED_REV * np.asarray(Smooth(ASKED_S, ASKED_RAMP_S).position(times))
     return np.concatenate([way, np.full(round(0.1 / held.period_s), way[-1])])

@@ -15,7 +15,6 @@ from hil.bench.bench import LEAST_LEVER_M, AxisTable
 from hil.commissioning.held import held_axis
 from hil.commissioning.seen import Checked
 from hil.commissioning.turning import room_trouble
-from hil.experiments.plant.motion import TURN
 from hil.master.motion import Real
 from hil.recording import TIP, Recording
 from hil.results.check import CheckEntry
@@ -66,7 +65,7 @@ def check_sensing(of: Checked) -> list[CheckEntry]:
     with held_axis(of.session, of.number) as held:
         count = round(SWING_PERIODS / SWING_HZ / held.period_s)
         times = np.arange(count) * held.period_s
-        swing = 0.5 * SWING_REV * TURN * (1.0 - np.cos(TURN * SWING_HZ * times))
+        swing = 0.5 * SWING_REV * math.tau * (1.0 - np.cos(math.tau * SWING_HZ * times))
         swing *= np.minimum(1.0, times * SWING_HZ)  # the first period is left out: the amplitude grows in it
         if held.rise() and held.rest(0.1) and held.go(swing):
             held.rest(0.2)

@@ -1,12 +1,12 @@
 """Checks of an axis at rest."""
 
+import math
 from typing import Final
 
 import numpy as np
 
 from hil.commissioning.held import held_axis
 from hil.commissioning.seen import Checked
-from hil.experiments.plant.motion import TURN
 from hil.master.control_words import QUICK_STOP
 from hil.results.check import CheckEntry
 
@@ -62,13 +62,13 @@ def check_heartbeat(of: Checked) -> list[CheckEntry]:
 
 
 def _stands(angles_rad: np.ndarray) -> bool:
-    return len(angles_rad) > 0 and float(np.ptp(angles_rad)) <= TURN * STILL_REV
+    return len(angles_rad) > 0 and float(np.ptp(angles_rad)) <= math.tau * STILL_REV
 
 
 def _turned(angles_rad: np.ndarray) -> str:
     if not len(angles_rad):
         return "no position came"
-    return f"the motor turned by {np.ptp(angles_rad) / TURN:.4f} rev in {WATCH_S:g} s"
+    return f"the motor turned by {np.ptp(angles_rad) / math.tau:.4f} rev in {WATCH_S:g} s"
 
 
 def _still_on(duration_s: float) -> str:

@@ -1,5 +1,6 @@
 """Checks in a slow third of a turn and back."""
 
+import math
 from typing import Final
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from hil.commissioning.held import HeldAxis, held_axis
 from hil.commissioning.seen import Checked
 from hil.commissioning.standing import STOP_S
-from hil.experiments.plant.motion import TURN, MotionBuilder, PlannedMotion, PlantRequest
+from hil.experiments.plant.motion import MotionBuilder, PlannedMotion, PlantRequest
 from hil.experiments.plant.probe import PROBE_RPS, SIGN_SIGMAS, probe_motion, probe_trouble, slow_torque
 from hil.master.control_words import QUICK_STOP
 from hil.master.motion import Real
@@ -27,7 +28,7 @@ def room_trouble(of: Checked, low_rev: float, high_rev: float) -> str | None:
     It needs so much to either side of its position.
     """
     limits = of.session.bench.axis[of.number].limits
-    here = of.session.axes[of.number].position_rad() / TURN
+    here = of.session.axes[of.number].position_rad() / math.tau
     if limits.position_min_rev + LEFT_REV <= here + low_rev and here + high_rev <= limits.position_max_rev - LEFT_REV:
         return None
     return (
@@ -43,9 +44,9 @@ def check_turn(of: Checked) -> list[CheckEntry]:
     The brake must open, the encoder follow, and the reported torque have the sign of the motion.
     """
     bench, table = of.session.bench, of.session.bench.axis[of.number]
-    here = of.session.axes[of.number].position_rad() / TURN
+    here = of.session.axes[of.number].position_rad() / math.tau
     planned = probe_motion(bench, PlantRequest(of.number), here)
-    turns = planned.bias_rad / TURN
+    turns = planned.bias_rad / math.tau
     if (trouble := room_trouble(of, float(turns.min()), float(turns.max()))) is not None:
         return [of.not_made(name, trouble) for name in ("brake opens", "encoder sign", "torque sign")]
     with held_axis(of.session, of.number) as held:
@@ -79,7 +80,7 @@ def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path
     wanted, moved = planned.bias_rad, angle - angle[0]
     along = float(np.dot(moved, wanted) / np.dot(wanted, wanted))
     friction, _ = slow_torque(angle, torque, planned)
-    seen = f"the motor's angle showed {100.0 * along:.0f} % of {np.ptp(wanted) / TURN:.2g} rev"
+    seen = f"the motor's angle showed {100.0 * along:.0f} % of {np.ptp(wanted) / math.tau:.2g} rev"
     checks = [
         of.passed("brake opens", True, f"{seen} at up to {np.max(np.abs(torque)):.3g} N·m", path),
         of.passed("encoder sign", SHOWN_TRAVEL[0] <= along <= SHOWN_TRAVEL[1], f"{seen}, along the set-point", path),
@@ -93,13 +94,13 @@ def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path
 def check_quick_stop(of: Checked) -> list[CheckEntry]:
     """Check that a quick stop ends a slow motion within its ramp."""
     bench, name = of.session.bench, "quick stop, moving"
-    here = of.session.axes[of.number].position_rad() / TURN
+    here = of.session.axes[of.number].position_rad() / math.tau
     builder = MotionBuilder(bench.bus.sync_period_s)
     limits = bench.axis[of.number].limits
     sign = 1.0 if here <= 0.5 * (limits.position_min_rev + limits.position_max_rev) else -1.0
     rows = builder.cruise(sign * PROBE_RPS, max(4, round(STOP_S / bench.bus.sync_period_s)))
-    angles = TURN * np.concatenate(builder.turns)
-    turns = angles / TURN
+    angles = math.tau * np.concatenate(builder.turns)
+    turns = angles / math.tau
     if (trouble := room_trouble(of, float(turns.min()), float(turns.max()))) is not None:
         return [of.not_made(name, trouble)]
     with held_axis(of.session, of.number) as held:
@@ -119,13 +120,13 @@ def _stopped(of: Checked, held: HeldAxis, going_on: Real, ramp_s: float) -> Chec
     """
     name, began = "quick stop, moving", held.slot.position_rad
     took_s = held.command(QUICK_STOP, going_on.tolist())
-    turned_rev = abs(held.slot.position_rad - began) / TURN
+    turned_rev = abs(held.slot.position_rad - began) / math.tau
     if took_s is None:
         seen = f"still in operation {STOP_S:g} s after the command, and {turned_rev:.3f} rev further on (605Ah, 6085h)"
         return of.passed(name, False, seen)
     held.stopped = "quick stop"
     after = held.watch(0.1)
-    turned_rev = abs((after[-1] if len(after) else held.slot.position_rad) - began) / TURN
+    turned_rev = abs((after[-1] if len(after) else held.slot.position_rad) - began) / math.tau
     allowed_rev = 0.5 * PROBE_RPS * ramp_s + OVERRUN_REV
     seen = f"stopped from {PROBE_RPS:g} rev/s and left operation after {1e3 * took_s:.0f} ms and {turned_rev:.3f} rev"
     return of.passed(name, turned_rev <= allowed_rev, f"{seen}, allowed {allowed_rev:.3f} rev")

@@ -25,7 +25,9 @@ Complex = NDArray[np.complex128]
 FITTED = (0.45, 2.4)
 """Frequencies over f_al between which the response is fitted."""
 FIT_POINTS, FIT_ROUNDS = 200, 6
+"""Frequencies of a fit, 1 % apart, and its rounds, after which no coefficient changes in the fourth figure."""
 ROUNDING_POINTS = 2000
+"""Frequencies over which a filter's noise by rounding is summed."""
 PASSED_OVER_RESONANCE = (0.4, 2.5)
 """Corners of the band-pass over f_al."""
 HIGHEST_FRACTION = 0.42

@@ -33,6 +33,7 @@ SLOWEST_RPS = 0.3
 FEWEST_PER_TURN = 4.0
 """Least number of samples per cycle of the highest order."""
 MAX_WINDOWS = 4000
+"""Bound of a map, more columns than a screen has."""
 BESIDE = 1.5
 """Distance from a fitted order at which the fit takes nothing of the noise any more, in orders times turns."""
 NEIGHBOURS = 8

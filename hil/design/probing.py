@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 
 MOST_SETTINGS = 128
+"""Bound of a design: 64 orders with two settings each, more than all axes of an arm have."""
 LEAST_SEEN = 1.7
 """Power of what a direction of the settings does, over that of noise, from which it is seen: a tenth of it may be noise."""
 BY_TURNS = 3

@@ -43,6 +43,7 @@ Complex = NDArray[np.complex128]
 LARGEST_ENCODER = 13.0
 """Most of an encoder's noise over its rounding's q²/12: one count rms beside it, more than any data sheet allows."""
 SMOOTHED_BINS = 5
+"""Neighbouring frequencies over which the power of the modelled vibration is averaged for the variance that grows with it."""
 SCORING_STEPS = 8
 """Most steps in a round of scoring."""
 SEARCHING, FINISHING = (2, 1.0), (4, 0.01)
@@ -51,15 +52,16 @@ last: that of a move by 1.4 standard errors, or by a seventh of one."""
 ADDITIVE = ("softness", "hysteresis")
 """Unknowns whose exponential scales a torque. Where the ramps show none of it, the gradient pulls the logarithm down, and the
 curvature contains that pull: d²/dx² f(eˣ) = df/dx for a proportional f. Without it, Fisher's scoring oversteps."""
-GEAR_MODEL_ERROR = 5e-4
+GEAR_MODEL_ERROR = 3e-4
 """Least part of a vibration that the model misses: by its steps, the spline between samples, and the sensor's filter.
 
-On 95 drawn robots (10142 to 10241) the rms of z of A_k, φ_k and Δ is 0.73 to 0.94 with it, and 0.50 to 0.82 with 1e-3."""
+On 95 drawn robots (10142 to 10241) the rms of z of A_k, φ_k and Δ is 0.86 to 1.15 with it, and 0.84 to 1.00 with 5e-4, with which
+it was 0.76 to 1.02 on the robots 50201 to 50400."""
 UNSHARED = 0.25
 """Part of the missed part's square that one direction does not share with the other.
 
 Only that part turns φ_k: a shift of time turns it one way forwards and the other way backwards. On those robots the rms of z of
-φ_k is 0.84 to 1.01 with it, and 0.50 to 0.81 with 1."""
+φ_k is 0.84 to 1.01 with it and 5e-4, and 0.50 to 0.81 with 1."""
 RINGING_RAD = 100.0 * ARCSEC
 """Standard deviation of the ringing with which a ramp begins; on a drawn robot of 7 Hz (10139) it was 30″."""
 POOR_MISS = 0.05
@@ -69,6 +71,7 @@ MOST_MISS = 0.1
 
 On a drawn robot (10116) a gear that missed 5 % had A_k right to 4 %, ± 5 %, and the linear arm 80 to 120 % too large."""
 MOST_DAMPED = 1e7
+"""Marquardt's damping of a step so short that no number of it changes."""
 SIZES = {
     "resonance": 1e-3, "damping": 0.02, "gear_fraction": 0.2, "bend": 1e-3, "droop": 1e-3, "delay": 1e-4, "dispersion": 0.01,
     **dict.fromkeys(OF_IMAGES, 0.05),

@@ -23,7 +23,8 @@ ROUNDING_FELT, ROUNDING_STEPS = 0.02, 20
 """Fraction of the residual's power from which the encoder's rounding is taken out of the arm, and steps for that."""
 CONVERGED = 1e-6
 """Step of each unknown, by its size, below which there are no more."""
-LEAST_ZETA, OVERDAMPED_ZETA = 0.003, 1.0
+LEAST_ZETA = 0.003
+"""ζ below which more than the rounding has been taken out of the arm."""
 OWN_FROM_ORDER = 2
 """Least order with an arm of its own: order 1 passes its resonance at twice the speed of order 2, which few ramps reach."""
 OWN_FROM, OWN_BETTER = 0.1, 0.85
@@ -89,7 +90,7 @@ def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: f
         x_scale=np.array([0.01, 0.3, 0.05] + has_bend * [0.01] + more * [0.01, 0.3]),
     )
     found = arms(fit.x)
-    is_lost = fit.active_mask[0] != 0 or found[0].damping >= OVERDAMPED_ZETA
+    is_lost = fit.active_mask[0] != 0 or found[0].damping >= 1.0
     return (start, dict(own)) if is_lost else found
 
 
@@ -133,7 +134,7 @@ def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> t
         found = shifted(found, *step[:4])
         others = {k: shifted(each, step[4 + 2 * i], step[5 + 2 * i], *step[2:4]) for i, (k, each) in enumerate(others.items())}
         is_lost = abs(found.resonance_hz / arm.resonance_hz - 1.0) > 0.1 or abs(found.bend) > LARGEST_BEND
-        if is_lost or not all(LEAST_ZETA <= each.damping < OVERDAMPED_ZETA for each in (found, *others.values())):
+        if is_lost or not all(LEAST_ZETA <= each.damping < 1.0 for each in (found, *others.values())):
             return arm, dict(own)
         if np.all(np.abs(step) < CONVERGED * np.array([found.resonance_hz, found.damping, step_s, 1.0, *_sizes(others)])):
             break

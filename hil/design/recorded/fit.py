@@ -23,7 +23,6 @@ REPEATS = 120
 """Signals that are made of the blocks of a residual."""
 DRAWN_BLOCK_TURNS = 1.0
 """Revolutions of the motor in a block."""
-BLOCK_SEED = 20_140_824
 LEAST_PASSES = 2.0
 """Revolutions of a stretch times its lowest order, and times the least difference of two orders, that tell them apart."""
 
@@ -158,7 +157,7 @@ def _bootstrapped(angle_rad: Real, choice: DegreeChoice, fitted: Real, residual:
 
     The residual of such a signal is made of random blocks of the real one.
     """
-    random = np.random.default_rng(BLOCK_SEED)
+    random = np.random.default_rng(0)
     turns = float(np.ptp(angle_rad)) / (2.0 * math.pi)
     count = len(residual)
     block = max(1, min(count // 2, round(count * DRAWN_BLOCK_TURNS / turns)))

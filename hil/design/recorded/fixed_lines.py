@@ -22,6 +22,7 @@ LINES_FROM_ORDER, LINES_FROM_TURNS = 1.5, 12.0
 STANDS_OUT = 3.0
 """Strength, by the median of the scan, from which an order is looked at."""
 MOST_FREQUENCIES = 4000
+"""Bound of a scan."""
 PIECES, STEADY_WITHIN = 4, 0.5
 """Parts of a stretch in each of which a line is there, and how far from its mean it may be in each, by the mean."""
 

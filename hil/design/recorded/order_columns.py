@@ -19,6 +19,7 @@ SAMPLES_PER_TURN, LEAST_SAMPLES = 60, 500
 MOST_NUMBERS = 60_000_000
 """Numbers that the waves of all stretches may be, 4 bytes each: of more the longest stretches are scanned."""
 AT_ONCE = 8
+"""Orders whose columns are made at once."""
 PROBED = 12
 """Orders at which it is seen how far apart orders must be to be told apart."""
 

@@ -31,6 +31,7 @@ MEDIAN_KNOWS = 0.48
 ALIKE = 0.5
 """Degrees of freedom of a sum over stretches, by those of independent noise: what a slow part leaves is alike in short ones."""
 MOST_LOOKS = 12
+"""Bound of a scan: a look takes out one order."""
 MOST_TAKEN = 0.4
 """Orders to either side of one that was taken out that it may have taken along, at most."""
 APART_TURNS = 1.5

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 
 MOST_DEGREE = 24
+"""Bound of the degrees that are tried."""
 LEFT_OUT_TURNS = 0.5
 """Revolutions of the motor that are left out in one piece: more than what is left of a fit remembers."""
 FOLDS = 5
+"""Parts of the cross-validation that chooses the degree."""
 WAVES_BELOW = 1.2
 """Highest degree, by the waves of the lowest order in the stretch: a polynomial of degree d swings d/2 times."""
 

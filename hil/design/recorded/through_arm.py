@@ -28,6 +28,7 @@ PASSED_UP_TO = 3.0
 DIFFERENCE = 0.05
 """Step of a slope in resonance, damping and delay, by the standard error of each."""
 MOST_FINE = 4_000_000
+"""Bound of the memory of a fit: 32 MB for each column."""
 MOST_KEPT = 6
 """Arms, or orders, whose waves are kept: those of one standard error, or those that several stretches ask for in turn."""
 

@@ -36,6 +36,7 @@ LOWEST_HZ = 0.3
 RING_DOWN_S = 3.0
 """Time by which a transform is longer than its recording, so that its end does not ring into its beginning."""
 LEAST_COLUMN, RIDGE = 1e-30, 1e-10
+"""Numbers that keep an inverse finite; a column of less is none."""
 EDGE_ROWS = 16
 """Rows at either end of a recording whose mean is taken for the level there."""
 LEAST_NOISE_M_S2 = 1e-5
@@ -54,6 +55,7 @@ TOP_FRACTION = 0.4
 LIKELY = (0.04, 0.4, 0.003)
 """Standard deviations of a model before the fit: of ln f, of ln ζ, and of the sensor's delay in s."""
 REFINED_EVALUATIONS = 120
+"""Bound of a refinement."""
 
 
 class Part(NamedTuple):

@@ -20,8 +20,6 @@ from hil.experiments.cancellation.verdict import Seen
 from hil.master.motion import Motion
 from hil.recording import Recording
 
-DIRECTIONS = (1, -1)
-
 
 def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: float, motion: Motion, stands_rad: float) -> Ramps:
     """Slow ramp of one axis through the resonance of some orders.
@@ -71,7 +69,7 @@ def seen_by_direction(
     """
     directions = motion.direction()[: len(recording.time_s)]
     found: dict[float, list[Seen]] = {order: [] for order in orders}
-    for way in DIRECTIONS:
+    for way in (1, -1):
         sighting = sight(recording, waves, directions == way, scale.band_hz)
         for order, sights in found.items():
             part = Part(waves[0].number, order)

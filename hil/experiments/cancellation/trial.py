@@ -40,6 +40,7 @@ Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
 PROBE_GAIN = 0.3
+"""Fraction that is tried first: a correction three times too large, turned by 180°, adds 0.9 of the vibration and no more."""
 MOST_WHOLE = 4
 """Most runs with the whole cancellation: where an order cannot be judged above the sensor's noise, the mean of so many may."""
 

@@ -31,6 +31,7 @@ SLOWEST = 0.05
 LEAST_S = 0.1
 """Least time that a motion must show."""
 LEVER_STEP_RAD = 1e-5
+"""Step of a central difference: ∂z/∂q is exact to 1e-10 with it."""
 
 
 def response_of(bench: Bench, identified: Identified | None, number: int) -> Response | None:

@@ -32,7 +32,6 @@ from hil.experiments.plant.checks import (
 from hil.experiments.plant.evaluation import PlantEvaluation, cannot_tell
 from hil.experiments.plant.motion import (
     FAST_FRACTION,
-    TURN,
     Band,
     ExcitedSignal,
     PlannedMotion,
@@ -105,7 +104,7 @@ class PlantIdentification:
         self.checks: list[DataCheck] = []
         self.remarks: list[str] = []
         self.excited: ExcitedSignal = self._excited_signal()
-        self.start_rev = self.drive.position_rad() / TURN
+        self.start_rev = self.drive.position_rad() / math.tau
         self.travel = self._travel(pilot_band(request, self.bench.bus.sync_period_s))
         self._control_s, words = loop_period_s(self.drive)
         self.remarks += words
@@ -379,7 +378,7 @@ class PlantIdentification:
             np.diff(angle[rows]) * math.copysign(1.0, speed)
             for rows, speed in zip(planned.stretches, planned.speeds_rps, strict=True)
         ]
-        return np.concatenate(speeds) / recording.period_s / TURN
+        return np.concatenate(speeds) / recording.period_s / math.tau
 
     def _main_checks(self, planned: PlannedMotion, recording: Recording, amplitude: float) -> list[DataCheck]:
         torque = recording.axis(self.request.axis, "torque_nm")
@@ -418,7 +417,7 @@ class PlantIdentification:
 
         Of a stretch with missing answers only the longest whole part counts.
         """
-        start, axis, samples = TURN * self.start_rev, self.request.axis, travel.samples
+        start, axis, samples = math.tau * self.start_rev, self.request.axis, travel.samples
         stretches, used, planned_periods = [], 0, 0
         for planned, recording in runs:
             felt = None if not self._uses_tip else recording.felt_m_s2

@@ -22,7 +22,6 @@ from hil.experiments.bus_demand import BusDemand, takes_torque_offset
 from hil.master.motion import Motion, Real
 from hil.master.whereabouts import move_command
 
-TURN = 2.0 * math.pi
 RAMP_S = 0.5
 """Duration of a change of speed; the turns between stretches are not evaluated."""
 MARGIN_REV = 0.5
@@ -361,7 +360,7 @@ def planned(
         stretches: Evaluated rows.
         speeds: Speed of each stretch, rev/s, signed.
     """
-    bias, added = TURN * np.concatenate(builder.turns), np.concatenate(builder.offset)
+    bias, added = math.tau * np.concatenate(builder.turns), np.concatenate(builder.offset)
     times = np.arange(len(bias), dtype=np.float64) * builder.sync_s
     has_offset = excited == "torque" and bool(np.any(added))
     angle = bias + added if excited == "reference" else bias

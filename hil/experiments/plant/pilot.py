@@ -10,7 +10,7 @@ from hil.design.frequency import Complex, Loop
 from hil.design.plant_identification import PlantEstimate
 from hil.design.plant_problem import SamplingTiming, tip_response
 from hil.design.plant_spectra import Spectra
-from hil.experiments.plant.motion import TURN, ExcitedSignal, Travel
+from hil.experiments.plant.motion import ExcitedSignal, Travel
 from hil.master.motion import Real
 
 PILOT_FRACTION = 0.05
@@ -77,7 +77,7 @@ def measured_peaks(angle_rad: Real, torque_nm: Real, tip_m_s2: Real | None, samp
         samples: Rows of a period.
         sync_s: The SYNC period.
     """
-    speed = np.gradient(angle_rad, sync_s) / TURN
+    speed = np.gradient(angle_rad, sync_s) / math.tau
     pairs = []
     for values in (torque_nm, speed, tip_m_s2):
         if values is None:
@@ -121,7 +121,7 @@ def predicted_peaks(
         spectrum[wave.lines] = lines
         return float(np.max(np.abs(np.fft.irfft(spectrum, count))))
 
-    return Peaks(peak(torque), peak(jw * angle) / TURN, peak(tip))
+    return Peaks(peak(torque), peak(jw * angle) / math.tau, peak(tip))
 
 
 def set_point_room_nm(travel: Travel, excited: ExcitedSignal, speed_limit_rps: float) -> float:
@@ -141,7 +141,7 @@ def set_point_room_nm(travel: Travel, excited: ExcitedSignal, speed_limit_rps: f
         return math.inf
     wave = travel.wave
     steps = np.diff(np.concatenate([[0.0], wave.wave, wave.wave[:1]]))
-    fastest_rps = float(np.max(np.abs(steps))) / wave.sample_s / TURN
+    fastest_rps = float(np.max(np.abs(steps))) / wave.sample_s / math.tau
     return max(0.0, SET_POINT_FRACTION * speed_limit_rps - travel.bias_rps) / fastest_rps
 
 

@@ -9,12 +9,11 @@ import numpy as np
 from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
 from hil.design.estimation import inverse
-from hil.experiments.plant.motion import TURN, MotionBuilder, PlannedMotion, PlantRequest, planned
+from hil.experiments.plant.motion import MotionBuilder, PlannedMotion, PlantRequest, planned
 from hil.master.motion import Real
 from hil.recording import Recording
 
-PROBE_RPS = 0.4
-PROBE_S = 0.4
+PROBE_RPS, PROBE_S = 0.4, 0.4
 """Speed of the probe, and duration of the part at constant speed in either direction; its ramps take another fifth of a turn."""
 SIGN_SIGMAS = 4.0
 """Standard errors from which a torque counts as seen."""
@@ -83,7 +82,7 @@ def probe_trouble(
     if travelled < STILL_FRACTION:
         return ProbeTrouble(
             "brake",
-            f"the motor angle showed {100.0 * travelled:.0f} % of a motion of {np.ptp(motion.bias_rad) / TURN:.2g} rev at "
+            f"the motor angle showed {100.0 * travelled:.0f} % of a motion of {np.ptp(motion.bias_rad) / math.tau:.2g} rev at "
             f"up to {largest:.3g} N·m; check that the brake is open, the arm free, and the encoder the axis' own",
         )
     friction, slope = slow_torque(angle, torque, motion)
@@ -116,7 +115,7 @@ def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_li
     if abs(moved) > 0.1 * float(np.ptp(motion.bias_rad)) and moved * pushed < 0.0 and abs(pushed) > 0.3 * largest:
         return ProbeTrouble(
             "encoder",
-            f"the motor ran {moved / TURN:+.2g} rev against a torque of {pushed:+.3g} N·m until it was stopped: the encoder "
+            f"the motor ran {moved / math.tau:+.2g} rev against a torque of {pushed:+.3g} N·m until it was stopped: the encoder "
             "counts backwards (607Eh, motor phases)",
         )
     if abs(moved) <= STILL_FRACTION * float(np.ptp(motion.bias_rad)) and largest > 0.8 * torque_limit_nm:

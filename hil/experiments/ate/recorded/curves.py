@@ -20,8 +20,11 @@ SCAN, MAP, FIT = "scan.csv", "map.csv", "fit.csv"
 MAP_TURNS = 2.5
 """Revolutions of a window of the map."""
 MAP_STEP = 0.05
+"""Step of its orders."""
 MOST_WINDOWS = 120
+"""Columns of a figure's map."""
 DRAWN_STRETCHES, DRAWN_SAMPLES = 4, 1500
+"""Stretches of a figure, and the samples of each: more than its width has dots."""
 
 
 def write_curves(

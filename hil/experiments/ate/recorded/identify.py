@@ -43,6 +43,7 @@ from hil.robot_tables import TransmissionErrorTable, amplitude_key, phase_key
 PART_TURNS = 1.25
 """Revolutions of a part in which a change is looked for, by those from which a stretch tells its orders apart."""
 MOST_PARTS = 6
+"""Parts into which a stretch is cut, to see whether its error stays the same."""
 SPEEDS_APART = 2.0
 """Ratio of the speeds of two parts from which what two encoders show may be the arm's answer, which depends on the speed."""
 TURNED_DEG = 30.0

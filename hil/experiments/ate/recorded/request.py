@@ -12,6 +12,7 @@ from hil.recordings.reading import Recorded
 from hil.robot_tables import ORDERS
 
 MOST_FILES = 64
+"""Bound of a request."""
 MOST_STRETCHES = 64
 """Stretches that are fitted of all files together, the longest first."""
 MOST_SAMPLES = 20_000

@@ -1,12 +1,14 @@
 """Amplitudes of a plant identification: what is planned keeps to the limits by which the master checks it."""
 
+import math
+
 import numpy as np
 import pytest
 
 from hil.bench.bench import load_bench
 from hil.errors import UnsafeRequestError
 from hil.experiments.plant.bands import pilot_band
-from hil.experiments.plant.motion import TURN, PlantRequest, excited_motion, plan_travel
+from hil.experiments.plant.motion import PlantRequest, excited_motion, plan_travel
 from hil.experiments.plant.pilot import SET_POINT_FRACTION, set_point_room_nm
 from hil.master.drive.axis import DriveAxis
 from hil.master.request import check_motion
@@ -23,7 +25,7 @@ def test_set_points_of_the_largest_excited_reference_keep_the_speed_limit(sync_s
     largest_nm = set_point_room_nm(travel, "reference", limit)
     motion = excited_motion(bench, REQUEST, travel, 0.0, "reference", largest_nm).motion
     check_motion(motion, axes, [0.0])
-    fastest = float(np.max(np.abs(np.diff(motion.motor_angle_rad[:, 0])))) / sync_s / TURN
+    fastest = float(np.max(np.abs(np.diff(motion.motor_angle_rad[:, 0])))) / sync_s / math.tau
     assert 0.8 * limit < fastest <= SET_POINT_FRACTION * limit * (1.0 + 1e-6)
     faster = excited_motion(bench, REQUEST, travel, 0.0, "reference", 1.3 * largest_nm).motion
     with pytest.raises(UnsafeRequestError, match="the speed of axis 2"):
