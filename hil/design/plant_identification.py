@@ -221,7 +221,7 @@ def estimate_of(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate
         "viscous_damping_nm_s_rad": parameter(float(x[VISCOUS]), {VISCOUS: 1.0}, 10.0 * LEFT_OPEN),
         "antiresonance_hz": parameter(f_a, {J_L: -0.5 * f_a, K_G: 0.5 * f_a}),
         "resonance_hz": parameter(f_r, {J_M: -arm_part * f_r, J_L: (arm_part - 0.5) * f_r, K_G: 0.5 * f_r}, 0.3 * LEFT_OPEN),
-        "damping": parameter(zeta, {J_L: -0.5 * zeta, K_G: -0.5 * zeta, DAMPING: zeta}, LEFT_OPEN),
+        "damping": parameter(zeta, {J_L: -0.5 * zeta, K_G: -0.5 * zeta, DAMPING: zeta}, 2.0 * LEFT_OPEN),
         "torque_age_s": parameter(float(x[AGE]), {AGE: 1.0}),
         "torque_lag_s": parameter(float(x[LAG]), {LAG: 1.0}),
     }

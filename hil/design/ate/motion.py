@@ -32,7 +32,8 @@ def motion_factor(
     """Estimate the factor of the motor's motion and its standard error.
 
     Least squares of the signal on g H(s) e^{−sΔ} θ̈_m/N and the columns of every order, all in a band below the resonance, less
-    the encoder's noise. The standard error comes from the scatter between blocks of time, since the residual is not white.
+    the encoder's noise. The standard error comes from the scatter between n blocks of time, since the residual is not white; of
+    n only n − 1 are independent, as their slopes add up to 0. One block alone tells nothing of it: it is 1 then.
 
     Args:
         sweeps: Recordings.
@@ -55,7 +56,9 @@ def motion_factor(
     factors = inverse @ wanted
     scores = np.array([rows.T @ (values - rows @ factors) for rows, values in blocks])
     spread = inverse @ (scores.T @ scores) @ inverse
-    return float(factors[0]), math.sqrt(max(0.0, float(spread[0, 0])))
+    if len(blocks) < 2:
+        return float(factors[0]), 1.0
+    return float(factors[0]), math.sqrt(len(blocks) / (len(blocks) - 1) * max(0.0, float(spread[0, 0])))
 
 
 def _below(

@@ -179,20 +179,11 @@ def identify_on(
         sensing = sensing_of(bench, axis, knowledge, sensorless=request.sensorless)
         sweeps = [each.sweep for each in identification.passes]
         watch = OrderWatch(reduction_ratio, sensing, ramp, sweeps)
-        try:
+        if has_gear:
+            made = replace(made, estimate=checked_on_gear(watch, made.estimate, knowledge, passes_left=left))
+            identification.passes[-1] = made
+        else:
             checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
-        except AteNotIdentifiedError as refusal:
-            if not has_gear or refusal.causes != ("noise",):
-                raise
-            on_gear = simulated(made.estimate, sweeps, reduction_ratio, sensing, knowledge)
-            if on_gear.gear is None:
-                raise
-            try:
-                # no allowance for more passes: with it, a second fit of noise would often pass
-                checked(watch, on_gear, sensorless=False)
-            except AteNotIdentifiedError:
-                raise refusal from None  # the first names an order that is not in the set and leads both fits astray
-            made = identification.passes[-1] = replace(made, estimate=on_gear)
         is_through = _is_through(axis, made, passes_left=left)
         before, identification.misses = identification.misses, request.goal.missed(made.estimate)
         if is_through and not _curable(identification, before):
@@ -281,6 +272,35 @@ def estimate_of(
     start = knowledge.start if before is None else before
     estimate = identify_orders(sweeps, reduction_ratio, sensing, start, orders, is_near=len(sweeps) > SEARCHED_PASSES)
     return _with_inertia_error(estimate, knowledge.arm_inertia_fraction)
+
+
+def checked_on_gear(watch: OrderWatch, estimate: JointEstimate, knowledge: AxisKnowledge, *, passes_left: int) -> JointEstimate:
+    """Check an estimate from all passes, on its gear if its linear arm does not explain them.
+
+    Args:
+        watch: The passes.
+        estimate: Estimate from them, with a linear arm.
+        knowledge: Knowledge of the axis.
+        passes_left: Passes that may follow.
+
+    Raises:
+        AteNotIdentifiedError: Neither explains the passes.
+    """
+    try:
+        checked(watch, estimate, sensorless=False, passes_left=passes_left)
+    except AteNotIdentifiedError as refusal:
+        if refusal.causes != ("noise",):
+            raise
+        on_gear = simulated(estimate, watch.sweeps, watch.reduction_ratio, watch.sensing, knowledge)
+        if on_gear.gear is None:
+            raise
+        try:
+            # no allowance for more passes: with it, a second fit of noise would often pass
+            checked(watch, on_gear, sensorless=False)
+        except AteNotIdentifiedError:
+            raise refusal from None  # the first names an order that is not in the set and leads both fits astray
+        return on_gear
+    return estimate
 
 
 def simulated(

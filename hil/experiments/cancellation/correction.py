@@ -33,7 +33,7 @@ Source = Literal["known", "learnt"]
 
 OFF_ERROR = 0.2
 """Standard error of the arm's response as a fraction of it. Fits of soft gears' first passes are off by up to 15 % (13 bits)."""
-MADE_ALONG, MADE_ACROSS = 0.0045, 0.0009
+MADE_ALONG, MADE_ACROSS = 0.0045, 0.0007
 """Standard errors of the motor's motion as fractions of the correction: in amplitude, and in phase.
 
 Of 109 corrections of drawn robots (10242 to 10341) that silence the tip, half differ from the transmission error by less than

@@ -23,13 +23,13 @@ from hil.design.ate.motion import motion_factor
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_factor, check_moved, check_run
-from hil.experiments.ate.identify import SEARCHED_PASSES, standard_errors
+from hil.experiments.ate.identify import SEARCHED_PASSES, checked_on_gear, standard_errors
 from hil.experiments.ate.motion import Ramps, ramps
 from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
-from hil.experiments.ate.orders import OrderWatch, checked
+from hil.experiments.ate.orders import OrderWatch
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
-from hil.experiments.ate.request import modal_arm, searched_delay_s
+from hil.experiments.ate.request import axis_knowledge, modal_arm, searched_delay_s
 from hil.experiments.ate.sweeps import late_words, sweep_of
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on
 from hil.experiments.cancellation.correction import Correction, OrderValue, error_of
@@ -265,7 +265,7 @@ def learn(
     learning = _begun(bench, identified, axis, given_inertia(bench, identified, axis, motor_inertia_kg_m2))
     ramp, scale = learning_ramp(bench, identified, axis, acceleration_rps_s), axis_scale(bench, axis)
     watch = OrderWatch(table.reduction_ratio, _sensing(table, identified, axis), ramp)
-    correction = learning.correction
+    correction, knowledge = learning.correction, axis_knowledge(bench, axis, identified, sensorless=False)
     judge = PassJudge(bench, identified, axis, correction.known)
     for number in range(1, passes + 1):
         gain = (0.0, SECOND_GAIN)[number - 1] if number < FIRST_WHOLE else 1.0
@@ -284,7 +284,7 @@ def learn(
         begun: set[float] = set()
         if learning.is_to_be_fitted(watch.sweeps, verdicts, orders):
             estimate = _fitted(watch, table, learning, orders, _known_plant(identified, axis))
-            checked(watch, estimate, sensorless=False, passes_left=passes - number)
+            estimate = checked_on_gear(watch, estimate, knowledge, passes_left=passes - number)
             learning.passed = learning.reached(watch.sweeps, orders, estimate)
             begun = correction.begin(estimate, learning.passed)
         else:

@@ -127,7 +127,7 @@ class _Account:
         self._noise_mm = windows.noise_mm / math.sqrt(len(after))
         jolt = windows.peaks_mm(self._mean([_without_orders(look) for look in before]))
         self._jolt_mm = max(jolt.values())
-        self._asked_mm = max(quiet_mm, JOLT_FACTOR * self._jolt_mm)
+        self._quiet_mm, self._asked_mm = quiet_mm, max(quiet_mm, JOLT_FACTOR * self._jolt_mm)
         self._unseen_mm = windows.to_mm * self._unseen_m_s2()
         self._peaks = {order: self._peak_mm(order) for order in windows.rows}
         self._look_at(max(self._peaks, key=lambda order: self._peaks[order]))
@@ -180,7 +180,8 @@ class _Account:
     def _words(self, causes: Sequence[RemainderCause], hidden_mm: float) -> str:
         where = "" if self._order is None else f" in the window of order {self._order:g}"
         if not causes:
-            return f"the cancellation leaves {self._left_mm:.4f} mm{where}"
+            jolt = f"; the motion alone, without any order, makes up to {self._jolt_mm:.4f} mm"
+            return f"the cancellation leaves {self._left_mm:.4f} mm{where}" + jolt * (self._left_mm > self._quiet_mm)
         asked = f"(goal: {self._asked_mm:.4f} mm)"
         remedies = "; ".join(f"{cause}: {REMEDIES[cause]}" for cause in causes)
         if not self._is_seen and causes[0] == "sensor noise":

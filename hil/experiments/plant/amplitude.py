@@ -30,14 +30,15 @@ OF_ARM = 0.002
 """Relative error of f_a on such a gear: gravity winds it up to another point of its curve in each stretch of arm angle."""
 OF_LOSS = {
     "antiresonance_hz": 0.5,
-    "resonance_hz": 1.0,
+    "resonance_hz": 0.7,
     "gear_stiffness_nm_rad": 1.0,
     "arm_inertia_kg_m2": 1.0,
     "motor_inertia_kg_m2": 2.0,
     "lever_ratio": 1.0,
 }
 """Relative errors over the part of ζ that is hysteresis': with a loss goes a stiffness of up to as much, which depends on the
-frequency and on how many of them there are. f_a moves by no more than ζ; between f_a and f_r the inertias yield, J_m most."""
+frequency and on how many of them there are. f_a moves by no more than ζ; between f_a and f_r the inertias yield, J_m most. On the
+real gears of 10242 to 10341 the rms of z of f_r is 0.8 with 1."""
 
 
 def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tuple[PlantEstimate, str | None]:
