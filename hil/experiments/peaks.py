@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hil.analysis import TipScale, motor_speed_rps
@@ -78,11 +79,13 @@ class Windows:
         rows: Rows of each window among those that are read, by its order; None for the only one of a motion of several axes.
         to_mm: Factor from acceleration to displacement.
         noise_mm: Standard deviation of the sensor's noise in the band.
+        swing: Rows of half a swing of the arm.
     """
 
     rows: Mapping[float | None, Rows]
     to_mm: float
     noise_mm: float
+    swing: int = 0
 
     @classmethod
     def of(cls, recording: Recording, read: Rows, scale: TipScale) -> "Windows":
@@ -98,13 +101,15 @@ class Windows:
         noise_mm = to_mm * math.sqrt(passed * noise_variance(recording.felt_m_s2, recording))
         if len(recording.axes) > 1 or not scale.windows_rps:
             return cls({None: np.ones(int(np.count_nonzero(read)), dtype=np.bool_)}, to_mm, noise_mm)
-        speed = np.abs(motor_speed_rps(recording, recording.axes[0]))[read]
+        period = 1.0 / scale.f_al_hz / recording.period_s
+        # the orders shake the motor too, and windows are those of the motion
+        speed = scipy.ndimage.gaussian_filter1d(np.abs(motor_speed_rps(recording, recording.axes[0])), 0.5 * period)[read]
         rows: dict[float | None, Rows] = {}
         for order, (low, high) in scale.windows_rps.items():
             inside = np.asarray((speed >= low) & (speed <= high))
             if np.count_nonzero(inside) >= LEAST_ROWS:
                 rows[order] = inside
-        return cls(rows or {None: np.ones(len(speed), dtype=np.bool_)}, to_mm, noise_mm)
+        return cls(rows or {None: np.ones(len(speed), dtype=np.bool_)}, to_mm, noise_mm, round(0.5 * period))
 
     def peaks_mm(self, vibration_m_s2: Real) -> dict[float | None, float]:
         """Largest displacement in each window."""
@@ -114,20 +119,34 @@ class Windows:
     def compared(self, without: Sequence[Real], with_it: Sequence[Real]) -> list[PeakChange]:
         """Compare the peaks in each window, the worst rise first.
 
+        Where the tip's peak grows towards the next window it is the one at the end, and a swing more or less there, or the delay
+        of a sensor, decides which. So each window counts by itself and with half a swing more at its end that is no other's,
+        whichever is worse.
+
         Args:
             without: Vibration in the runs without it, in the band and the rows that are read.
             with_it: The same in those with it.
         """
-        before, after = (self.peaks_mm(_mean(each)) for each in (without, with_it))
         error_mm = self.noise_mm * math.sqrt(1.0 / len(without) + 1.0 / len(with_it))
-        found = [PeakChange(order, before[order], after[order], error_mm) for order in before]
-        return sorted(found, key=lambda each: -each.beyond_mm)
+        any_row = np.any(list(self.rows.values()), axis=0)
+        longer = {order: rows | (_delayed(rows, self.swing) & ~any_row) for order, rows in self.rows.items()}
+        means, found = (_mean(without), _mean(with_it)), []
+        for windows in (self, replace(self, rows=longer)):
+            before, after = (windows.peaks_mm(each) for each in means)
+            found.append([PeakChange(order, before[order], after[order], error_mm) for order in before])
+        worst = [max(each, key=lambda change: change.beyond_mm) for each in zip(*found, strict=True)]
+        return sorted(worst, key=lambda each: -each.beyond_mm)
 
     def largest(self, without: Sequence[Real], with_it: Sequence[Real]) -> PeakChange:
         """Compare the largest peaks of all windows; the arguments are those of `compared`."""
         changes = self.compared(without, with_it)
         before, after = max(each.before_mm for each in changes), max(each.after_mm for each in changes)
         return PeakChange(None, before, after, changes[0].error_mm)
+
+
+def _delayed(rows: Rows, count: int) -> Rows:
+    """Rows with so many more behind each stretch of them."""
+    return scipy.ndimage.binary_dilation(rows, np.r_[np.zeros(count), np.ones(count + 1)]) if count else rows
 
 
 def _mean(vibrations: Sequence[Real]) -> Real:

@@ -79,3 +79,17 @@ def test_an_order_that_lessens_the_ramps_own_jolt_by_chance_is_cancelled() -> No
     assert used[4] > 1.2 * before[4]
     assert all(used[order] < 1.05 * floor[order] + 0.002 for order in used)
     assert max(used.values()) < max(before.values())
+
+
+def test_a_rise_just_behind_a_window_counts_for_it() -> None:
+    """The tip grows towards the next order's speeds; a sensor that is late by some rows has the window's last peak behind it."""
+    at = np.arange(100)
+    window, other = (at >= 20) & (at < 60), at >= 80
+    without = np.where(at < 60, 0.2, np.where(at < 65, 0.5, 0.1))
+    with_it = np.where((at >= 60) & (at < 65), 1.2, 1.0) * without
+    windows = Windows({4: window, 2: other}, 1.0, 0.001, 10)
+    worst = windows.compared([without], [with_it])[0]
+    assert (worst.order, worst.before_mm, worst.after_mm) == (4, 0.5, pytest.approx(0.6))
+    near = Windows({4: window, 2: at >= 60}, 1.0, 0.001, 10).compared([without], [with_it])
+    assert [change.order for change in near] == [2, 4], "what is another window's is not this one's"
+    assert near[1].after_mm == 0.2
