@@ -25,7 +25,9 @@ Complex = NDArray[np.complex128]
 FITTED = (0.45, 2.4)
 """Frequencies over f_al between which the response is fitted."""
 FIT_POINTS, FIT_ROUNDS = 200, 6
-"""Frequencies of a fit, 1 % apart, and its rounds, after which no coefficient changes in the fourth figure."""
+"""Frequencies of a fit, 1 % apart, and its rounds, each weighted by the denominator of the one before.
+
+Source: C. K. Sanathanan, J. Koerner, IEEE Trans. Automatic Control 8 (1963) 56."""
 ROUNDING_POINTS = 2000
 """Frequencies over which a filter's noise by rounding is summed."""
 PASSED_OVER_RESONANCE = (0.4, 2.5)
