@@ -68,3 +68,19 @@ def test_images_of_order_4_and_a_ringing_begin_are_no_part_of_the_error(seed, tm
         error = found.standard_error[f"a{order:g}_arcsec"]
         assert error < 0.01 * expected[order]
         assert abs(size - expected[order]) < 4.0 * error
+
+
+@pytest.mark.parametrize("seed", [50281, 50301, 50347])
+def test_a_learning_whose_passes_no_linear_arm_explains_ends_with_a_result(seed, tmp_path):
+    """Arms of 4 Hz, whose recordings are short of periods, and one of 30 Hz at 8 ms: all three were refused."""
+    axis, steps, _ = begun(seed, tmp_path)
+    steps.plant()
+    steps.ate()
+    steps.learn()
+    learnt = PathFiles(tmp_path).knowledge(is_learnt=True).learnt
+    assert learnt is not None
+    (found,) = (each.ate for each in learnt.axis.values())
+    assert found is not None
+    expected = axis.apparent_ate.amplitudes_arcsec()
+    for order, size in found.values.amplitudes_arcsec().items():
+        assert abs(size - expected[order]) < 4.0 * found.standard_error[f"a{order:g}_arcsec"], order
