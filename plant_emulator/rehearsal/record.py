@@ -120,7 +120,8 @@ class PathRecord:
         facts: Facts of the robot, by `FACTS`.
         steps: End of each step, by `STEPS`.
         quantities: By `QUANTITIES`.
-        tips: True tip in mm by treatment, then by order; an order whose resonance the motion does not pass has none.
+        tips: True tip in mm by treatment, then by order; an order whose resonance the motion does not pass has none,
+            unless it passes none at all (`truth`).
         left: Tip's peak in the worst window with each cancellation, in mm, as its own trial saw it.
         hidden: Tip's peak in mm that the noise of that trial may hide.
         floor: The true tip without a transmission error, by order.
