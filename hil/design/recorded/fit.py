@@ -157,7 +157,7 @@ def _bootstrapped(angle_rad: Real, choice: DegreeChoice, fitted: Real, residual:
 
     The residual of such a signal is made of random blocks of the real one.
     """
-    random = np.random.default_rng(0)
+    random = np.random.default_rng(20_140_824)
     turns = float(np.ptp(angle_rad)) / (2.0 * math.pi)
     count = len(residual)
     block = max(1, min(count // 2, round(count * DRAWN_BLOCK_TURNS / turns)))
