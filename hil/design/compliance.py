@@ -18,7 +18,7 @@ COMPLIANCE_BAND_HZ = (0.1, 30.0)
 SLOW_HZ = 1.0
 """Frequency that stands for process forces: the integral action still works there."""
 POINTS = 600
-"""Frequencies of the curve: 2 % or less between two."""
+"""Frequencies of the curve, 1 % apart."""
 
 
 @dataclass(frozen=True)

@@ -119,9 +119,9 @@ class Windows:
     def compared(self, without: Sequence[Real], with_it: Sequence[Real]) -> list[PeakChange]:
         """Compare the peaks in each window, the worst rise first.
 
-        Where the tip's peak grows towards the next window it is the one at the end, and a swing more or less there, or the delay
-        of a sensor, decides which. So each window counts by itself and with half a swing more at its end that is no other's,
-        whichever is worse.
+        Near the end of a window the tip may already grow towards the next one. Its largest swing is then the last, and a late
+        sensor shows it behind the window. So each window is compared as it is, and with half a swing more at its end (but no
+        row of another window); the worse of the two counts.
 
         Args:
             without: Vibration in the runs without it, in the band and the rows that are read.

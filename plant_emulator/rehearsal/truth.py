@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.analysis import band_passed, motor_speed_rps, tip_scale
+from hil.analysis import band_passed, motor_speed_rps, order_window_rps, tip_scale
 from hil.bench.bench import Bench, Model
 from hil.design.order_map import order_track
 from hil.experiments.judge import peak_hz
@@ -93,7 +93,8 @@ def _windows(speed_rps: NDArray[np.float64], f_al_hz: float) -> dict[float, NDAr
     """
     near: dict[float, NDArray[np.intp]] = {}
     for order in ORDERS:
-        rows = np.flatnonzero((speed_rps >= 0.76 * f_al_hz / order) & (speed_rps <= 1.27 * f_al_hz / order))
+        low, high = order_window_rps(f_al_hz, order)
+        rows = np.flatnonzero((speed_rps >= low) & (speed_rps <= high))
         if len(rows):
             near[order] = rows
     passed = {order: rows for order, rows in near.items() if float(speed_rps[rows].max()) >= f_al_hz / order}

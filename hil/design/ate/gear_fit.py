@@ -55,7 +55,7 @@ curvature contains that pull: d²/dx² f(eˣ) = df/dx for a proportional f. With
 GEAR_MODEL_ERROR = 3e-4
 """Least part of a vibration that the model misses: by its steps, the spline between samples, and the sensor's filter.
 
-On 95 drawn robots (10142 to 10241) the rms of z of A_k, φ_k and Δ is 0.86 to 1.15 with it, and 0.84 to 1.00 with 5e-4, with which
+On 95 drawn robots (10142 to 10241) the rms of z of A_k, φ_k and Δ is 0.86 to 1.11 with it, and 0.84 to 1.00 with 5e-4, with which
 it was 0.76 to 1.02 on the robots 50201 to 50400."""
 UNSHARED = 0.25
 """Part of the missed part's square that one direction does not share with the other.
@@ -74,7 +74,7 @@ MOST_MISS = 0.1
 
 On a drawn robot (10116) a gear that missed 5 % had A_k right to 4 %, ± 5 %, and the linear arm 80 to 120 % too large."""
 MOST_DAMPED = 1e7
-"""Marquardt's damping of a step so short that no number of it changes."""
+"""Marquardt's damping beyond which no shorter step is tried: that of 1e-7 of Gauss and Newton's."""
 SIZES = {
     "resonance": 1e-3, "damping": 0.02, "gear_fraction": 0.2, "bend": 1e-3, "droop": 1e-3, "delay": 1e-4, "dispersion": 0.01,
     **dict.fromkeys(OF_IMAGES, 0.05),

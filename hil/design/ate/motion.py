@@ -32,8 +32,8 @@ def motion_factor(
     """Estimate the factor of the motor's motion and its standard error.
 
     Least squares of the signal on g H(s) e^{−sΔ} θ̈_m/N and the columns of every order, all in a band below the resonance, less
-    the encoder's noise. The standard error comes from the scatter between n blocks of time, since the residual is not white; of
-    n only n − 1 are independent, as their slopes add up to 0. One block alone tells nothing of it: it is 1 then.
+    the encoder's noise. The standard error comes from the scatter between n blocks of time, since the residual is not white.
+    Only n − 1 blocks are independent, since their gradients add up to 0. A single block shows no scatter: the error is then 1.
 
     Args:
         sweeps: Recordings.

@@ -40,8 +40,7 @@ def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: f
     """Refine the arm and the own arms by Gauss-Newton.
 
     The unknowns are ω, ζ, Δ, the mounting's bend, and ω and ζ of every own arm. If the fit leaves the neighbourhood of its
-    start, or finds no resonance (ζ ≥ 1), the start is returned: the vibration is not a linear arm's, and elsewhere it only looks
-    more like one.
+    start, or finds no resonance (ζ ≥ 1), the start is returned: the vibration is then not that of a linear arm.
 
     Args:
         model: Model of the ramps.

@@ -42,7 +42,7 @@ WIDEST = 0.3
 TIP_HZ = 60.0
 """Frequency up to which the tip is used."""
 SMALLEST_ZETA, LARGEST_ZETA = 0.002, 0.4
-"""Range of a mode's ζ: with less it rings for a minute, with more it has no peak that a spectrum shows."""
+"""Range of a mode's ζ: with less it rings for hundreds of swings, with more it has no peak that a spectrum shows."""
 
 
 @dataclass(frozen=True)

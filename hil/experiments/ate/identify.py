@@ -69,7 +69,8 @@ SENSORLESS_BIAS = (
 )
 """Measured at SYNC 1 and 2 ms on axes 2 and 3; the reaction with the emulator's `gear_reaction`."""
 AGREEMENT_SIGMAS = 4.0
-"""Standard errors from which a difference between the directions is remarked on: noise alone gives it in 1 of 3000 fits."""
+"""Standard errors from which a difference between the directions is remarked on: noise alone gives one in 2600 fits
+of three orders."""
 UNIFORM = 1.0 / math.sqrt(12.0)
 """Standard deviation of a number that is anywhere in a range, over the range."""
 SATURATED_TORQUE_FRACTION = 0.99

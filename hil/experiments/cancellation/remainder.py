@@ -7,8 +7,8 @@ the remainder must meet the goal, or at least half of its excess must vanish. If
 causes:
 
 - `speed limit`: the part for which the set-points had no room, by the tables of the cancellation.
-- `frequency limit`: the same, if the highest frequency of the cancellation is the limit; beyond what the samples show it is
-  taken from the model.
+- `frequency limit`: the same, if the highest frequency of the cancellation is the limit, and the images of slow set-points. What
+  no sample shows of it is taken from the model.
 - `order left out`: an order that is not cancelled: not known, or not passed by the trial.
 - `gear reaction`: the gear's torque moves the motor through its own error, by τ_g dθ_sync/dθ_m.
 - `estimate`: the orders themselves, turned or scaled alike at all speeds: their values are not known well enough.
@@ -271,7 +271,7 @@ class _Account:
             whole = made.max(initial=0.0)
             if whole <= 0.0:
                 continue
-            speed = np.abs(motor_speed_rps(self._seen.recording, part.axis))[self._seen.rows][: self._count]
+            speed = self._speed_rps(part.axis)
             yield part, speed, 1.0 - np.interp(speed, table.speeds_rps, made[0] / whole)
 
     def _given_up(self) -> Real:
@@ -289,16 +289,14 @@ class _Account:
             if table is None or table.image is None or not isinstance(axis.response.known, Loop):
                 continue
             angle = recording.axis(axis.number, "position_rad")[self._seen.rows][: self._count]
-            speed = np.abs(motor_speed_rps(recording, axis.number))[self._seen.rows][: self._count]
+            speed, to_arm = self._speed_rps(axis.number), 1.0 / axis.response.known.plant.reduction_ratio
             used = {part.order for part in self._seen.used if part.axis == axis.number}
             for wave, image in zip(table.waves, table.image, strict=True):
                 if not wave.sources <= used:
                     continue
                 hz = np.abs(1.0 / recording.period_s - wave.order * speed)
                 made = np.interp(speed, table.speeds_rps, image.real) + 1j * np.interp(speed, table.speeds_rps, image.imag)
-                made = (
-                    made * np.conj(axis.response.at(hz)) * (2.0 * math.pi * hz) ** 2 / axis.response.known.plant.reduction_ratio
-                )
+                made = to_arm * made * np.conj(axis.response.at(hz)) * (2.0 * math.pi * hz) ** 2
                 total -= self._lever_m(axis) * np.real(made * np.exp(1j * (wave.order * angle + wave.phase_rad)))
         return np.asarray(total)
 
@@ -308,11 +306,9 @@ class _Account:
         for part, speed, share in self._shares():
             if part.axis in axes:
                 axis, hz = axes[part.axis], part.order * speed
-                size = (
-                    abs(self._amplitude(self._before, part)) * ARCSEC * np.abs(axis.response.at(hz)) * (2.0 * math.pi * hz) ** 2
-                )
+                angle_rad = abs(self._amplitude(self._before, part)) * ARCSEC * np.abs(axis.response.at(hz))
                 missed = unshown(hz, self._seen.recording.period_s, self._seen.scale.band_hz)
-                total += share * missed * size * np.abs(self._lever_m(axis))
+                total += share * missed * np.abs(self._lever_m(axis)) * angle_rad * (2.0 * math.pi * hz) ** 2
         return total
 
     def _found_reaction(self) -> Real:
@@ -365,6 +361,10 @@ class _Account:
         torque = -ratio * carried * slope
         made = acceleration_of(torque, period_s, self._seen.scale.band_hz, lambda hz: _per_torque(axis, loop, hz))
         return self._lever_m(axis) * np.asarray(made[self._seen.rows[: len(made)]][: self._count])
+
+    def _speed_rps(self, number: int) -> Real:
+        """Motor speed of an axis in the rows that are read; shape (rows,)."""
+        return np.abs(motor_speed_rps(self._seen.recording, number))[self._seen.rows][: self._count]
 
     def _lever_m(self, axis: AxisWaves) -> Real:
         """Lever of an axis in the rows that are read; shape () or (rows,)."""
