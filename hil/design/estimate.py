@@ -60,6 +60,18 @@ class Estimate:
         covariance[len(found.names) :, len(found.names) :] = others.covariance
         return type(self)((*found.names, *others.names), np.concatenate([found.mean, others.mean]), covariance)
 
+    def with_marginal(self, name: str, mean: float, standard_error: float) -> Self:
+        """Estimate with another marginal of one quantity, the others conditional on it as before.
+
+        x̂ ← x̂ + g (m − x̂_i), P ← P + g gᵀ (σ² − P_ii), g = P_·i/P_ii. These are the moments of the posterior for any prior of
+        that quantity, if the mean and standard error are those of its posterior.
+        """
+        index = self.names.index(name)
+        square = float(self.covariance[index, index])
+        gain = self.covariance[:, index] / square
+        covariance = self.covariance + np.outer(gain, gain) * (standard_error**2 - square)
+        return type(self)(self.names, self.mean + gain * (mean - self.mean[index]), covariance)
+
     def observed(self, rows: Real, values: Real, variances: Real) -> Self:
         """Posterior after an observation, by Bayes' rule.
 

@@ -29,7 +29,7 @@ Complex = NDArray[np.complex128]
 SHOWN_OVER_RESONANCE = 0.6
 """k f_m up to which a window counts, in units of f_a: nearer, the arm's own part hides the reaction."""
 SMOOTHED_S = 0.5
-"""Time over which the slow load is averaged."""
+"""Time to either side over which the slow load is averaged."""
 LOSSLESS_ERROR = 0.1
 """Standard deviation of the reaction of a gear from 1, that of one without losses; harmonic drives give back 80 to 95 %."""
 REACTS = 0.5
@@ -71,6 +71,19 @@ class MotorSide:
 
 
 @dataclass(frozen=True)
+class SlowMotion:
+    """Motion of a motor and its gear's load without vibration.
+
+    Attributes:
+        speed_rad_s: Motor speed; shape (n,).
+        load_nm: Torque τ_g of the gear, that of gravity and acceleration; shape (n,).
+    """
+
+    speed_rad_s: Real
+    load_nm: Real
+
+
+@dataclass(frozen=True)
 class Turning:
     """Motion of the motor.
 
@@ -83,6 +96,16 @@ class Turning:
     motor_angle_rad: Real
     torque_nm: Real
     period_s: float
+
+    def slow(self, known: MotorSide) -> SlowMotion:
+        """Motion and load averaged over `SMOOTHED_S` to either side."""
+        width = max(1, round(SMOOTHED_S / self.period_s))
+        speed = np.gradient(self.motor_angle_rad, self.period_s)
+        slow_speed, slow_torque = averaged(speed, width), averaged(self.torque_nm, width)
+        acceleration = averaged(np.gradient(speed, self.period_s), width)
+        own = known.motor_inertia_kg_m2 * acceleration + known.motor_damping_nm_s_rad * slow_speed
+        friction = known.coulomb_friction_nm * np.sign(slow_speed)
+        return SlowMotion(slow_speed, known.reduction_ratio * (slow_torque - own - friction))
 
 
 @dataclass(frozen=True)
@@ -175,24 +198,28 @@ def _fitted(parts: Sequence[_Windows], count: int) -> Reaction:
 
     Each order has a complex factor of the arm's part beside it.
 
-    The residual is not white noise, and windows overlap, so the standard error is that of blocks of windows.
+    The residual is not white noise, and windows overlap, so the standard error is that of the jackknife over blocks of windows:
+    few blocks leave no more of their error in the residual than their factors allow.
+
+    Source: B. Efron, The Jackknife, the Bootstrap and Other Resampling Plans, SIAM 1982, chapter 3.
     """
-    blocks, matrices, values = [], [], []
+    squares, products = [], []
     for part in parts:
         columns = np.zeros((len(part.left), 1 + 2 * count), dtype=np.complex128)
         columns[:, 0], columns[:, 1 + 2 * part.row], columns[:, 2 + 2 * part.row] = part.load, part.arm, 1j * part.arm
         columns, wanted = columns / part.sigma[:, None], part.left / part.sigma
         for first in range(0, len(wanted), BLOCK):
-            block = slice(first, first + BLOCK)
-            blocks.append(2 * len(wanted[block]))
-            matrices.append(np.concatenate([columns[block].real, columns[block].imag]))
-            values.append(np.concatenate([wanted[block].real, wanted[block].imag]))
-    matrix, value = np.concatenate(matrices), np.concatenate(values)
-    gains = np.linalg.pinv(matrix.T @ matrix, hermitian=True) @ matrix.T
-    found = gains @ value
-    said = gains[0] * (value - matrix @ found)
-    variance = sum(float(np.sum(each)) ** 2 for each in np.split(said, np.cumsum(blocks)[:-1]))
-    return Reaction(float(found[0]), max(math.sqrt(variance), 1e-9))
+            block, value = columns[first : first + BLOCK], wanted[first : first + BLOCK]
+            squares.append((block.conj().T @ block).real)
+            products.append((block.conj().T @ value).real)
+    square, product = np.sum(squares, axis=0), np.sum(products, axis=0)
+    found = float((np.linalg.pinv(square, hermitian=True) @ product)[0])
+    without = np.array([
+        (np.linalg.pinv(square - one, hermitian=True) @ (product - other))[0]
+        for one, other in zip(squares, products, strict=True)
+    ])  # fmt: skip
+    variance = float(np.mean((without - found) ** 2)) * (len(without) - 1)
+    return Reaction(found, max(math.sqrt(variance), 1e-9))
 
 
 def _windows(motion: Turning, known: MotorSide, error: TransmissionError, orders: Sequence[float]) -> list[_Windows]:
@@ -200,12 +227,7 @@ def _windows(motion: Turning, known: MotorSide, error: TransmissionError, orders
     angle, period_s, n = motion.motor_angle_rad, motion.period_s, known.reduction_ratio
     phase = {k: math.radians(error.phase_deg[k]) for k in orders}
     size = {k: error.amplitude_arcsec[k] / 3600.0 * math.pi / 180.0 for k in orders}
-    speed = np.gradient(angle, period_s)
-    acceleration = np.gradient(speed, period_s)
-    width = max(1, round(SMOOTHED_S / period_s))
-    slow_speed, slow_torque = averaged(speed, width), averaged(motion.torque_nm, width)
-    own = known.motor_inertia_kg_m2 * averaged(acceleration, width) + known.motor_damping_nm_s_rad * slow_speed
-    slow_load = n * (slow_torque - own - known.coulomb_friction_nm * np.sign(slow_speed))
+    acceleration, slow_load = np.gradient(np.gradient(angle, period_s), period_s), motion.slow(known).load_nm
     slope = -np.sum([k * size[k] * np.sin(k * angle + phase[k]) for k in orders], axis=0)
     signals = (motion.torque_nm, acceleration, slow_load * slope)
     torque, moved, loaded = order_tracks(angle, signals, period_s, orders)

@@ -5,11 +5,14 @@ the tip no more. Where the motor makes the correction as calculated, that is the
 
 A pass with the whole correction c_k leaves in direction d = ±1 of turning
 
-    s_k = z_k − c_k + j d ω c_k (δ − δ_c),
+    s_k = z_k − c_k + j d ω c_k (δ − δ_c) + q_k (r − r_c),
 
-where δ is the delay of the set-points, δ_c the one that the correction was made for, and ω that of the resonance. The prior of
-z_k is what the model file knows, or what the passes without the whole correction show. s_k is off by its noise, and by the
-fraction by which the arm's response may be wrong: the less vibration a pass leaves, the more it counts.
+where δ is the delay of the set-points, δ_c the one that the correction was made for, ω that of the resonance, r the reaction of
+the gear on its motor, r_c the one that the set-points hold up against, and q_k what a whole reaction shakes the tip by
+(`reaction_watch`). The orders and directions tell r together: its torque moves the motor, and not in proportion to c_k. A gear
+reacts or does not, so r has two priors, of which the motor's torque says how likely they are. The prior of z_k is what the model
+file knows, or what the passes without the whole correction show. s_k is off by its noise, and by the fraction by which the arm's
+response may be wrong: the less vibration a pass leaves, the more it counts.
 """
 
 import cmath
@@ -22,6 +25,7 @@ import numpy as np
 
 from hil.bench.model import Identified, IdentifiedError, significant
 from hil.design.ate.identification import JointEstimate
+from hil.design.ate.reaction import REACTS, UNLIKELY, Reaction
 from hil.design.estimate import Estimate
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.order_scan import is_significant
@@ -51,7 +55,7 @@ SAME = 0.1
 """Difference as a fraction up to which a value is the one that was refused."""
 LEAST_LEFT = 0.01
 """Fraction of the vibration below which another pass is not worth its time."""
-DELAY = "delay"
+DELAY, REACTION = "delay", "reaction"
 
 
 @dataclass(frozen=True)
@@ -112,6 +116,8 @@ class Correction:
         period_s: SYNC period.
         acted: Values that the last pass cancelled.
         acted_delay_s: Delay that it was made for.
+        acted_reaction: Reaction r_c that it was made for.
+        torque_shows: Reaction as the motor's torque shows it; None if it is not known.
         contradicted: Orders whose known value the passes contradict, with the known value.
     """
 
@@ -120,6 +126,8 @@ class Correction:
     period_s: float = 1e-3
     acted: dict[float, OrderValue] = field(default_factory=dict)
     acted_delay_s: float = 0.0
+    acted_reaction: float = 0.0
+    torque_shows: Reaction | None = None
     contradicted: dict[float, OrderValue] = field(default_factory=dict)
     _begun: dict[float, OrderValue] = field(default_factory=dict)
     _fits: dict[float, OrderValue] = field(default_factory=dict)
@@ -164,7 +172,9 @@ class Correction:
             Orders that have begun so: what the last pass left of them is in the fit.
         """
         self._passed = frozenset(passed)
-        values = {} if self._prior is not None else {DELAY: (self.delay_s, DELAY_PERIODS * self.period_s)}
+        delay = self.delay_s, DELAY_PERIODS * self.period_s
+        # r before its two priors: as wide as they are apart, and either as likely
+        values = {} if self._prior is not None else {DELAY: delay, REACTION: (REACTS, 1.0)}
         shown = {each.order for each in self._left}
         self._fits |= {order: _fitted(order, estimate) for order in estimate.error.amplitude_arcsec}
         begun = {*self.known, *estimate.error.amplitude_arcsec} - shown
@@ -270,7 +280,20 @@ class Correction:
         """Standard error of the delay."""
         return DELAY_PERIODS * self.period_s if self._posterior is None else self._posterior.standard_error(DELAY)
 
-    def take(self, seen: Mapping[float, Sequence[Seen]], passed: Collection[float], resonance_hz: float) -> None:
+    @property
+    def reaction(self) -> Reaction | None:
+        """Reaction of the gear as it is known so far; None if it is not."""
+        if self._posterior is None or not self._left:
+            return self.torque_shows
+        return Reaction(self._posterior.value(REACTION), self._posterior.standard_error(REACTION))
+
+    def take(
+        self,
+        seen: Mapping[float, Sequence[Seen]],
+        passed: Collection[float],
+        resonance_hz: float,
+        per_reaction: Mapping[tuple[float, int], complex] | None = None,
+    ) -> None:
         """Learn from what a pass with the whole correction leaves.
 
         Where it contradicts the prior of an order, that is as uncertain as the contradiction is large.
@@ -279,12 +302,17 @@ class Correction:
             seen: What is left of each order, by direction.
             passed: Orders whose resonance the ramps have passed; of the others nothing is learnt.
             resonance_hz: Frequency at which the arm rings.
+            per_reaction: q_k/z_k by order and direction; None if it is not known.
         """
         self._passed = frozenset(passed)
+        made = self.acted_delay_s, self.acted_reaction
         for order, sights in seen.items():
             if order in passed and order in self.acted:
-                acted = self.acted[order].phasor
-                self._left += [_Left(order, each, acted, self.acted_delay_s, 2.0 * math.pi * resonance_hz) for each in sights]
+                acted, omega = self.acted[order].phasor, 2.0 * math.pi * resonance_hz
+                by = per_reaction or {}
+                self._left += [
+                    _Left(order, each, acted, *made, omega, acted * by.get((order, each.direction), 0.0)) for each in sights
+                ]
         if self._left:
             self._posterior = self._learnt()
 
@@ -297,11 +325,12 @@ class Correction:
         assert self._prior is not None  # noqa: S101 - it has begun
         known_s, error_s = (of(DELAY) for of in (self._prior.value, self._prior.standard_error))
         self._prior = self._prior.replaced(DELAY, known_s, CONTRADICTED_S)
+        first = self._observed()
         # a motor cannot lead its set-points: what looks like it is a bias of the directions
-        late_s = max(self._observed().value(DELAY), known_s - error_s)
+        late_s, reaction = max(first.value(DELAY), known_s - error_s), first.value(REACTION)
         for order in {each.order for each in self._left}:
             sides = [[each for each in self._left if each.order == order and each.seen.direction == way] for way in (1, -1)]
-            shown = [complex(np.mean([each.shown(late_s) for each in side])) for side in sides if side]
+            shown = [complex(np.mean([each.shown(late_s, reaction) for each in side])) for side in sides if side]
             noise = float(np.mean([_variance(each.seen) for side in sides for each in side])) / max(len(side) for side in sides)
             own = float(np.mean([each.seen.bias_variance for side in sides for each in side]))
             bias = math.sqrt(max(0.25 * abs(shown[0] - shown[-1]) ** 2 - noise, own))
@@ -320,17 +349,31 @@ class Correction:
         rows, values, variances = [], [], []
         for each in self._left:
             back = self._turned[each.order].conjugate()
-            shown, late, bias = back * each.shown(0.0), back * each.late, _bias(each.order, each.seen.direction)
-            components = (_along(each.order), shown.real, late.real), (_across(each.order), shown.imag, late.imag)
-            for (name, part, by_delay), bias_name in zip(components, bias, strict=True):
+            shown, late, bias = back * each.shown(0.0, 0.0), back * each.late, _bias(each.order, each.seen.direction)
+            moved = back * each.per_reaction
+            components = (
+                (_along(each.order), shown.real, late.real, moved.real), (_across(each.order), shown.imag, late.imag, moved.imag),
+            )  # fmt: skip
+            for (name, part, by_delay, by_reaction), bias_name in zip(components, bias, strict=True):
                 row = np.zeros(len(at))
-                row[at[name]], row[at[DELAY]] = 1.0, by_delay
+                row[at[name]], row[at[DELAY]], row[at[REACTION]] = 1.0, by_delay, by_reaction
                 if bias_name in at:
                     row[at[bias_name]] = 1.0
                 rows.append(row)
                 values.append(part)
                 variances.append(_variance(each.seen))
-        return self._prior.observed(np.array(rows), np.array(values), np.array(variances))
+        return self._with_reaction(self._prior.observed(np.array(rows), np.array(values), np.array(variances)))
+
+    def _with_reaction(self, found: Estimate) -> Estimate:
+        """Posterior in which the gear reacts or does not, by what torque and tip show together."""
+        known = self.torque_shows or Reaction(0.0, 0.0)
+        assert self._prior is not None  # noqa: S101 - it has begun
+        free = found.standard_error(REACTION)
+        if free > math.sqrt(0.5) * self._prior.standard_error(REACTION):  # less than the prior says: the tip shows nothing of it
+            return found.with_marginal(REACTION, known.value, known.standard_error)
+        before = REACTS if self.torque_shows is None else min(max(known.value, UNLIKELY), 1.0 - UNLIKELY)
+        shown = Reaction(found.value(REACTION), free).posterior(before) or known
+        return found.with_marginal(REACTION, shown.value, shown.standard_error)
 
     def _widen(self, order: float, shown: complex, noise: float) -> None:
         """Widen the prior of an order that passes contradict."""
@@ -346,13 +389,14 @@ class Correction:
     def left_fraction(self, resonance_hz: float) -> float:
         """Expected fraction of the vibration that the last correction leaves.
 
-        √(Σ E|z_k − c_k e^{−jω(δ − δ_c)}|² / Σ|c_k|²) over the orders whose resonance is passed.
+        √(Σ (E|z_k − c_k e^{−jω(δ − δ_c)}|² + |q_k (r − r_c)|²) / Σ|c_k|²) over the orders whose resonance is passed.
 
         Args:
             resonance_hz: Frequency at which the arm rings.
         """
         values = self.values()
         omega, late_s = 2.0 * math.pi * resonance_hz, self.set_point_delay_s - self.acted_delay_s
+        reacts = 0.0 if self.reaction is None else self.reaction.value - self.acted_reaction
         left = whole = 0.0
         for order, acted in self.acted.items():
             if order in values and order in self._passed:
@@ -360,6 +404,7 @@ class Correction:
                 whole += size
                 left += abs(values[order].phasor - acted.phasor) ** 2 + self.error_arcsec(order) ** 2
                 left += omega**2 * (late_s**2 + self.delay_error_s**2) * size
+                left += reacts**2 * max((abs(each.per_reaction) ** 2 for each in self._left if each.order == order), default=0.0)
         return math.sqrt(left / max(whole, 1e-30))
 
     def is_open(self, verdicts: Sequence[PartVerdict], wanted: Collection[float], resonance_hz: float) -> bool:
@@ -475,23 +520,28 @@ class _Left:
         seen: s_k.
         acted: c_k.
         delay_s: δ_c.
+        reaction: r_c.
         omega: ω.
+        per_reaction: q_k.
     """
 
     order: float
     seen: Seen
     acted: complex
     delay_s: float
+    reaction: float
     omega: float
+    per_reaction: complex
 
     @property
     def late(self) -> complex:
         """Change of s_k with the delay."""
         return 1j * self.seen.direction * self.omega * self.acted
 
-    def shown(self, delay_s: float) -> complex:
-        """z_k that it shows with a delay of the set-points."""
-        return self.seen.amplitude + self.acted - self.late * (delay_s - self.delay_s)
+    def shown(self, delay_s: float, reaction: float) -> complex:
+        """z_k that it shows with a delay of the set-points and a reaction of the gear."""
+        made = self.seen.amplitude + self.acted - self.late * (delay_s - self.delay_s)
+        return made - self.per_reaction * (reaction - self.reaction)
 
 
 def _bias(order: float, direction: int) -> tuple[str, str]:

@@ -20,6 +20,7 @@ from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, signif
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Sensing, Sweep
 from hil.design.ate.motion import motion_factor
+from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_factor, check_moved, check_run
@@ -31,7 +32,7 @@ from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import axis_knowledge, modal_arm, searched_delay_s
 from hil.experiments.ate.sweeps import late_words, sweep_of
-from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on
+from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, treated_model
 from hil.experiments.cancellation.correction import Correction, OrderValue, error_of
 from hil.experiments.cancellation.pass_judge import PassJudge
 from hil.experiments.cancellation.reaction_watch import ReactionWatch
@@ -182,8 +183,9 @@ class AxisLearning:
         for order in self.left_out:  # of it nothing is stated: its amplitude is 0 because it is not cancelled
             errors.pop(amplitude_key(order), None)
             errors.pop(phase_key(order), None)
-        if self.reaction is not None and self.reaction.value and self.reaction.standard_error is not None:
-            errors["gear_reaction"] = self.reaction.standard_error
+        reaction = self.correction.reaction
+        if reaction is not None and reaction.value:
+            errors["gear_reaction"] = reaction.standard_error
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
             values=TransmissionErrorTable.of(cancelled.amplitude_arcsec, cancelled.phase_deg),
@@ -192,7 +194,7 @@ class AxisLearning:
             damping=estimate.arm.damping,
             accelerometer_delay_s=estimate.arm.delay_s,
             set_point_delay_s=self.correction.set_point_delay_s,
-            gear_reaction=0.0 if self.reaction is None else self.reaction.value,
+            gear_reaction=0.0 if reaction is None else max(0.0, reaction.value),
             learnt_by="adaptive",
             motor_inertia_kg_m2=self.motor_inertia_kg_m2,
             note="; ".join(text for text in (date, f"{len(self.passes)} passes", before, without, note) if text),
@@ -295,11 +297,12 @@ def learn(
             judge.begin(recording, motion, estimate, scale)
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
         if number >= FIRST_WHOLE:
-            correction.take({k: each for k, each in seen.items() if k not in begun}, learning.passed, arm_hz)
+            left = {k: each for k, each in seen.items() if k not in begun}
+            correction.take(left, learning.passed, arm_hz, _per_reaction(bench, identified, learning, recording, motion))
         wanted = significant(learning.part()).amplitudes_arcsec() if learning.passes else {}
         is_last = number == passes or (number >= FIRST_WHOLE and not correction.is_open(verdicts, wanted, arm_hz))
         learning.passes.append(LearntPass(gain, vibration, estimate, correction.set_point_delay_s, learning.values(), verdicts))
-        _leave_out_wrong(learning, number, recording, is_last=is_last)
+        _leave_out_wrong(learning, number, is_last=is_last)
         if is_last:
             break
         watch.ramp, ramp = ramp, _next_ramp(bench, learning, ramp)
@@ -325,13 +328,9 @@ def _known_plant(identified: Identified | None, axis: int) -> IdentifiedPlant | 
 def _begun(bench: Bench, identified: Identified | None, axis: int, inertia_kg_m2: float | None) -> AxisLearning:
     """Begin a learning with the known values of the axis."""
     part = None if identified is None or axis not in identified.axis else identified.axis[axis].ate
-    reaction = ReactionWatch.of(bench, identified, axis, part)
-    return AxisLearning(
-        axis,
-        motor_inertia_kg_m2=inertia_kg_m2,
-        correction=Correction.of_axis(identified, axis, bench.bus.sync_period_s),
-        reaction=reaction,
-    )
+    reaction, correction = ReactionWatch.of(bench, identified, axis, part), Correction.of(part, bench.bus.sync_period_s)
+    correction.torque_shows = reaction.known
+    return AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, correction=correction, reaction=reaction)
 
 
 def learning_ramp(bench: Bench, identified: Identified | None, axis: int, acceleration_rps_s: float) -> Ramp:
@@ -392,10 +391,10 @@ def _kept(number: int, result: RunResult, motion: Ramps, axis: int, bench: Bench
     return result.recording
 
 
-def _leave_out_wrong(learning: AxisLearning, number: int, recording: Recording, *, is_last: bool) -> None:
+def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> None:
     """Leave out the orders whose cancellation is wrong.
 
-    After the last pass, orders that could not be judged are left out too. The watch of the gear's reaction takes in the pass.
+    After the last pass, orders that could not be judged are left out too.
 
     Raises:
         CancellationRefusedError: None is left.
@@ -404,8 +403,6 @@ def _leave_out_wrong(learning: AxisLearning, number: int, recording: Recording, 
     learning.left_out |= learning.correction.judged(verdicts, learning.passed, is_last=is_last)
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
         raise CancellationRefusedError(f"the result of pass {number - 1} for axis {learning.axis}", verdicts)
-    if learning.passes[-1].gain == 1.0 and learning.reaction is not None:
-        learning.reaction.take(recording, error_of(learning.values()))
 
 
 def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
@@ -431,12 +428,37 @@ def _cancellation(
     """Cancellation of what has been learnt; None before the first pass."""
     if not learning.passes:
         return None
-    model = Identified(robot=session.bench.name) if identified is None else identified
-    so_far = model.with_part(learning.axis, learning.part())
+    part = learning.part()
+    so_far = _known_with(session.bench, identified, learning.axis, part)
     made, values = cancellation_on(session, so_far, motion.motion, actuation=actuation), learning.values()
     learning.correction.acted = {order: values[order] for order in made.tables[learning.axis].orders}
     learning.correction.acted_delay_s = learning.correction.set_point_delay_s
+    learning.correction.acted_reaction = part.gear_reaction
     return made
+
+
+def _known_with(bench: Bench, identified: Identified | None, axis: int, part: IdentifiedError) -> Identified:
+    """The model file with what has been learnt."""
+    return (Identified(robot=bench.name) if identified is None else identified).with_part(axis, part)
+
+
+def _per_reaction(
+    bench: Bench, identified: Identified | None, learning: AxisLearning, recording: Recording, motion: Ramps
+) -> dict[tuple[float, int], complex]:
+    """What the gear's reaction adds to each order that a pass cancelled; the pass' torque tells the reaction first."""
+    correction, watch = learning.correction, learning.reaction
+    assert watch is not None  # noqa: S101 - it has begun
+    watch.take(recording, error_of(learning.values()))
+    correction.torque_shows = watch.known
+    model = treated_model(bench, _known_with(bench, identified, learning.axis, learning.part()), learning.axis)
+    loop = (
+        None
+        if model is None
+        else bench.axis[learning.axis].model_copy(update={"model": model}).loop(CONTROL_PERIOD_S, with_notch=False)
+    )
+    if loop is None:
+        return {}
+    return watch.per_error(recording, motion.direction(), loop, correction.acted, learning.estimate.arm.resonance_hz)
 
 
 def _fitted(

@@ -4,13 +4,22 @@ With the error cancelled, the torque has little else.
 
 Without a cancellation the arm's own part of the motor's torque, which rises towards its resonance, may be taken for a reaction,
 or hide it. A pass with the whole cancellation leaves next to nothing of it, and the torque that is left is the reaction's.
+
+The tip shows it as well: a reaction r τ_g dθ_sync/dθ_m that the set-points do not hold up against turns the motor by
+1/(J_m s² + D_m s + C) times as much, C being the law, and the gear's input by that over N.
 """
 
+import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError
-from hil.design.ate.reaction import REACTS, UNLIKELY, MotorSide, Turning, gear_reaction
+from hil.design.ate.model import Signs
+from hil.design.ate.reaction import REACTS, UNLIKELY, MotorSide, Reaction, Turning, gear_reaction
+from hil.design.frequency import Loop
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.request import axis_knowledge
 from hil.recording import Recording
@@ -53,6 +62,47 @@ class ReactionWatch:
         before = REACTS if error is None else min(max(known.gear_reaction, UNLIKELY), 1.0 - UNLIKELY)
         return cls(axis, side, known.gear_reaction, error, before)
 
+    @property
+    def known(self) -> Reaction | None:
+        """Reaction as it is known; None if nothing has told it."""
+        return None if self.standard_error is None else Reaction(self.value, self.standard_error)
+
+    def per_error(
+        self, recording: Recording, direction: Signs, loop: Loop, orders: Collection[float], resonance_hz: float
+    ) -> dict[tuple[float, int], complex]:
+        """What a whole reaction adds to an order, as a fraction of it.
+
+        q_k/z_k = −j k τ_g/(N (J_m s² + D_m s + C)) at the arm's resonance, τ_g being the load as the order passes it.
+
+        Args:
+            recording: Recording of a pass.
+            direction: +1 or −1 in its ramps, 0 elsewhere; shape (n,).
+            loop: Law and motor.
+            orders: Orders k.
+            resonance_hz: Frequency at which the arm rings.
+
+        Returns:
+            The fraction by order and direction.
+        """
+        if self.side is None:
+            return {}
+        slow = self._turning(recording).slow(self.side)
+        at = np.array([resonance_hz])
+        stiff = complex((loop.plant.terms(2j * math.pi * at)[0] + loop.controller(at))[0])
+        found = {}
+        for way in (1, -1):
+            rows = np.flatnonzero(direction == way)
+            for order in orders if len(rows) else ():
+                off = np.abs(order * np.abs(slow.speed_rad_s[rows]) - 2.0 * math.pi * resonance_hz)
+                load_nm = float(slow.load_nm[rows[np.argmin(off)]])
+                felt = stiff if way > 0 else stiff.conjugate()  # backwards time runs against the angle
+                found[order, way] = -1j * order * load_nm / (self.side.reduction_ratio * felt)
+        return found
+
+    def _turning(self, recording: Recording) -> Turning:
+        angle, torque = recording.axis(self.axis, "position_rad"), recording.axis(self.axis, "torque_nm")
+        return Turning(angle, torque, recording.period_s)
+
     def take(self, recording: Recording, error: TransmissionError) -> None:
         """Add a pass with the whole cancellation.
 
@@ -62,8 +112,7 @@ class ReactionWatch:
         """
         if self.side is None:
             return
-        angle, torque = recording.axis(self.axis, "position_rad"), recording.axis(self.axis, "torque_nm")
-        self.turnings.append(Turning(angle, torque, recording.period_s))
+        self.turnings.append(self._turning(recording))
         found = gear_reaction(self.turnings, self.side, error)
         posterior = None if found is None else found.posterior(self.before)
         if posterior is not None:

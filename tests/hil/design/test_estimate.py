@@ -39,3 +39,19 @@ def test_a_replaced_quantity_is_independent_of_the_others() -> None:
     assert not replaced.covariance[1, [0, 2]].any()
     assert replaced.value("x") == observed.value("x")
     assert observed.covariance[1, 0] != 0.0, "the first one is as it was"
+
+
+def test_another_marginal_of_one_quantity_is_that_of_another_prior_of_it() -> None:
+    """x is 0 or 1, one as likely as the other: the mixture of the two posteriors, by Bayes' rule for each."""
+    rows, values, variances = np.array([[1.0, 1.0, 0.0], [0.3, -1.0, 1.0]]), np.array([-2.2, 2.6]), np.array([0.1, 0.2])
+    either = [PRIOR.replaced("x", at, 1e-6).observed(rows, values, variances) for at in (0.0, 1.0)]
+    off = [values - rows @ PRIOR.replaced("x", at, 1e-6).mean for at in (0.0, 1.0)]
+    spread = rows @ PRIOR.replaced("x", 0.0, 1e-6).covariance @ rows.T + np.diag(variances)
+    odds = np.exp([-0.5 * each @ np.linalg.solve(spread, each) for each in off])
+    share = odds / odds.sum()
+    assert 0.05 < share[0] < 0.95
+    mean = sum(part * each.mean for part, each in zip(share, either, strict=True))
+    square = sum(part * (each.covariance + np.outer(each.mean, each.mean)) for part, each in zip(share, either, strict=True))
+    found = PRIOR.observed(rows, values, variances).with_marginal("x", share[1], np.sqrt(share[0] * share[1]))
+    assert found.mean == pytest.approx(mean, rel=1e-5)
+    assert found.covariance == pytest.approx(square - np.outer(mean, mean), rel=1e-4, abs=1e-6)

@@ -11,6 +11,7 @@ import pytest
 from hil.bench.model import IdentifiedError
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm
+from hil.design.ate.reaction import Reaction
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.cancellation.correction import Correction, OrderValue
 from hil.experiments.cancellation.effect import Part
@@ -83,6 +84,57 @@ def test_passes_end_at_the_correction_that_silences_the_tip_though_the_motor_mak
         assert abs(value.phasor - silent[order]) < 0.002 * abs(silent[order]) + 3.0 * correction.error_arcsec(order)
     assert correction.set_point_delay_s == pytest.approx(4e-4, abs=2e-5)
     assert correction.left_fraction(ARM_HZ) < 0.005
+
+
+PER_REACTION = {
+    (1.0, 1): -0.012 - 0.008j, (2.0, 1): -0.024 - 0.016j, (4.0, 1): -0.044 - 0.030j,
+    (1.0, -1): 0.004 - 0.003j, (2.0, -1): 0.005 - 0.003j, (4.0, -1): 0.010 - 0.007j,
+}  # fmt: skip
+"""What a whole reaction does under gravity, on a drawn robot of 10 Hz."""
+
+
+def after_passes(true: float, torque: Reaction | None, per_reaction: Mapping[tuple[float, int], complex]) -> Correction:
+    """Three passes of a gear that reacts so much, of which the torque says something else."""
+    correction = known()
+    correction.torque_shows = torque
+    correction.begin(fitted(), ALL)
+    silent = {order: phasor(value) for order, value in TRUE.items()}
+    for _ in range(3):
+        act(correction)
+        correction.acted_reaction = 0.0 if correction.reaction is None else correction.reaction.value
+        seen = {
+            order: [
+                replace(
+                    each,
+                    amplitude=each.amplitude
+                    + (true - correction.acted_reaction) * silent[order] * PER_REACTION[order, each.direction],
+                )
+                for each in sights
+            ]
+            for order, sights in left(correction, silent).items()
+        }
+        correction.take(seen, ALL, ARM_HZ, per_reaction)
+    return correction
+
+
+@pytest.mark.parametrize("true", [0.0, 1.0])
+@pytest.mark.parametrize("torque", [None, Reaction(0.99, 0.11), Reaction(0.5, 0.5), Reaction(0.0, 0.1)])
+def test_the_tip_tells_a_reaction_of_the_gear_whatever_the_torque_says(true: float, torque: Reaction | None) -> None:
+    """A gear that did not react was taken for one that does, and A_k and delay were turned to make up for it."""
+    correction = after_passes(true, torque, PER_REACTION)
+    assert correction.reaction is not None
+    assert correction.reaction.value == pytest.approx(true, abs=0.1)
+    assert correction.left_fraction(ARM_HZ) < 0.01
+    assert abs(correction.set_point_delay_s) < 5e-6
+    for order, value in correction.values().items():
+        assert value.phasor == pytest.approx(phasor(TRUE[order]), rel=1e-3)
+
+
+def test_a_tip_that_shows_nothing_of_a_reaction_leaves_it_as_the_torque_shows_it() -> None:
+    torque = Reaction(0.8, 0.3)
+    found = after_passes(0.8, torque, {}).reaction
+    assert found is not None
+    assert (found.value, found.standard_error) == pytest.approx((torque.value, torque.standard_error))
 
 
 @pytest.mark.parametrize("late_s", [5e-3, 1e-3])
