@@ -136,16 +136,16 @@ class Reaction:
         odds = log_density(1.0, math.hypot(self.standard_error, LOSSLESS_ERROR)) - log_density(0.0, self.standard_error)
         return float(scipy.special.expit(odds + scipy.special.logit(before)))
 
-    def posterior(self, before: float = REACTS) -> "Reaction | None":
+    def posterior(self, before: float = REACTS) -> "Reaction":
         """Posterior mean of r with its standard deviation.
 
-        Returns None if the value is that of no gear: then it says nothing of one.
+        A value that is that of no gear says nothing of one: the prior stays.
 
         Args:
             before: Prior probability that the gear reacts.
         """
         if self.is_neither:
-            return None
+            return Reaction(before, math.sqrt(before * (1.0 - before)))
         reacts = self.probability(before)
         if reacts < UNLIKELY:
             return Reaction(0.0, self.standard_error)

@@ -37,7 +37,7 @@ Source = Literal["known", "learnt"]
 
 OFF_ERROR = 0.2
 """Standard error of the arm's response as a fraction of it. Fits of soft gears' first passes are off by up to 15 % (13 bits)."""
-MADE_ALONG, MADE_ACROSS = 0.0045, 0.0007
+MADE_ALONG, MADE_ACROSS = 0.003, 0.0004
 """Standard errors of the motor's motion as fractions of the correction: in amplitude, and in phase.
 
 Of 109 corrections of drawn robots (10242 to 10341) that silence the tip, half differ from the transmission error by less than
@@ -372,7 +372,7 @@ class Correction:
         if free > math.sqrt(0.5) * self._prior.standard_error(REACTION):  # less than the prior says: the tip shows nothing of it
             return found.with_marginal(REACTION, known.value, known.standard_error)
         before = REACTS if self.torque_shows is None else min(max(known.value, UNLIKELY), 1.0 - UNLIKELY)
-        shown = Reaction(found.value(REACTION), free).posterior(before) or known
+        shown = Reaction(found.value(REACTION), free).posterior(before)
         return found.with_marginal(REACTION, shown.value, shown.standard_error)
 
     def _widen(self, order: float, shown: complex, noise: float) -> None:
@@ -473,7 +473,12 @@ class Correction:
 
     def notes(self) -> list[str]:
         """Sentences on what is not as it was known or expected."""
-        found = []
+        found, torque, reaction = [], self.torque_shows, self.reaction
+        if torque is not None and reaction is not None and (torque.value > REACTS) != (reaction.value > REACTS):
+            found.append(
+                f"the gear {'reacts' if reaction.value > REACTS else 'does not react'} on its motor, as the tip shows "
+                f"(gear_reaction {reaction.value:.2f}); the motor's torque alone would make that {torque.value:.2f}"
+            )
         for order, value in self.values().items():
             known, begun = self.contradicted.get(order), self._begun[order]
             if known is not None and not known.agrees(value):

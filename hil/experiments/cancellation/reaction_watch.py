@@ -108,12 +108,12 @@ class ReactionWatch:
 
         Args:
             recording: Recording of the pass.
-            error: The error as it is known after it.
+            error: The error as it is known.
         """
         if self.side is None:
             return
         self.turnings.append(self._turning(recording))
         found = gear_reaction(self.turnings, self.side, error)
-        posterior = None if found is None else found.posterior(self.before)
-        if posterior is not None:
+        if found is not None:
+            posterior = found.posterior(self.before)
             self.value, self.standard_error = posterior.value, posterior.standard_error

@@ -75,14 +75,14 @@ def test_a_reaction_is_as_large_as_expected_between_a_gear_that_reacts_and_one_t
     }
     for measured, (value, error) in expected.items():
         found = measured.posterior()
-        assert found is not None
         assert found.value == pytest.approx(value, abs=0.01)
         assert found.standard_error == pytest.approx(error, abs=0.01)
 
 
 @pytest.mark.parametrize("measured", [Reaction(3.0, 0.1), Reaction(-1.0, 0.1), Reaction(0.4, 0.02), Reaction(-9.8, 2.3)])
 def test_what_is_no_reaction_of_a_gear_is_not_believed(measured: Reaction) -> None:
-    assert measured.posterior() is None
+    assert measured.posterior() == Reaction(0.5, 0.5)
+    assert measured.posterior(0.9) == Reaction(0.9, pytest.approx(0.3))
 
 
 def test_an_arm_without_a_load_shows_neither_a_reaction_nor_that_there_is_none() -> None:

@@ -126,6 +126,8 @@ def test_the_tip_tells_a_reaction_of_the_gear_whatever_the_torque_says(true: flo
     assert correction.reaction.value == pytest.approx(true, abs=0.1)
     assert correction.left_fraction(ARM_HZ) < 0.01
     assert abs(correction.set_point_delay_s) < 5e-6
+    is_told_otherwise = torque is not None and (torque.value > 0.5) != (true > 0.5)
+    assert any("on its motor, as the tip shows" in each for each in correction.notes()) == is_told_otherwise
     for order, value in correction.values().items():
         assert value.phasor == pytest.approx(phasor(TRUE[order]), rel=1e-3)
 
