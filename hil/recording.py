@@ -118,6 +118,9 @@ class BusLog:
     """Log of every frame of the master.
 
     In memory while an axis moves, written to the file between the motions.
+
+    Attributes:
+        is_on: True if frames are logged.
     """
 
     def __init__(self, path: Path | None, channel: str = "can") -> None:
@@ -127,15 +130,11 @@ class BusLog:
             path: The file; None for none.
             channel: Name of the bus in the log.
         """
+        self.is_on = path is not None
         self._path = path
         self._channel = channel
         self._kept: list[LoggedFrame | LoggedMessage] = []
         self._is_new = True
-
-    @property
-    def is_on(self) -> bool:
-        """True if frames are logged."""
-        return self._path is not None
 
     def add(self, frame: LoggedFrame) -> None:
         """Keep a frame for the next `write`."""

@@ -1,7 +1,7 @@
 """The master's interface of a bus: send and receive frames."""
 
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from drive_profiles.address import Address
 from hil.can.frame import Frame
@@ -72,6 +72,11 @@ class Channel(Protocol):
 @runtime_checkable
 class MessageChannel(Protocol):
     """A bus in lock-step that takes a cycle in one message each way, as records."""
+
+    @property
+    def line(self) -> Any:
+        """The core's `struct line`, if it can exchange messages itself; else None."""
+        ...
 
     @property
     def takes_messages(self) -> bool:

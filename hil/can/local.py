@@ -12,12 +12,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from drive_profiles.address import Address
 from hil.can import clock
 from hil.can.errors import BusUnavailableError
 from hil.can.frame import CAN_ERR_FLAG, CAN_SFF_MASK, MAX_DATA_LENGTH, RECORD, Frame, pack, unpack
 from hil.can.raw import RawChannel
+from hil.core.library import CORE
 
 _SENSIBLE_SEND_S = 1.0
 _SYNC = 0x80
@@ -98,7 +100,11 @@ def one_core(sock: socket.socket) -> Iterator[None]:
 
 
 class LocalChannel(RawChannel):
-    """A client's end of the local bus."""
+    """A client's end of the local bus.
+
+    Attributes:
+        line: The core's record of the socket and its clock.
+    """
 
     def __init__(self, address: Address) -> None:
         """Open the socket, and ask the bus for its clock.
@@ -108,11 +114,11 @@ class LocalChannel(RawChannel):
         """
         super().__init__(address, connect_local(address))
         self.is_lock_step = True
-        self._syncs = 0
+        self.line: Any = CORE.new("line")
+        self.line.socket, self.line.timeout_s = self._socket.fileno(), -1.0
+        self.line.period_over = pack(clock.period_over(0))
         self._takes_several = False
         self._early: deque[Frame] = deque()  # bounded by a message
-        self._is_over = False
-        self._timeout_s = -1.0
         self._is_stream = self._socket.type == socket.SOCK_STREAM
         self._buffer = b""
         self._ask_for_the_clock()
@@ -131,9 +137,9 @@ class LocalChannel(RawChannel):
         if self._lost is not None:
             raise self._lost
         record = pack(frame)
-        self._is_over = False
+        self.line.is_over = False
         if frame[0] == _SYNC:
-            self._syncs += 1
+            self.line.syncs += 1
         self._transmit(record)
 
     def send_all(self, frames: Sequence[Frame]) -> None:
@@ -153,8 +159,8 @@ class LocalChannel(RawChannel):
                 for can_id, data in frames
             ]
         )
-        self._is_over = False
-        self._syncs += sum([frame[0] == _SYNC for frame in frames])
+        self.line.is_over = False
+        self.line.syncs += sum([frame[0] == _SYNC for frame in frames])
         self._transmit(records)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
@@ -170,9 +176,9 @@ class LocalChannel(RawChannel):
     def takes_messages(self) -> bool:
         """True if a cycle may be one message each way.
 
-        No frame of an earlier message may still be unread.
+        No frame of an earlier message may still be unread, and the bus not be lost.
         """
-        return self._takes_several and self.is_lock_step and not self._early
+        return self._takes_several and self.is_lock_step and not self._early and self._lost is None
 
     def send_message(self, records: bytes) -> None:
         """Send the records of a cycle in one message.
@@ -184,8 +190,8 @@ class LocalChannel(RawChannel):
         """
         if self._lost is not None:
             raise self._lost
-        self._is_over = False
-        self._syncs += 1
+        self.line.is_over = False
+        self.line.syncs += 1
         self._transmit(records)
 
     def receive_message(self, timeout_s: float) -> bytes:
@@ -196,9 +202,7 @@ class LocalChannel(RawChannel):
         Raises:
             BusLostError: The bus is gone.
         """
-        if timeout_s != self._timeout_s:
-            wait_at_most(self._socket, timeout_s)
-            self._timeout_s = timeout_s
+        self._wait_at_most(timeout_s)
         try:
             message = self._socket.recv(_MESSAGE_BYTES)
         except BlockingIOError:
@@ -208,13 +212,18 @@ class LocalChannel(RawChannel):
         if not message:
             raise self._bus_lost(OSError(errno.ECONNRESET, "the other end has closed the connection"))
         if message[-RECORD.size :].startswith(_CLOCK_HEAD) and self._is_period_over(message[-MAX_DATA_LENGTH:]):
-            self._is_over = True
+            self.line.is_over = True
             return message[: -RECORD.size]
         return message
 
     def put_back(self, message: bytes) -> None:
         """Let a message that `receive_message` has given be read frame by frame."""
         self._take_message(message)
+
+    def close(self) -> None:
+        """Leave the bus; the core forgets the socket, whose number may become that of another file."""
+        self.line.socket = -1
+        super().close()
 
     def _transmit(self, records: bytes) -> None:
         try:
@@ -241,18 +250,21 @@ class LocalChannel(RawChannel):
             raise self._lost
         if self._early:
             return self._early.popleft()
-        if self._is_over:
-            self._is_over = False
+        if self.line.is_over:
+            self.line.is_over = False
             return None
         if not self.is_lock_step and timeout_s > 0.0:  # a socket's own time-out is counted in jiffies, up to 10 ms each
             ready = bool(self._buffer) or bool(select.select([self._socket], [], [], timeout_s)[0])
             return self._read(socket.MSG_DONTWAIT) if ready else None
         if timeout_s <= 0.0:
             return self._read(socket.MSG_DONTWAIT)
-        if timeout_s != self._timeout_s:
-            wait_at_most(self._socket, timeout_s)
-            self._timeout_s = timeout_s
+        self._wait_at_most(timeout_s)
         return self._read(0)
+
+    def _wait_at_most(self, timeout_s: float) -> None:
+        if timeout_s != self.line.timeout_s:
+            wait_at_most(self._socket, timeout_s)
+            self.line.timeout_s = timeout_s
 
     def _read(self, flags: int) -> Frame | None:
         """Return the next frame, or None; skip other records.
@@ -273,8 +285,8 @@ class LocalChannel(RawChannel):
                 self._take_message(record)
                 if self._early:
                     return self._early.popleft()
-                if self._is_over:
-                    self._is_over = False
+                if self.line.is_over:
+                    self.line.is_over = False
                     return None
                 continue
             frame = self._from_stream(record) if self._is_stream else unpack(record)
@@ -297,7 +309,7 @@ class LocalChannel(RawChannel):
             elif can_id != clock.CLOCK_ID:
                 keep(self._noted(Frame(can_id, data[:length])))
             elif self._is_period_over(data[:length]):
-                self._is_over = True
+                self.line.is_over = True
 
     def _ask_for_the_clock(self) -> None:
         """Ask the local bus for its clock and bit rate.
@@ -327,7 +339,7 @@ class LocalChannel(RawChannel):
 
         No more frames will come in it.
         """
-        return clock.read_period_over(data) == self._syncs & 0xFFFF_FFFF
+        return clock.read_period_over(data) == int(self.line.syncs) & 0xFFFF_FFFF
 
     def _from_stream(self, more: bytes) -> Frame | None:
         """Return the first frame of the bytes received so far."""

@@ -69,8 +69,8 @@ class Core:
         return found.hexdigest()[:16]
 
 
-LAW = Core("law", "hil/core", "hil/core/core.h", ("hil/core", "hil/control", "hil/design", "hil/logs", "hil/master"))
-"""The control law, and what design, logs and the master have in C."""
+LAW = Core("law", "hil/core", "hil/core/core.h", ("hil/core", "hil/control", "hil/can", "hil/design", "hil/logs", "hil/master"))
+"""The control law, and what the bus, design, logs and the master have in C."""
 
 
 def compiler() -> list[str]:

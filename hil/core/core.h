@@ -1,4 +1,4 @@
-/* All of the core that Python calls: the law, and what design, logs and the master have in C. */
+/* All of the core that Python calls: the law, and what the bus, design, logs and the master have in C. */
 #ifndef HIL_CORE_H
 #define HIL_CORE_H
 

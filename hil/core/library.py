@@ -115,4 +115,4 @@ class Library:
 
 
 CORE = Library(LAW)
-"""The control law, and what design, logs and the master have in C."""
+"""The control law, and what the bus, design, logs and the master have in C."""

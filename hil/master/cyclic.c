@@ -45,11 +45,11 @@ static uint8_t *put(uint8_t *data, integer value, int bytes)
     return data;
 }
 
-void pack_commands(const struct exchange *e, uint8_t *message)
+void pack_commands(const struct exchange *e)
 {
     for (integer row = 0; row < e->axis_count; row++) {
         const struct axis_data *axis = &e->axes[row];
-        uint8_t *data = put(message + row * RECORD_BYTES + DATA_AT, axis->control_word, 2);
+        uint8_t *data = put(e->command + row * RECORD_BYTES + DATA_AT, axis->control_word, 2);
         data = put(data, axis->target, axis->command == TORQUE_COMMAND ? 2 : 4);
         if (axis->command == OFFSET_COMMAND) {
             put(data, axis->torque_offset, 2);

@@ -1,16 +1,11 @@
 /* Process data of a run: what each axis is sent with a SYNC, and what the nodes answer to it.
  *
- * Frames are records of 16 bytes as on a socket of SocketCAN: identifier, length, three bytes of padding, eight bytes of data.
- *
- * Source: linux/can.h, struct can_frame; CiA 301, 7.4.7: the bytes of a number begin with the lowest.
+ * Source: CiA 301, 7.4.7: the bytes of a number begin with the lowest.
  */
 #ifndef HIL_CYCLIC_H
 #define HIL_CYCLIC_H
 
-#include "hil/control/real.h"
-
-/* Bytes of a record, and where its length and its data begin. */
-enum { RECORD_BYTES = 16, LENGTH_AT = 4, DATA_AT = 8 };
+#include "hil/can/line.h"
 
 /* Content of an axis' RPDO: control word and position; and torque; and position with torque offset. */
 enum { POSITION_COMMAND, TORQUE_COMMAND, OFFSET_COMMAND };
@@ -61,9 +56,15 @@ struct exchange {
     integer joint_count;
     struct answer *answers; /* in the order of their identifiers, in which they come */
     integer answer_count;
-    integer pending; /* answers that have not come in this cycle */
-    integer lowest;  /* the first of them */
-    integer tip;     /* TIP_ELSEWHERE, TIP_BY_NODE or TIP_BY_JOINTS */
+    integer pending;   /* answers that have not come in this cycle */
+    integer lowest;    /* the first of them */
+    struct line *line; /* NULL if the core cannot exchange messages itself */
+    real timeout_s;    /* of answers */
+    uint8_t *command;  /* records of the RPDOs, and SYNC behind them */
+    integer command_bytes;
+    uint8_t *message; /* room for the message that comes */
+    integer message_bytes;
+    integer tip; /* TIP_ELSEWHERE, TIP_BY_NODE or TIP_BY_JOINTS */
     integer tip_has_come;
     real tip_scale; /* m/s^2 per step */
     real tip_m_s2[3];
@@ -73,8 +74,8 @@ struct exchange {
     integer sensor_missed;   /* cycles without a measurement of the tip */
 };
 
-/* Write the data of each axis' RPDO to its record of a message; the records' heads remain. */
-void pack_commands(const struct exchange *e, uint8_t *message);
+/* Write the data of each axis' RPDO to its record of the command; the records' heads remain. */
+void pack_commands(const struct exchange *e);
 
 /* Await all answers anew. */
 void await_answers(struct exchange *e);

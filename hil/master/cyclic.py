@@ -4,10 +4,12 @@ All process data lie in the records of `cyclic.h`, which are packed and unpacked
 """
 
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
+from hil.can.channel import MessageChannel
 from hil.can.clock import MAX_RECORDS
 from hil.can.frame import Frame, pack
 from hil.core.library import CORE
@@ -38,13 +40,16 @@ TIP_ACCELERATION: int = CORE.call.TIP_ACCELERATION
 MAX_LATE_FRAMES = 1024
 _RECORD: int = CORE.call.RECORD_BYTES
 _DATA: int = CORE.call.DATA_AT
+_NOT_SENT: int = CORE.call.NOT_SENT
+_NOT_TAKEN: int = CORE.call.NOT_TAKEN
 _pack_commands, _count_answers = CORE.call.pack_commands, CORE.call.count_answers
-_await_answers, _take_answer, _take_message = CORE.call.await_answers, CORE.call.take_answer, CORE.call.take_message
+_await_answers, _take_answer = CORE.call.await_answers, CORE.call.take_answer
+_run_cycle, _take_cycle = CORE.call.run_cycle, CORE.call.take_cycle
 
 
 def _number(name: str) -> Any:
     """Return a property for a number of the record `data`."""
-    return property(lambda self: getattr(self.data, name), lambda self, value: setattr(self.data, name, value))
+    return property(attrgetter(f"data.{name}"), lambda self, value: setattr(self.data, name, value))
 
 
 class Slot:
@@ -122,6 +127,8 @@ class CyclicExchange:
         cycles: Cycles since the start.
         was_dropped: True if the last cycle was too late to be sent; the slots then hold the data of the one before.
         schedule: Deadlines and statistics of the run's cycles; a lock-step bus has none, so nothing is counted there.
+        run: The record of the run that a cycle belongs to.
+        row: Row of the recording, -1 for none, where the exchange shall end the cycle if it can; else `NOT_ENDED` of `run.h`.
     """
 
     missing_answers: int = _number("missing_answers")
@@ -184,6 +191,12 @@ class CyclicExchange:
         self._order: list[int] = []
         self._may_be_behind = False
         self._fits_message = False
+        self._received = bytearray(CORE.call.MOST_RECORDS * _RECORD)
+        self._received_data = CORE.pointer(np.frombuffer(self._received, np.uint8), "uint8_t")
+        self.data.message = self._received_data
+        if network is not None and network.messages is not None and network.messages.line is not None:
+            self.data.line, self.data.timeout_s = network.messages.line, network.timeout_s
+        self.run, self.row = CORE.NULL, CORE.call.NOT_ENDED
         self.expect({})
 
     @property
@@ -241,13 +254,15 @@ class CyclicExchange:
         heads = [Frame(slot.command_id, bytes(_COMMAND_BYTES[slot.data.command])) for slot in self.slots]
         self._message = bytearray(b"".join(map(pack, (*heads, SYNC))))
         self._message_data = CORE.pointer(np.frombuffer(self._message, np.uint8), "uint8_t")
+        self.data.command, self.data.command_bytes = self._message_data, len(self._message)
+        self._taken = memoryview(self._received)[: len(answers) * _RECORD]
         places = range(_DATA, len(self._message), _RECORD)
         self._contents = [(can_id, slice(at, at + len(data))) for (can_id, data), at in zip(heads, places, strict=False)]
         self._fits_message = len(heads) < MAX_RECORDS
 
     def command(self) -> bytes:
         """The records of this cycle's RPDOs, and SYNC behind them."""
-        _pack_commands(self.data, self._message_data)
+        _pack_commands(self.data)
         return bytes(self._message)
 
     def commands(self) -> list[Frame]:
@@ -267,35 +282,60 @@ class CyclicExchange:
                 refused += pdos.restore()
         return refused
 
-    def exchange(self) -> None:
+    def exchange(self) -> int | None:
         """Run one cycle: RPDOs, SYNC, then answers until their time is over.
 
         In lock-step an answer may take as long as the bench file's time-out. Otherwise the cycle ends on its schedule,
         and a late answer counts as the newest one in the next cycle. A cycle that is too late is not sent at all: see
         `CycleSchedule`.
+
+        Return what `end_cycle` of `run.h` has found if the core has ended the cycle, and None if it has not.
         """
-        if self.network.channel.is_lock_step:
-            self._exchange_in_lock_step()
+        network, messages = self.network, self.network.messages
+        if messages is not None and messages.takes_messages and self._fits_message and not self._may_be_behind:
+            found: int = _run_cycle(self.data, self.run, self.row)
+            if found < 0:
+                return self._go_on(found, messages)
+            if network.log.is_on:
+                network.log_message(self._message, is_received=False)
+            network.lock_step_s += network.period_s
+            if network.log.is_on:
+                network.log_message(self._taken, is_received=True)
+            return found
+        if network.channel.is_lock_step:
+            network.sync_with(self.commands())
+            self._take_frames(network.receive_all(network.timeout_s))
         else:
             self._exchange_on_schedule()
+        return None
 
     def saw(self, frame: Frame) -> None:
         """Count a frame of the master outside of the cycle."""
         if not self.network.channel.is_lock_step:
             self.schedule.saw(frame)
 
-    def _exchange_in_lock_step(self) -> None:
+    def _go_on(self, found: int, messages: MessageChannel) -> int | None:
+        """Go on where the core has not run a cycle to its end: see `NOT_SENT` and its neighbours in `line.h`."""
         network = self.network
-        if self._fits_message and not self._may_be_behind and network.takes_messages:
-            answer = network.cycle_in_messages(self.command())
-            if _take_message(self.data, answer, len(answer)):
-                network.log_message(answer)
-                self._count()
-                return
-            frames = network.frames_of(answer)
+        if found == _NOT_SENT:
+            messages.send_message(bytes(self._message))
+        network.log_message(self._message, is_received=False)
+        network.lock_step_s += network.period_s
+        if found == _NOT_TAKEN:
+            answer = bytes(self._received[: self.data.message_bytes])
         else:
-            network.sync_with(self.commands())
-            frames = network.receive_all(network.timeout_s)
+            answer = messages.receive_message(network.timeout_s)
+        found = _take_cycle(self.data, self.run, self.row, answer, len(answer))
+        if found >= 0:
+            network.log_message(answer, is_received=True)
+            return found
+        messages.put_back(answer)
+        self._take_frames(network.receive_all(network.timeout_s) if answer else [])
+        return None
+
+    def _take_frames(self, frames: list[Frame]) -> None:
+        """Take the frames of a cycle, and those that it still waits for."""
+        network = self.network
         _await_answers(self.data)
         if not self._may_be_behind and self._take_whole(frames):
             return

@@ -82,6 +82,7 @@ class Network:
 
     Attributes:
         channel: The bus.
+        messages: The same, if it can take a cycle in one message each way; else None.
         emergencies: Emergencies of the nodes that were not handled yet; a bounded queue.
         fault_texts: For each node, its maker's own error codes in words.
         heartbeats: Time and NMT state of the last heartbeat of each node.
@@ -89,12 +90,13 @@ class Network:
         foreign_sync: True if the SYNC of another node has been seen.
         boots: Nodes whose boot-up message has come since it was last cleared.
         period_s: Time that one SYNC adds on a lock-step bus.
+        lock_step_s: The bench's time on such a bus.
     """
 
     def __init__(self, channel: Channel, log: BusLog, timeout_s: float, period_s: float, clock: Clock | None = None) -> None:
         """Join the bus; nothing is sent."""
         self.channel = channel
-        self._messages = channel if isinstance(channel, MessageChannel) else None
+        self.messages = channel if isinstance(channel, MessageChannel) else None
         self.log = log
         self.timeout_s = timeout_s
         self.period_s = period_s
@@ -106,13 +108,13 @@ class Network:
         self.foreign_sync = False
         self._lines: dict[int, _Line] = {}
         self._ports: dict[int, _Port] = {}
-        self._lock_step_s = 0.0
+        self.lock_step_s = 0.0
         self._clock = clock or MonotonicClock()
         self._start = self._clock.now()
 
     def now(self) -> float:
         """The bench's time in s."""
-        return self._lock_step_s if self.channel.is_lock_step else self._clock.now() - self._start
+        return self.lock_step_s if self.channel.is_lock_step else self._clock.now() - self._start
 
     def send(self, frame: Frame) -> None:
         """Send a frame and log it."""
@@ -123,7 +125,7 @@ class Network:
     def sync(self) -> None:
         """Send SYNC; on a lock-step bus time advances by one period."""
         self.send(SYNC)
-        self._lock_step_s += self.period_s
+        self.lock_step_s += self.period_s
 
     def sync_with(self, frames: list[Frame]) -> None:
         """Send frames and SYNC after them, together if possible."""
@@ -133,38 +135,12 @@ class Network:
             now = self.now()
             for can_id, data in together:
                 self.log.add(LoggedFrame(now, can_id, data, False))
-        self._lock_step_s += self.period_s
+        self.lock_step_s += self.period_s
 
-    @property
-    def takes_messages(self) -> bool:
-        """True if a cycle crosses in one message each way: see `cycle_in_messages`."""
-        return self._messages is not None and self._messages.takes_messages
-
-    def cycle_in_messages(self, command: bytes) -> bytes:
-        """Send the records of a cycle; return the next message.
-
-        The last record is SYNC. The message is empty if none came in time. It is not logged yet: call either
-        `log_message` or `frames_of` next.
-        """
-        if self._messages is None:
-            raise TypeError(f"{type(self.channel).__name__} cannot send messages")
-        self._messages.send_message(command)
+    def log_message(self, message: bytes | bytearray | memoryview, *, is_received: bool) -> None:
+        """Log the records of a cycle in messages."""
         if self.log.is_on:
-            self.log.add_message(LoggedMessage(self._lock_step_s, command, is_received=False))
-        self._lock_step_s += self.period_s
-        return self._messages.receive_message(self.timeout_s)
-
-    def log_message(self, message: bytes) -> None:
-        """Log a message of `cycle_in_messages` that was taken as it is."""
-        if self.log.is_on:
-            self.log.add_message(LoggedMessage(self._lock_step_s, message, is_received=True))
-
-    def frames_of(self, message: bytes) -> list[Frame]:
-        """Log a message of `cycle_in_messages`, and return its frames."""
-        if self._messages is None or not message:
-            return []
-        self._messages.put_back(message)
-        return self.receive_all(self.timeout_s)
+            self.log.add_message(LoggedMessage(self.lock_step_s, bytes(message), is_received))
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
         """Receive the next frame and those in one message with it."""

@@ -140,3 +140,26 @@ integer end_cycle(struct run *run, integer row, integer was_dropped)
     }
     return IN_ORDER;
 }
+
+integer take_cycle(struct exchange *e, struct run *run, integer row, const uint8_t *message, integer size)
+{
+    if (e->tip == TIP_ELSEWHERE || !take_message(e, message, size)) {
+        return NOT_TAKEN;
+    }
+    count_answers(e);
+    return row == NOT_ENDED ? TAKEN : end_cycle(run, row, 0);
+}
+
+integer run_cycle(struct exchange *e, struct run *run, integer row)
+{
+    pack_commands(e);
+    if (!e->line) {
+        return NOT_SENT;
+    }
+    const integer reached = exchange_message(e->line, e->command, e->command_bytes, e->timeout_s, e->message);
+    if (reached < 0) {
+        return reached;
+    }
+    e->message_bytes = reached;
+    return take_cycle(e, run, row, e->message, reached);
+}

@@ -58,4 +58,15 @@ void accept_positions(struct run *run, integer was_dropped);
  * Returns IN_ORDER, or what is wrong with the first axis that is not in order. */
 integer end_cycle(struct run *run, integer row, integer was_dropped);
 
+/* In place of a row: the cycle is not ended, as while drives are enabled or disabled. */
+enum { NOT_ENDED = -2 };
+
+/* Take a message with all answers of a cycle, count the cycle, and end it unless the row is NOT_ENDED.
+ *
+ * Returns NOT_TAKEN if the message is another, or the tip is measured elsewhere; else TAKEN, or what end_cycle returns. */
+integer take_cycle(struct exchange *e, struct run *run, integer row, const uint8_t *message, integer size);
+
+/* Run a cycle in one message each way, as far as that goes: see exchange_message and take_cycle. */
+integer run_cycle(struct exchange *e, struct run *run, integer row);
+
 #endif

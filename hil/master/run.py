@@ -40,6 +40,7 @@ ADDED_UP_TO = 0.99
 """Fraction of an axis' speed limit up to which set-points with additions go: a drive rounds to its counts."""
 
 _set_targets, _end_cycle = CORE.call.set_targets, CORE.call.end_cycle
+_NOT_ENDED: int = CORE.call.NOT_ENDED
 
 
 @dataclass(frozen=True)
@@ -136,6 +137,7 @@ class Run:
         if self.bank is not None:
             data.laws, data.loop, data.period_s = self.bank.laws, self.bank.values, self.bank.period_s
         data.rows, data.columns = self._rows, self.table.values.shape[1]
+        self.exchange.run = data
 
     # -- the sequence --------------------------------------------------------------------------------------------------
 
@@ -269,14 +271,25 @@ class Run:
         It is recorded if a row is given. Host-closed, the laws run on the values just received, and their torques are
         sent with the next cycle.
         """
-        place = -1 if row is None else self.table.place(row)
+        table = self.table
+        if row is not None and not 0 <= row < table.room:
+            raise IndexError(f"row {row} of a motion of {table.room} rows")
+        place = -1 if row is None else row
         self._references[self._all] = references
         if self.bank is None:
             self._set_points(references, row)
-        self._cycle()
-        found = _end_cycle(self.data, place, self.exchange.was_dropped)
+        self.exchange.row = place
+        try:
+            found = self.supervisor.cycle(self.exchange)
+        finally:
+            self.exchange.row = _NOT_ENDED
+        if found is None:
+            reason = self._own_fault()
+            if reason is not None:
+                raise RunStopError(reason)
+            found = _end_cycle(self.data, place, self.exchange.was_dropped)
         if row is not None:
-            self.table.rows = row + 1
+            table.rows = row + 1
         if found:
             raise RunStopError(self._own_fault() or self.supervisor.fault() or self._with_bus_errors(self._words(found)))
         reason = self.supervisor.fault()
@@ -331,12 +344,17 @@ class Run:
         load_rad = tuple(each.angle_rad for each in exchange.encoders) if has_turned else None
         self._listener.sense(Sensed(exchange.tip_m_s2 if has_measured else None, row, load_rad))
 
-    def _cycle(self) -> None:
-        """Run one cycle; stop after too many late ones in a row."""
-        self.supervisor.cycle(self.exchange)
-        reason = self._own_fault()
-        if reason is not None:
-            raise RunStopError(reason)
+    def _cycle(self) -> int | None:
+        """Run one cycle, and return what the exchange does.
+
+        Stop after too many late cycles in a row.
+        """
+        found = self.supervisor.cycle(self.exchange)
+        if found is None:
+            reason = self._own_fault()
+            if reason is not None:
+                raise RunStopError(reason)
+        return found
 
     def _own_fault(self) -> str | None:
         """Return the reason to stop that lies in the master.

@@ -25,24 +25,15 @@ class RunTable:
 
     Attributes:
         rows: Number of rows so far.
+        room: Number of rows of the whole motion.
         values: All rows; the core fills them.
     """
 
     def __init__(self, time_s: Real, axes: int, encoders: int = 0) -> None:
-        self.rows = 0
+        self.rows, self.room = 0, len(time_s)
         # written once, so that its pages are there before the motion needs them
-        self.values = np.full((len(time_s), _COMMON + _PER_AXIS * axes + encoders), 0.0)
+        self.values = np.full((self.room, _COMMON + _PER_AXIS * axes + encoders), 0.0)
         self.values[:, 0] = time_s
-
-    def place(self, row: int) -> int:
-        """Return a row that the core may fill.
-
-        Raises:
-            IndexError: The motion has no such row.
-        """
-        if not 0 <= row < len(self.values):
-            raise IndexError(f"row {row} of a motion of {len(self.values)} rows")
-        return row
 
     def recording(self, axes: Sequence[int], *, with_notch: bool, encoders: Sequence[int] = ()) -> Recording:
         """The rows that are kept, as columns.

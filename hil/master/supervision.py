@@ -31,7 +31,7 @@ class Supervisor:
         self.interrupted_by: str | None = None
         self.is_silent = False
         self._nodes: frozenset[int] = frozenset()
-        self._last_heartbeat_s = -math.inf
+        self._heartbeat_due_s = -math.inf
         self._since_s = 0.0
         self._silent_until_s = -math.inf
 
@@ -45,16 +45,16 @@ class Supervisor:
 
     def send_heartbeat(self) -> Frame:
         """Send the master's heartbeat; return the frame."""
-        self._last_heartbeat_s = self.network.now()
+        self._heartbeat_due_s = self.network.now() + self.bus.heartbeat_s - 1e-9
         frame = Frame(FunctionCode.HEARTBEAT + self.bus.master_node_id, bytes((NmtState.OPERATIONAL,)))
         self.network.send(frame)
         return frame
 
-    def cycle(self, exchange: CyclicExchange) -> None:
-        """Run one cycle, after the master's heartbeat if it is due."""
-        if not self.is_silent and self.network.now() - self._last_heartbeat_s >= self.bus.heartbeat_s - 1e-9:
+    def cycle(self, exchange: CyclicExchange) -> int | None:
+        """Run one cycle, after the master's heartbeat if it is due; return what the exchange does."""
+        if self.network.now() >= self._heartbeat_due_s and not self.is_silent:
             exchange.saw(self.send_heartbeat())
-        exchange.exchange()
+        return exchange.exchange()
 
     def fault(self) -> str | None:
         """Return the reason to stop from nodes or user, or None."""

@@ -51,6 +51,7 @@ class InProcessChannel:
     MAX_SENT = 1 << 16
     is_lock_step = True
     overflows = 0
+    line = None
 
     def __init__(self, world: World, medium: Medium | None = None, *, bitrate: int | None = None, is_logged: bool = True) -> None:
         """Join the bus and power the nodes on.

@@ -34,13 +34,9 @@ class FrameLog(BusLog):
     def __init__(self) -> None:
         """Start with no frames."""
         super().__init__(None)
+        self.is_on = True  # the master always writes its frames to this log
         self.frames: deque[tuple[int, Frame]] = deque(maxlen=MAX_FRAMES)
         self.heard_frames = 0
-
-    @property
-    def is_on(self) -> bool:
-        """True: the master always writes its frames to this log."""
-        return True
 
     def add(self, frame: LoggedFrame) -> None:
         """Keep a frame that the master has sent or received."""

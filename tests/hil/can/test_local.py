@@ -4,11 +4,13 @@ import contextlib
 import errno
 import os
 import select
+import signal
 import socket
 import struct
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from drive_profiles.address import Address
@@ -17,6 +19,7 @@ from hil.can.errors import BusLostError, BusUnavailableError, ChannelError
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame, pack
 from hil.can.local import LocalChannel
 from hil.can.opening import open_channel
+from hil.core.library import CORE
 
 FOR_EVER_S = 600.0
 """Longer than a test may take."""
@@ -154,6 +157,53 @@ def test_a_message_that_does_not_come_is_empty_and_a_bus_that_has_gone_is_lost(l
         lumps.channel.receive_message(1.0)
     with pytest.raises(BusLostError):
         lumps.channel.send_message(message(*THREE))
+
+
+def exchanged(channel, timeout_s):
+    """What the core says to a cycle with this channel, and what has come."""
+    command, room = message(*THREE), np.zeros(1024, np.uint8)
+    found = CORE.call.exchange_message(channel.line, command, len(command), timeout_s, CORE.pointer(room, "uint8_t"))
+    return found, room[: max(found, 0)].tobytes()
+
+
+def test_the_core_exchanges_messages_as_the_channel_does(lumps):
+    assert exchanged(lumps.channel, 0.01) == (CORE.call.NOT_SENT, b"")  # the socket has another time-out
+    assert lumps.channel.receive_message(0.01) == b""
+    for count, answer in enumerate((message(THREE[0]), message(*THREE), b""), 1):
+        lumps.socket.send(answer + message(clock.period_over(count)))
+        assert exchanged(lumps.channel, 0.01) == (len(answer), answer)
+        assert lumps.socket.recv(1024) == message(*THREE)
+        assert lumps.channel.receive(FOR_EVER_S) is None  # the period is over
+        assert lumps.channel.receive_message(0.01) == b""
+    lumps.socket.send(stale := message(THREE[1], clock.period_over(7)))
+    assert exchanged(lumps.channel, 0.01) == (32, stale)
+    assert exchanged(lumps.channel, 0.01) == (0, b"")
+    lumps.socket.send(message(THREE[0], clock.period_over(6)))
+    lumps.channel.send_message(message(*THREE))
+    assert lumps.channel.receive_message(0.01) == message(THREE[0])  # its SYNCs are counted with ours
+
+
+def test_the_core_leaves_a_bus_that_has_gone_and_one_that_is_closed_to_the_channel(lumps):
+    assert lumps.channel.receive_message(0.01) == b""
+    lumps.socket.close()
+    assert exchanged(lumps.channel, 0.01)[0] in {CORE.call.NOT_SENT, CORE.call.NOT_RECEIVED}
+    with pytest.raises(BusLostError):
+        lumps.channel.receive_message(0.01)
+    assert not lumps.channel.takes_messages
+    lumps.channel.close()
+    assert exchanged(lumps.channel, 0.01)[0] == CORE.call.NOT_SENT
+
+
+def test_a_signal_ends_the_waiting_of_the_core(lumps):
+    lumps.socket.send(message(THREE[0]))
+    assert lumps.channel.receive_message(FOR_EVER_S) == message(THREE[0])
+    before = signal.signal(signal.SIGALRM, lambda *_: None)
+    signal.setitimer(signal.ITIMER_REAL, 0.05)
+    try:
+        assert exchanged(lumps.channel, FOR_EVER_S)[0] == CORE.call.NOT_RECEIVED
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert lumps.socket.recv(1024) == message(*THREE)
 
 
 def test_other_buses_take_no_messages(peer):

@@ -187,3 +187,26 @@ def test_cycles_in_messages_are_those_in_frames(count, tmp_path, monkeypatch):
     monkeypatch.setattr(LocalChannel, "takes_messages", property(refused))
     assert run("frames") == together
     assert len({tuple(each) for each in together}) > 10
+
+
+def test_from_the_second_cycle_on_the_core_runs_a_cycle_to_its_end(tmp_path, monkeypatch):
+    def echo(listener):
+        sock, _ = listener.accept()
+        with sock:
+            serve(sock, 2, until_peer_leaves=True)
+
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        listener.bind(str(tmp_path / "bus"))
+        listener.listen()
+        node = threading.Thread(target=echo, args=[listener])
+        node.start()
+        channel = LocalChannel(Address("local", str(tmp_path / "bus")))
+        mine = ours(channel, 2)
+        mine.cycle()
+        for name in ("send_message", "receive_message", "put_back", "receive_all", "send_all"):
+            monkeypatch.delattr(LocalChannel, name)
+        monkeypatch.setattr("hil.master.run._end_cycle", None)
+        for _ in range(5):
+            mine.cycle()
+        channel.close()
+        node.join()
