@@ -61,8 +61,8 @@ COHERENT = 0.25
 """Part of the missed part's square that is an error of A_k e^{jφ_k}; the rest averages out over a ramp, or turns φ_k one way
 forwards and the other way backwards, as a shift of time does.
 
-On the robots 10142 to 10241 the rms of z of φ_k is 0.84 to 1.01 with it and 5e-4, and 0.50 to 0.81 with 1. On 41 of 50201 to 50243
-that of A_k is 0.85 to 0.93 with it, and 0.76 to 0.92 with 1."""
+On the robots 10142 to 10241 the rms of z of φ_k is 0.84 to 1.01 with it and 5e-4, and 0.50 to 0.81 with 1. On 41 of 50201 to
+50243 that of A_k is 0.85 to 0.93 with it, and 0.76 to 0.92 with 1."""
 RINGING_RAD = 100.0 * ARCSEC
 """Standard deviation of the ringing with which a ramp begins; on a drawn robot of 7 Hz (10139) it was 30″."""
 DELAY_LEFT_OPEN_S = 5e-6
