@@ -5,6 +5,7 @@ The module has the plant, G_al, open loop, margins and closed-loop poles.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -212,7 +213,7 @@ class Loop:
         The plant is discretised exactly (zero-order hold); the law's blocks are kept apart as state-space blocks, since
         the expanded polynomial has a dozen roots near z = 1 and loses its digits there.
         """
-        closed = closed_loop(*held(*self.plant.state_space(), self.period_s), self.law_block(speed_rps))
+        closed = closed_loop(*_held_plant(self.plant, self.period_s), self.law_block(speed_rps))
         return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
 
     def law_block(self, speed_rps: float = 0.0) -> "Block":
@@ -246,6 +247,12 @@ class Loop:
         ki = self.cascade.velocity_integral_gain_nm_rad * self.period_s
         direct = self.cascade.velocity_gain_nm_s_rad + 0.5 * ki
         return np.ones((1, 1)), np.ones((1, 1)), np.array([[ki]]), np.array([[direct]])
+
+
+@lru_cache(maxsize=64)
+def _held_plant(plant: TwoInertia, period_s: float) -> tuple[Real, Real]:
+    """Discretise a plant; the same for all speeds and filters of a design."""
+    return held(*plant.state_space(), period_s)
 
 
 Block = tuple[Real, Real, Real, Real]

@@ -120,8 +120,8 @@ class Judge:
         self._bound = 1e-3 * problem.requirements.tip_mm / (problem.lever_m * amplitude * (1.0 - reserve))
         self._before_mm = []
         others = [problem.row(notch.order) for notch in problem.fixed if notch.order in problem.orders]
-        for member in problem.members:
-            bare = problem.peaks_mm(member, ())
+        for member, known in zip(problem.members, problem.bare_mm, strict=True):
+            bare = known.copy()
             if others:
                 bare[:, others] = np.minimum(bare[:, others], problem.peaks_mm(member, problem.fixed)[:, others])
             self._before_mm.append(bare)
@@ -413,8 +413,8 @@ def _rise_checks(problem: NotchProblem, peaks_mm: Mapping[str, Real]) -> list[Re
     Each ratio is that of its worst plant. The peaks are those in the speeds of every order and between them.
     """
     worst: dict[float | None, tuple[Rise, str]] = {}
-    for member in problem.members:
-        for rise in rises(problem, problem.peaks_mm(member, ()), peaks_mm[member.label]):
+    for member, bare in zip(problem.members, problem.bare_mm, strict=True):
+        for rise in rises(problem, bare, peaks_mm[member.label]):
             if rise.order not in worst or rise.ratio > worst[rise.order][0].ratio:
                 worst[rise.order] = rise, member.label
     found = []

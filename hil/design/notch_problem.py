@@ -6,6 +6,7 @@ The module has the requirements, the ramps on which a filter is judged, and the 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,12 +188,9 @@ def peaks_in(ramp: DesignRamp, motion: RampMotion, displacement_mm: Real, ranges
         Peaks in mm; shape (ranges, 2).
     """
     size, speed = np.abs(displacement_mm), np.abs(motion.motor_speed_rps)
-    peaks = np.zeros((len(ranges), 2))
-    for column, rows in enumerate(ramp.rows(motion)):
-        there, here = size[rows], speed[rows]
-        for row, each in enumerate(ranges):
-            peaks[row, column] = np.max(there[(here >= each.low_rps) & (here <= each.high_rps)], initial=0.0)
-    return peaks
+    low, high = np.array([(each.low_rps, each.high_rps) for each in ranges]).T[:, :, np.newaxis]
+    inside = (speed >= low) & (speed <= high)
+    return np.stack([np.max(np.where(inside & rows, size, 0.0), axis=1) for rows in ramp.rows(motion)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -252,6 +250,11 @@ class NotchProblem:
     def loop(self, member: Member, notches: Sequence[Notch] = ()) -> Loop:
         """Loop around one plant."""
         return Loop(member.plant, self.cascade, tuple(notches), self.period_s, self.delay_samples)
+
+    @cached_property
+    def bare_mm(self) -> tuple[Real, ...]:
+        """Tip peaks of each plant without filters, see `peaks_mm`."""
+        return tuple(self.peaks_mm(member, ()) for member in self.members)
 
     def peaks_mm(self, member: Member, notches: Sequence[Notch]) -> Real:
         """Tip peaks of a plant by case, range and direction, in mm; shape (cases, ranges, 2)."""
@@ -321,14 +324,10 @@ def rises(problem: NotchProblem, before_mm: Real, after_mm: Real) -> list[Rise]:
         before_mm: Peaks of a plant without filters, from `NotchProblem.peaks_mm`.
         after_mm: Peaks of the same plant with them; if only of its first cases, no ratio is above that of all.
     """
-    found = []
-    own, rows = problem.own_cases(len(after_mm)), [problem.row(order) for order in problem.orders]
-    largest = float(np.max(after_mm[0, rows]))
-    for row, each in enumerate(problem.ranges):
-        before, after = before_mm[:, row], after_mm[:, row]
-        least = LEAST_MM if each.order is not None else max(LEAST_MM, largest)
-        ratio = float(np.max(after[own] / np.maximum(before[own], least)))
-        if each.order is not None:
-            ratio = max(ratio, float(np.max(after)) / max(float(np.max(before)), least))
-        found.append(Rise(each.order, ratio, RISE if each.order is not None else RISE_BESIDE))
-    return found
+    own, is_order = problem.own_cases(len(after_mm)), np.array([each.order is not None for each in problem.ranges])
+    least = np.where(is_order, LEAST_MM, np.maximum(LEAST_MM, np.max(after_mm[0, is_order])))
+    ratios = np.max(after_mm[own] / np.maximum(before_mm[own], least[:, np.newaxis]), axis=(0, 2))
+    whole = np.max(after_mm, axis=(0, 2)) / np.maximum(np.max(before_mm, axis=(0, 2)), least)
+    ratios = np.where(is_order, np.maximum(ratios, whole), ratios)
+    limits = np.where(is_order, RISE, RISE_BESIDE)
+    return [Rise(each.order, *pair) for each, *pair in zip(problem.ranges, ratios.tolist(), limits.tolist(), strict=True)]

@@ -10,6 +10,7 @@ on which it will be judged.
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,7 @@ class RampMotion:
     arm_acceleration_rad_s2: Real
 
 
+@lru_cache(maxsize=64)
 def _discrete(plant: TwoInertia, period_s: float) -> tuple[Real, Real]:
     """Discretise the plant exactly over one period.
 
