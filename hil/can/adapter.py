@@ -20,6 +20,7 @@ class AdapterChannel:
     """
 
     is_lock_step = False
+    waits = True
     overflows: int | None = None
     """None: python-can does not count lost frames."""
 

@@ -21,6 +21,14 @@ class Channel(Protocol):
         ...
 
     @property
+    def waits(self) -> bool:
+        """True if frames may come that no `send` has caused.
+
+        Else what `receive` does not find is not there until the next `send`.
+        """
+        ...
+
+    @property
     def overflows(self) -> int | None:
         """Received frames that were lost for want of room.
 

@@ -29,6 +29,7 @@ class RawChannel:
         reports: Contents of the error frames in words; the latest `MAX_REPORTS`.
     """
 
+    waits = True
     words: ClassVar[Mapping[int, str]] = {}
     """Words for error numbers, instead of the system's."""
 

@@ -198,9 +198,9 @@ class Network:
         return line is not None and line.unasked + len(line.answers) > 0
 
     def pump_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        """Read and dispatch frames until `done` holds or time is over.
+        """Read and dispatch frames until `done` holds or none can come.
 
-        Return the last value of `done`.
+        None can come once time is over, and on a bus that does not wait. Return the last value of `done`.
         """
         deadline = self._clock.now() + timeout_s
         while not done():
@@ -210,6 +210,8 @@ class Network:
             frame = self.receive(left)
             if frame is not None:
                 self.dispatch(frame)
+            elif not self.channel.waits:
+                return False
         return True
 
     def nmt(self, command: NmtCommand, node: int) -> None:

@@ -50,6 +50,7 @@ class InProcessChannel:
 
     MAX_SENT = 1 << 16
     is_lock_step = True
+    waits = False
     overflows = 0
     line = None
 

@@ -35,7 +35,7 @@ class RealChannel:
         self._inner = inner
         self.interference = interference
         self.address = inner.address
-        self.is_lock_step = inner.is_lock_step
+        self.is_lock_step, self.waits = inner.is_lock_step, inner.waits
         self.lost = False
         interference.now_ns = time.monotonic_ns
         interference.put = inner.send

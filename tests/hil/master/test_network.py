@@ -1,5 +1,7 @@
 """The master's side of the bus: what it makes of frames that others send."""
 
+import itertools
+
 import pytest
 
 from drive_profiles.standard.cia301 import FunctionCode
@@ -56,3 +58,17 @@ def test_an_adapter_that_returns_our_own_requests_is_no_other_client(channel, ne
     with pytest.raises(NoAnswerError) as caught:
         network.read_raw(NODE, 0x1018, 1)
     assert not isinstance(caught.value, SharedNodeError)
+
+
+def test_no_time_is_spent_on_a_bus_on_which_nothing_can_come(channel):
+    class Clock:
+        def __init__(self):
+            self.looks = itertools.count()
+
+        def now(self):
+            assert next(self.looks) < 20, "it polls a bus that cannot bring anything"
+            return 0.0
+
+    while channel.receive(0.0) is not None:
+        pass
+    assert not Network(channel, BusLog(None), 0.05, 0.002, Clock()).pump_until(lambda: False, 0.1)

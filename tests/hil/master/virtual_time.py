@@ -42,6 +42,7 @@ class VirtualBus:
     """
 
     is_lock_step = False
+    waits = True
 
     def __init__(self, world: World, clock: VirtualClock, *, latency_s: float = 0.0, bitrate: int | None = None) -> None:
         self.address = Address("virtual", "world", bitrate)

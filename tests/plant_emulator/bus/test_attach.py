@@ -24,6 +24,7 @@ class Bus:
     """A channel whose frames the test lays out, under a clock that the test moves."""
 
     is_lock_step = False
+    waits = True
     overflows = 0
     address = Address("virtual", "test")
 
