@@ -104,7 +104,8 @@ class TwoInertia:
         b = np.array([0.0, 1.0 / jm, 0.0, 0.0])
         if not torque_lag_s > 0.0:
             return a, b
-        lagged = np.block([[a, b[:, np.newaxis]], [np.zeros((1, 4)), np.full((1, 1), -1.0 / torque_lag_s)]])
+        lagged = np.zeros((5, 5))
+        lagged[:4, :4], lagged[:4, 4], lagged[4, 4] = a, b, -1.0 / torque_lag_s
         return lagged, np.array([0.0, 0.0, 0.0, 0.0, 1.0 / torque_lag_s])
 
 
@@ -330,7 +331,9 @@ def _biquad(coefficients: tuple[float, float, float, float, float]) -> Block:
 def _series(first: Block, second: Block) -> Block:
     """Connect the second block behind the first."""
     (a1, b1, c1, d1), (a2, b2, c2, d2) = first, second
-    a = np.block([[a1, np.zeros((a1.shape[0], a2.shape[0]))], [b2 @ c1, a2]])
+    n = len(a1)
+    a = np.zeros((n + len(a2), n + len(a2)))
+    a[:n, :n], a[n:, :n], a[n:, n:] = a1, b2 @ c1, a2
     return a, np.vstack([b1, b2 @ d1]), np.hstack([d2 @ c1, c2]), d2 @ d1
 
 
