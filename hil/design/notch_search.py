@@ -387,7 +387,7 @@ def search(
     for shape in shapes:
         space = Space.around(problem, order, shape, f_al_hz, base)
         generator = np.random.default_rng([effort.seed, order, SHAPES[shape]])
-        start = _spread_points(effort.population, space.dimensions, generator.spawn(1)[0])
+        start = np.asarray(scipy.stats.qmc.LatinHypercube(space.dimensions, rng=generator).random(effort.population))
         first = [*known[: effort.population // 4], *space.starts(f_al_hz)][: effort.population]
         for row, notch in enumerate(first):
             start[row] = space.point(notch)
@@ -400,16 +400,6 @@ def search(
     best = _first_that_holds(problem, order, candidates, pool)
     own = next(notch for notch in best.notches if notch.order == order)
     return SearchResult(best, candidates[own], scores)
-
-
-def _spread_points(count: int, dimensions: int, source: np.random.Generator) -> Real:
-    """Draw points of the unit cube, one in each slice of each dimension; shape (count, dimensions).
-
-    Those of `scipy.stats.qmc.LatinHypercube`, without the seconds that it takes to import.
-    """
-    within = source.random((count, dimensions))
-    places = [source.permutation(count) for _ in range(dimensions)]
-    return np.asarray((np.stack(places, axis=1) + 1 - within) / count)
 
 
 def _first_that_holds(
