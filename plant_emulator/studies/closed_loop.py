@@ -45,9 +45,7 @@ def growth_per_s(axis: RobotAxis, laws: Sequence[Block], period_s: float) -> flo
     full = axis.gear_stiffness_nm_rad
     softest = full * (1.0 - axis.wind_up_softness)
     stiffest = full + axis.hysteresis_torque_nm / (axis.hysteresis_torsion_arcsec * ARCSEC)
-    largest = 0.0
-    for stiffness in {full, softest, stiffest}:
-        plant = replace(linear_plant(axis), gear_stiffness_nm_rad=stiffness).state_space(axis.current_time_constant_s)
-        plant = held(*plant, period_s)
-        largest = max(largest, *(float(np.max(np.abs(np.linalg.eigvals(closed_loop(*plant, law))))) for law in laws))
-    return math.log(largest) / period_s
+    plants = [replace(linear_plant(axis), gear_stiffness_nm_rad=stiffness) for stiffness in {full, softest, stiffest}]
+    steps = [held(*plant.state_space(axis.current_time_constant_s), period_s) for plant in plants]
+    loops = (np.stack([closed_loop(*step, law) for step in steps]) for law in laws)
+    return math.log(max(float(np.max(np.abs(np.linalg.eigvals(each)))) for each in loops)) / period_s
