@@ -11,6 +11,7 @@ import numpy as np
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
 from hil.errors import HilError, RefusalCause
 from hil.experiments.plant.motion import PlantRequest
+from hil.experiments.plant.pilot import told_lever_ratio
 from hil.master.motion import Real
 
 SATURATED_FRACTION = 1e-3
@@ -159,11 +160,10 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
             f"coherence of the tip with the motor: {coherence:.2g} (at least {TIP_COHERENCE:g}); check that this "
             "axis moves the sensor, and that the sensor has the right orientation"
         )
-    ratio = estimate.parameters["lever_ratio"]
-    far = max(ratio.value, 1.0 / max(ratio.value, 1e-9))
-    if far > LEVER_RATIO and ratio.relative < 0.2:
+    ratio = told_lever_ratio(estimate)
+    if ratio is not None and max(ratio, 1.0 / max(ratio, 1e-9)) > LEVER_RATIO:
         return (
-            f"the tip responds as on a lever of {ratio.value * lever_m:.3g} m; the bench file says {lever_m:.3g} m; "
+            f"the tip responds as on a lever of {ratio * lever_m:.3g} m; the bench file says {lever_m:.3g} m; "
             "check the sensor's axis, tip_lever_m, and sign and unit of the sensor's scale"
         )
     return None

@@ -1,15 +1,18 @@
 """Amplitudes of a plant identification: what is planned keeps to the limits by which the master checks it."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hil.bench.bench import load_bench
+from hil.design.estimation import EstimatedParameter
+from hil.design.plant_identification import PlantEstimate
 from hil.errors import UnsafeRequestError
 from hil.experiments.plant.bands import pilot_band
 from hil.experiments.plant.motion import PlantRequest, excited_motion, plan_travel
-from hil.experiments.plant.pilot import SET_POINT_FRACTION, set_point_room_nm
+from hil.experiments.plant.pilot import SET_POINT_FRACTION, predicted_peaks, set_point_room_nm
 from hil.master.drive.axis import DriveAxis
 from hil.master.request import check_motion
 
@@ -35,3 +38,26 @@ def test_set_points_of_the_largest_excited_reference_keep_the_speed_limit(sync_s
 def test_an_excited_torque_moves_no_set_point() -> None:
     travel = plan_travel(BENCH, REQUEST, pilot_band(REQUEST, 0.002), 0.0, "torque", is_pilot=True)
     assert set_point_room_nm(travel, "torque", 12.0) == np.inf
+
+
+def pilot(lever_ratio: EstimatedParameter | None) -> PlantEstimate:
+    """An estimate of a pilot with the reference's plant, and this lever of the tip over the bench file's."""
+    plant, nothing = BENCH.axis[2].plant(), np.zeros(0)
+    assert plant is not None
+    parameters = {"torque_lag_s": EstimatedParameter(0.0, 0.0)} | ({} if lever_ratio is None else {"lever_ratio": lever_ratio})
+    response: Any = None
+    return PlantEstimate(plant, parameters, response, None, 1.0, 10, 0.0, nothing)
+
+
+def test_a_lever_that_the_tips_noise_does_not_tell_limits_no_amplitude() -> None:
+    """A pilot gave 260 ± 20 000 times the lever: no amplitude was small enough, and the tip was said to be at its limit."""
+    travel = plan_travel(BENCH, REQUEST, pilot_band(REQUEST, 0.002), 0.0, "reference", is_pilot=True)
+    law = BENCH.axis[2].gains("a test").cascade()
+
+    def tip_m_s2(lever_ratio: EstimatedParameter | None) -> float:
+        return predicted_peaks(pilot(lever_ratio), travel, "reference", law, 0.00025, 0.8).tip_m_s2
+
+    plain = tip_m_s2(None)
+    assert plain > 0.0
+    assert tip_m_s2(EstimatedParameter(260.0, 20_000.0)) == plain
+    assert tip_m_s2(EstimatedParameter(1.3, 0.01)) == pytest.approx(1.3 * plain)
