@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from hil.bench.model import Identified, IdentifiedError, significant
+from hil.bench.model import IdentifiedError, significant
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.reaction import REACTS, UNLIKELY, Reaction
 from hil.design.estimate import Estimate
@@ -152,11 +152,6 @@ class Correction:
             )
             for order, amplitude in table.amplitudes_arcsec().items()
         }, part.set_point_delay_s, period_s)  # fmt: skip
-
-    @classmethod
-    def of_axis(cls, identified: Identified | None, axis: int, period_s: float) -> "Correction":
-        """Correction of an axis in a model file; empty without one."""
-        return cls.of(None if identified is None or axis not in identified.axis else identified.axis[axis].ate, period_s)
 
     def begin(self, estimate: JointEstimate, passed: Collection[float]) -> set[float]:
         """Take each order's prior from what was known and a fit.

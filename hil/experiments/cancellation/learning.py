@@ -184,7 +184,7 @@ class AxisLearning:
             errors.pop(amplitude_key(order), None)
             errors.pop(phase_key(order), None)
         reaction = self.correction.reaction
-        if reaction is not None and reaction.value:
+        if reaction is not None and reaction.standard_error:
             errors["gear_reaction"] = reaction.standard_error
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
@@ -450,12 +450,9 @@ def _per_reaction(
     assert watch is not None  # noqa: S101 - it has begun
     watch.take(recording, error_of(learning.values()))
     correction.torque_shows = watch.known
-    model = treated_model(bench, _known_with(bench, identified, learning.axis, learning.part()), learning.axis)
-    loop = (
-        None
-        if model is None
-        else bench.axis[learning.axis].model_copy(update={"model": model}).loop(CONTROL_PERIOD_S, with_notch=False)
-    )
+    axis = learning.axis
+    model = treated_model(bench, _known_with(bench, identified, axis, learning.part()), axis)
+    loop = bench.axis[axis].model_copy(update={"model": model}).loop(CONTROL_PERIOD_S, with_notch=False)
     if loop is None:
         return {}
     return watch.per_error(recording, motion.direction(), loop, correction.acted, learning.estimate.arm.resonance_hz)

@@ -65,7 +65,9 @@ class ReactionWatch:
     @property
     def known(self) -> Reaction | None:
         """Reaction as it is known; None if nothing has told it."""
-        return None if self.standard_error is None else Reaction(self.value, self.standard_error)
+        if self.standard_error is None:
+            return Reaction(self.value, 0.0) if self.value else None
+        return Reaction(self.value, self.standard_error)
 
     def per_error(
         self, recording: Recording, direction: Signs, loop: Loop, orders: Collection[float], resonance_hz: float

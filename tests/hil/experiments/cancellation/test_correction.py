@@ -15,6 +15,7 @@ from hil.design.ate.reaction import Reaction
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.cancellation.correction import Correction, OrderValue
 from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.reaction_watch import ReactionWatch
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
 from hil.robot_tables import TransmissionErrorTable, amplitude_key, phase_key
 
@@ -354,3 +355,11 @@ def test_what_a_last_pass_cannot_judge_is_kept_where_it_was_known_and_else_left_
         assert unclear.verdict == "not judged"
         assert correction.judged([unclear], ALL, is_last=False) == {}
         assert set(correction.judged([unclear], ALL, is_last=True)) == without
+
+
+@pytest.mark.parametrize(("value", "error", "expected"), [(0.0, None, None), (1.0, None, 0.0), (0.9, 0.1, 0.1), (0.0, 0.2, 0.2)])
+def test_a_reaction_of_the_model_file_counts_with_and_without_a_standard_error(
+    value: float, error: float | None, expected: float | None
+) -> None:
+    known = ReactionWatch(2, None, value, error).known
+    assert known == (None if expected is None else Reaction(value, expected))
