@@ -51,10 +51,6 @@ from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phas
 LOWEST = 2.0
 """Order whose resonance every ramp passes; a lower one's where the limits allow."""
 
-FURTHER_FROM = 2
-"""Passes after which the ramps go on through the resonance of a lower order.
-
-Until then its whole vibration would hide what the higher orders do; from then on it is cancelled."""
 PASSES = 5
 SECOND_GAIN = 0.5
 FIRST_WHOLE = 3
@@ -362,7 +358,8 @@ def _next_ramp(bench: Bench, learning: AxisLearning, last: Ramp) -> Ramp:
     own motion meets, and as far as limits let it.
     """
     arm_hz, asked, ends = learning.estimate.arm.resonance_hz, last.asked_rps_s, [_low_end(last.end_rps, learning.estimate)]
-    if len(learning.passes) >= FURTHER_FROM:
+    # until the whole cancellation acts, the vibration of a lower order would hide what the higher ones do
+    if len(learning.passes) + 1 >= FIRST_WHOLE:
         orders = {*learning.correction.known, *learning.estimate.error.amplitude_arcsec}
         ends += [last.limits.low_order_end(arm_hz, k, asked) for k in orders if k < LOWEST and shown_rps(bench) >= arm_hz / k]
     return _ramp(last.limits, asked, arm_hz, max(ends))

@@ -8,7 +8,7 @@ import pytest
 
 from hil.bench.model import significant
 from hil.design.transmission_error import TransmissionError
-from hil.experiments.cancellation.correction import MADE_ALONG, Correction
+from hil.experiments.cancellation.correction import MADE_ALIKE, MADE_ALONG, Correction
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.learning import AxisLearning, LearntPass
 from hil.experiments.cancellation.verdict import PartVerdict, Seen
@@ -40,8 +40,8 @@ def learnt(*verdicts, error_arcsec=8.0, left=None):
 def test_an_order_is_known_by_what_its_cancellation_leaves_however_badly_the_fit_knew_it():
     part = learnt(ACCEPTED, left=0.0).part()
     assert part.values.a2_arcsec == pytest.approx(18.0)
-    # 0.07″ by the noise of two directions, and MADE_ALONG for what the motor makes of it
-    assert part.standard_error["a2_arcsec"] == pytest.approx(math.hypot(0.07, MADE_ALONG * 18.0), rel=0.01)
+    # 0.07″ by the noise of two directions, and the two for what the motor makes of it
+    assert part.standard_error["a2_arcsec"] == pytest.approx(math.hypot(0.07, MADE_ALIKE * 18.0, MADE_ALONG * 18.0), rel=0.01)
     assert significant(part).amplitudes_arcsec() == {2: pytest.approx(18.0)}
 
 
