@@ -57,11 +57,11 @@ GEAR_MODEL_ERROR = 3e-4
 
 On 95 drawn robots (10142 to 10241) the rms of z of A_k, φ_k and Δ is 0.86 to 1.11 with it, and 0.84 to 1.00 with 5e-4, with which
 it was 0.76 to 1.02 on the robots 50201 to 50400."""
-COHERENT = 0.25
-"""Part of the missed part's square that is an error of A_k e^{jφ_k} or of the delay; the rest averages out over a ramp, or turns
-φ_k one way forwards and the other way backwards, as a shift of time does.
+UNSHARED = 0.25
+"""Part of the missed part's square that one direction does not share with the other.
 
-On the robots 50201 to 50300 the rms of z of A_k, φ_k and Δ is 0.80 to 0.97 with it, and 0.50 to 0.93 with 1."""
+Only that part turns φ_k: a shift of time turns it one way forwards and the other way backwards. On those robots the rms of z of
+φ_k is 0.84 to 1.01 with it and 5e-4, and 0.50 to 0.81 with 1."""
 RINGING_RAD = 100.0 * ARCSEC
 """Standard deviation of the ringing with which a ramp begins; on a drawn robot of 7 Hz (10139) it was 30″."""
 DELAY_LEFT_OPEN_S = 5e-6
@@ -175,14 +175,14 @@ class GearEstimate:
 
     @property
     def model_error(self) -> float:
-        """Error of A_k e^{jφ_k} relative to A_k that the missed part τ of the vibration may be.
+        """Part τ of the vibration that the model misses, which may be an error of A_k e^{jφ_k} relative to A_k.
 
         As a variance it is independent from bin to bin, and averages out over a ramp. An error of the model need not.
         """
-        return math.sqrt(COHERENT * self.noise.miss)
+        return math.sqrt(self.noise.miss)
 
     def delay(self) -> EstimatedParameter:
-        """Delay of the sensor in s; the model's error may be a shift by as many rad of the arm's vibration."""
+        """Delay of the sensor in s; the missed part may be a shift by τ rad of the arm's vibration."""
         found = self.value("delay")
         shift_s = self.model_error / (2.0 * math.pi * self.law.resonance_hz)
         return replace(found, standard_error=math.hypot(found.standard_error, shift_s, DELAY_LEFT_OPEN_S))
@@ -193,7 +193,8 @@ class GearEstimate:
         c, s = self.mean[at]
         size = max(math.hypot(c, s), 1e-3 * ARCSEC)
         along, across = np.array([c, s]) / size, np.array([-s, c]) / size
-        square = self.covariance[at, at] + (self.model_error * size) ** 2 * np.eye(2)
+        missed = np.outer(along, along) + UNSHARED * np.outer(across, across)
+        square = self.covariance[at, at] + (self.model_error * size) ** 2 * missed
         turned = math.degrees(math.sqrt(across @ square @ across) / size)
         return (
             EstimatedParameter(size / ARCSEC, math.sqrt(along @ square @ along) / ARCSEC),
