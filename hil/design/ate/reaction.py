@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.design.frequency import Loop
 from hil.design.order_map import order_tracks
 from hil.design.transmission_error import TransmissionError
 
@@ -153,6 +154,23 @@ class Reaction:
         there = (measured * self.value + known) / (measured + known)
         square = reacts * (1.0 / (measured + known) + there**2) - (reacts * there) ** 2
         return Reaction(reacts * there, math.sqrt(square))
+
+
+def felt_as(loop: Loop, order: float, frequency_hz: Real, way: Real, load_nm: Real) -> Complex:
+    """Correction that a whole reaction equals, as a fraction of the error.
+
+    q/A = j k τ_g/(N (J_m s² + D_m s + C)) of an order k, C being the law: so far the reaction's torque turns the motor.
+
+    Args:
+        loop: Law and motor.
+        order: Order k.
+        frequency_hz: Frequency k f_m above 0; shape (n,).
+        way: Direction of turning, of which the sign counts; shape (n,).
+        load_nm: Torque τ_g of the gear; shape (n,).
+    """
+    stiff = loop.plant.terms(2j * math.pi * frequency_hz)[0] + loop.controller(frequency_hz)
+    stiff = np.where(way < 0.0, stiff.conj(), stiff)  # backwards time runs against the angle
+    return np.asarray(1j * order * load_nm / (loop.plant.reduction_ratio * stiff))
 
 
 def gear_reaction(motions: Sequence[Turning], known: MotorSide, error: TransmissionError) -> Reaction | None:

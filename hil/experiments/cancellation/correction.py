@@ -8,9 +8,9 @@ A pass with the whole correction c_k leaves in direction d = ±1 of turning
     s_k = z_k + g c_k − c_k + j d ω c_k (δ − δ_c) + q_k (r − r_c),
 
 where g is the part of the corrections that the motor does not make, δ is the delay of the set-points, δ_c the one that the
-correction was made for, ω that of the resonance, r the reaction of the gear on its motor, r_c the one that the set-points hold up
-against, and q_k what a whole reaction shakes the tip by (`reaction_watch`). The orders and directions tell g, δ and r together.
-A gear reacts or does not, so r has two priors, of which the motor's torque says how likely they are. The prior of z_k is what the
+correction was made for, ω that of the resonance, r the reaction of the gear on its motor, r_c the one that the set-points
+compensate, and q_k what a whole reaction shakes the tip by (`reaction_watch`). Orders and directions tell g, δ and r together.
+A gear reacts (r ≈ 1) or does not (r = 0), and the motor's torque says how likely either is. The prior of z_k is what the
 model file knows, or what the passes without the whole correction show; z_k + g c_k silences the tip. s_k is off by its noise, and
 by the fraction by which the arm's response may be wrong: the less vibration a pass leaves, the more it counts.
 """
@@ -369,7 +369,7 @@ class Correction:
         return self._with_reaction(self._prior.observed(np.array(rows), np.array(values), np.array(variances)))
 
     def _with_reaction(self, found: Estimate) -> Estimate:
-        """Posterior in which the gear reacts or does not, by what torque and tip show together."""
+        """Posterior with the reaction that torque and tip show together."""
         known = self.torque_shows or Reaction(0.0, 0.0)
         assert self._prior is not None  # noqa: S101 - it has begun
         free = found.standard_error(REACTION)

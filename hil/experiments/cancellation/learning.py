@@ -442,7 +442,10 @@ def _known_with(bench: Bench, identified: Identified | None, axis: int, part: Id
 def _per_reaction(
     bench: Bench, identified: Identified | None, learning: AxisLearning, recording: Recording, motion: Ramps
 ) -> dict[tuple[float, int], complex]:
-    """What the gear's reaction adds to each order that a pass cancelled; the pass' torque tells the reaction first."""
+    """What the gear's reaction adds to each order that was cancelled.
+
+    The pass' torque tells the reaction first.
+    """
     correction, watch = learning.correction, learning.reaction
     assert watch is not None  # noqa: S101 - it has begun
     watch.take(recording, error_of(learning.values()))

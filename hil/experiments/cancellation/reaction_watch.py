@@ -5,8 +5,7 @@ With the error cancelled, the torque has little else.
 Without a cancellation the arm's own part of the motor's torque, which rises towards its resonance, may be taken for a reaction,
 or hide it. A pass with the whole cancellation leaves next to nothing of it, and the torque that is left is the reaction's.
 
-The tip shows it as well: a reaction r τ_g dθ_sync/dθ_m that the set-points do not hold up against turns the motor by
-1/(J_m s² + D_m s + C) times as much, C being the law, and the gear's input by that over N.
+The tip shows it as well: a reaction that the set-points do not compensate turns the motor, and with it the gear's input.
 """
 
 import math
@@ -18,7 +17,7 @@ import numpy as np
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError
 from hil.design.ate.model import Signs
-from hil.design.ate.reaction import REACTS, UNLIKELY, MotorSide, Reaction, Turning, gear_reaction
+from hil.design.ate.reaction import REACTS, UNLIKELY, MotorSide, Reaction, Turning, felt_as, gear_reaction
 from hil.design.frequency import Loop
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.request import axis_knowledge
@@ -72,9 +71,9 @@ class ReactionWatch:
     def per_error(
         self, recording: Recording, direction: Signs, loop: Loop, orders: Collection[float], resonance_hz: float
     ) -> dict[tuple[float, int], complex]:
-        """What a whole reaction adds to an order, as a fraction of it.
+        """What a whole reaction adds to each order, relative to it.
 
-        q_k/z_k = −j k τ_g/(N (J_m s² + D_m s + C)) at the arm's resonance, τ_g being the load as the order passes it.
+        q_k/z_k at the arm's resonance: less the correction that it is felt as, with the load as the order passes it.
 
         Args:
             recording: Recording of a pass.
@@ -89,16 +88,13 @@ class ReactionWatch:
         if self.side is None:
             return {}
         slow = self._turning(recording).slow(self.side)
-        at = np.array([resonance_hz])
-        stiff = complex((loop.plant.terms(2j * math.pi * at)[0] + loop.controller(at))[0])
-        found = {}
+        found, at = {}, np.array([resonance_hz])
         for way in (1, -1):
             rows = np.flatnonzero(direction == way)
             for order in orders if len(rows) else ():
                 off = np.abs(order * np.abs(slow.speed_rad_s[rows]) - 2.0 * math.pi * resonance_hz)
-                load_nm = float(slow.load_nm[rows[np.argmin(off)]])
-                felt = stiff if way > 0 else stiff.conjugate()  # backwards time runs against the angle
-                found[order, way] = -1j * order * load_nm / (self.side.reduction_ratio * felt)
+                load_nm = slow.load_nm[rows[[np.argmin(off)]]]
+                found[order, way] = -complex(felt_as(loop, order, at, np.array([way]), load_nm)[0])
         return found
 
     def _turning(self, recording: Recording) -> Turning:

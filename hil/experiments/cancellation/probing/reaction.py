@@ -25,6 +25,7 @@ from hil.analysis import band_passed
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.control.angles import ARCSEC
+from hil.design.ate.reaction import felt_as
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.probing import Effects, autocovariance, effects_of
 from hil.experiments.cancellation.cancellation import treated_model
@@ -130,9 +131,7 @@ class _Axis:
         angle = _slow(recording.axis(self.number, "position_rad"), recording.period_s)
         speed = np.gradient(angle, recording.period_s)[self._probed.rows]
         frequency = np.maximum(order * np.abs(speed) / (2.0 * math.pi), 0.5)
-        stiff = self._loop.plant.terms(2j * math.pi * frequency)[0] + self._loop.controller(frequency)
-        stiff = np.where(speed < 0.0, stiff.conj(), stiff)
-        return np.asarray(1j * order * self._slow_nm[self._probed.rows] * value / (self._ratio * stiff))
+        return value * felt_as(self._loop, order, frequency, speed, self._slow_nm[self._probed.rows])
 
 
 def shown_reactions(
