@@ -13,12 +13,16 @@ from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
-from types import TracebackType
+from types import FunctionType, TracebackType
 from typing import Any, Protocol, Self, TypeVar
 
 from plant_emulator.processes import deaf_children, one_thread
 
 MOST_JOBS = 256
+START = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+"""How a process starts: as a fork of a server without threads, where the system has that; a fork beside threads may hang."""
+SLOW_IMPORTS = ("scipy.linalg", "scipy.optimize", "scipy.signal")
+"""Modules whose import takes most of a start. scipy imports them when they are first used."""
 
 Result = TypeVar("Result")
 
@@ -125,6 +129,9 @@ class LocalProcesses:
                 self._free.append(pool)
             if not self._free:
                 raise RuntimeError(f"all {self._jobs} processes are busy")
+            # the server imports them once, when the first process starts
+            needed = {each.__module__ for each in (task, *values) if isinstance(each, FunctionType)}
+            multiprocessing.set_forkserver_preload([*SLOW_IMPORTS, *sorted(needed)])
             pool = self._free.pop()
             future = pool.submit(task, *values)
             self._busy[future] = pool
@@ -132,8 +139,8 @@ class LocalProcesses:
 
 
 def _process() -> ProcessPoolExecutor:
-    """Spawn one process; a fork of a process with threads may hang."""
-    return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
+    """Return an executor of one process, which starts with its first task."""
+    return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context(START), initializer=_begin)
 
 
 def _begin() -> None:
