@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 from drive_profiles.files.toml import Table
 from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, PointToPoint, Smooth
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -161,24 +162,6 @@ def orders_of(text: str) -> tuple[float, ...]:
     if len(set(orders) - set(ORDERS)) > MOST_MORE_ORDERS:
         raise ValueError(f"{text!r}: at most {MOST_MORE_ORDERS} orders are possible in addition to {', '.join(map(str, ORDERS))}")
     return tuple(orders)
-
-
-def amplitude_key(order: float) -> str:
-    """Name of an order's amplitude among the standard errors: `a2_arcsec`.
-
-    >>> amplitude_key(2), amplitude_key(0.5)
-    ('a2_arcsec', 'a0.5_arcsec')
-    """
-    return f"a{order:g}_arcsec"
-
-
-def phase_key(order: float) -> str:
-    """Name of an order's phase among the standard errors: `phi2_deg`.
-
-    >>> phase_key(2.0)
-    'phi2_deg'
-    """
-    return f"phi{order:g}_deg"
 
 
 class Control(Table):

@@ -4,17 +4,93 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import Field
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
 from drive_profiles.files.toml import Table, load, toml_value
 from hil.bench.bench import Bench, Model
 from hil.bench.robot_file import RobotFile
-from hil.robot_tables import AxisNumber, NotNegative, PlantTable, Positive, TransmissionErrorTable, amplitude_key, phase_key
+from hil.control.order_keys import amplitude_key, phase_key
+from hil.design.estimate import Estimate
+from hil.robot_tables import AxisNumber, NotNegative, PlantTable, Positive, TransmissionErrorTable
 
 Errors = dict[str, NotNegative]
 """Standard error by the name of its number; a number without one was not identified, but given."""
+
+
+LEAST_EIGENVALUE = -1e-6
+"""Least eigenvalue of a correlation matrix whose numbers have been rounded to `CORRELATION_DIGITS`."""
+CORRELATION_DIGITS = 8
+
+
+class Correlation(Table):
+    """Correlation of the errors of some numbers.
+
+    Attributes:
+        names: Names of the numbers; n of them.
+        below: Lower triangle of the correlation matrix without its diagonal: of each number but the first with those before it.
+    """
+
+    names: tuple[str, ...]
+    below: tuple[tuple[float, ...], ...]
+
+    @model_validator(mode="after")
+    def _is_of_numbers(self) -> Self:
+        if len(set(self.names)) < len(self.names):
+            raise ValueError("names: a number is there twice")
+        lengths, needed = [len(row) for row in self.below], list(range(1, len(self.names)))
+        if lengths != needed:
+            raise ValueError(f"below has rows of {lengths} numbers; expected {needed} for {len(self.names)} names")
+        least = float(np.linalg.eigvalsh(self.matrix).min(initial=1.0))
+        if least < LEAST_EIGENVALUE:
+            raise ValueError(f"below: no errors correlate like that, since an eigenvalue is {least:.3g}; expected none below 0")
+        return self
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> "Correlation | None":
+        """Correlation of an estimate; None if it has fewer than two quantities."""
+        rows = [row[:at] for at, row in enumerate(estimate.correlation.round(CORRELATION_DIGITS).tolist())]
+        return cls(names=estimate.names, below=tuple(map(tuple, rows[1:]))) if len(rows) > 1 else None
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """The whole correlation matrix; shape (n, n)."""
+        matrix = np.eye(len(self.names))
+        for at, row in enumerate(self.below, start=1):
+            matrix[at, :at] = matrix[:at, at] = row
+        return matrix
+
+
+class Uncertain(Table):
+    """Numbers with the covariance of their errors.
+
+    Attributes:
+        standard_error: Standard errors by the numbers' names.
+        correlation: Correlation of the errors; None if nothing is known of it: then they count as independent.
+    """
+
+    standard_error: Errors = Field(default_factory=dict)
+    correlation: Correlation | None = None
+
+    @model_validator(mode="after")
+    def _correlates_errors(self) -> Self:
+        unknown = [] if self.correlation is None else [each for each in self.correlation.names if each not in self.standard_error]
+        if unknown:
+            raise ValueError(f"correlation: {', '.join(unknown)} has no standard error; expected names of [standard_error]")
+        return self
+
+    def correlations(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """Correlation of some numbers' errors; shape (n, n). Those of which nothing is known are independent."""
+        whole = np.eye(len(names))
+        if self.correlation is not None:
+            held = {name: at for at, name in enumerate(self.correlation.names)}
+            rows = [at for at, name in enumerate(names) if name in held]
+            own = [held[names[at]] for at in rows]
+            whole[np.ix_(rows, rows)] = self.correlation.matrix[np.ix_(own, own)]
+        return whole
 
 
 class IdentifiedMode(Table):
@@ -37,12 +113,11 @@ class IdentifiedMode(Table):
     standard_error: Errors = Field(default_factory=dict)
 
 
-class IdentifiedPlant(Table):
+class IdentifiedPlant(Uncertain):
     """The plant of one axis, identified from its frequency response.
 
     Attributes:
-        values: The plant.
-        standard_error: Standard errors of the values, and of `antiresonance_hz`, `resonance_hz` and `damping`.
+        values: The plant. It has standard errors, as `antiresonance_hz`, `resonance_hz` and `damping` have.
         antiresonance_hz: Antiresonance f_a.
         resonance_hz: Resonance f_r.
         damping: Damping ratio ζ of the arm on its gear.
@@ -59,7 +134,6 @@ class IdentifiedPlant(Table):
     """
 
     values: PlantTable
-    standard_error: Errors = Field(default_factory=dict)
     antiresonance_hz: Positive
     resonance_hz: Positive
     damping: Positive
@@ -79,12 +153,11 @@ LearntBy = Literal["identify", "sensorless", "recording", "adaptive", "probing"]
 of others; passes of ramps with a cancellation; a motion itself."""
 
 
-class IdentifiedError(Table):
+class IdentifiedError(Uncertain):
     """The transmission error of one axis, eq. (2).
 
     Attributes:
-        values: Amplitudes A_k and phases φ_k.
-        standard_error: Standard errors by the names of `values`.
+        values: Amplitudes A_k and phases φ_k. They have standard errors by the same names.
         arm_hz: Resonance ω/2π of the arm on its gear, refined by the fit.
         damping: Damping ratio ζ, likewise.
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle.
@@ -99,7 +172,6 @@ class IdentifiedError(Table):
     """
 
     values: TransmissionErrorTable
-    standard_error: Errors = Field(default_factory=dict)
     arm_hz: Positive | None = None
     damping: Positive | None = None
     accelerometer_delay_s: float = 0.0

@@ -146,7 +146,7 @@ def ate(
 
 def _summary(outcome: "AteOutcome") -> None:
     """Print the identified numbers."""
-    from hil.robot_tables import amplitude_key, phase_key  # noqa: PLC0415 - as at the top
+    from hil.control.order_keys import amplitude_key, phase_key  # noqa: PLC0415 - as at the top
 
     part, result = outcome.part, outcome.result
     fit = result.fit

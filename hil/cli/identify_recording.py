@@ -139,7 +139,7 @@ def _summary(result: "RecordedAteResult") -> None:
         typer.echo(f"  blind scan: highest at order {result.scan.highest.order:.2f}; above the false-alarm level: {peaks}")
     values = {} if result.ate is None else result.ate.values.amplitudes_arcsec()
     for order, amplitude in values.items():
-        from hil.robot_tables import amplitude_key, phase_key  # noqa: PLC0415 - as above
+        from hil.control.order_keys import amplitude_key, phase_key  # noqa: PLC0415 - as above
 
         assert result.ate is not None  # noqa: S101 - its values are listed
         errors, phases = result.ate.standard_error, result.ate.values.phases_deg()

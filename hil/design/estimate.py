@@ -1,6 +1,7 @@
 """Gaussian estimate of several quantities, with its covariance."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -38,6 +39,29 @@ class Estimate:
         """Standard error of a quantity."""
         index = self.names.index(name)
         return math.sqrt(self.covariance[index, index])
+
+    @property
+    def correlation(self) -> Real:
+        """Correlation of the quantities; shape (n, n). One without an error correlates with none."""
+        errors = np.sqrt(np.diag(self.covariance))
+        return np.eye(len(errors)) + _off_diagonal(self.covariance) / np.outer(*[np.where(errors > 0.0, errors, math.inf)] * 2)
+
+    def part(self, names: Sequence[str]) -> Self:
+        """Estimate of some of the quantities, in the order of their names."""
+        at = [self.names.index(name) for name in names]
+        return type(self)(tuple(names), self.mean[at], self.covariance[np.ix_(at, at)])
+
+    def correlated(self, names: Sequence[str], covariance: Real) -> Self:
+        """Estimate with other covariances between some quantities, whose variances stay.
+
+        Args:
+            names: Names of those quantities; m of them.
+            covariance: Their covariance, of which the diagonal does not count; shape (m, m).
+        """
+        at = np.ix_(*[[self.names.index(name) for name in names]] * 2)
+        square = self.covariance.copy()
+        square[at] = np.diag(np.diag(square[at])) + _off_diagonal(covariance)
+        return type(self)(self.names, self.mean, square)
 
     def replaced(self, name: str, mean: float, standard_error: float) -> Self:
         """Estimate with a new and independent value of one quantity."""
@@ -89,3 +113,7 @@ class Estimate:
         kept = np.eye(len(self.mean)) - gain @ rows
         covariance = kept @ self.covariance @ kept.T + (gain * variances) @ gain.T
         return type(self)(self.names, self.mean + gain @ (values - rows @ self.mean), covariance)
+
+
+def _off_diagonal(square: Real) -> Real:
+    return square - np.diag(np.diag(square))

@@ -12,6 +12,7 @@ from hil.analysis import TipScale, order_window_rps, tip_displacement_mm
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import IdentifiedAxis
 from hil.control.notch import NOTCHES
+from hil.control.order_keys import amplitude_key
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, TwoInertia
 from hil.design.notch_problem import DesignRamp, NotchProblem, Requirements, speed_ranges
 from hil.design.notch_search import Effort
@@ -20,7 +21,6 @@ from hil.design.transmission_error import TransmissionError
 from hil.design.uncertainty import around
 from hil.errors import NotPossibleError
 from hil.experiments.judge import scale_at
-from hil.robot_tables import amplitude_key
 
 OTHER_RAMPS = ((0.5, 1.0), (2.0, 0.75))
 """Rates of the slower and the faster ramp in units of the user's own, with their weights: the robot's work is seldom the motion

@@ -14,6 +14,7 @@ from typing import Any
 from drive_profiles.errors import FileError
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError, LearntBy, load_identified
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.errors import NotPossibleError
 from hil.passport.sides import sides_of_passes, sides_of_stretches
 from hil.passport.store import MOST_ORDERS, MOST_TEXT, OrderLine, PassportRun
@@ -22,7 +23,6 @@ from hil.results.base import RESULT_FILE
 from hil.results.files import ResultFileError, load_any
 from hil.results.learning import LearningResult, MotionLearningResult
 from hil.results.recorded_ate import RecordedAteResult
-from hil.robot_tables import amplitude_key, phase_key
 
 MOST_FOUND_FILES = 20_000
 """Most files below the folders that are looked at."""

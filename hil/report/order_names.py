@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from markupsafe import Markup
 
-from hil.robot_tables import amplitude_key, phase_key
+from hil.control.order_keys import amplitude_key, phase_key
 
 BY_ORDER = ((amplitude_key, "A", "arcsec"), (phase_key, "φ", "°"))
 """Names and symbols of an order's two numbers."""

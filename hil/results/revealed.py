@@ -11,8 +11,9 @@ from pydantic import ConfigDict
 
 from drive_profiles.files.toml import Table, load
 from hil.bench.model import IdentifiedAxis
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.results.comparison import TourFact
-from hil.robot_tables import ORDERS, AxisNumber, NotNegative, PlantTable, TransmissionErrorTable, amplitude_key, phase_key
+from hil.robot_tables import ORDERS, AxisNumber, NotNegative, PlantTable, TransmissionErrorTable
 
 PLANT = (
     ("J_m", "motor inertia", "kg·cm²", "motor_inertia_kg_m2", 1e4),

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant
-from hil.robot_tables import ORDERS, amplitude_key, phase_key
+from hil.control.order_keys import amplitude_key, phase_key
+from hil.robot_tables import ORDERS
 from plant_emulator.rehearsal.gear import ALL_AROUND_RAD, gear_plant
 from plant_emulator.rehearsal.record import Cell, QuantityRecord
 from plant_emulator.rehearsal.truth import true_f_al_hz

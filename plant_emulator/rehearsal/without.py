@@ -124,7 +124,7 @@ def tip_without(causes: Collection[str], end: PathEnd, rerun: Callable[[Robot, B
         return rerun(without_noise(robot), bench)
     known = model.axis[axis].ate
     if KNOWN_BETTER & set(causes) and known is not None:
-        true = known.model_copy(update={"values": robot.axis[axis].apparent_ate, "standard_error": {}})
+        true = known.model_copy(update={"values": robot.axis[axis].apparent_ate, "standard_error": {}, "correlation": None})
         model, left_out = model.with_part(axis, true), ()
     elif not REMOVED.keys() & set(causes):
         return None

@@ -17,7 +17,8 @@ from zlib import crc32
 import numpy as np
 
 from hil.control.angles import ARCSEC
-from hil.robot_tables import ORDERS, TransmissionErrorTable, phase_key
+from hil.control.order_keys import phase_key
+from hil.robot_tables import ORDERS, TransmissionErrorTable
 from plant_emulator.robots.behaviour import Behaviour
 from plant_emulator.robots.motor_encoder import MotorEncoder
 from plant_emulator.robots.robot import BusFacts, Robot, RobotAccelerometer, RobotAxis

@@ -22,6 +22,7 @@ from hil.arm.masses import check_masses, levers, mass_matrix
 from hil.arm.mounting import Mounting
 from hil.arm.tables import ArmTable
 from hil.control.angles import ARCSEC
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.control.trajectory import PlanarChain
 from hil.robot_tables import (
     ORDERS,
@@ -35,8 +36,6 @@ from hil.robot_tables import (
     PlantTable,
     Positive,
     TransmissionErrorTable,
-    amplitude_key,
-    phase_key,
 )
 from plant_emulator.physics.axis import MORE_LINES, PLANT
 from plant_emulator.physics.sensing import HIGHEST_FREQUENCY

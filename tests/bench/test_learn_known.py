@@ -40,7 +40,7 @@ def learnt_from(
     known = model_of(robot, bench, AXIS, true.model_copy(update={"a1_arcsec": a1_factor * true.a1_arcsec}))
     ate = known.axis[AXIS].ate
     assert ate is not None
-    changed = {"standard_error": ERRORS} | ({} if reaction is None else {"gear_reaction": reaction})
+    changed = {"standard_error": ERRORS, "correlation": None} | ({} if reaction is None else {"gear_reaction": reaction})
     known = known.with_part(AXIS, ate.model_copy(update=changed))
     known.save(tmp_path / "model.toml")
     channel = InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False)

@@ -11,6 +11,7 @@ from drive_profiles.family.profile import Profile
 from hil.bench.bench import load_bench
 from hil.bench.model import load_identified
 from hil.bench.sensors import AccelerometerTable, LoadEncoderTable
+from hil.control.order_keys import phase_key
 from hil.errors import NodeError, NotPossibleError
 from hil.experiments.ate.on_bus import identify_ate
 from hil.experiments.ate.recorded.identify import identify_recorded
@@ -27,7 +28,6 @@ from hil.master.session import Session
 from hil.plan.check import plan_cycle
 from hil.recording import BusLog
 from hil.recordings.layout import Said
-from hil.robot_tables import phase_key
 from hil.tip_vector import displacement_mm, tip_acceleration
 from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.in_process import InProcessChannel

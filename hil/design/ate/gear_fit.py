@@ -29,12 +29,12 @@ from hil.control.angles import ARCSEC
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_BAND, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting, thinning
 from hil.design.ate.gravity import Weight
-from hil.design.ate.identification import JointEstimate
+from hil.design.ate.identification import DELAY_KEY, JointEstimate, polar
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.refinement import MOUNTING_HZ
 from hil.design.ate.rest import STILL_ROOM
 from hil.design.ate.ripple import Ripple
-from hil.design.estimation import EstimatedParameter
+from hil.design.estimate import Estimate
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
@@ -163,11 +163,6 @@ class GearEstimate:
     law: GearLaw
     noise: _Noise
 
-    def value(self, name: str) -> EstimatedParameter:
-        """A shared unknown."""
-        at = SHARED.index(name)
-        return EstimatedParameter(float(self.mean[at]), math.sqrt(float(self.covariance[at, at])))
-
     @property
     def is_true(self) -> bool:
         """True if the gear explains the vibration."""
@@ -181,25 +176,17 @@ class GearEstimate:
         """
         return math.sqrt(self.noise.miss)
 
-    def delay(self) -> EstimatedParameter:
-        """Delay of the sensor in s; the missed part may be a shift by τ rad of the arm's vibration."""
-        found = self.value("delay")
-        shift_s = self.model_error / (2.0 * math.pi * self.law.resonance_hz)
-        return replace(found, standard_error=math.hypot(found.standard_error, shift_s, DELAY_LEFT_OPEN_S))
-
-    def order(self, row: int) -> tuple[EstimatedParameter, EstimatedParameter]:
-        """A_k in arcsec and φ_k in degrees."""
-        at = slice(len(SHARED) + 2 * row, len(SHARED) + 2 * row + 2)
-        c, s = self.mean[at]
-        size = max(math.hypot(c, s), 1e-3 * ARCSEC)
-        along, across = np.array([c, s]) / size, np.array([-s, c]) / size
-        missed = np.outer(along, along) + UNSHARED * np.outer(across, across)
-        square = self.covariance[at, at] + (self.model_error * size) ** 2 * missed
-        turned = math.degrees(math.sqrt(across @ square @ across) / size)
-        return (
-            EstimatedParameter(size / ARCSEC, math.sqrt(along @ square @ along) / ARCSEC),
-            EstimatedParameter(math.degrees(math.atan2(s, c)) % 360.0, min(180.0, turned)),
-        )
+    def values(self) -> Estimate:
+        """A_k, φ_k and the sensor's delay; the missed part may be a shift by τ rad of the arm's vibration."""
+        count, delay = 2 * len(self.orders), SHARED.index("delay")
+        at = [*range(len(SHARED), len(SHARED) + count), delay]
+        mean, square = self.mean[at], self.covariance[np.ix_(at, at)].copy()
+        for row in range(0, count, 2):
+            c, s = mean[row : row + 2]
+            missed = np.outer([c, s], [c, s]) + UNSHARED * np.outer([-s, c], [-s, c])
+            square[row : row + 2, row : row + 2] += self.noise.miss * missed
+        square[count, count] += (self.model_error / (2.0 * math.pi * self.law.resonance_hz)) ** 2 + DELAY_LEFT_OPEN_S**2
+        return polar(self.orders, mean, square, (DELAY_KEY,))
 
 
 class GearFit:
@@ -506,16 +493,4 @@ def on_its_gear(
         return estimate
     if not (np.all(np.isfinite(found.mean)) and np.all(np.diag(found.covariance) > 0.0) and found.is_true):
         return estimate
-    orders = {order: found.order(row) for row, order in enumerate(found.orders)}
-    return replace(
-        estimate,
-        error=TransmissionError(
-            {order: size.value for order, (size, _) in orders.items()},
-            {order: phase.value for order, (_, phase) in orders.items()},
-        ),
-        amplitude_error_arcsec={order: size.standard_error for order, (size, _) in orders.items()},
-        phase_error_deg={order: phase.standard_error for order, (_, phase) in orders.items()},
-        structured=found.noise.miss,
-        gear=found.law,
-        delay=found.delay(),
-    )
+    return replace(estimate, values=found.values(), structured=found.noise.miss, gear=found.law)

@@ -20,11 +20,13 @@ Source: the paper, section 3.2.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.misfit import APART_FROM, BEND, BEND_PHASE, misfit, structured_power
 from hil.design.ate.model import GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
@@ -40,6 +42,7 @@ from hil.design.ate.refinement import (
     slopes_by_arms,
     without_rounding,
 )
+from hil.design.estimate import Estimate
 from hil.design.estimation import EstimatedParameter
 from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
 
@@ -52,6 +55,10 @@ DELAYS, FINE_DELAYS = 11, 21
 """Delays of a search over arm and delay, and of the one for the delay alone."""
 ROUNDING_LEFT = 0.25
 """Fraction of that correction which goes into the standard error of A_k."""
+DELAY_KEY = "accelerometer_delay_s"
+"""Name of the sensor's delay among the values of an estimate."""
+LEAST_SIZE_RAD = 1e-3 * ARCSEC
+"""Amplitude below which an order has no phase."""
 BAND = (0.5, 2.1)
 """Pass band by the arm's frequency: the resonance with its skirts; below lies the motion itself, above lies noise."""
 
@@ -90,9 +97,9 @@ class JointEstimate:
     straight into A_k, nor of a wrong zero of the motor angle, which goes into φ_k.
 
     Attributes:
-        error: A_k and φ_k (0 ≤ φ_k < 360°).
-        amplitude_error_arcsec: Standard error of A_k by order.
-        phase_error_deg: Standard error of φ_k by order.
+        orders: Orders k.
+        values: A_k in arcsec and φ_k in degrees (0 ≤ φ_k < 360°) of each order, and the sensor's delay if the arm was simulated
+            on its gear, by the model file's names.
         arm: Arm with its ω, ζ and the delay Δ.
         arm_error: Standard errors of ω, ζ and Δ.
         residual: Root mean square of the residual in the band, in the signal's unit.
@@ -110,12 +117,10 @@ class JointEstimate:
             by more than noise.
         structured: Fraction of the signal without the motor's own motion that neither θ_sync nor noise explains.
         gear: The gear on which the arm was simulated; None for a linear one.
-        delay: Δ from that simulation.
     """
 
-    error: TransmissionError
-    amplitude_error_arcsec: Mapping[float, float]
-    phase_error_deg: Mapping[float, float]
+    orders: tuple[float, ...]
+    values: Estimate
     arm: Arm
     arm_error: Arm
     residual: float
@@ -131,7 +136,29 @@ class JointEstimate:
     structured: float = 0.0
     is_spring: bool = True
     gear: GearLaw | None = None
-    delay: EstimatedParameter | None = None
+
+    @cached_property
+    def error(self) -> TransmissionError:
+        """A_k and φ_k."""
+        amplitudes = {order: self.values.value(amplitude_key(order)) for order in self.orders}
+        return TransmissionError(amplitudes, {order: self.values.value(phase_key(order)) for order in self.orders})
+
+    @cached_property
+    def amplitude_error_arcsec(self) -> dict[float, float]:
+        """Standard error of A_k by order."""
+        return {order: self.values.standard_error(amplitude_key(order)) for order in self.orders}
+
+    @cached_property
+    def phase_error_deg(self) -> dict[float, float]:
+        """Standard error of φ_k by order."""
+        return {order: self.values.standard_error(phase_key(order)) for order in self.orders}
+
+    @property
+    def delay(self) -> EstimatedParameter | None:
+        """Δ of the simulated gear; None without one."""
+        if DELAY_KEY not in self.values.names:
+            return None
+        return EstimatedParameter(self.values.value(DELAY_KEY), self.values.standard_error(DELAY_KEY))
 
     @property
     def is_bent(self) -> bool:
@@ -269,13 +296,12 @@ def with_arm(
         sensing: The kind of signal.
         arm: The arm; its delay is searched.
     """
-    orders = tuple(estimate.error.amplitude_arcsec)
-    model = _model_around(sweeps, reduction_ratio, sensing, orders, arm.resonance_hz)
+    model = _model_around(sweeps, reduction_ratio, sensing, estimate.orders, arm.resonance_hz)
     delays = np.linspace(sensing.delay_from_s, sensing.delay_to_s, FINE_DELAYS)
     best = min((replace(arm, delay_s=float(delay)) for delay in delays), key=model.power)
     unknowns = model.solve(best)[0]
-    amplitude, phase, _, _ = _polar(unknowns, np.zeros((len(unknowns), len(unknowns))), orders)
-    return replace(estimate, arm=best, error=TransmissionError(amplitude, phase))
+    found = polar(estimate.orders, unknowns, np.zeros((len(unknowns), len(unknowns)))).mean
+    return replace(estimate, arm=best, values=replace(estimate.values, mean=found))
 
 
 def _moved(
@@ -308,23 +334,24 @@ def _estimate(
     agreement = _agreement(model, matrix, motion, variance)
     chi2 = sum(each.sigma**2 for each in agreement) / max(1, len(agreement))
     widened = math.sqrt(max(1.0, chi2))
-    amplitude, phase, amplitude_error, phase_error = _polar(unknowns, covariance * widened**2, model.orders)
+    count = len(unknowns)
+    values = polar(model.orders, unknowns, covariance[:count, :count] * widened**2)
+    amplitude = dict(zip(model.orders, values.mean[::2].tolist(), strict=True))
     length = model.block(arm.resonance_hz)
     freedom = max(1.0, length * model.independent)
     parts = {k: matrix[:, 2 * i : 2 * i + 2] @ unknowns[2 * i : 2 * i + 2] for i, k in enumerate(model.orders)}
     whole, rest = model.split(model.signal - left), model.split(left)
     misfits = {order: misfit(rest, model.split(part), whole, length, freedom) for order, part in parts.items()}
-    for order, size in misfits.items():
+    off = values.covariance.copy()
+    for row, (order, size) in enumerate(misfits.items()):
         systematic = math.hypot(BEND * size, ROUNDING_LEFT * moved[order], _borrowed(order, amplitude, arm, own))
-        amplitude_error[order] = math.hypot(amplitude_error[order], systematic * amplitude[order])
-        bend = BEND if order < OWN_FROM_ORDER else BEND_PHASE
-        phase_error[order] = min(180.0, math.hypot(phase_error[order], math.degrees(bend * size)))
-    arm_error = widened * np.sqrt(np.maximum(0.0, np.diag(covariance)[len(unknowns) : len(unknowns) + 3]))
+        off[2 * row, 2 * row] += (systematic * amplitude[order]) ** 2
+        off[2 * row + 1, 2 * row + 1] += math.degrees((BEND if order < OWN_FROM_ORDER else BEND_PHASE) * size) ** 2
+    arm_error = widened * np.sqrt(np.maximum(0.0, np.diag(covariance)[count : count + 3]))
     without = max(float(np.sum((model.signal - motion) ** 2)), 1e-300)
     return JointEstimate(
-        TransmissionError(amplitude, phase),
-        amplitude_error,
-        phase_error,
+        model.orders,
+        turned_at_most(replace(values, covariance=off)),
         arm,
         Arm(float(arm_error[0]), float(arm_error[1]), float(arm_error[2])),
         math.sqrt(power / len(left)),
@@ -352,21 +379,46 @@ def _borrowed(order: float, amplitude: Mapping[float, float], arm: Arm, own: Map
     return max((abs(each.damping / arm.damping - 1.0) for each in own.values()), default=0.0)
 
 
-def _polar(
-    unknowns: Real, covariance: Real, orders: tuple[float, ...]
-) -> tuple[dict[float, float], dict[float, float], dict[float, float], dict[float, float]]:
-    """A_k in arcsec, φ_k in degrees, and the standard errors of both."""
-    amplitude, phase, amplitude_error, phase_error = {}, {}, {}, {}
-    for row, order in enumerate(orders):
-        x, y = float(unknowns[2 * row]), float(unknowns[2 * row + 1])
-        size = max(math.hypot(x, y), 1e-30)
-        block = covariance[2 * row : 2 * row + 2, 2 * row : 2 * row + 2]
-        along, across = np.array([x, y]) / size, np.array([-y, x]) / size
-        amplitude[order] = math.hypot(x, y) / ARCSEC
-        phase[order] = math.degrees(math.atan2(y, x)) % 360.0
-        amplitude_error[order] = math.sqrt(max(0.0, float(along @ block @ along))) / ARCSEC
-        phase_error[order] = min(180.0, math.degrees(math.sqrt(max(0.0, float(across @ block @ across))) / size))
-    return amplitude, phase, amplitude_error, phase_error
+def polar(orders: Sequence[float], components: Real, covariance: Real, others: tuple[str, ...] = ()) -> Estimate:
+    """A_k in arcsec and φ_k in degrees of each order, by the model file's names.
+
+    Args:
+        orders: Orders k; n of them.
+        components: A_k cos φ_k and A_k sin φ_k of each in rad, and m other quantities, which stay; shape (2 n + m,).
+        covariance: Their covariance; shape (2 n + m, 2 n + m).
+        others: Names of the other quantities.
+    """
+    mean, slope = components.copy(), np.eye(len(components))
+    for at in range(0, 2 * len(orders), 2):
+        x, y = components[at : at + 2]
+        size, turned = math.hypot(x, y), math.atan2(y, x)
+        mean[at : at + 2] = size / ARCSEC, math.degrees(turned) % 360.0
+        slope[at, at : at + 2] = np.array([math.cos(turned), math.sin(turned)]) / ARCSEC
+        slope[at + 1, at : at + 2] = np.degrees([-math.sin(turned), math.cos(turned)]) / max(size, LEAST_SIZE_RAD)
+    return turned_at_most(Estimate((*_names(orders), *others), mean, slope @ covariance @ slope.T))
+
+
+def apart(orders: Sequence[float], mean: Real, errors: Real) -> Estimate:
+    """A_k in arcsec and φ_k in degrees of each order, whose errors are independent.
+
+    Args:
+        orders: Orders k; n of them.
+        mean: A_k and φ_k of each in turn; shape (2 n,).
+        errors: Their standard errors; shape (2 n,).
+    """
+    return turned_at_most(Estimate(_names(orders), np.asarray(mean), np.diag(np.square(errors))))
+
+
+def _names(orders: Sequence[float]) -> tuple[str, ...]:
+    return tuple(key(order) for order in orders for key in (amplitude_key, phase_key))
+
+
+def turned_at_most(values: Estimate) -> Estimate:
+    """Limit the standard error of each phase to half a turn, of which nothing is known then."""
+    errors = np.sqrt(np.diag(values.covariance))
+    is_wide = (errors > 180.0) & [name.startswith("phi") for name in values.names]
+    factors = np.where(is_wide, 180.0 / np.maximum(errors, 180.0), 1.0)
+    return replace(values, covariance=values.covariance * np.outer(factors, factors))
 
 
 def _agreement(model: RampsModel, matrix: Real, motion: Real, variance: float) -> tuple[Agreement, ...]:
@@ -375,16 +427,10 @@ def _agreement(model: RampsModel, matrix: Real, motion: Real, variance: float) -
     for direction in (1, -1):
         rows = model.directions == direction
         own = matrix[rows]
-        sides.append(_polar(least_squares(own, (model.signal - motion)[rows]), inverse_square(own) * variance, model.orders))
-    (forward_a, forward_p, forward_ea, forward_ep), (backward_a, backward_p, backward_ea, backward_ep) = sides
-    agreements = []
-    for order in model.orders:
-        difference = forward_a[order] - backward_a[order]
-        error = math.hypot(forward_ea[order], backward_ea[order])
-        agreements.append(
-            Agreement(f"a{order:g}_arcsec", forward_a[order], backward_a[order], abs(difference) / max(error, 1e-30))
-        )
-        turn = (forward_p[order] - backward_p[order] + 180.0) % 360.0 - 180.0
-        error = math.hypot(forward_ep[order], backward_ep[order])
-        agreements.append(Agreement(f"phi{order:g}_deg", forward_p[order], backward_p[order], abs(turn) / max(error, 1e-30)))
-    return tuple(agreements)
+        sides.append(polar(model.orders, least_squares(own, (model.signal - motion)[rows]), inverse_square(own) * variance))
+    forward, backward = sides
+    off = forward.mean - backward.mean
+    off[1::2] = (off[1::2] + 180.0) % 360.0 - 180.0
+    sigmas = np.abs(off) / np.maximum(np.sqrt(np.diag(forward.covariance + backward.covariance)), 1e-30)
+    numbers = zip(forward.names, *(each.tolist() for each in (forward.mean, backward.mean, sigmas)), strict=True)
+    return tuple(Agreement(*each) for each in numbers)

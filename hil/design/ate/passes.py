@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.design.ate.identification import JointEstimate, identify
+from hil.design.ate.identification import JointEstimate, apart, identify
 from hil.design.ate.model import Arm, Sensing, Sweep
-from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
+from hil.design.transmission_error import PAPER_ORDERS
 
 WIDENED_BY_GEAR = 3.0
 """Factor between the directions' disagreement and noise from which it is the gear's: wound up the one way and the other."""
@@ -63,8 +63,9 @@ def mean_of(passes: Sequence[JointEstimate], joint: JointEstimate) -> JointEstim
         passes: Estimates of one pass each.
         joint: Estimate of all passes, which gives everything else.
     """
-    amplitude, phase, amplitude_error, phase_error = {}, {}, {}, {}
-    for order in joint.error.amplitude_arcsec:
+    means: list[float] = []
+    errors: list[float] = []
+    for order in joint.orders:
         sizes = np.array([each.error.amplitude_arcsec[order] for each in passes])
         turns = np.radians([each.error.phase_deg[order] for each in passes])
         along = np.array([max(each.amplitude_error_arcsec[order], 1e-12) for each in passes])
@@ -72,15 +73,12 @@ def mean_of(passes: Sequence[JointEstimate], joint: JointEstimate) -> JointEstim
         weights = 1.0 / (along**2 + across**2)
         mean = complex(np.sum(weights * sizes * np.exp(1j * turns)) / np.sum(weights))
         off = (sizes * np.exp(1j * turns) - mean) * cmath.exp(-1j * cmath.phase(mean))
-        amplitude[order], phase[order] = abs(mean), math.degrees(cmath.phase(mean)) % 360.0
-        amplitude_error[order] = _scattered(off.real, along, weights)
+        means += [abs(mean), math.degrees(cmath.phase(mean)) % 360.0]
         error_rad = _scattered(off.imag, across, weights) / max(abs(mean), 1e-30)
-        phase_error[order] = min(180.0, math.degrees(error_rad))
+        errors += [_scattered(off.real, along, weights), math.degrees(error_rad)]
     return replace(
         joint,
-        error=TransmissionError(amplitude, phase),
-        amplitude_error_arcsec=amplitude_error,
-        phase_error_deg=phase_error,
+        values=apart(joint.orders, np.array(means), np.array(errors)),
         misfit={k: min(each.misfit[k] for each in passes) for k in joint.misfit},
         structured=min(each.structured for each in passes),
         explained_by_error=max(each.explained_by_error for each in passes),

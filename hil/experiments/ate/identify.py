@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
-from hil.bench.model import IdentifiedError
+from hil.bench.model import Correlation, IdentifiedError
 from hil.control.angles import ARCSEC
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_fit import POOR_MISS, on_its_gear
 from hil.design.ate.gravity import weight_of
@@ -49,7 +50,7 @@ from hil.experiments.ate.sweeps import late_words, sweep_of
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-from hil.robot_tables import TransmissionErrorTable, amplitude_key, phase_key
+from hil.robot_tables import TransmissionErrorTable
 
 Real = NDArray[np.float64]
 
@@ -403,10 +404,10 @@ def _with_inertia_error(estimate: JointEstimate, fraction: float) -> JointEstima
 
     Without an accelerometer A_k depends on J_l.
     """
-    if fraction <= 0.0:
-        return estimate
-    wider = {k: math.hypot(estimate.amplitude_error_arcsec[k], fraction * a) for k, a in estimate.error.amplitude_arcsec.items()}
-    return replace(estimate, amplitude_error_arcsec=wider)
+    by_inertia = fraction * estimate.values.mean
+    by_inertia[1::2] = 0.0
+    covariance = estimate.values.covariance + np.outer(by_inertia, by_inertia)
+    return replace(estimate, values=replace(estimate.values, covariance=covariance))
 
 
 def _remark(identification: Identification, bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> None:
@@ -469,11 +470,8 @@ def _gear_words(gear: GearLaw) -> str:
 
 def standard_errors(estimate: JointEstimate) -> dict[str, float]:
     """Standard errors of A_k and φ_k, by the model file's names."""
-    errors = {}
-    for order in estimate.error.amplitude_arcsec:
-        errors[amplitude_key(order)] = estimate.amplitude_error_arcsec[order]
-        errors[phase_key(order)] = estimate.phase_error_deg[order]
-    return errors
+    keys = [key(order) for order in estimate.orders for key in (amplitude_key, phase_key)]
+    return {key: estimate.values.standard_error(key) for key in keys}
 
 
 def delay_of(estimate: JointEstimate, gear_fraction_error: float, plant_damping: float | None = None) -> EstimatedParameter:
@@ -531,6 +529,7 @@ def as_part(
     return IdentifiedError(
         values=TransmissionErrorTable.of(seen, {order: estimate.error.phase_deg[order] for order in seen}),
         standard_error=errors,
+        correlation=Correlation.of(estimate.values),
         arm_hz=estimate.arm.resonance_hz,
         damping=estimate.arm.damping,
         accelerometer_delay_s=0.0 if request.sensorless else delay.value,

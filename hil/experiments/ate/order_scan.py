@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.model import SIGNIFICANT_SIGMAS
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.identification import JointEstimate, identify
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
 from hil.design.ate.passes import identify_passes
-from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
 
@@ -111,15 +111,10 @@ def identify_orders(
     if not weak or not kept:
         return estimate
     without = identify_passes(sweeps, reduction_ratio, sensing, estimate.arm, kept, is_near=True)
-    return replace(
-        without,
-        error=TransmissionError(
-            {k: (estimate if k in weak else without).error.amplitude_arcsec[k] for k in orders},
-            {k: (estimate if k in weak else without).error.phase_deg[k] for k in orders},
-        ),
-        amplitude_error_arcsec={k: (estimate if k in weak else without).amplitude_error_arcsec[k] for k in orders},
-        phase_error_deg={k: (estimate if k in weak else without).phase_error_deg[k] for k in orders},
-    )
+    keys = [(amplitude_key(order), phase_key(order)) for order in weak]
+    lone = {key: (estimate.values.value(key), estimate.values.standard_error(key)) for pair in keys for key in pair}
+    values = without.values.with_others(lone).part([key for order in orders for key in (amplitude_key(order), phase_key(order))])
+    return replace(without, orders=tuple(orders), values=values)
 
 
 def is_significant(estimate: JointEstimate, order: float) -> bool:

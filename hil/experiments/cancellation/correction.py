@@ -22,15 +22,18 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hil.bench.model import IdentifiedError, significant
+from hil.bench.model import Correlation, IdentifiedError, significant
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.reaction import REACTS, UNLIKELY, Reaction
 from hil.design.estimate import Estimate
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.order_scan import is_significant
 from hil.experiments.cancellation.verdict import MOST_LEFT, PartVerdict, Seen
-from hil.robot_tables import amplitude_key, phase_key
+
+Real = NDArray[np.float64]
 
 Source = Literal["known", "learnt"]
 """`known` before the first pass, or `learnt` from the passes."""
@@ -116,6 +119,7 @@ class Correction:
 
     Attributes:
         known: Significant orders of what was known.
+        part: What was known; None if nothing was.
         delay_s: Delay of the set-points as it was known.
         period_s: SYNC period.
         acted: Values that the last pass cancelled.
@@ -126,6 +130,7 @@ class Correction:
     """
 
     known: Mapping[float, OrderValue] = field(default_factory=dict)
+    part: IdentifiedError | None = None
     delay_s: float = 0.0
     period_s: float = 1e-3
     acted: dict[float, OrderValue] = field(default_factory=dict)
@@ -155,7 +160,7 @@ class Correction:
                 "known", amplitude, phases[order] % 360.0, errors.get(amplitude_key(order)), errors.get(phase_key(order))
             )
             for order, amplitude in table.amplitudes_arcsec().items()
-        }, part.set_point_delay_s, period_s)  # fmt: skip
+        }, part, part.set_point_delay_s, period_s)  # fmt: skip
 
     def begin(self, estimate: JointEstimate, passed: Collection[float]) -> set[float]:
         """Take each order's prior from what was known and a fit.
@@ -183,10 +188,24 @@ class Correction:
             self._begun[order] = value
             values |= self._prior_of(order, value)
         prior = Estimate.independent(values) if self._prior is None else self._prior.with_others(values)
-        self._prior = self._posterior = prior
+        self._prior = self._posterior = self._correlated(prior, begun, estimate)
         if self._left:
             self._posterior = self._learnt()
         return begun
+
+    def _correlated(self, prior: Estimate, begun: Collection[float], estimate: JointEstimate) -> Estimate:
+        """A prior with the correlation of the errors of what was known, and of those of a fit."""
+        known, fitted = (
+            [k for k in sorted(begun) if self._begun[k] is of.get(k) and self._begun[k].amplitude_error is not None]
+            for of in (self.known, self._fits)
+        )
+        if known and self.part is not None:
+            prior = _with_correlation(prior, {k: self._begun[k] for k in known}, self.part.correlations(_keys(known)))
+        fitted = [k for k in fitted if k in estimate.orders and k not in self.contradicted]
+        if fitted:
+            errors = estimate.values.part(_keys(fitted))
+            prior = _with_correlation(prior, {k: self._begun[k] for k in fitted}, errors.correlation)
+        return prior
 
     def _first_value(self, order: float, *, is_seen: bool) -> OrderValue:
         self.contradicted.pop(order, None)
@@ -247,6 +266,37 @@ class Correction:
         )
         turned_deg = math.degrees(cmath.phase(z)) % 360.0
         return OrderValue("learnt", abs(z), turned_deg, along, math.degrees(across / max(abs(z), across)))
+
+    def correlation(self, values: Mapping[float, OrderValue]) -> Correlation | None:
+        """Correlation of the errors of some values, of the delay and of the reaction.
+
+        Those of newly learnt values are the posterior's; kept values have theirs from before.
+
+        Args:
+            values: Values by order, as `values` has them.
+        """
+        found = self._posterior
+        if found is None:
+            return None
+        learnt = [k for k, value in values.items() if value.source == "learnt" and value is not self._begun[k]]
+        kept = [k for k, value in values.items() if value.source == "known" and value.amplitude_error is not None]
+        at = {name: np.eye(len(found.names))[row] for row, name in enumerate(found.names)}
+        shared = {"set_point_delay_s": DELAY} | ({"gear_reaction": REACTION} if self._left else {})
+        shared = {key: name for key, name in shared.items() if found.standard_error(name) > 0.0}
+        rows: list[Real] = []
+        errors: list[float] = []
+        for order in learnt:
+            rows += [at[_along(order)] + self._begun[order].amplitude_arcsec * at[GAIN], at[_across(order)]]
+            errors += values[order].sigmas_arcsec
+        rows += [at[name] for name in shared.values()]
+        errors += [found.standard_error(name) for name in shared.values()]
+        names = (*_keys(learnt), *shared)
+        square = np.array(rows) @ found.covariance @ np.array(rows).T
+        np.fill_diagonal(square, np.square(errors))
+        together = Estimate(names, np.zeros(len(names)), square).with_others(dict.fromkeys(_keys(kept), (0.0, 1.0)))
+        if kept and self.part is not None:
+            together = together.correlated(_keys(kept), self.part.correlations(_keys(kept)))
+        return Correlation.of(together)
 
     def _why(self, order: float) -> str:
         """Reason why a known value stays."""
@@ -500,6 +550,18 @@ class Correction:
 def _would_leave(value: OrderValue, acted: OrderValue, ratio: complex) -> float:
     """Fraction that a value would leave, by the verdict on another."""
     return abs(ratio - value.phasor / acted.phasor) / max(abs(ratio), 1e-30)
+
+
+def _keys(orders: Collection[float]) -> list[str]:
+    """Names of amplitudes and phases in the model file."""
+    return [key(order) for order in orders for key in (amplitude_key, phase_key)]
+
+
+def _with_correlation(prior: Estimate, values: Mapping[float, OrderValue], correlation: Real) -> Estimate:
+    """A prior in which the errors of some orders' values correlate, amplitudes and phases in turn."""
+    errors = np.array([sigma for value in values.values() for sigma in value.sigmas_arcsec])
+    names = [name(order) for order in values for name in (_along, _across)]
+    return prior.correlated(names, correlation * np.outer(errors, errors))
 
 
 def _along(order: float) -> str:

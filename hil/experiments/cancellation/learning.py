@@ -17,6 +17,7 @@ from pathlib import Path
 
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, significant, update_file
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Sensing, Sweep
 from hil.design.ate.motion import motion_factor
@@ -46,7 +47,7 @@ from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.learning import LearningPass, LearntAxis
-from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phase_key
+from hil.robot_tables import ORDERS, TransmissionErrorTable
 
 LOWEST = 2.0
 """Order whose resonance every ramp passes; a lower one's where the limits allow."""
@@ -182,10 +183,12 @@ class AxisLearning:
         reaction = self.correction.reaction
         if reaction is not None and reaction.standard_error:
             errors["gear_reaction"] = reaction.standard_error
+        errors["set_point_delay_s"] = self.correction.delay_error_s
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
             values=TransmissionErrorTable.of(cancelled.amplitude_arcsec, cancelled.phase_deg),
             standard_error=errors,
+            correlation=self.correction.correlation(values),
             arm_hz=estimate.arm.resonance_hz,
             damping=estimate.arm.damping,
             accelerometer_delay_s=estimate.arm.delay_s,

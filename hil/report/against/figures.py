@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from hil.control.order_keys import amplitude_key
 from hil.recording import Recording
 from hil.report import style
 from hil.report.against.alike import RunPair
@@ -23,7 +24,6 @@ from hil.report.plotted_run import (
 from hil.report.style import Drawing, Real
 from hil.results.ate import AteResult
 from hil.results.plant import FrequencyResponseEntry, PlantResult
-from hil.robot_tables import amplitude_key
 
 SPECTRUM_TO_HZ = 50.0
 OLD, NEW = style.WITHOUT, style.WITH

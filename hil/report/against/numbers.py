@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from hil.bench.model import IdentifiedError
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.report.against.alike import RunPair
 from hil.report.material import Material, run_name, treatment_name
 from hil.report.order_names import symbol_of
@@ -12,7 +13,6 @@ from hil.report.report_table import NONE, Cell, ReportTable, number, value_and_e
 from hil.results.ate import AteResult
 from hil.results.plant import PlantResult
 from hil.results.runs import RunEntry
-from hil.robot_tables import amplitude_key, phase_key
 
 CERTAIN = 2.0
 """Standard errors beyond which a difference is told: 5 of 100 that are none lie there."""

@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from hil.bench.model import IdentifiedError
 from hil.control.angles import ARCSEC
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
@@ -26,7 +27,6 @@ from hil.report.report_table import Cell, Mark, ReportTable, number, value_and_e
 from hil.report.style import Drawing, Real
 from hil.results.ate import AteResult, AteRun
 from hil.results.files import load_result
-from hil.robot_tables import amplitude_key, phase_key
 
 AROUND = (0.75, 1.3)
 """Motor speeds of a window, by that at which its order meets the resonance."""

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.report import palette, style
 from hil.report.order_names import BY_ORDER, symbol
 from hil.report.report_table import Cell, ReportTable, number, value_and_error
@@ -15,7 +16,6 @@ from hil.report.style import Drawing, Real
 from hil.results.columns import load_columns
 from hil.results.files import load_result
 from hil.results.recorded_ate import SIGNAL_UNIT, Form, OrderEntry, RecordedAteResult, RecordedStretch
-from hil.robot_tables import amplitude_key, phase_key
 
 NAMED_PEAKS = 6
 MAP_LEVELS = 9

@@ -8,11 +8,12 @@ from drive_profiles.address import parse_address
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
 from hil.bench.model import load_identified
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.notch_search import Effort
 from hil.emulator import EmulatorProcess
 from hil.errors import HilError
 from hil.recording import Recording
-from hil.robot_tables import ORDERS, PlantTable, amplitude_key, phase_key
+from hil.robot_tables import ORDERS, PlantTable
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.over_bus import CommandError, StepsOverBus
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess

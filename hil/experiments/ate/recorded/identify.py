@@ -12,6 +12,7 @@ from drive_profiles.standard.shown import measured
 from hil.bench.bench import Bench
 from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedError
 from hil.control.angles import ARCSEC
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.model import Arm
 from hil.design.recorded.fit import AngleSection, SectionFit, fit_section, least_turns
 from hil.design.recorded.fixed_lines import FixedFrequency, without_lines
@@ -38,7 +39,7 @@ from hil.results.recorded_ate import (
     Form,
     RecordedAteResult,
 )
-from hil.robot_tables import TransmissionErrorTable, amplitude_key, phase_key
+from hil.robot_tables import TransmissionErrorTable
 
 PART_TURNS = 1.25
 """Revolutions of a part in which a change is looked for, by those from which a stretch tells its orders apart."""

@@ -13,6 +13,7 @@ from pathlib import Path
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError, update_file
 from hil.can.channel import Channel
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.learn_run import known_model
@@ -27,7 +28,7 @@ from hil.master.motion import Motion, RunResult
 from hil.reporter import SILENT, Reporter
 from hil.results.base import MeasuredBench
 from hil.results.learning import LearntOnMotion, MotionLearningResult, ProbedPart, ProbingRun
-from hil.robot_tables import ORDERS, amplitude_key, phase_key
+from hil.robot_tables import ORDERS
 
 READ_RUNS = 4
 """Probing runs from which the resonances are read by which a trial reads the orders."""
@@ -181,8 +182,8 @@ def _learnt(
         if part is None or not part.values.amplitudes_arcsec():
             continue
         change = {
-            "standard_error": _errors(learning, number), "learnt_by": "probing", "note": note, "emulated": emulated,
-            "arm_hz": resonances.get(number, part.arm_hz),
+            "standard_error": _errors(learning, number), "correlation": None, "learnt_by": "probing", "note": note,
+            "emulated": emulated, "arm_hz": resonances.get(number, part.arm_hz),
         }  # fmt: skip
         entries[number] = part.model_copy(update=change)
     return entries

@@ -15,8 +15,9 @@ from hil.control.angles import ARCSEC
 from hil.design.ate.gear import BaseMotion, GearLaw
 from hil.design.ate.gear_fit import GearFit, on_its_gear
 from hil.design.ate.gravity import Weight, weight_of
-from hil.design.ate.identification import identify
+from hil.design.ate.identification import DELAY_KEY, identify
 from hil.design.ate.model import Arm, Sensing, Sweep
+from hil.design.estimation import EstimatedParameter
 from hil.design.transmission_error import TransmissionError
 
 RATIO, LEVER, ORDERS, DELAY_S, NOISE = 100.0, 0.6, (1.0, 2.0, 4.0), 0.004, 0.02
@@ -103,10 +104,18 @@ def fitted(law, seed, **kinds):
 def far(estimate):
     """Each A_k and φ_k: its error relative to A_k, and over its standard error."""
     for row, (size, phase) in enumerate(TRUE.values()):
-        a, phi = estimate.order(row)
-        yield (a.value - size) / size, (a.value - size) / a.standard_error
-        turned_deg = (phi.value - phase + 180.0) % 360.0 - 180.0
-        yield math.radians(turned_deg), turned_deg / phi.standard_error
+        values = estimate.values()
+        (a, phi), (a_error, phi_error) = (
+            each[2 * row : 2 * row + 2] for each in (values.mean, np.sqrt(np.diag(values.covariance)))
+        )
+        yield (a - size) / size, (a - size) / a_error
+        turned_deg = (phi - phase + 180.0) % 360.0 - 180.0
+        yield math.radians(turned_deg), turned_deg / phi_error
+
+
+def delay_of(estimate):
+    values = estimate.values()
+    return EstimatedParameter(values.value(DELAY_KEY), values.standard_error(DELAY_KEY))
 
 
 @pytest.mark.parametrize(
@@ -154,7 +163,7 @@ def test_what_the_gear_does_not_explain_is_in_the_errors():
     assert max(np.abs(sigmas)) < 3.5
     assert found.model_error > 0.02
     shift_s = found.model_error / (math.tau * LINEAR.resonance_hz)
-    assert found.delay().standard_error > 0.95 * math.hypot(shift_s, fitted(LINEAR, 5).delay().standard_error)
+    assert delay_of(found).standard_error > 0.95 * math.hypot(shift_s, delay_of(fitted(LINEAR, 5)).standard_error)
 
 
 @pytest.mark.slow
@@ -173,7 +182,7 @@ def test_the_gear_itself_is_found():
     assert law.softness == pytest.approx(0.2, rel=0.1)
     assert law.hysteresis_rad == pytest.approx(6.0 * ARCSEC, rel=0.1)
     assert law.gravity_rad_s2 == pytest.approx((8.0, -5.0), rel=0.1)
-    assert found.value("delay").value == pytest.approx(DELAY_S, abs=1e-4)
+    assert delay_of(found).value == pytest.approx(DELAY_S, abs=1e-4)
 
 
 @pytest.mark.ci
@@ -182,7 +191,7 @@ def test_a_linear_gear_is_found_linear_and_its_part_of_the_damping_unknown():
     found = fitted(LINEAR, 11)
     assert found.law.is_linear
     assert not fitted(SOFT, 11).law.is_linear
-    delay = found.delay()
+    delay = delay_of(found)
     assert abs(delay.value - DELAY_S) < 3.0 * delay.standard_error
     assert delay.standard_error == pytest.approx(2.0 * LINEAR.damping * 0.18 / (math.tau * LINEAR.resonance_hz), rel=0.3)
 
@@ -197,7 +206,7 @@ def test_a_sensors_filter_beyond_half_of_the_sampling_rate_does_not_spoil_the_de
     kinds = {"period_s": 0.008, "top_rps": 27.0, "lowpass_hz": lowpass_hz}
     sweeps = [recorded(law, acceleration, i, **kinds) for i, acceleration in enumerate((12.0, 6.0))]
     found = GearFit(sweeps, RATIO, Sensing(LEVER), replace(NEAR, resonance_hz=24.8), START, WEIGHT).run()
-    delay = found.delay()
+    delay = delay_of(found)
     assert abs(delay.value - DELAY_S - math.sqrt(2.0) / (math.tau * lowpass_hz)) < 3.0 * delay.standard_error
     assert delay.standard_error < 3e-4
 
@@ -212,9 +221,10 @@ def test_a_low_pass_on_a_mounting_that_resonates_is_not_taken_for_an_amplitude()
     ]
     found = GearFit(sweeps, RATIO, Sensing(LEVER), replace(NEAR, resonance_hz=24.8), START, WEIGHT).run()
     for row, (size, _) in enumerate(TRUE.values()):
-        amplitude = found.order(row)[0]
-        assert abs(amplitude.value - size) < 3.0 * amplitude.standard_error
-        assert amplitude.standard_error < 2e-3 * size
+        name = found.values().names[2 * row]
+        error = found.values().standard_error(name)
+        assert abs(found.values().value(name) - size) < 3.0 * error
+        assert error < 2e-3 * size
 
 
 def test_a_gear_that_errs_differently_backwards_is_no_gear_of_the_law():

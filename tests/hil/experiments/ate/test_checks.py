@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.design.ate.identification import JointEstimate
+from hil.design.ate.identification import JointEstimate, apart
 from hil.design.ate.model import Arm
-from hil.design.transmission_error import TransmissionError
+from hil.design.estimate import Estimate
 from hil.experiments.ate.checks import (
     AteNotIdentifiedError,
     check_accelerometer,
@@ -20,9 +20,13 @@ from hil.experiments.ate.checks import (
 from hil.master.motion import RunResult
 from hil.recording import Recording
 
+
+def values(a2_error: float = 0.03, a4_error: float = 0.03) -> Estimate:
+    return apart((2, 4), np.array([5.0, 222.0, 3.0, 126.0]), np.array([a2_error, 0.2, a4_error, 0.4]))
+
+
 GOOD = JointEstimate(
-    TransmissionError({2: 5.0, 4: 3.0}, {2: 222.0, 4: 126.0}), {2: 0.03, 4: 0.03}, {2: 0.2, 4: 0.4},
-    Arm(12.4, 0.038, 1e-4), Arm(0.01, 0.001, 1e-4), 0.01, 0.99, 0.99, 1.0, 0.03, (), 1.0, (6.2, 26.0),
+    (2, 4), values(), Arm(12.4, 0.038, 1e-4), Arm(0.01, 0.001, 1e-4), 0.01, 0.99, 0.99, 1.0, 0.03, (), 1.0, (6.2, 26.0),
 )  # fmt: skip
 
 
@@ -71,7 +75,7 @@ def test_a_factor_that_is_not_certainly_wrong_is_a_remark() -> None:
 
 
 def test_noise_that_more_passes_overcome_is_no_reason_to_stop() -> None:
-    weak = replace(GOOD, amplitude_error_arcsec={2: 1.5, 4: 3.0})
+    weak = replace(GOOD, values=values(1.5, 3.0))
     check_estimate(weak, sensorless=False, passes_left=5)
     with pytest.raises(AteNotIdentifiedError, match=r": 3\.333 \(at least 5\)"):
         check_estimate(weak, sensorless=False, passes_left=0)
@@ -89,7 +93,7 @@ def test_vibration_that_is_noise_is_not_asked_of_the_error() -> None:
             r"that the orders 2, 4 explain: 0\.07 \(at least 0\.6\); look for anoth",
         ),
         (
-            {"amplitude_error_arcsec": {2: 2.0, 4: 3.0}},
+            {"values": values(2.0, 3.0)},
             r"A_2, to its standard error: 2\.5 \(at least 5\).* none is above 12″",
         ),
         (
@@ -127,7 +131,7 @@ def test_the_speed_at_the_end_of_a_ramp() -> None:
 
 def test_an_error_that_further_passes_may_show_is_not_refused() -> None:
     """A gear with hysteresis widens the standard errors: 4.9 of them where 5 are asked."""
-    wide = replace(GOOD, amplitude_error_arcsec={2: 5.0 / 4.9, 4: 3.0 / 4.9}, widened=30.0)
+    wide = replace(GOOD, values=values(5.0 / 4.9, 3.0 / 4.9), widened=30.0)
     with pytest.raises(AteNotIdentifiedError, match=r"ratio of the largest amplitude, A_\d, to its standard error"):
         check_estimate(wide, sensorless=False)
     check_estimate(wide, sensorless=False, passes_left=3)
@@ -137,7 +141,7 @@ def test_an_error_that_further_passes_may_show_is_not_refused() -> None:
     ("changes", "causes"),
     [
         ({"motion_scale": 0.1}, ("wrong axis or wiring",)),
-        ({"amplitude_error_arcsec": {2: 3.0, 4: 3.0}}, ("noise",)),
+        ({"values": values(3.0, 3.0)}, ("noise",)),
         ({"explained_by_error": 0.1, "structured": 0.9}, ("another source of vibration",)),
         ({"arm": replace(GOOD.arm, delay_s=0.2)}, ()),
     ],

@@ -10,7 +10,7 @@ from hil.experiments.ate.request import NEARLY, Goal, axis_knowledge, searched_d
 from hil.results.ate import AteResult
 from hil.robot_tables import PlantTable
 from tests.hil.experiments.ate.ate_rig import AXIS, blank_bench, built
-from tests.hil.experiments.ate.test_checks import GOOD
+from tests.hil.experiments.ate.test_checks import GOOD, values
 
 PLANT = IdentifiedPlant(
     values=PlantTable(
@@ -57,7 +57,7 @@ def test_the_error_of_the_arms_inertia_goes_into_amplitudes_from_the_torque_alon
 @pytest.mark.parametrize(("times", "is_usable"), [(1.5, True), (2.9, True), (3.1, False)])
 def test_standard_errors_are_a_result_up_to_three_times_what_is_asked(times, is_usable):
     amplitude, goal = GOOD.error.amplitude_arcsec[2], Goal({2: 0.01}, {2: 90.0})
-    found = goal.missed(replace(GOOD, amplitude_error_arcsec={**GOOD.amplitude_error_arcsec, 2: times * 0.01 * amplitude}))
+    found = goal.missed(replace(GOOD, values=values(times * 0.01 * amplitude)))
     assert [miss.is_usable for miss in found if miss.name == "A_2"] == [is_usable]
 
 

@@ -6,21 +6,22 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
+import numpy as np
 import pytest
 
 from hil.bench.model import IdentifiedError
-from hil.design.ate.identification import JointEstimate
+from hil.control.order_keys import amplitude_key, phase_key
+from hil.design.ate.identification import JointEstimate, apart
 from hil.design.ate.model import Arm
 from hil.design.ate.reaction import Reaction
-from hil.design.transmission_error import TransmissionError
 from hil.experiments.cancellation.correction import Correction, OrderValue
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.reaction_watch import ReactionWatch
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
-from hil.robot_tables import TransmissionErrorTable, amplitude_key, phase_key
+from hil.robot_tables import TransmissionErrorTable
 
 GOOD = JointEstimate(
-    TransmissionError({2: 5.0}, {2: 222.0}), {2: 0.03}, {2: 0.2},
+    (2,), apart((2,), np.array([5.0, 222.0]), np.array([0.03, 0.2])),
     Arm(6.2, 0.038, 1e-4), Arm(0.01, 0.001, 1e-4), 0.01, 0.99, 0.99, 1.0, 0.03, (), 1.0, (3.1, 13.0),
 )  # fmt: skip
 TRUE = MappingProxyType({1: (28.0, 30.0), 2: (14.6, 247.0), 4: (1.7, 58.0)})
@@ -37,12 +38,8 @@ def known(values: Mapping[float, tuple[float, float]] = TRUE, error: float = 0.1
 
 def fitted(values: Mapping[float, tuple[float, float]] = TRUE, error: float = 0.2, error_deg: float = 1.0) -> JointEstimate:
     """What the first passes have found."""
-    return replace(
-        GOOD,
-        error=TransmissionError({k: each[0] for k, each in values.items()}, {k: each[1] for k, each in values.items()}),
-        amplitude_error_arcsec=dict.fromkeys(values, error),
-        phase_error_deg=dict.fromkeys(values, error_deg),
-    )
+    found = np.array([each for pair in values.values() for each in pair])
+    return replace(GOOD, orders=tuple(values), values=apart(tuple(values), found, np.tile([error, error_deg], len(values))))
 
 
 def phasor(value: tuple[float, float]) -> complex:

@@ -4,10 +4,11 @@ import datetime
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from hil.bench.model import significant
-from hil.design.transmission_error import TransmissionError
+from hil.design.ate.identification import apart
 from hil.experiments.cancellation.correction import MADE_ALIKE, MADE_ALONG, Correction
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.learning import AxisLearning, LearntPass
@@ -19,9 +20,8 @@ ACCEPTED = PartVerdict(Part(2, 2.0), 0.5, 0.47, 0.01, 0.06, 0.02, 0.0, 1.05, 0.0
 
 
 def estimate(error_arcsec):
-    found = TransmissionError({2.0: 18.0, 4.0: 2.0}, {2.0: 198.0, 4.0: 292.0})
-    errors = {2.0: error_arcsec, 4.0: 1.0}
-    return replace(GOOD, error=found, amplitude_error_arcsec=errors, phase_error_deg={2.0: 1.0, 4.0: 1.0}, widened=20.0)
+    values = apart((2.0, 4.0), np.array([18.0, 198.0, 2.0, 292.0]), np.array([error_arcsec, 1.0, 1.0, 1.0]))
+    return replace(GOOD, values=values, widened=20.0)
 
 
 def learnt(*verdicts, error_arcsec=8.0, left=None):

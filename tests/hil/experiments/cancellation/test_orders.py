@@ -4,10 +4,11 @@ import pytest
 
 from hil.bench.bench import load_bench
 from hil.bench.model import Identified, IdentifiedError, with_identified
+from hil.control.order_keys import amplitude_key
 from hil.errors import NotPossibleError
 from hil.experiments.cancellation.cancellation import cancellation_for
 from hil.experiments.cancellation.inside import inside_models
-from hil.robot_tables import TransmissionErrorTable, amplitude_key
+from hil.robot_tables import TransmissionErrorTable
 
 BENCH = load_bench("reference")
 
