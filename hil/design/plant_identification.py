@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from hil.design.estimate import Estimate
 from hil.design.estimation import EstimatedMode, EstimatedParameter, UnidentifiableError, inverse
 from hil.design.frequency import Complex, Real, TwoInertia
 from hil.design.plant_problem import (
@@ -85,6 +86,7 @@ class PlantEstimate:
         parameters: Parameters by name: the fitted fields of `TwoInertia`, `antiresonance_hz`, `resonance_hz`, `damping` (ζ),
             `viscous_damping_nm_s_rad` (D_m + D_l/N²), `torque_age_s`, `torque_lag_s`, and with an accelerometer `lever_ratio` and
             `accelerometer_delay_s`.
+        values: The same as the fit has them, with their covariance.
         response: Motor angle per torque.
         tip: Tip acceleration per motor angle; None without accelerometer.
         misfit: √ of the mean squared residual in standard deviations: 1 where the model explains all but the scatter.
@@ -98,6 +100,7 @@ class PlantEstimate:
 
     plant: TwoInertia
     parameters: Mapping[str, EstimatedParameter]
+    values: Estimate
     response: ResponseEstimate
     tip: ResponseEstimate | None
     misfit: float
@@ -195,48 +198,48 @@ def estimate_of(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate
     covariance = inverse(jacobian.T @ jacobian) * enlarged
     plant = problem.plant(x)
 
-    def parameter(value: float, gradient: Mapping[int, float], left_open: float = 0.0) -> EstimatedParameter:
-        slope = np.zeros(len(x))
-        for unknown, part in gradient.items():
-            slope[unknown] = part
-        return EstimatedParameter(value, math.sqrt(max(0.0, float(slope @ covariance @ slope)) + (left_open * value) ** 2))
-
     motor, arm, stiffness = plant.motor_inertia_kg_m2, plant.arm_inertia_kg_m2, plant.gear_stiffness_nm_rad
     damping, f_a, f_r = plant.gear_damping_nm_s_rad + plant.arm_damping_nm_s_rad, plant.antiresonance_hz, plant.resonance_hz
     zeta = 0.5 * damping / math.sqrt(stiffness * arm)
     arm_part = arm / (problem.ratio**2 * motor)
     arm_part = 0.5 * arm_part / (1.0 + arm_part)  # ∂ ln f_r/∂ ln J_l beyond that of f_a
-    of_arm, per_n2 = plant.arm_damping_nm_s_rad, 1.0 / problem.ratio**2
-    parameters = {
-        "motor_inertia_kg_m2": parameter(motor, {J_M: motor}, LEFT_OPEN),
-        "arm_inertia_kg_m2": parameter(arm, {J_L: arm}),
-        "gear_stiffness_nm_rad": parameter(stiffness, {K_G: stiffness}),
-        "gear_damping_nm_s_rad": parameter(
-            plant.gear_damping_nm_s_rad, {DAMPING: plant.gear_damping_nm_s_rad, ARM_PART: -damping}
+    of_gear, of_arm, per_n2 = plant.gear_damping_nm_s_rad, plant.arm_damping_nm_s_rad, 1.0 / problem.ratio**2
+    # each with its slopes by the unknowns, and the part of it that a gear which is no spring leaves open
+    found: dict[str, tuple[float, dict[int, float], float]] = {
+        "motor_inertia_kg_m2": (motor, {J_M: motor}, LEFT_OPEN),
+        "arm_inertia_kg_m2": (arm, {J_L: arm}, 0.0),
+        "gear_stiffness_nm_rad": (stiffness, {K_G: stiffness}, 0.0),
+        "gear_damping_nm_s_rad": (of_gear, {DAMPING: of_gear, ARM_PART: -damping}, 0.0),
+        "motor_damping_nm_s_rad": (
+            plant.motor_damping_nm_s_rad, {VISCOUS: 1.0, DAMPING: -of_arm * per_n2, ARM_PART: -damping * per_n2}, 0.0
         ),
-        "motor_damping_nm_s_rad": parameter(
-            plant.motor_damping_nm_s_rad, {VISCOUS: 1.0, DAMPING: -of_arm * per_n2, ARM_PART: -damping * per_n2}
-        ),
-        "arm_damping_nm_s_rad": parameter(of_arm, {DAMPING: of_arm, ARM_PART: damping}),
-        "viscous_damping_nm_s_rad": parameter(float(x[VISCOUS]), {VISCOUS: 1.0}, 10.0 * LEFT_OPEN),
-        "antiresonance_hz": parameter(f_a, {J_L: -0.5 * f_a, K_G: 0.5 * f_a}),
-        "resonance_hz": parameter(f_r, {J_M: -arm_part * f_r, J_L: (arm_part - 0.5) * f_r, K_G: 0.5 * f_r}, 0.3 * LEFT_OPEN),
-        "damping": parameter(zeta, {J_L: -0.5 * zeta, K_G: -0.5 * zeta, DAMPING: zeta}, 2.0 * LEFT_OPEN),
-        "torque_age_s": parameter(float(x[AGE]), {AGE: 1.0}),
-        "torque_lag_s": parameter(float(x[LAG]), {LAG: 1.0}),
-    }
+        "arm_damping_nm_s_rad": (of_arm, {DAMPING: of_arm, ARM_PART: damping}, 0.0),
+        "viscous_damping_nm_s_rad": (float(x[VISCOUS]), {VISCOUS: 1.0}, 10.0 * LEFT_OPEN),
+        "antiresonance_hz": (f_a, {J_L: -0.5 * f_a, K_G: 0.5 * f_a}, 0.0),
+        "resonance_hz": (f_r, {J_M: -arm_part * f_r, J_L: (arm_part - 0.5) * f_r, K_G: 0.5 * f_r}, 0.3 * LEFT_OPEN),
+        "damping": (zeta, {J_L: -0.5 * zeta, K_G: -0.5 * zeta, DAMPING: zeta}, 2.0 * LEFT_OPEN),
+        "torque_age_s": (float(x[AGE]), {AGE: 1.0}, 0.0),
+        "torque_lag_s": (float(x[LAG]), {LAG: 1.0}, 0.0),
+    }  # fmt: skip
     tip = None
     data = problem.data
     of_torque, of_angle, of_tip, _ = problem.images(x)
     angle = data.angle - of_angle
     if data.tip is not None:
-        parameters["lever_ratio"] = parameter(math.exp(x[LEVER]), {LEVER: math.exp(x[LEVER])})
-        parameters["accelerometer_delay_s"] = parameter(float(x[DELAY]), {DELAY: 1.0})
+        found["lever_ratio"] = (math.exp(x[LEVER]), {LEVER: math.exp(x[LEVER])}, 0.0)
+        found["accelerometer_delay_s"] = (float(x[DELAY]), {DELAY: 1.0}, 0.0)
         tip = _response(data.frequency_hz, data.tip - of_tip, angle)
     torque = problem.torque(x, data.torque, of_torque) * problem.felt(x)
+    slopes = np.zeros((len(found), len(x)))
+    for row, (_, by_unknown, _) in enumerate(found.values()):
+        slopes[row, list(by_unknown)] = list(by_unknown.values())
+    mean = np.array([value for value, _, _ in found.values()])
+    left_open = np.diag([(part * value) ** 2 for value, _, part in found.values()])
+    values = Estimate(tuple(found), mean, slopes @ covariance @ slopes.T + left_open)
     return PlantEstimate(
         plant,
-        parameters,
+        {name: EstimatedParameter(values.value(name), values.standard_error(name)) for name in found},
+        values,
         _response(data.frequency_hz, angle, torque),
         tip,
         misfit,

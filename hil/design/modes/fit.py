@@ -284,7 +284,7 @@ def _estimate(fit: _Fit, single: PlantEstimate) -> PlantEstimate:
     modes = tuple(EstimatedMode(*cells[5 * i : 5 * i + parts]) for i in range(len(order)))
     plant, (stiffness, damping) = estimate_of(problem, fit.x, fit.jacobian), cells[-2:]
     leading = modes[lead]
-    parameters = dict(plant.parameters) | {
+    of_lead = {
         "arm_inertia_kg_m2": leading.inertia_kg_m2,
         "gear_stiffness_nm_rad": stiffness,
         "gear_damping_nm_s_rad": damping,
@@ -293,6 +293,7 @@ def _estimate(fit: _Fit, single: PlantEstimate) -> PlantEstimate:
         "resonance_hz": leading.resonance_hz,
         "damping": leading.damping,
     }
+    together = plant.values.with_others({name: (each.value, each.standard_error) for name, each in of_lead.items()})
     motor = replace(
         plant.plant,
         arm_inertia_kg_m2=leading.inertia_kg_m2.value,
@@ -300,4 +301,5 @@ def _estimate(fit: _Fit, single: PlantEstimate) -> PlantEstimate:
         gear_stiffness_nm_rad=stiffness.value,
         gear_damping_nm_s_rad=damping.value,
     )
-    return replace(plant, plant=motor, parameters=parameters, modes=modes, unknowns=single.unknowns)
+    parameters = {**plant.parameters, **of_lead}
+    return replace(plant, plant=motor, parameters=parameters, values=together, modes=modes, unknowns=single.unknowns)

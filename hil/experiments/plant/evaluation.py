@@ -1,9 +1,11 @@
 """Evaluation of a plant identification."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from hil.bench.model import IdentifiedMode, IdentifiedPlant
+import numpy as np
+
+from hil.bench.model import Correlation, IdentifiedMode, IdentifiedPlant
 from hil.control.angles import ARCSEC
 from hil.design.estimation import EstimatedMode, EstimatedParameter
 from hil.design.friction import Friction
@@ -60,8 +62,13 @@ class PlantEvaluation:
         errors = {name: parameters[name].standard_error for name in names if name in parameters}
         errors["coulomb_friction_nm"] = self.friction.coulomb_nm.standard_error
         errors["gravity_moment_nm"] = self.friction.gravity_moment_nm.standard_error
+        # what widens the errors beyond the fit's is independent
+        fitted = self.estimate.values.part([name for name in errors if name in self.estimate.values.names])
+        square = fitted.covariance.copy()
+        np.fill_diagonal(square, [errors[name] ** 2 for name in fitted.names])
         return IdentifiedPlant(
             values=values,
+            correlation=Correlation.of(replace(fitted, covariance=square)),
             standard_error=errors,
             antiresonance_hz=plant.antiresonance_hz,
             resonance_hz=plant.resonance_hz,

@@ -3,12 +3,14 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drive_profiles.errors import FileError
 from drive_profiles.files.toml import loads
 from hil.bench.bench import load_bench
 from hil.bench.model import (
+    Correlation,
     Identified,
     IdentifiedError,
     IdentifiedMode,
@@ -19,6 +21,7 @@ from hil.bench.model import (
     values_in_words,
     with_identified,
 )
+from hil.design.estimate import Estimate
 from hil.errors import NotPossibleError
 from hil.robot_tables import TransmissionErrorTable
 
@@ -48,6 +51,44 @@ def test_what_is_saved_is_read_again(tmp_path: Path) -> None:
     assert load_identified(path) == model
     assert loads(model.dumps(), Identified) == model
     assert list(model.axis) == [2, 3]
+
+
+@pytest.mark.parametrize("correlations", [(-0.25,), (0.123456789123, -0.5, 0.25)])
+def test_the_covariance_of_errors_is_read_again(tmp_path: Path, correlations: tuple[float, ...]) -> None:
+    names = ("a2_arcsec", "phi2_deg", "a4_arcsec")[: 2 if len(correlations) == 1 else 3]
+    matrix = np.eye(len(names))
+    matrix[np.tril_indices(len(names), -1)] = correlations
+    matrix = np.maximum(matrix, matrix.T) + np.minimum(matrix, matrix.T) - np.eye(len(names))
+    errors = np.array([0.02, 0.1, 0.05])[: len(names)]
+    found = Estimate(names, np.zeros(len(names)), matrix * np.outer(errors, errors))
+    part = ERROR.model_copy(
+        update={"standard_error": dict(zip(names, errors.tolist(), strict=True)), "correlation": Correlation.of(found)}
+    )
+    update_file(tmp_path / "model.toml", "reference", 2, part)
+    read = load_identified(tmp_path / "model.toml").axis[2].ate
+    assert read is not None
+    assert read == part
+    assert read.correlations(names) == pytest.approx(matrix, abs=1e-8)
+    others = read.correlations(["phi4_deg", "phi2_deg", "a2_arcsec"])
+    assert others[1, 2] == pytest.approx(correlations[0], abs=1e-8)
+    assert not others[0, 1:].any(), "of that nothing is known"
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ('names = ["a2_arcsec", "phi4_deg"]\nbelow = [[0.5]]', "phi4_deg has no standard error"),
+        ('names = ["a2_arcsec", "phi2_deg"]\nbelow = [[1.1]]', "eigenvalue is -0.1; expected none below 0"),
+        ('names = ["a2_arcsec", "phi2_deg"]\nbelow = [[nan]]', "finite"),
+        ('names = ["a2_arcsec", "phi2_deg"]\nbelow = [[0.1, 0.2]]', r"rows of \[2\] numbers; expected \[1\] for 2 names"),
+        ('names = ["a2_arcsec", "a2_arcsec"]\nbelow = [[0.1]]', "a number is there twice"),
+    ],
+)
+def test_a_correlation_that_none_can_be_is_refused(table: str, message: str) -> None:
+    errors = {"a2_arcsec": 0.02, "phi2_deg": 0.1}
+    text = Identified(robot="reference").with_part(2, ERROR.model_copy(update={"standard_error": errors})).dumps()
+    with pytest.raises(FileError, match=message):
+        loads(f"{text}\n[axis.2.ate.correlation]\n{table}\n", Identified)
 
 
 def test_where_it_was_identified_is_kept(tmp_path: Path) -> None:

@@ -55,3 +55,24 @@ def test_another_marginal_of_one_quantity_is_that_of_another_prior_of_it() -> No
     found = PRIOR.observed(rows, values, variances).with_marginal("x", share[1], np.sqrt(share[0] * share[1]))
     assert found.mean == pytest.approx(mean, rel=1e-5)
     assert found.covariance == pytest.approx(square - np.outer(mean, mean), rel=1e-4, abs=1e-6)
+
+
+def test_what_is_known_of_one_quantity_tells_those_whose_errors_correlate_with_its_own() -> None:
+    joined = PRIOR.correlated(["z", "x"], np.array([[7.0, 0.8 * 2.0 * 1e3], [0.8 * 2.0 * 1e3, 7.0]]))
+    assert np.diag(joined.covariance) == pytest.approx(np.diag(PRIOR.covariance)), "the variances stay"
+    assert joined.correlation == pytest.approx(np.array([[1.0, 0.0, 0.8], [0.0, 1.0, 0.0], [0.8, 0.0, 1.0]]))
+    found = joined.observed(np.array([[0.0, 0.0, 1.0]]), np.array([500.0]), np.array([1e-9]))
+    assert found.value("x") == pytest.approx(1.0 + 0.8 * 2.0 * 0.5)
+    assert found.standard_error("x") == pytest.approx(2.0 * 0.6)
+    assert found.value("y") == PRIOR.value("y")
+
+
+def test_a_part_of_an_estimate_has_its_quantities_in_the_order_that_is_asked_for() -> None:
+    joined = PRIOR.correlated(["x", "y"], np.full((2, 2), 0.3)).part(["y", "x"])
+    assert joined.names == ("y", "x")
+    assert joined.mean.tolist() == [-3.0, 1.0]
+    assert joined.covariance.tolist() == [[0.25, 0.3], [0.3, 4.0]]
+
+
+def test_a_quantity_without_an_error_correlates_with_none() -> None:
+    assert Estimate.independent({"x": (1.0, 0.0), "y": (2.0, 1.0)}).correlation == pytest.approx(np.eye(2))

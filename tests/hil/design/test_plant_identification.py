@@ -146,3 +146,16 @@ def test_an_estimate_names_every_parameter_that_the_paper_needs() -> None:
     names = {"gear_stiffness_nm_rad", "gear_damping_nm_s_rad", "motor_inertia_kg_m2", "arm_inertia_kg_m2"}
     assert names | {"antiresonance_hz", "resonance_hz", "damping"} <= set(found.parameters)
     assert all(parameter.standard_error > 0.0 for parameter in found.parameters.values())
+
+
+@pytest.mark.ci
+def test_a_resonance_is_known_better_than_stiffness_and_inertia_which_share_their_error() -> None:
+    """f_a² = K_g/J_l/(4 π²): the error of f_a follows from the covariance of both, and not from their standard errors alone."""
+    found = fit_plant(synthetic(3), timing(), 120.0, LEVER)
+    names = ["gear_stiffness_nm_rad", "arm_inertia_kg_m2", "antiresonance_hz"]
+    both = found.values.part(names[:2])
+    slope = np.array([0.5, -0.5]) / both.mean
+    f_a = found.parameters["antiresonance_hz"]
+    assert math.sqrt(slope @ both.covariance @ slope) == pytest.approx(f_a.relative, rel=1e-6)
+    assert both.correlation[0, 1] > 0.9
+    assert np.hypot(*(0.5 * found.parameters[name].relative for name in names[:2])) > 2.0 * f_a.relative

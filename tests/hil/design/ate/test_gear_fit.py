@@ -154,6 +154,15 @@ def test_a_sensor_that_shows_nothing_at_rest_is_one_as_well(step_m_s2):
 
 
 @pytest.mark.ci
+def test_amplitudes_share_the_error_of_the_damping_and_phases_that_of_the_delay():
+    """A ζ that is too large makes all A_k too large, and a delay that is too large turns all φ_k alike."""
+    found = fitted(LINEAR, 5, noise=0.02).values()
+    names = dict(zip(found.names, range(len(found.names)), strict=True))
+    assert found.correlation[names["a2_arcsec"], names["a4_arcsec"]] > 0.3
+    assert min(np.linalg.eigvalsh(found.correlation)) > 0.0
+
+
+@pytest.mark.ci
 def test_what_the_gear_does_not_explain_is_in_the_errors():
     """Backwards A_k are 6 % larger, which no gear of the law does; the values are right to a few per cent, and say so."""
     found = fitted(LINEAR, 5, backwards=1.06)

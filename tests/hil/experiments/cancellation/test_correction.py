@@ -9,11 +9,12 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from hil.bench.model import IdentifiedError
+from hil.bench.model import Correlation, IdentifiedError
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.identification import JointEstimate, apart
 from hil.design.ate.model import Arm
 from hil.design.ate.reaction import Reaction
+from hil.design.estimate import Estimate
 from hil.experiments.cancellation.correction import Correction, OrderValue
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.reaction_watch import ReactionWatch
@@ -84,6 +85,23 @@ def test_passes_end_at_the_correction_that_silences_the_tip_though_the_motor_mak
     assert correction.left_fraction(ARM_HZ) < 0.005
 
 
+def test_an_error_that_all_amplitudes_share_is_told_by_the_orders_that_passes_show() -> None:
+    """An arm's ζ that is 2 % off makes all A_k 2 % off; order 1, whose resonance no ramp passes, is told by the others."""
+    off = {order: (1.02 * size, phase) for order, (size, phase) in TRUE.items()}
+    correction = known(off, error=0.0, error_deg=0.01)
+    assert correction.part is not None
+    keys = [amplitude_key(order) for order in TRUE]
+    errors = {amplitude_key(order): 0.02 * size for order, (size, _) in TRUE.items()}
+    shared = Correlation.of(Estimate(tuple(keys), np.zeros(3), np.ones((3, 3)) + 1e-3 * np.eye(3)))
+    for correlation, least, most in ((None, 0.019, 0.021), (shared, 0.0, 0.002)):
+        part = correction.part.model_copy(update={"standard_error": correction.part.standard_error | errors})
+        each = Correction.of(part.model_copy(update={"correlation": correlation}), 0.002)
+        each.begin(fitted(off, error=20.0, error_deg=90.0), {2, 4})
+        act(each)
+        each.take(left(each, {order: phasor(value) for order, value in TRUE.items()}), {2, 4}, ARM_HZ)
+        assert least < abs(each.values()[1].phasor / phasor(TRUE[1]) - 1.0) < most
+
+
 PER_REACTION = {
     (1.0, 1): -0.012 - 0.008j, (2.0, 1): -0.024 - 0.016j, (4.0, 1): -0.044 - 0.030j,
     (1.0, -1): 0.004 - 0.003j, (2.0, -1): 0.005 - 0.003j, (4.0, -1): 0.010 - 0.007j,
@@ -113,6 +131,17 @@ def after_passes(true: float, torque: Reaction | None, per_reaction: Mapping[tup
         }
         correction.take(seen, ALL, ARM_HZ, per_reaction)
     return correction
+
+
+def test_what_is_learnt_is_written_with_the_correlation_of_its_errors() -> None:
+    """A reaction of the gear turns all corrections alike, so its error is one of all phases."""
+    correction = after_passes(1.0, Reaction(0.5, 0.5), PER_REACTION)
+    found = correction.correlation(correction.values())
+    assert found is not None
+    at = {name: row for row, name in enumerate(found.names)}
+    assert {"set_point_delay_s", "gear_reaction"} == set(at) - {key(order) for order in ALL for key in (amplitude_key, phase_key)}
+    assert min(found.matrix[at["gear_reaction"], at[phase_key(order)]] for order in ALL) > 0.05
+    assert np.linalg.eigvalsh(found.matrix).min() > 0.0
 
 
 @pytest.mark.parametrize("true", [0.0, 1.0])

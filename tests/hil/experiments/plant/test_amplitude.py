@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hil.design.estimate import Estimate
 from hil.design.estimation import EstimatedParameter
 from hil.design.frequency import TwoInertia
 from hil.design.plant_identification import PlantEstimate
@@ -15,10 +16,11 @@ PLANT = TwoInertia(100.0, 3e-4, 1e-3, 4.0, 1.0, 2e4, 20.0)
 
 
 def estimate(f_a_hz: float, damping: float, torsion_rad: float) -> PlantEstimate:
-    values = dict.fromkeys(PART, 1.0) | {"motor_inertia_kg_m2": 3e-4, "antiresonance_hz": f_a_hz, "damping": damping}
-    parameters = {name: EstimatedParameter(value, 2e-4 * value) for name, value in values.items()}
+    means = dict.fromkeys(PART, 1.0) | {"motor_inertia_kg_m2": 3e-4, "antiresonance_hz": f_a_hz, "damping": damping}
+    parameters = {name: EstimatedParameter(value, 2e-4 * value) for name, value in means.items()}
+    values = Estimate.independent({name: (each.value, each.standard_error) for name, each in parameters.items()})
     response: Any = None
-    return PlantEstimate(PLANT, parameters, response, None, 1.0, 10, torsion_rad, np.zeros(8))
+    return PlantEstimate(PLANT, parameters, values, response, None, 1.0, 10, torsion_rad, np.zeros(8))
 
 
 def f_a_error(pilot: PlantEstimate) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hil.bench.bench import load_bench
+from hil.design.estimate import Estimate
 from hil.design.estimation import EstimatedParameter
 from hil.design.plant_identification import PlantEstimate
 from hil.errors import UnsafeRequestError
@@ -45,8 +46,9 @@ def pilot(lever_ratio: EstimatedParameter | None) -> PlantEstimate:
     plant, nothing = BENCH.axis[2].plant(), np.zeros(0)
     assert plant is not None
     parameters = {"torque_lag_s": EstimatedParameter(0.0, 0.0)} | ({} if lever_ratio is None else {"lever_ratio": lever_ratio})
+    values = Estimate.independent({name: (each.value, each.standard_error) for name, each in parameters.items()})
     response: Any = None
-    return PlantEstimate(plant, parameters, response, None, 1.0, 10, 0.0, nothing)
+    return PlantEstimate(plant, parameters, values, response, None, 1.0, 10, 0.0, nothing)
 
 
 def test_a_lever_that_the_tips_noise_does_not_tell_limits_no_amplitude() -> None:
