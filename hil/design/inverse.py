@@ -30,9 +30,9 @@ N A_k is 3 mrad, and 5 % where it is 30 mrad.
 
 import cmath
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,6 +181,13 @@ def _backward(loop: Loop, frequency_hz: Real) -> Complex:
     return np.asarray(2.0 / loop.period_s * (1.0 - delay) / (1.0 + delay))
 
 
+class _Image(NamedTuple):
+    """Image of a sampled sine: its frequency, and the motor's motion by it for each rad of the sine; shapes (speeds,)."""
+
+    frequency_hz: Real
+    motion: Complex
+
+
 @dataclass(frozen=True)
 class Way:
     """Inputs that move the motor, and the demand on each.
@@ -210,19 +217,44 @@ class Way:
     def image_per_motion(self, frequency_hz: Real) -> Complex:
         """Motion at the SYNCs by the images of what is sampled, for each rad; shape (speeds,).
 
-        Between two SYNCs interpolated set-points, and a held torque, have all frequencies f − m/T too, and at a SYNC they look
-        like f. Where both act together nothing is allowed for.
+        At a SYNC an image looks like its sine.
         """
-        images = np.zeros(len(frequency_hz), dtype=np.complex128)
-        if self.actuation == "torque" or isinstance(self.timing, InnerTiming):
-            return images
-        sampled = self.reference_per_motion if self.actuation == "reference" else self.torque_per_motion
-        here = sampled(frequency_hz)
+        if self.actuation == "torque":  # where both act together nothing is allowed for
+            return np.zeros(len(frequency_hz), dtype=np.complex128)
+        return sum((each.motion for each in self._images(frequency_hz)), np.zeros(len(frequency_hz), dtype=np.complex128))
+
+    def worth(self, frequency_hz: Real) -> Real:
+        """Part of a sine whose cancellation leaves the least at the tip; shape (speeds,).
+
+        With a part w the tip keeps (1 − w) H(f) and the images w r_m H(f_m), H being the arm's response and r_m the motion of an
+        image: w = |H|²/(|H|² + Σ |r_m H(f_m)|²).
+        """
+        shaken = np.abs(self._arm(frequency_hz)) ** 2
+        images = [np.abs(each.motion * self._arm(each.frequency_hz)) ** 2 for each in self._images(frequency_hz)]
+        return np.asarray(shaken / (shaken + sum(images, np.zeros(len(frequency_hz)))))
+
+    def _arm(self, frequency_hz: Real) -> Complex:
+        """Arm angle for each rad at the gear's output."""
+        _, arm, gear = self.loop.plant.terms(2j * math.pi * frequency_hz)
+        return np.asarray(gear / (arm + gear))
+
+    def _images(self, frequency_hz: Real) -> Iterator[_Image]:
+        """Images of a sine that is sampled.
+
+        Between two SYNCs interpolated set-points, and a held torque, have all frequencies f − m/T too.
+        """
+        if isinstance(self.timing, InnerTiming):
+            return
+        ways = [replace(self, actuation="reference"), replace(self, actuation="torque alone")]
+        made = [self.reference_per_motion(frequency_hz), self.torque_per_motion(frequency_hz)]
         for image in IMAGES:
             there = frequency_hz - image / self.timing.sync_period_s
-            gain = sampled(np.maximum(np.abs(there), LEAST_RPS))
-            images += here / np.where(there < 0.0, np.conj(gain), gain)
-        return images
+            at, motion = np.maximum(np.abs(there), LEAST_RPS), np.zeros(len(frequency_hz), dtype=np.complex128)
+            for way, sampled in zip(ways, made, strict=True):
+                if np.any(sampled):
+                    gain = way.reference_per_motion(at) if way.actuation == "reference" else way.torque_per_motion(at)
+                    motion += sampled / np.where(there < 0.0, np.conj(gain), gain)
+            yield _Image(at, motion)
 
     def torque_per_motion(self, frequency_hz: Real) -> Complex:
         """Torque offset for each rad of the motor; shape (speeds,)."""
@@ -310,17 +342,21 @@ def cancellation_table(
         )
     turning = np.maximum(np.arange(math.ceil(max_rps / STEP_RPS) + 2) * STEP_RPS, LEAST_RPS)
     at_motor = {order: loop.plant.reduction_ratio * size for order, size in amplitude_rad.items()}
-    # an order fades towards the highest frequency, and every wave that comes from it
-    faded = {order: np.clip((highest_hz - order * turning) / (0.2 * highest_hz), 0.0, 1.0) for order in amplitude_rad}
     # a filter that follows the motor has no response of its own to a chirp
     bends = float(most_rad_s2 > 0.0 and not loop.notches)
     way = Way(loop, timing, actuation, torque_lag_s, turning)
+    # an order fades towards the highest frequency, and where its images shake the arm; so does every wave that comes from it
+    faded = {
+        k: np.clip((highest_hz - k * turning) / (0.2 * highest_hz), 0.0, 1.0) * way.worth(k * turning) for k in amplitude_rad
+    }
     labels: list[WaveLabel] = []
     rows: dict[str, list[Complex]] = {name: [] for name in ARRAYS}
     for wave in counter_motion(at_motor, phase_rad):
         k, frequency = wave.order, wave.order * turning
         left = np.prod([faded[order] for order in wave.sources], axis=0) * (frequency <= highest_hz)
         is_own = wave.degree == 1
+        if not is_own:
+            left = left * way.worth(frequency)
         size, phase = (-abs(wave.coefficient), phase_rad[k]) if is_own else cmath.polar(wave.coefficient)
         # τ_g dθ_sync/dθ_m for each N·m of τ_g
         slope = left * (1j * k * amplitude_rad[k] if load is not None and is_own else 0.0)

@@ -1,8 +1,12 @@
 """The survey of a robot."""
 
-from collections.abc import Collection, Iterator
+import math
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
+
+import numpy as np
+import scipy
 
 from hil.analysis import motor_speed_rps
 from hil.bench.bench import Bench
@@ -20,6 +24,9 @@ from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, tracked_by_order_mm, true_f_al_hz, without_error
 from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
+
+SAMPLES_PER_SWING = 12.0
+"""Samples of the true tip in a period of f_al: order 4 at the end of order 2's window, 2.6 f_al, has more than four."""
 
 
 class TrueTip(NamedTuple):
@@ -99,15 +106,25 @@ class Survey:
     def _record(
         self, robot: Robot, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]
     ) -> Recording | None:
-        """Run the user's motion; None if the product refuses or stops it."""
-        with session_on(quiet(robot), bench) as session:
-            motion = constant_acceleration(bench, self._axis, bench.bus.sync_period_s)
-            try:
-                adder = None if model is None else cancellation_on(session, model, motion).without(left_out).adder()
-                result = session.run(motion, filters, "drive", adder, shows_filter=False)
-            except HilError:
+        """Run the user's motion; None if the product refuses or stops it.
+
+        What the tip does above half of the SYNC rate looks in its samples like something else. So the motion is run several
+        times, with a sensor that is late by another part of the SYNC period each time.
+        """
+        period_s, runs = bench.bus.sync_period_s, list[Recording]()
+        count = max(1, math.ceil(SAMPLES_PER_SWING * self._f_al_hz * period_s))
+        for part in range(count):
+            with session_on(quiet(robot, part / count * period_s), bench) as session:
+                motion = constant_acceleration(bench, self._axis, period_s)
+                try:
+                    adder = None if model is None else cancellation_on(session, model, motion).without(left_out).adder()
+                    result = session.run(motion, filters, "drive", adder, shows_filter=False)
+                except HilError:
+                    return None
+            if result.stopped is not None:
                 return None
-        return None if result.stopped is not None else result.recording
+            runs.append(result.recording)
+        return interleaved(runs, self._axis)
 
 
 @contextmanager
@@ -116,3 +133,21 @@ def session_on(robot: Robot, bench: Bench) -> Iterator[Session]:
     with Session(bench, InProcessChannel(World(robot), bitrate=robot.bus.bitrate), BusLog(None)) as session:
         session.bring_up()
         yield session
+
+
+def interleaved(runs: Sequence[Recording], axis: int) -> Recording:
+    """Return one recording of a motion that was run several times.
+
+    In run i of n the tip's sample is i/n of a SYNC period old. The angle between its samples is a cubic spline.
+
+    Args:
+        runs: The runs, all with the same rows but for the tip.
+        axis: Axis whose angle is kept.
+    """
+    first, count = runs[0], len(runs)
+    late_s = first.period_s / count * np.arange(count)[::-1]
+    time_s = (first.time_s[:, np.newaxis] - late_s).ravel()[count - 1 :]
+    tip = np.stack([run.columns["tip_z_m_s2"] for run in reversed(runs)], axis=1).ravel()[count - 1 :]
+    name = f"axis{axis}_position_rad"
+    angle = scipy.interpolate.CubicSpline(first.time_s, first.columns[name])(time_s) if count > 1 else first.columns[name]
+    return Recording({"time_s": time_s, name: angle, "tip_z_m_s2": tip})

@@ -19,13 +19,13 @@ END_S = 0.15
 """Part before the top of the ramp that is left out: its braking shows there."""
 
 
-def quiet(robot: Robot) -> Robot:
+def quiet(robot: Robot, late_s: float = 0.0) -> Robot:
     """Return the robot with an ideal sensor.
 
-    It has no noise, steps, delay, low-pass or mounting resonance.
+    It has no noise, steps, low-pass or mounting resonance, and no delay unless one is given.
     """
     still = robot.accelerometer.model_copy(
-        update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0, "delay_s": 0.0, "lowpass_hz": None, "mounting_resonance_hz": None}
+        update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0, "delay_s": late_s, "lowpass_hz": None, "mounting_resonance_hz": None}
     )
     return robot.model_copy(update={"accelerometer": still})
 

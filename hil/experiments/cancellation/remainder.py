@@ -33,6 +33,7 @@ from hil.recording import Recording
 from hil.results.runs import CancellationRemainder, RemainderCause
 
 Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 Rows = NDArray[np.bool_]
 
 JOLT_FACTOR = 1.3
@@ -147,12 +148,15 @@ class _Account:
         return max(power - self._noise_mm**2, 0.0)
 
     def _peak_mm(self, order: float | None, *, with_unseen: bool = True) -> float:
-        """Peak in a window, reduced by the noise's part of the power, with what samples do not show of it."""
+        """Peak in a window, reduced by the noise's part of the power, with what samples do not show of it.
+
+        That has other frequencies, so the powers add up.
+        """
         rows = self._seen.windows.rows[order][: self._count]
         tip = self._seen.windows.to_mm * self._left[rows]
         power = float(np.mean(tip**2))
         part = max(power - self._noise_mm**2, 0.0) / max(power, 1e-30)
-        return float(np.max(math.sqrt(part) * np.abs(tip) + with_unseen * self._unseen_mm[rows]))
+        return float(np.max(np.hypot(math.sqrt(part) * tip, with_unseen * self._unseen_mm[rows])))
 
     def entry(self) -> CancellationRemainder:
         """Entry of the remainder for the result file."""
@@ -283,7 +287,14 @@ class _Account:
 
     def _images(self) -> Real:
         """Vibration that images of the sampled set-points cause; at the SYNCs it looks like the orders."""
-        total, recording = np.zeros(self._count), self._seen.recording
+        total = np.zeros(self._count)
+        for _, made in self._each_image():
+            total -= made.real
+        return np.asarray(total)
+
+    def _each_image(self) -> Iterator[tuple[Real, Complex]]:
+        """Frequency, and acceleration at the SYNCs, of the image next to each wave's frequency; shapes (rows,)."""
+        recording = self._seen.recording
         for axis in self._seen.axes:
             table = self._tables.get(axis.number)
             if table is None or table.image is None or not isinstance(axis.response.known, Loop):
@@ -297,18 +308,19 @@ class _Account:
                 hz = np.abs(1.0 / recording.period_s - wave.order * speed)
                 made = np.interp(speed, table.speeds_rps, image.real) + 1j * np.interp(speed, table.speeds_rps, image.imag)
                 made = to_arm * made * np.conj(axis.response.at(hz)) * (2.0 * math.pi * hz) ** 2
-                total -= self._lever_m(axis) * np.real(made * np.exp(1j * (wave.order * angle + wave.phase_rad)))
-        return np.asarray(total)
+                yield hz, self._lever_m(axis) * made * np.exp(1j * (wave.order * angle + wave.phase_rad))
 
     def _unseen_m_s2(self) -> Real:
-        """Amplitude of these fractions that the band contains and samples do not show; shape (rows,)."""
+        """Amplitude of these fractions and images that the band contains and samples do not show; shape (rows,)."""
         total, axes = np.zeros(self._count), {axis.number: axis for axis in self._seen.axes}
+        window = self._seen.recording.period_s, self._seen.scale.band_hz
         for part, speed, share in self._shares():
             if part.axis in axes:
                 axis, hz = axes[part.axis], part.order * speed
                 angle_rad = abs(self._amplitude(self._before, part)) * ARCSEC * np.abs(axis.response.at(hz))
-                missed = unshown(hz, self._seen.recording.period_s, self._seen.scale.band_hz)
-                total += share * missed * np.abs(self._lever_m(axis)) * angle_rad * (2.0 * math.pi * hz) ** 2
+                total += share * unshown(hz, *window) * np.abs(self._lever_m(axis)) * angle_rad * (2.0 * math.pi * hz) ** 2
+        for hz, made in self._each_image():
+            total += unshown(hz, *window) * np.abs(made)
         return total
 
     def _found_reaction(self) -> Real:

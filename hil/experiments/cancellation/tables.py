@@ -23,8 +23,6 @@ HIGHEST_OVER_RESONANCE = 3.2
 """Highest k f_m of a cancellation in units of f_al, where that is more than the usual one.
 
 An order fades over the fifth below: up to 2.5 f_al, where the vibration's band lets nothing more through, it is whole."""
-HIGHEST_OVER_SYNC = 0.4
-"""The same in units of the SYNC rate, of which half is the most that set-points can have."""
 MAX_TORQUE_FRACTION = 0.2
 """Largest torque offset as a fraction of the torque limit."""
 TORQUE_USED = 0.95
@@ -82,7 +80,7 @@ def table_of(
     loop = table.loop(timing.control_period_s, with_notch=with_notch)
     assert loop is not None  # noqa: S101 - it has a model and gains
     scale, limits = scale_at(bench, number, loop.peak_hz()), table.limits
-    highest_hz = _highest_hz(scale.f_al_hz, timing.sync_period_s)
+    highest_hz = max(HIGHEST_HZ, HIGHEST_OVER_RESONANCE * scale.f_al_hz)
 
     def by(way: Actuation) -> CancellationTable:
         error, chirp = (amplitudes_rad(model.ate), _phases_rad(model.ate)), pace.most_rad_s2
@@ -94,17 +92,6 @@ def table_of(
     kept_hz = KEPT_OVER_RESONANCE * scale.f_al_hz
     alone, room_nm = by("torque alone") if by_torque else None, TORQUE_USED * MAX_TORQUE_FRACTION * limits.torque_nm
     return by(actuation).within_speed(limits.speed_rps, pace.peak_rps, kept_hz, alone, room_nm), scale
-
-
-def _highest_hz(f_al_hz: float, sync_period_s: float) -> float:
-    """Highest k f_m of a cancellation.
-
-    The arm's response needs it, and the bus carries it well; it is at least the usual one if the bus allows that.
-
-    Set-points that come slowly carry the usual one badly, so only an arm that needs it gets it from them.
-    """
-    needed_hz, carried_hz = HIGHEST_OVER_RESONANCE * f_al_hz, HIGHEST_OVER_SYNC / sync_period_s
-    return max(min(HIGHEST_HZ, max(needed_hz, carried_hz)), min(needed_hz, carried_hz))
 
 
 def _check_size(number: int, ate: TransmissionErrorTable) -> None:

@@ -12,13 +12,14 @@ from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.control.servo import Servo, ServoConfig
 from hil.design.frequency import Loop, TwoInertia
-from hil.design.inverse import Actuation, CyclicTiming, InnerTiming, cancellation_table, reference_per_motor_angle
+from hil.design.inverse import Actuation, CyclicTiming, InnerTiming, Way, cancellation_table, reference_per_motor_angle
 
 CONTROL_S = 250e-6
 Asked = Callable[[float], tuple[float, float]]
 PLANT = TwoInertia(120.0, 2.6e-4, 8e-4, 8.0, 6.0, 48950.0, 42.0)
 CASCADE = Cascade(25.0, 0.196, 3.92)
 LOOP = Loop(PLANT, CASCADE)
+SLOW = CyclicTiming(8e-3, CONTROL_S)
 AMPLITUDE, PHASE = {2: 5.0 * ARCSEC, 4: 3.0 * ARCSEC}, {2: math.radians(222.0), 4: math.radians(126.0)}
 
 
@@ -268,3 +269,31 @@ def test_a_factor_of_an_order_turns_and_sizes_all_that_it_mixes_to():
     law.multiply(0, {})
     apart = [abs(law.step([0.04 * row])[0][0] - wanted_law.step([0.04 * row])[0][0]) for row in range(600, 700)]
     assert max(apart) > 0.03 * largest
+
+
+@pytest.mark.parametrize("actuation", ["reference", "torque alone"])
+@pytest.mark.parametrize("frequency_hz", [20.0, 52.0, 58.0, 66.0])
+def test_no_other_part_of_a_sine_leaves_less_at_the_tip_than_the_one_that_is_cancelled(
+    actuation: Actuation, frequency_hz: float
+) -> None:
+    """The motor's motion in time, as the sampled input with its interpolation or hold makes it: its lines shake the arm."""
+    way, at = Way(LOOP, SLOW, actuation, 0.0, np.array([frequency_hz / 4.0])), np.array([frequency_hz])
+    time_s = np.arange(0, 1000) * SLOW.sync_period_s  # 8 s: all of these frequencies are lines
+    fine_s = np.arange(32 * 1000) * CONTROL_S
+    sampled = (way.reference_per_motion if actuation == "reference" else way.torque_per_motion)(at)[0]
+    values = np.real(sampled * np.exp(2j * math.pi * frequency_hz * time_s))
+    late_s = 2.0 * SLOW.sync_period_s - CONTROL_S
+    if actuation == "reference":
+        shown = np.interp(fine_s - late_s, time_s - SLOW.sync_period_s, values, period=8.0)
+    else:
+        shown = values[np.floor((fine_s - SLOW.sync_period_s) / SLOW.sync_period_s + 1e-9).astype(int) % 1000]
+    line_hz, lines = np.fft.rfftfreq(len(fine_s), CONTROL_S)[1:1700], np.fft.rfft(shown)[1:1700] / (0.5 * len(fine_s))
+    by = Way(LOOP, InnerTiming(CONTROL_S), actuation, 0.0, np.full(len(line_hz), frequency_hz / 4.0))
+    made = np.abs(lines / (by.reference_per_motion(line_hz) if actuation == "reference" else by.torque_per_motion(line_hz)))
+    _, arm, gear = PLANT.terms(2j * math.pi * line_hz)
+    tip = made * np.abs(gear / (arm + gear))
+    row = int(np.argmin(np.abs(line_hz - frequency_hz)))
+    power = (1.0 - np.linspace(0.0, 1.0, 201)) ** 2 * np.abs(gear / (arm + gear))[row] ** 2
+    power = power + np.linspace(0.0, 1.0, 201) ** 2 * (np.sum(tip**2) - tip[row] ** 2)
+    assert made[row] == pytest.approx(1.0, abs=0.02)
+    assert way.worth(at)[0] == pytest.approx(np.linspace(0.0, 1.0, 201)[np.argmin(power)], abs=0.02)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hil.recording import Recording
+from plant_emulator.rehearsal.survey import interleaved
 from plant_emulator.rehearsal.truth import tip_by_order_mm
 
 PERIOD_S, AXIS, F_AL_HZ = 0.001, 2, 4.0
@@ -37,3 +38,23 @@ def test_of_a_ramp_that_passes_no_resonance_the_window_it_enters_counts() -> Non
     assert set(tip_by_order_mm(ramp(), AXIS, 31.0)) == {4}
     assert tip_by_order_mm(ramp(), AXIS, 60.0) == {}
     assert set(tip_by_order_mm(ramp(), AXIS, 25.0)) == {4}, "order 2's window is entered, and not passed"
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_vibration_beyond_half_of_the_sync_rate_is_measured_as_it_is(count: int) -> None:
+    """70 Hz look like 55 Hz in samples of 8 ms; by three runs with a sensor that is later each time they are 70 Hz."""
+    period_s, rows = 0.008, 500
+    time_s = np.arange(rows) * period_s
+    runs = [
+        Recording({
+            "time_s": time_s, f"axis{AXIS}_position_rad": np.sin(3.0 * time_s),
+            "tip_z_m_s2": np.sin(2.0 * math.pi * 70.0 * (time_s - part * period_s / count)),
+        })
+        for part in range(count)
+    ]  # fmt: skip
+    found = interleaved(runs, AXIS)
+    assert found.period_s == pytest.approx(period_s / count)
+    assert found.axis(AXIS, "position_rad") == pytest.approx(np.sin(3.0 * found.time_s), abs=1e-6)
+    assert found.columns["tip_z_m_s2"] == pytest.approx(np.sin(2.0 * math.pi * 70.0 * found.time_s), abs=1e-9)
+    spectrum, line_hz = np.abs(np.fft.rfft(found.columns["tip_z_m_s2"])), np.fft.rfftfreq(len(found.time_s), found.period_s)
+    assert line_hz[np.argmax(spectrum)] == pytest.approx(55.0 if count == 1 else 70.0, abs=0.3)

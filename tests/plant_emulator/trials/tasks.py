@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -38,3 +39,8 @@ def sleeps(seed, folder):
     (Path(folder) / f"at-{seed}").write_text(str(os.getpid()))
     time.sleep(600.0)
     return squared(seed)
+
+
+def parent_and_modules():
+    """Process that this one was forked from, and the modules that it has."""
+    return os.getppid(), sorted(sys.modules)

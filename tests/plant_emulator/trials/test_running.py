@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.many.rows import CRASHED, crashed
 from plant_emulator.trials.cluster import DaskWorkers, scheduler_address
-from plant_emulator.trials.executors import ExecutorsLostError, ExecutorsRefusedError, LocalProcesses
+from plant_emulator.trials.executors import SLOW_IMPORTS, ExecutorsLostError, ExecutorsRefusedError, LocalProcesses
 from plant_emulator.trials.rows import steady as steady_row
 from plant_emulator.trials.running import ATTEMPTS, run_all
 from plant_emulator.trials.table import csv_text
@@ -54,6 +54,14 @@ HERE = steady(map(tasks.squared, range(1, 7)))
 
 
 # -- processes of this machine -----------------------------------------------------------------------------------------
+
+
+def test_processes_are_forked_from_a_server_without_threads():
+    """A fork beside threads may hang: what the server imports beforehand must begin none."""
+    with LocalProcesses(1) as executors:
+        server, modules = executors.submit(tasks.parent_and_modules).result(timeout=PATIENCE_S)
+    assert len(list(Path(f"/proc/{server}/task").iterdir())) == 1
+    assert set(SLOW_IMPORTS) <= set(modules)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -125,7 +125,8 @@ def tip_mm(end: PathEnd, left_out: Collection[Part]) -> float:
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    ("seed", "is_loud"), [(311, True), (313, True), (323, False), (10169, True), (10205, True), (10233, True), (10267, False)]
+    ("seed", "is_loud"),
+    [(311, True), (313, True), (323, False), (10169, True), (10205, True), (10267, False), (50691, True), (50701, True)],
 )
 def test_what_is_said_to_be_left_is_the_true_tip_and_its_cause_the_true_one(seed: int, *, is_loud: bool) -> None:
     """Drawn robots: of two of them the gear's torque acts back on the motor, of four the SYNC period is 8 ms.
