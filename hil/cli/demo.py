@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drive_profiles.cli.application import folded
+from drive_profiles.cli.application import command, folded
 from drive_profiles.cli.completion import complete_reference
 from drive_profiles.cli.console import terminal_width
 from hil.cli.console import (
@@ -39,11 +39,7 @@ ROBOT_SEED = 77
 OutOption = Annotated[Path, typer.Option("--out", help="Directory for recordings, result.json and report.html.")]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(cls=LiveCommand, epilog=DEMO_EPILOG)(demo)
-
-
+@command(cls=LiveCommand, epilog=DEMO_EPILOG)
 def demo(
     out: OutOption = Path("demo"),
     force: ForceOption = False,
@@ -114,8 +110,8 @@ def next_steps(prefix: str = "") -> list[str]:
         prefix: Folder of the tools, with its slash; empty if the shell finds them.
     """
     lines = ["", "What next:"]
-    for purpose, command in NEXT:
-        lines += [f"  {purpose}", *(f"    {line}" for line in folded(prefix + command, 74))]
+    for purpose, example in NEXT:
+        lines += [f"  {purpose}", *(f"    {line}" for line in folded(prefix + example, 74))]
     if not (Path(__file__).parents[2] / "docs" / "tuning.md").is_file():
         return lines  # a wheel has no pages
     return [
