@@ -140,7 +140,7 @@ def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
     The first part's report links to them. After a part that was interrupted, or failed for another reason than its
     findings, the next does not run.
     """
-    from hil.report.pages.demo import write_report  # noqa: PLC0415
+    from hil.report.writer import write_report_of  # noqa: PLC0415
 
     try:
         own = _run_tour(seed, out, live, as_json=as_json)
@@ -148,7 +148,7 @@ def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
             return own
         return _run_arm_tour(out, live, as_json=as_json) or own
     finally:
-        write_report(out)
+        write_report_of(out)
 
 
 def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
@@ -184,10 +184,10 @@ def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
 def _tell(what: str, folder: Path, done: "TourOutcome", *, as_json: bool) -> int:
     """Write the page of a tour, print its results, and return the exit status."""
     from hil.experiments.comparison.table import summary  # noqa: PLC0415
-    from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
     from hil.report.tables.compare import notch_sentences  # noqa: PLC0415
+    from hil.report.writer import write_report_of  # noqa: PLC0415
 
-    page = write_compare_report(folder)
+    page = write_report_of(folder)
     for line in summary(done.result, terminal_width(err=as_json)):
         typer.echo(line, err=as_json)
     for sentence in notch_sentences(done.result):

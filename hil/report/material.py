@@ -9,7 +9,6 @@ from typing import Any, cast
 import numpy as np
 
 from hil.analysis import PAPER_BAND_HZ, TipScale, joint_scale, judged_orders, motor_speed_rps
-from hil.bench.bench import Bench
 from hil.control.treatments import LoopName, treatment
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, Margins, margins
 from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate, fit_transmission_error
@@ -54,8 +53,8 @@ def treatment_name(name: str) -> str:
 class Material:
     """Result, bench and recordings of one directory."""
 
-    def __init__(self, directory: Path, bench: Bench | None = None) -> None:
-        """Read result.json; the bench comes from it unless it is given.
+    def __init__(self, directory: Path) -> None:
+        """Read result.json.
 
         Raises:
             OSError: result.json cannot be read.
@@ -63,7 +62,7 @@ class Material:
         """
         self.directory = directory
         self.result = load_result(directory, ExperimentsResult, "runs")
-        self.bench = self.result.bench.file if bench is None else bench
+        self.bench = self.result.bench.file
         self.notes: list[str] = []
         self._recordings: dict[str, Recording | None] = {}
         self._margins: dict[tuple[int, tuple[str, ...]], dict[float, Margins]] = {}
