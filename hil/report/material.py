@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -346,3 +347,15 @@ class Material:
 def finite(value: float | None) -> bool:
     """True for a number that is neither infinite nor NaN."""
     return value is not None and math.isfinite(value)
+
+
+def worst_of(margins: Iterable[Margins]) -> Margins:
+    """Return the worst of each margin, over motor speeds."""
+    found = list(margins)
+    return Margins(
+        max(each.sensitivity_peak for each in found),
+        min(each.gain_margin_db for each in found),
+        min(each.phase_margin_deg for each in found),
+        all(each.stable for each in found),
+        max(each.pole_radius for each in found),
+    )
