@@ -17,7 +17,5 @@ SCHEMAS = {
 
 app = Tool("hil", "Hardware-in-the-loop bench for robots with harmonic drives.", EPILOG)
 
-mount(
-    app, demo, init, check, run, move, report, plan, identify, design, learn, compare, passport, explain, export, scope
-)  # fmt: skip
+mount(app, demo, init, check, run, move, report, plan, identify, design, learn, compare, passport, explain, export, scope)
 mount_schema(app, SCHEMAS, "hil schema bench --out bench.schema.json")

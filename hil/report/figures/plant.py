@@ -144,9 +144,7 @@ def tip(result: PlantResult) -> Drawing | None:
     )  # fmt: skip
 
 
-def _response(
-    result: PlantResult, measured: FrequencyResponseEntry, fine: Real, model: Complex
-) -> tuple[Figure, style.Panels]:  # fmt: skip
+def _response(result: PlantResult, measured: FrequencyResponseEntry, fine: Real, model: Complex) -> tuple[Figure, style.Panels]:
     """Draw gain, phase and coherence of a measured response beside the fitted model."""
     figure, panels = style.panels(3, 1, 6.2, sharex=True, height_ratios=(4, 3, 1.6))
     frequency, radius = np.asarray(measured.frequency_hz), np.asarray(measured.radius)
