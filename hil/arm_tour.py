@@ -17,8 +17,8 @@ from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot
 from hil.experiments.comparison.run import ComparisonOutcome, any_emulated, request_entry
 from hil.experiments.motions import LINE_MOTION
 from hil.experiments.treatment import known_from
-from hil.report.pages.learn_motion import write_motion_learning_report
 from hil.report.tables.directions import ALONG, peaks_mm
+from hil.report.writer import write_report_of
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
 from hil.results.comparison import TourClaim, TourPart, TourResult, TourStep
@@ -57,7 +57,7 @@ class _ArmTourRunner:
         request = MotionLearnRequest(LINE_MOTION, orders=LEARNT_ORDERS)
         outcome = learn_motion_on_bus(self.bench, request, where, self.model, reporter=self.reporter)
         self.emulated.append(outcome.result.emulated)
-        write_motion_learning_report(where)
+        write_report_of(where)
         if outcome.failure is not None:
             raise outcome.failure
         if not outcome.result.learnt:

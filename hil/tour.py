@@ -41,10 +41,9 @@ from hil.experiments.notch_problem import NotchDesignRequest
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
 from hil.experiments.treatment import known_from
-from hil.report.pages.ate import write_ate_report
 from hil.report.pages.design import write_design_report
-from hil.report.pages.plant import write_plant_report
 from hil.report.report_table import value_and_error
+from hil.report.writer import write_report_of
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
 from hil.results.comparison import TourNotch, TourPart, TourResult, TourStep
@@ -186,7 +185,7 @@ class _TourRunner:
         where = (self.out / _plant_page(axis)).parent
         outcome = run_identify_plant(self.bench, PlantRequest(axis), where, model=self.model, reporter=self.reporter)
         self.emulated.append(outcome.result.emulated)
-        write_plant_report(where)
+        write_report_of(where)
         if outcome.failure is not None:
             raise outcome.failure
         parameters = outcome.result.parameters
@@ -208,7 +207,7 @@ class _TourRunner:
         where = (self.out / _ate_page(axis)).parent
         outcome = identify_ate(self.bench, AteRequest(axis), where, load_identified(self.model), reporter=self.reporter)
         self.emulated.append(outcome.result.emulated)
-        write_ate_report(where)
+        write_report_of(where)
         if outcome.failure is not None:
             raise outcome.failure
         if outcome.part is None:

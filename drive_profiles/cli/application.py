@@ -10,8 +10,10 @@ import math
 import os
 import re
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from typing import Annotated, Any, NoReturn
+from types import ModuleType
+from typing import Annotated, Any, NoReturn, TypeVar
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -25,6 +27,7 @@ _WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
 _EXAMPLES = re.compile(r"^Examples?:[ \t]*", re.MULTILINE)
 _LIST = re.compile(r"<list\[(\w+)\]>")
 _UNCUT = 10_000
+_Command = TypeVar("_Command", bound=Callable[..., None])
 _UNBROKEN = "\u2011"  # a hyphen after which no line ends
 NEW_OBJECTS = 10_000
 """New objects after which Python looks for garbage; with its own 700, a start-up or a page spends a tenth of its time on that."""
@@ -223,6 +226,30 @@ class Tool(typer.Typer):
                 raise
             # an extension module may wrap an interrupt in an error of its own, as pydantic does while it builds a schema
             leave("interrupted\n", exit_status())
+
+
+_declared: defaultdict[str, list[tuple[Callable[..., None], str | None, dict[str, Any]]]] = defaultdict(list)
+"""Commands of each module, in their order, with their names and settings."""
+
+
+def command(name: str | None = None, **settings: Any) -> Callable[[_Command], _Command]:
+    """Return a decorator that declares a command of its module, for `mount`."""
+
+    def declare(function: _Command) -> _Command:
+        _declared[function.__module__].append((function, name, settings))
+        return function
+
+    return declare
+
+
+def mount(app: typer.Typer, *modules: ModuleType) -> None:
+    """Add the commands of modules, and the groups that are theirs, to an application."""
+    for module in modules:
+        for function, name, settings in _declared[module.__name__]:
+            app.command(name, **settings)(function)
+        for group in vars(module).values():
+            if isinstance(group, Tool):
+                app.add_typer(group)
 
 
 def _leave(status: int) -> NoReturn:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import COMPARE_EPILOG, ExitStatus, exit_on_error, fail, print_json, table
 from drive_profiles.cli.options import (
     BusOption,
@@ -28,12 +29,7 @@ if TYPE_CHECKING:
     from drive_profiles.standard.units import Scaling
 
 
-def mount(app: typer.Typer) -> None:
-    """Add these commands to an application."""
-    app.command("diff", epilog=COMPARE_EPILOG)(diff)
-    app.command("verify", epilog=COMPARE_EPILOG)(verify)
-
-
+@command(epilog=COMPARE_EPILOG)
 def diff(
     context: typer.Context,
     left: Annotated[
@@ -217,6 +213,7 @@ def _values(difference: Difference) -> tuple[str, str]:
     return shown.pair(left, right, address)
 
 
+@command(epilog=COMPARE_EPILOG)
 def verify(
     parameter_set: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set, DCF or concise DCF.")],
     bus: BusOption,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import FILE_EPILOG, exit_on_error
 from drive_profiles.cli.options import EdsOption, ProfileOption
 
@@ -18,11 +19,7 @@ if TYPE_CHECKING:
     from drive_profiles.standard.units import Scaling
 
 
-def mount(app: typer.Typer) -> None:
-    """Add these commands to an application."""
-    app.command("convert", epilog=FILE_EPILOG)(convert)
-
-
+@command(epilog=FILE_EPILOG)
 def convert(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="A parameter set (.toml), a DCF (.dcf) or a concise DCF (.cdcf, .bin).")

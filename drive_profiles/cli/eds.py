@@ -32,11 +32,6 @@ _REAL_DIGITS = 7
 _ADDRESS = re.compile(r"(?:0x)?([0-9a-f]{4})h?(?:(?:sub|:|\.)(?:0x)?([0-9a-f]{1,2})h?)?", re.IGNORECASE)
 
 
-def mount(parent: typer.Typer) -> None:
-    """Add the group `eds` to an application."""
-    parent.add_typer(app, name="eds")
-
-
 @app.command(epilog=EDS_EPILOG)
 def check(
     files: Annotated[list[Path], typer.Argument(metavar="FILE", help="EDS, DCF, XDD or XDC files.")],

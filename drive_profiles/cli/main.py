@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from drive_profiles.cli import compare, convert, eds, profiles, read, realise, restore, schema, write
-from drive_profiles.cli.application import Tool
+from drive_profiles.cli import compare, convert, eds, profiles, read, realise, restore, write
+from drive_profiles.cli.application import Tool, mount
 from drive_profiles.cli.console import EPILOG
 from drive_profiles.cli.live import backup, faults, lss, nmt, watch
+from drive_profiles.cli.schema import mount_schema
+
+SCHEMAS = {
+    "profile": "drive_profiles.family.profile:Profile",
+    "parameters": "drive_profiles.parameter_set.parameters:ParameterSet",
+}
+"""Classes of the TOML files that `drive-profiles` reads."""
 
 app = Tool(
     "drive-profiles",
@@ -13,5 +20,5 @@ app = Tool(
     EPILOG,
 )
 
-for group in (profiles, read, watch, faults, nmt, lss, backup, write, compare, restore, convert, eds, realise, schema):
-    group.mount(app)
+mount(app, profiles, read, watch, faults, nmt, lss, backup, write, compare, restore, convert, eds, realise)
+mount_schema(app, SCHEMAS, "drive-profiles schema profile --out profile.schema.json")

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import typer
-
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import FILE_EPILOG, exit_on_error, print_json, table
 from drive_profiles.cli.options import JsonOption, ProfileName
 from drive_profiles.standard.shown import number, unit
@@ -17,12 +16,7 @@ if TYPE_CHECKING:
     from drive_profiles.family.profile import Profile
 
 
-def mount(app: typer.Typer) -> None:
-    """Add these commands to an application."""
-    app.command("list", epilog=FILE_EPILOG)(list_profiles)
-    app.command("show", epilog=FILE_EPILOG)(show)
-
-
+@command("list", epilog=FILE_EPILOG)
 def list_profiles(*, as_json: JsonOption = False) -> None:
     """List the profiles, and what each drive can do.
 
@@ -68,6 +62,7 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
     table("", ("name", "runs in", "P-PI inside", "notch inside", "host-closed"), rows)
 
 
+@command(epilog=FILE_EPILOG)
 def show(
     name: ProfileName,
     *,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_objects
 from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail, print_json, progress, table
 from drive_profiles.cli.options import (
@@ -33,14 +34,7 @@ if TYPE_CHECKING:
     from drive_profiles.family.catalogue import CatalogueEntry
 
 
-def mount(app: typer.Typer) -> None:
-    """Add these commands to an application."""
-    app.command("scan", epilog=READ_EPILOG)(scan)
-    app.command("info", epilog=READ_EPILOG)(info)
-    app.command("pull", epilog=READ_EPILOG)(pull)
-    app.command("get", epilog=READ_EPILOG)(get)
-
-
+@command(epilog=READ_EPILOG)
 def scan(
     bus: BusOption,
     *,
@@ -109,6 +103,7 @@ def _hex(value: int | None) -> str:
     return "-" if value is None else f"0x{value:08X}"
 
 
+@command(epilog=READ_EPILOG)
 def info(
     bus: BusOption,
     node: NodeOption,
@@ -168,6 +163,7 @@ def _plain(value: object) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
+@command(epilog=READ_EPILOG)
 def pull(
     bus: BusOption,
     node: NodeOption,
@@ -218,6 +214,7 @@ def pull(
         typer.echo(f"{count} values of node {node} in {out}")
 
 
+@command(epilog=READ_EPILOG)
 def get(
     objects: Annotated[
         list[str],

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import FILE_EPILOG, REALISE_EPILOG, exit_on_error, print_json, table
 from drive_profiles.cli.options import JsonOption, ProfileName
 
@@ -26,13 +27,7 @@ SetOutOption = Annotated[
 ]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add these commands to an application."""
-    app.command("realise", epilog=REALISE_EPILOG)(realise)
-    app.command("gains", epilog=REALISE_EPILOG)(gains)
-    app.command("pages", epilog=FILE_EPILOG)(pages)
-
-
+@command(epilog=REALISE_EPILOG)
 def realise(
     name: ProfileName,
     *,
@@ -108,6 +103,7 @@ def _show(profile: Profile, realisation: Realisation) -> None:
     table("values", ("parameter", "object", "value"), values)
 
 
+@command(epilog=REALISE_EPILOG)
 def gains(
     name: ProfileName,
     *,
@@ -173,6 +169,7 @@ def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact:
     typer.echo(f"{len(items)} values in {out}", err=True)
 
 
+@command(epilog=FILE_EPILOG)
 def pages(*, out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Folder for the pages.")] = Path("docs/drives")) -> None:
     """Write the documentation's pages: one per profile, and their index.
 

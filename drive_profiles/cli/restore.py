@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_nodes
 from drive_profiles.cli.console import (
     STORE_EPILOG,
@@ -42,12 +43,7 @@ if TYPE_CHECKING:
     from drive_profiles.device.memory import MemoryCommand
 
 
-def mount(app: typer.Typer) -> None:
-    """Add these commands to an application."""
-    app.command("store", epilog=STORE_EPILOG)(store)
-    app.command("restore", epilog=WRITE_EPILOG)(restore)
-
-
+@command(epilog=STORE_EPILOG)
 def store(
     bus: BusOption,
     node: NodeOption,
@@ -70,6 +66,7 @@ def store(
         _give(request, node, store_command, _STORE)
 
 
+@command(epilog=WRITE_EPILOG)
 def restore(
     bus: BusOption,
     node: Annotated[

@@ -2,25 +2,23 @@
 
 # ruff: noqa: PLC0415 - pydantic is imported inside the command, so that --help and completion stay quick
 
-from collections.abc import Callable, Mapping
+import pkgutil
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from drive_profiles.cli.completion import complete_list
 from drive_profiles.cli.console import FILE_EPILOG, ExitStatus, exit_on_error, fail
 
-Kinds = Mapping[str, Callable[[], Any]]
-"""Classes of files by the names of their kinds, each behind a function, so that --help loads none."""
 
-
-def mount_schema(app: typer.Typer, kinds: Kinds, example: str) -> None:
+def mount_schema(app: typer.Typer, kinds: Mapping[str, str], example: str) -> None:
     """Add ``schema`` to a tool.
 
     Args:
         app: The tool.
-        kinds: Kinds of files that the tool reads.
+        kinds: Classes of the files that the tool reads, as `module:name`, so that --help loads none.
         example: Command that shows how it is used.
     """
     named = ", ".join(kinds)
@@ -37,7 +35,7 @@ def mount_schema(app: typer.Typer, kinds: Kinds, example: str) -> None:
         if kind not in kinds:
             raise fail(f"no schema of {kind!r}; expected one of {named}", ExitStatus.USAGE)
         with exit_on_error():
-            text = schema_text(kinds[kind](), f"{app.info.name} {kind} file")
+            text = schema_text(pkgutil.resolve_name(kinds[kind]), f"{app.info.name} {kind} file")
             if out is not None:
                 write_atomically(out, text.encode(), force=force)
         if out is None:
@@ -50,20 +48,3 @@ def mount_schema(app: typer.Typer, kinds: Kinds, example: str) -> None:
     Example: {example}
     """
     app.command("schema", epilog=FILE_EPILOG)(schema)
-
-
-def mount(app: typer.Typer) -> None:
-    """Add the command to `drive-profiles`."""
-    mount_schema(app, {"profile": _profile, "parameters": _parameters}, "drive-profiles schema profile --out profile.schema.json")
-
-
-def _profile() -> Any:
-    from drive_profiles.family.profile import Profile
-
-    return Profile
-
-
-def _parameters() -> Any:
-    from drive_profiles.parameter_set.parameters import ParameterSet
-
-    return ParameterSet

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_nodes, complete_values
 from drive_profiles.cli.console import WRITE_EPILOG, ExitStatus, exit_on_error, fail
 from drive_profiles.cli.options import (
@@ -38,12 +39,6 @@ if TYPE_CHECKING:
     from drive_profiles.standard.object_address import ObjectAddress
 
 
-def mount(app: typer.Typer) -> None:
-    """Add these commands to an application."""
-    app.command("set", epilog=WRITE_EPILOG)(set_)
-    app.command("upload", epilog=WRITE_EPILOG)(upload)
-
-
 ForceCommissioningOption = Annotated[
     bool, typer.Option("--force-commissioning", help="Write commissioning values of another device, or of an unknown one.")
 ]
@@ -52,6 +47,63 @@ OtherDeviceOption = Annotated[
 ]
 
 
+@command("set", epilog=WRITE_EPILOG)
+def set_(
+    values: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="OBJECT=VALUE", help="An object and its value, in the parameter's unit.", autocompletion=complete_values
+        ),
+    ],
+    bus: BusOption,
+    node: NodeOption,
+    *,
+    kind: Annotated[
+        str | None, typer.Option("--type", help="Data type, such as UNSIGNED16, of objects that no profile or EDS knows.")
+    ] = None,
+    dry_run: DryRunOption = False,
+    yes: YesOption = False,
+    store: StoreOption = False,
+    rollback_on_error: RollBackOption = True,
+    allow_unverified: UnverifiedOption = False,
+    force_commissioning: Annotated[
+        bool, typer.Option("--force-commissioning", help="Write commissioning values; else they are refused.")
+    ] = False,
+    journals: JournalsOption = JOURNALS,
+    profile: ProfileOption = None,
+    eds: EdsOption = None,
+    timeout_s: TimeoutOption = 0.5,
+    as_json: JsonOption = False,
+) -> None:
+    """Write single objects with the checks and rollback of `upload`.
+
+    Give the address or the whole name of each object; a part of a name is not enough.
+
+    Example: drive-profiles set notch_1.mode=1 notch_1.start_rps=4 --bus local:/tmp/robot.sock --node 2
+    """
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.device.target import device_at
+    from drive_profiles.upload.result import UploadOptions
+
+    options = UploadOptions(
+        store=store,
+        rollback=rollback_on_error,
+        allow_unverified=allow_unverified,
+        force_commissioning=force_commissioning,
+        journals=journals,
+    )
+    pairs = [_pair(text) for text in values]  # before the bus is opened
+    with exit_on_error(writes=True):
+        with SdoBus(bus, timeout_s) as opened:
+            device = device_at(opened, node, profile, eds)
+        wanted = _as_set(pairs, device.catalogue, kind)
+        if skipped_by_objflags := wanted.skipped_by_objflags(device.catalogue):
+            named = ", ".join(skipped_by_objflags)
+            raise fail(f"{named}: the EDS excludes it from downloads (ObjFlags); leave out --eds to write it", ExitStatus.FILE)
+        transact(TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json), [(node, wanted)])
+
+
+@command(epilog=WRITE_EPILOG)
 def upload(
     sets: Annotated[
         list[Path], typer.Argument(metavar="SET", help="One parameter set (or DCF, concise DCF) for all nodes, or one each.")
@@ -117,61 +169,6 @@ def upload(
             header_of(path)  # a file that cannot be read is said before the bus is opened
         pairs = list(zip(node, sets * len(node) if len(sets) == 1 else sets, strict=True))
         transact(TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json), pairs)
-
-
-def set_(
-    values: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="OBJECT=VALUE", help="An object and its value, in the parameter's unit.", autocompletion=complete_values
-        ),
-    ],
-    bus: BusOption,
-    node: NodeOption,
-    *,
-    kind: Annotated[
-        str | None, typer.Option("--type", help="Data type, such as UNSIGNED16, of objects that no profile or EDS knows.")
-    ] = None,
-    dry_run: DryRunOption = False,
-    yes: YesOption = False,
-    store: StoreOption = False,
-    rollback_on_error: RollBackOption = True,
-    allow_unverified: UnverifiedOption = False,
-    force_commissioning: Annotated[
-        bool, typer.Option("--force-commissioning", help="Write commissioning values; else they are refused.")
-    ] = False,
-    journals: JournalsOption = JOURNALS,
-    profile: ProfileOption = None,
-    eds: EdsOption = None,
-    timeout_s: TimeoutOption = 0.5,
-    as_json: JsonOption = False,
-) -> None:
-    """Write single objects with the checks and rollback of `upload`.
-
-    Give the address or the whole name of each object; a part of a name is not enough.
-
-    Example: drive-profiles set notch_1.mode=1 notch_1.start_rps=4 --bus local:/tmp/robot.sock --node 2
-    """
-    from drive_profiles.device.bus import SdoBus
-    from drive_profiles.device.target import device_at
-    from drive_profiles.upload.result import UploadOptions
-
-    options = UploadOptions(
-        store=store,
-        rollback=rollback_on_error,
-        allow_unverified=allow_unverified,
-        force_commissioning=force_commissioning,
-        journals=journals,
-    )
-    pairs = [_pair(text) for text in values]  # before the bus is opened
-    with exit_on_error(writes=True):
-        with SdoBus(bus, timeout_s) as opened:
-            device = device_at(opened, node, profile, eds)
-        wanted = _as_set(pairs, device.catalogue, kind)
-        if skipped_by_objflags := wanted.skipped_by_objflags(device.catalogue):
-            named = ", ".join(skipped_by_objflags)
-            raise fail(f"{named}: the EDS excludes it from downloads (ObjFlags); leave out --eds to write it", ExitStatus.FILE)
-        transact(TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json), [(node, wanted)])
 
 
 def _pair(text: str) -> tuple[str, str]:

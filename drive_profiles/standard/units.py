@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass, field
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from drive_profiles.standard import unit_codes
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Numbers = TypeVar("Numbers", float, NDArray[Any])
+"""A number, or an array of numbers."""
 
 TWO_PI = 2.0 * math.pi
 INTEGER16 = (-(2**15), 2**15 - 1)
@@ -195,11 +197,7 @@ class Scaling:
         """
         return to_integer(position_rad, INTEGER32, "position", "rad", self.position_sign * self._position / TWO_PI)
 
-    @overload
-    def position_rad(self, counts: int) -> float: ...
-    @overload
-    def position_rad(self, counts: IntArray) -> FloatArray: ...
-    def position_rad(self, counts: Any) -> Any:
+    def position_rad(self, counts: Numbers) -> Numbers:
         """Return the motor angle in rad of a position in counts."""
         return counts * (self.position_sign * TWO_PI / self._position)
 
@@ -217,11 +215,7 @@ class Scaling:
         """
         return to_integer(speed_rad_s, INTEGER32, "speed", "rad/s", self.speed_units_per_rad_s)
 
-    @overload
-    def speed_rad_s(self, counts_s: int) -> float: ...
-    @overload
-    def speed_rad_s(self, counts_s: IntArray) -> FloatArray: ...
-    def speed_rad_s(self, counts_s: Any) -> Any:
+    def speed_rad_s(self, counts_s: Numbers) -> Numbers:
         """Convert counts per second to a motor speed in rad/s."""
         return counts_s * (self.velocity_sign * TWO_PI / self._velocity)
 
@@ -239,11 +233,7 @@ class Scaling:
         """
         return to_integer(acceleration_rad_s2, UNSIGNED32, "acceleration", "rad/s²", self._acceleration / TWO_PI)
 
-    @overload
-    def acceleration_rad_s2(self, counts_s2: int) -> float: ...
-    @overload
-    def acceleration_rad_s2(self, counts_s2: IntArray) -> FloatArray: ...
-    def acceleration_rad_s2(self, counts_s2: Any) -> Any:
+    def acceleration_rad_s2(self, counts_s2: Numbers) -> Numbers:
         """Convert counts per second² to a motor acceleration in rad/s²."""
         return counts_s2 * (TWO_PI / self._acceleration)
 
@@ -261,27 +251,15 @@ class Scaling:
         """
         return to_integer(torque_nm, INTEGER16, "torque", "N·m", 1000.0 / self.rated_torque_nm)
 
-    @overload
-    def torque_nm(self, per_mille: int) -> float: ...
-    @overload
-    def torque_nm(self, per_mille: IntArray) -> FloatArray: ...
-    def torque_nm(self, per_mille: Any) -> Any:
+    def torque_nm(self, per_mille: Numbers) -> Numbers:
         """Convert per mille of the rated torque to N·m."""
         return per_mille * (self.rated_torque_nm / 1000.0)
 
-    @overload
-    def shaft_rad(self, motor_rad: float) -> float: ...
-    @overload
-    def shaft_rad(self, motor_rad: FloatArray) -> FloatArray: ...
-    def shaft_rad(self, motor_rad: Any) -> Any:
+    def shaft_rad(self, motor_rad: Numbers) -> Numbers:
         """Convert a motor-side angle (or speed) to the load side."""
         return motor_rad * (self.gear_shaft_revs / self.gear_motor_revs)
 
-    @overload
-    def motor_rad(self, shaft_rad: float) -> float: ...
-    @overload
-    def motor_rad(self, shaft_rad: FloatArray) -> FloatArray: ...
-    def motor_rad(self, shaft_rad: Any) -> Any:
+    def motor_rad(self, shaft_rad: Numbers) -> Numbers:
         """Convert a load-side angle (or speed) to the motor side."""
         return shaft_rad * (self.gear_motor_revs / self.gear_shaft_revs)
 

@@ -2,18 +2,18 @@
 
 import contextlib
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import can
 
 from drive_profiles.address import Address
+from hil.can.channel import OneByOne
 from hil.can.errors import BusLostError, BusUnavailableError
 from hil.can.errors_frame import decode
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 
 
-class AdapterChannel:
+class AdapterChannel(OneByOne):
     """python-can's `Bus` as a channel; time on it is the wall clock's.
 
     The first failure is latched, as on every channel.
@@ -28,11 +28,7 @@ class AdapterChannel:
         """Open the bus; `BusUnavailableError` if python-can cannot."""
         self.address = address
         self._lost: BusLostError | None = None
-        settings: dict[str, Any] = {} if address.bitrate is None else {"bitrate": address.bitrate}
-        try:
-            self._bus = can.Bus(interface=address.interface, channel=address.channel, **settings)
-        except (can.CanError, OSError, ValueError, ImportError) as error:
-            raise BusUnavailableError(address, str(error)) from error
+        self._bus = open_adapter(address)
 
     def send(self, frame: Frame) -> None:
         """Put a frame on the bus."""
@@ -75,16 +71,6 @@ class AdapterChannel:
                 raise self._bus_lost(OSError(event.words))
             return frame
 
-    def send_all(self, frames: Sequence[Frame]) -> None:
-        """Put frames on the bus, one after the other."""
-        for frame in frames:
-            self.send(frame)
-
-    def receive_all(self, timeout_s: float) -> list[Frame]:
-        """Receive the next frame as a list of one, or of none."""
-        frame = self.receive(timeout_s)
-        return [] if frame is None else [frame]
-
     def _bus_lost(self, error: Exception) -> BusLostError:
         self._lost = BusLostError(self.address, str(error))
         return self._lost
@@ -93,6 +79,19 @@ class AdapterChannel:
         """Leave the bus, and ignore the error of a lost port."""
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()
+
+
+def open_adapter(address: Address) -> can.BusABC:
+    """Open python-can's bus.
+
+    Raises:
+        BusUnavailableError: python-can cannot.
+    """
+    settings: dict[str, Any] = {} if address.bitrate is None else {"bitrate": address.bitrate}
+    try:
+        return can.Bus(interface=address.interface, channel=address.channel, **settings)
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        raise BusUnavailableError(address, str(error)) from error
 
 
 def frame_of(message: can.Message) -> Frame:

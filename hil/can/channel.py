@@ -77,6 +77,20 @@ class Channel(Protocol):
         ...
 
 
+class OneByOne:
+    """Base of the channels on which frames go and come one by one."""
+
+    def send_all(self: Channel, frames: Sequence[Frame]) -> None:
+        """Put frames on the bus, one after the other."""
+        for frame in frames:
+            self.send(frame)
+
+    def receive_all(self: Channel, timeout_s: float) -> list[Frame]:
+        """Receive the next frame as a list of one, or of none."""
+        frame = self.receive(timeout_s)
+        return [] if frame is None else [frame]
+
+
 @runtime_checkable
 class MessageChannel(Protocol):
     """A bus in lock-step that takes a cycle in one message each way, as records."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from drive_profiles.address import LOCAL, SOCKETCAN, Address
 from hil.can import clock
-from hil.can.errors import BusLostError, BusUnavailableError
+from hil.can.errors import BusLostError
 from hil.can.frame import MAX_DATA_LENGTH, RECORD, pack
 from hil.can.local import connect_local, wait_at_most
 from hil.can.socketcan import bind_can
@@ -236,12 +236,9 @@ class AdapterListener(_Listening):
         super().__init__(address)
         import can  # noqa: PLC0415 - slow to load
 
-        settings: dict[str, Any] = {} if address.bitrate is None else {"bitrate": address.bitrate}
-        try:
-            self._bus = can.Bus(interface=address.interface, channel=address.channel, **settings)
-        except (can.CanError, OSError, ValueError, ImportError) as error:
-            raise BusUnavailableError(address, str(error)) from error
-        self._errors = can.CanError
+        from hil.can.adapter import open_adapter  # noqa: PLC0415 - as above
+
+        self._bus, self._errors = open_adapter(address), can.CanError
         self._thread.start()
 
     def _read(self) -> Any:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from drive_profiles.address import Address
+from hil.can.channel import OneByOne
 from hil.can.errors import BusUnavailableError
 from hil.can.errors_frame import ALL_CLASSES
 from hil.can.frame import CAN_ERR_FLAG, RECORD, Frame, pack, unpack
@@ -95,7 +96,7 @@ def _dropped(ancillary: list[tuple[int, int, bytes]]) -> int | None:
     return None
 
 
-class SocketCanChannel(RawChannel):
+class SocketCanChannel(RawChannel, OneByOne):
     """A CAN interface; its frames are sent at once or not at all."""
 
     words: ClassVar[Mapping[int, str]] = {
@@ -128,11 +129,6 @@ class SocketCanChannel(RawChannel):
         except OSError as error:
             raise self._bus_lost(error) from error
 
-    def send_all(self, frames: Sequence[Frame]) -> None:
-        """Put frames on the bus, one after the other."""
-        for frame in frames:
-            self.send(frame)
-
     def receive(self, timeout_s: float) -> Frame | None:
         """The next frame, or None when none came in time.
 
@@ -158,8 +154,3 @@ class SocketCanChannel(RawChannel):
             frame = unpack(record)
             if frame is not None:
                 return self._noted(frame) if frame.can_id & CAN_ERR_FLAG else frame
-
-    def receive_all(self, timeout_s: float) -> list[Frame]:
-        """Receive the next frame; empty if none comes in time."""
-        frame = self.receive(timeout_s)
-        return [] if frame is None else [frame]

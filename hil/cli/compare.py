@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_list, complete_reference
 from drive_profiles.cli.console import fail, terminal_width
 from hil.cli.console import (
@@ -57,11 +58,6 @@ EXPERIMENTS = ("constant-acceleration", "line-motion", "point-to-point")
 DEFAULT_EXPERIMENTS = EXPERIMENTS[:2]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(cls=LiveCommand, epilog=COMPARE_EPILOG, context_settings=FORMER_SPELLINGS)(compare)
-
-
 ExperimentListOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -78,6 +74,7 @@ AxisListOption = Annotated[
 ]
 
 
+@command(cls=LiveCommand, epilog=COMPARE_EPILOG, context_settings=FORMER_SPELLINGS)
 def compare(
     bench_file: Annotated[
         list[str],

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drive_profiles.cli.application import folded
+from drive_profiles.cli.application import command, folded
 from drive_profiles.cli.completion import complete_reference
 from drive_profiles.cli.console import terminal_width
 from hil.cli.console import (
@@ -39,11 +39,7 @@ ROBOT_SEED = 77
 OutOption = Annotated[Path, typer.Option("--out", help="Directory for recordings, result.json and report.html.")]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(cls=LiveCommand, epilog=DEMO_EPILOG)(demo)
-
-
+@command(cls=LiveCommand, epilog=DEMO_EPILOG)
 def demo(
     out: OutOption = Path("demo"),
     force: ForceOption = False,
@@ -114,8 +110,8 @@ def next_steps(prefix: str = "") -> list[str]:
         prefix: Folder of the tools, with its slash; empty if the shell finds them.
     """
     lines = ["", "What next:"]
-    for purpose, command in NEXT:
-        lines += [f"  {purpose}", *(f"    {line}" for line in folded(prefix + command, 74))]
+    for purpose, example in NEXT:
+        lines += [f"  {purpose}", *(f"    {line}" for line in folded(prefix + example, 74))]
     if not (Path(__file__).parents[2] / "docs" / "tuning.md").is_file():
         return lines  # a wheel has no pages
     return [
@@ -144,7 +140,7 @@ def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
     The first part's report links to them. After a part that was interrupted, or failed for another reason than its
     findings, the next does not run.
     """
-    from hil.report.pages.demo import write_report  # noqa: PLC0415
+    from hil.report.writer import write_report_of  # noqa: PLC0415
 
     try:
         own = _run_tour(seed, out, live, as_json=as_json)
@@ -152,7 +148,7 @@ def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
             return own
         return _run_arm_tour(out, live, as_json=as_json) or own
     finally:
-        write_report(out)
+        write_report_of(out)
 
 
 def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
@@ -188,10 +184,10 @@ def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
 def _tell(what: str, folder: Path, done: "TourOutcome", *, as_json: bool) -> int:
     """Write the page of a tour, print its results, and return the exit status."""
     from hil.experiments.comparison.table import summary  # noqa: PLC0415
-    from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
     from hil.report.tables.compare import notch_sentences  # noqa: PLC0415
+    from hil.report.writer import write_report_of  # noqa: PLC0415
 
-    page = write_compare_report(folder)
+    page = write_report_of(folder)
     for line in summary(done.result, terminal_width(err=as_json)):
         typer.echo(line, err=as_json)
     for sentence in notch_sentences(done.result):

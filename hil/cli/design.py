@@ -61,18 +61,15 @@ DesignFileOption = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="Print design.json on standard output, all else on standard error.")]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add `hil design notch` to `hil`."""
-    group = Tool("design", "Design filters for an identified plant; nothing is sent.", is_group=True)
-    group.command("notch", epilog=DESIGN_EPILOG)(notch)
-
-    @group.callback()
-    def _group() -> None:
-        """Keep it a group while it has a single command."""
-
-    app.add_typer(group, name="design")
+design_app = Tool("design", "Design filters for an identified plant; nothing is sent.", is_group=True)
 
 
+@design_app.callback()
+def _group() -> None:
+    """Keep it a group while it has a single command."""
+
+
+@design_app.command(epilog=DESIGN_EPILOG)
 def notch(
     bench_file: BenchOption,
     axis: Annotated[int, typer.Option("--axis", help="Axis of the notch.", autocompletion=AXES.one)],

@@ -1,10 +1,7 @@
 """`hil identify`: plant and transmission error of an axis, an arm's masses."""
 
-import importlib
-
-import typer
-
-from drive_profiles.cli.application import Tool
+from drive_profiles.cli.application import Tool, mount
+from hil.cli import identify_arm, identify_ate, identify_plant
 
 identify_app = Tool(
     "identify",
@@ -12,11 +9,4 @@ identify_app = Tool(
     is_group=True,
 )
 
-COMMANDS = ("hil.cli.identify_plant", "hil.cli.identify_ate", "hil.cli.identify_arm")
-
-
-def mount(app: typer.Typer) -> None:
-    """Add the group of commands to `hil`."""
-    for name in COMMANDS:
-        importlib.import_module(name).mount(identify_app)
-    app.add_typer(identify_app)
+mount(identify_app, identify_plant, identify_ate, identify_arm)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog
 from hil.cli.console import ExitStatus, exit_on_error, result_directory, say, say_page, write_page
 from hil.cli.options import BenchOption, ForceOption, JsonOption, NewOutOption
@@ -23,11 +24,7 @@ ARM_EPILOG = epilog(
 )
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil identify`."""
-    app.command(epilog=ARM_EPILOG)(arm)
-
-
+@command(epilog=ARM_EPILOG)
 def arm(
     bench_file: BenchOption,
     model: Annotated[Path, typer.Option("--model", help="Model file with the postures; the arm's masses are added to it.")],

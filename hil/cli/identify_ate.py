@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.standard.shown import measured
 from hil.cli.console import (
     ExitStatus,
@@ -68,11 +69,7 @@ EncoderOption = Annotated[
 ]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil identify`."""
-    app.command(cls=LiveCommand, epilog=ATE_EPILOG)(ate)
-
-
+@command(cls=LiveCommand, epilog=ATE_EPILOG)
 def ate(
     axis: MovedAxisOption,
     bench_file: OptionalBenchOption = None,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail
 from drive_profiles.standard.shown import measured
 from hil.cli.console import (
@@ -79,11 +80,7 @@ class PlantShape(StrEnum):
     CHIRP = "chirp"
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil identify`."""
-    app.command(cls=LiveCommand, epilog=PLANT_EPILOG)(plant)
-
-
+@command(cls=LiveCommand, epilog=PLANT_EPILOG)
 def plant(
     bench_file: BenchOption,
     axis: MovedAxisOption,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail
 from hil.cli.console import (
     ExitStatus,
@@ -63,11 +64,7 @@ class LearnedMotion(StrEnum):
     LINE_MOTION = "line-motion"
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(cls=LiveCommand, epilog=LEARN_EPILOG)(learn)
-
-
+@command(cls=LiveCommand, epilog=LEARN_EPILOG)
 def learn(
     bench_file: BenchOption,
     model: Annotated[Path, typer.Option("--model", help="Model file: read if it exists, for the motor's inertia, and written.")],

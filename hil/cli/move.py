@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail
 from hil.cli.console import (
     ExitStatus,
@@ -22,11 +23,7 @@ from hil.cli.console import (
 from hil.cli.options import BenchOption, BusOption, ForceOption, LoopOption, MovedAxisOption, YesOption
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(epilog=epilog_of_runs(is_judged=False))(move)
-
-
+@command(epilog=epilog_of_runs(is_judged=False))
 def move(
     bench_file: BenchOption,
     axis: MovedAxisOption,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, table
 from hil.cli.console import ExitStatus, exit_on_error, say, say_page
 from hil.cli.options import JsonOption
@@ -30,11 +31,7 @@ PASSPORT_FILE, PAGE = "passport.sqlite", "passport.html"
 SHOWN_LEFT_OUT = 10
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(epilog=PASSPORT_EPILOG)(passport)
-
-
+@command(epilog=PASSPORT_EPILOG)
 def passport(
     directory: Annotated[
         list[Path],

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail, print_json, table
 from hil.cli.console import ExitStatus, bench_on, exit_on_error
 from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption
@@ -27,11 +28,7 @@ PLAN_EPILOG = epilog(
 )
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(epilog=PLAN_EPILOG, context_settings=FORMER_SPELLINGS)(plan)
-
-
+@command(epilog=PLAN_EPILOG, context_settings=FORMER_SPELLINGS)
 def plan(
     bench_file: BenchOption,
     bus: BusOption = None,

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
 
@@ -18,11 +19,7 @@ REPORT_EPILOG = epilog(
 SHOWN_UNREAD = 10
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(epilog=REPORT_EPILOG)(report)
-
-
+@command(epilog=REPORT_EPILOG)
 def report(
     directory: Annotated[
         Path,

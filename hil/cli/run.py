@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail, table
 from hil.cli.console import (
     ExitStatus,
@@ -51,11 +52,6 @@ RUN_EPILOG = epilog_of_runs({
 })  # fmt: skip
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(cls=LiveCommand, epilog=RUN_EPILOG, context_settings=FORMER_SPELLINGS)(run)
-
-
 class ExperimentName(StrEnum):
     """Experiments that can be run."""
 
@@ -71,6 +67,7 @@ class ClockName(StrEnum):
     WALL = "wall"
 
 
+@command(cls=LiveCommand, epilog=RUN_EPILOG, context_settings=FORMER_SPELLINGS)
 def run(
     experiment: Annotated[
         ExperimentName, typer.Argument(show_choices=False, help="constant-acceleration, line-motion or point-to-point.")

@@ -97,10 +97,7 @@ def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Ex
     Source: M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970), 85–89; E. van der Ouderaa, J. Schoukens, J. Renneboog, IEEE
     Trans. Instrum. Meas. 37 (1988), 145–147.
     """
-    if lines.shape != amplitude.shape or lines.ndim != 1:
-        raise ValueError(f"lines and amplitudes have shapes {lines.shape} and {amplitude.shape}; both must be (m,)")
-    if lines.size == 0 or lines.min() < 1 or 2 * lines.max() >= count:
-        raise ValueError(f"lines must lie between 1 and {(count - 1) // 2}")
+    _check(lines, amplitude, count)
     power = amplitude**2 / np.sum(amplitude**2)
     before = np.concatenate([[0.0], np.cumsum(power)[:-1]])
     phase = -2.0 * math.pi * np.concatenate([[0.0], np.cumsum(before[1:] * np.diff(lines))])
@@ -115,6 +112,13 @@ def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Ex
         peak = (level + (0.97 - level) * round_ / _ROUNDS) * float(np.max(np.abs(wave)))
         phase = np.angle(np.fft.rfft(np.clip(wave, -peak, peak))[lines])
     return Excitation(best / np.max(np.abs(best)), sample_s, lines)
+
+
+def _check(lines: Lines, amplitude: Array, count: int) -> None:
+    if lines.shape != amplitude.shape or lines.ndim != 1:
+        raise ValueError(f"lines and amplitudes have shapes {lines.shape} and {amplitude.shape}; both must be (m,)")
+    if lines.size == 0 or lines.min() < 1 or 2 * lines.max() >= count:
+        raise ValueError(f"lines must lie between 1 and {(count - 1) // 2}")
 
 
 def chirp(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excitation:
@@ -134,10 +138,7 @@ def chirp(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excita
     Raises:
         ValueError: The shapes differ, or a line is at or above half the sampling rate.
     """
-    if lines.shape != amplitude.shape or lines.ndim != 1:
-        raise ValueError(f"lines and amplitudes have shapes {lines.shape} and {amplitude.shape}; both must be (m,)")
-    if lines.size == 0 or lines.min() < 1 or 2 * lines.max() >= count:
-        raise ValueError(f"lines must lie between 1 and {(count - 1) // 2}")
+    _check(lines, amplitude, count)
     edges = np.concatenate([lines - 0.5, [lines[-1] + 0.5]])
     reached = np.concatenate([[0.0], np.cumsum(amplitude**2)])
     time = (np.arange(count) + 0.5) / count

@@ -7,7 +7,7 @@ Modules that read a log, or a result for its bench file, load slowly, so they ar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,13 +42,12 @@ class Known:
     run: str | None = None
 
 
-def mapping_of(path: Path, known: Known, progress: Callable[[int], None] = lambda size: None) -> Decoded:
+def mapping_of(path: Path, known: Known) -> Decoded:
     """The process data of a source's log.
 
     Args:
         path: Directory of a run, or a log.
         known: Additional statements on it.
-        progress: Called with the number of bytes that have been read.
 
     Raises:
         ExportError: There is no log.
@@ -64,7 +63,7 @@ def mapping_of(path: Path, known: Known, progress: Callable[[int], None] = lambd
         raise ExportError(path, f"a recording has no frames; give {LOG_FILE} of its run")
     if not log.is_file():
         raise ExportError(log, f"no such file; hil run writes {LOG_FILE} beside its result")
-    trace = Trace(open_log(log, progress, known.interface), known.descriptions)
+    trace = Trace(open_log(log, interface=known.interface), known.descriptions)
     return decoded(trace, known.bench or bench_beside(log))
 
 
@@ -89,9 +88,7 @@ def bench_beside(log: Path) -> Bench | None:
     return found if isinstance(found, Bench) else None
 
 
-def series_in(
-    path: Path, known: Known, progress: Callable[[int], None] = lambda size: None
-) -> tuple[list[Series], Decoded | None]:
+def series_in(path: Path, known: Known) -> tuple[list[Series], Decoded | None]:
     """Return the numbers of a source over time, and its frames' meaning.
 
     The meaning is that of a log.
@@ -99,7 +96,6 @@ def series_in(
     Args:
         path: Directory of a run, a recording, or a log.
         known: Additional statements on it.
-        progress: Called with the number of bytes that have been read.
 
     Raises:
         HilError: There are no numbers, or several recordings and none is named.
@@ -109,7 +105,7 @@ def series_in(
     if not path.is_dir() and path.suffix != RECORDING_SUFFIX:
         from hil.export.decoded import series_of
 
-        what = mapping_of(path, known, progress)
+        what = mapping_of(path, known)
         found = list(series_of(what))
         if not found:
             raise ExportError(path, "no frame of it can be decoded; give --description FILE:NODE for the mapping of a node")

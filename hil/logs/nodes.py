@@ -35,6 +35,9 @@ SIGNED = {0x6060, 0x6061, 0x6064, 0x6065, 0x606C, 0x6071, 0x6074, 0x6077, 0x6078
     0x60F4, 0x60FA, 0x60FC, 0x60FF, 0x7130, 0x9130}  # fmt: skip
 """Indices of signed process data of CiA 402, and of CiA 404 (values that were measured)."""
 
+SIGNED_TYPES = {2, 3, 4, 16, 18, 19, 20, 21}
+"""Data types with a sign: INTEGER8, 16, 32, 24, 40, 48, 56 and 64."""
+
 Direction = Literal["rpdo", "tpdo"]
 
 
@@ -211,28 +214,22 @@ def _described(description: Description) -> Iterable[tuple[ObjectAddress, int]]:
                 yield (index, subindex), int(content)
 
 
-def _is_signed(node: Node, address: ObjectAddress) -> bool:
-    if node.description is not None:
-        from canopen.objectdictionary.datatypes import SIGNED_TYPES  # noqa: PLC0415 - slow to load, and there with a description
-
-        variable = node.description.dictionary.get_variable(*address)
-        if variable is not None:
-            return variable.data_type in SIGNED_TYPES
+def _data_type(node: Node, address: ObjectAddress) -> int | None:
+    """Data type of an object by its number in CiA 301; None if it is not known."""
+    variable = None if node.description is None else node.description.dictionary.get_variable(*address)
+    if variable is not None:
+        return variable.data_type or 0
     known = OBJECTS.get(address)
-    if known is not None:
-        return known[1] in {DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32, DataType.INTEGER64}
-    return address[0] in SIGNED
+    return None if known is None else known[1]
+
+
+def _is_signed(node: Node, address: ObjectAddress) -> bool:
+    kind = _data_type(node, address)
+    return address[0] in SIGNED if kind is None else kind in SIGNED_TYPES
 
 
 def _is_real(node: Node, address: ObjectAddress) -> bool:
-    if node.description is not None:
-        from canopen.objectdictionary.datatypes import FLOAT_TYPES  # noqa: PLC0415 - as above
-
-        variable = node.description.dictionary.get_variable(*address)
-        if variable is not None:
-            return variable.data_type in FLOAT_TYPES
-    known = OBJECTS.get(address)
-    return known is not None and known[1] in {DataType.REAL32, DataType.REAL64}
+    return _data_type(node, address) in {DataType.REAL32, DataType.REAL64}
 
 
 def _pdos(node: Node) -> Iterable[Pdo]:

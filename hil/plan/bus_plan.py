@@ -203,12 +203,12 @@ class Cycle:
         """
         return self.worst_ns(wire) / self.period_ns
 
-    def background_load(self, wire: WireTiming, *, is_busy: bool = True) -> float:
+    def background_load(self, wire: WireTiming) -> float:
         """Return the bus load of all other frames, at worst.
 
         A fraction of the time.
         """
-        return sum(message.length_ns / message.period_ns for message in self.background.messages(wire, is_busy=is_busy))
+        return sum(message.length_ns / message.period_ns for message in self.background.messages(wire, is_busy=True))
 
     def responses(self, wire: WireTiming) -> list[ResponseTime]:
         """Return the latest arrival of each frame.

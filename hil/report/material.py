@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -9,7 +10,6 @@ from typing import Any, cast
 import numpy as np
 
 from hil.analysis import PAPER_BAND_HZ, TipScale, joint_scale, judged_orders, motor_speed_rps
-from hil.bench.bench import Bench
 from hil.control.treatments import LoopName, treatment
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, Margins, margins
 from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate, fit_transmission_error
@@ -54,8 +54,8 @@ def treatment_name(name: str) -> str:
 class Material:
     """Result, bench and recordings of one directory."""
 
-    def __init__(self, directory: Path, bench: Bench | None = None) -> None:
-        """Read result.json; the bench comes from it unless it is given.
+    def __init__(self, directory: Path) -> None:
+        """Read result.json.
 
         Raises:
             OSError: result.json cannot be read.
@@ -63,7 +63,7 @@ class Material:
         """
         self.directory = directory
         self.result = load_result(directory, ExperimentsResult, "runs")
-        self.bench = self.result.bench.file if bench is None else bench
+        self.bench = self.result.bench.file
         self.notes: list[str] = []
         self._recordings: dict[str, Recording | None] = {}
         self._margins: dict[tuple[int, tuple[str, ...]], dict[float, Margins]] = {}
@@ -347,3 +347,15 @@ class Material:
 def finite(value: float | None) -> bool:
     """True for a number that is neither infinite nor NaN."""
     return value is not None and math.isfinite(value)
+
+
+def worst_of(margins: Iterable[Margins]) -> Margins:
+    """Return the worst of each margin, over motor speeds."""
+    found = list(margins)
+    return Margins(
+        max(each.sensitivity_peak for each in found),
+        min(each.gain_margin_db for each in found),
+        min(each.phase_margin_deg for each in found),
+        all(each.stable for each in found),
+        max(each.pole_radius for each in found),
+    )

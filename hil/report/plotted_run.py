@@ -165,12 +165,20 @@ def finish_vibration(
         for sign, name in ((1.0, f"specification ±{material.bench.specification.tip_mm:g} mm"), (-1.0, None)):
             panel.axhline(sign * limit, label=name, **style.LIMIT)
         if with_scale:
-            scale = 1e3 / (2.0 * math.pi * f_al) ** 2
-            right = panel.secondary_yaxis("right", functions=(lambda a: np.asarray(a) * scale, lambda d: np.asarray(d) / scale))
-            right.set_ylabel("Equivalent displacement (mm)")
+            displacement_scale(panel, f_al, "Equivalent displacement (mm)")
     if reach > 0.0:
         panel.set_ylim(-1.08 * reach, 1.08 * reach)
     return reach
+
+
+def displacement_scale(panel: Axes, f_al: float, name: str = "mm") -> None:
+    """Draw the scale of displacement on the right.
+
+    Its name should fit the panel's height.
+    """
+    scale = 1e3 / (2.0 * math.pi * f_al) ** 2
+    right = panel.secondary_yaxis("right", functions=(lambda a: np.asarray(a) * scale, lambda d: np.asarray(d) / scale))
+    right.set_ylabel(name)
 
 
 def _within(panel: Axes, line: Line2D) -> float:

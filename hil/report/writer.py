@@ -1,24 +1,33 @@
 """Writer of a directory's page, by the kind of its result."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from hil.report.pages.arm import write_arm_report
-from hil.report.pages.ate import write_ate_report
-from hil.report.pages.compare import write_compare_report
-from hil.report.pages.demo import write_report
-from hil.report.pages.learn import write_learning_report
-from hil.report.pages.learn_motion import write_motion_learning_report
-from hil.report.pages.plant import write_plant_report
-from hil.report.pages.recorded_ate import write_recorded_ate_report
+from hil.report import style
+from hil.report.pages import arm, ate, compare, demo, learn, learn_motion, plant, recorded_ate
+from hil.report.pages.page import Page, render
 from hil.results.arm import ArmResult
 from hil.results.ate import AteResult
-from hil.results.base import RESULT_FILE
+from hil.results.base import RESULT_FILE, Result
 from hil.results.comparison import TreatmentTable
 from hil.results.files import ResultFileError, load_any
 from hil.results.learning import LearningResult, MotionLearningResult
 from hil.results.plant import PlantResult
 from hil.results.recorded_ate import RecordedAteResult
 from hil.results.runs import ExperimentsResult
+
+_PAGES: tuple[tuple[type[Result], Callable[[Path, Any], Page]], ...] = (
+    (ExperimentsResult, demo.page_of),
+    (TreatmentTable, compare.page_of),
+    (LearningResult, learn.page_of),
+    (MotionLearningResult, learn_motion.page_of),
+    (AteResult, ate.page_of),
+    (RecordedAteResult, recorded_ate.page_of),
+    (ArmResult, arm.page_of),
+    (PlantResult, plant.page_of),
+)
+"""Kinds of results, each with its page, from directory and result."""
 
 
 def write_report_of(directory: Path, *, is_interactive: bool = False) -> Path:
@@ -34,21 +43,17 @@ def write_report_of(directory: Path, *, is_interactive: bool = False) -> Path:
         ValueError: result.json is not a readable result, or one without a page.
     """
     result = load_any(directory / RESULT_FILE)
-    match result:
-        case ExperimentsResult():
-            return write_report(directory, is_interactive=is_interactive)
-        case TreatmentTable():
-            return write_compare_report(directory, is_interactive=is_interactive)
-        case LearningResult():
-            return write_learning_report(directory, is_interactive=is_interactive)
-        case MotionLearningResult():
-            return write_motion_learning_report(directory, is_interactive=is_interactive)
-        case AteResult():
-            return write_ate_report(directory, is_interactive=is_interactive)
-        case RecordedAteResult():
-            return write_recorded_ate_report(directory, is_interactive=is_interactive)
-        case ArmResult():
-            return write_arm_report(directory, is_interactive=is_interactive)
-        case PlantResult():
-            return write_plant_report(directory, is_interactive=is_interactive)
-    raise ResultFileError(directory / RESULT_FILE, f"a result of the kind {result.kind!r} has no report of its own")
+    page_of = next((made for kind, made in _PAGES if isinstance(result, kind)), None)
+    if page_of is None:
+        raise ResultFileError(directory / RESULT_FILE, f"a result of the kind {result.kind!r} has no report of its own")
+    with style.styled():
+        page = page_of(directory, result)
+    return render(
+        directory / "report.html",
+        page.head,
+        page.verdict,
+        page.sections,
+        cards=page.cards,
+        provenance=page.provenance,
+        is_interactive=is_interactive,
+    )

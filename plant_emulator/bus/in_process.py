@@ -4,10 +4,11 @@ The channel leads straight into a medium, so its user controls every cycle.
 """
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from drive_profiles.address import LOCAL, Address
 from drive_profiles.standard.cia301 import FunctionCode
+from hil.can.channel import OneByOne
 from hil.can.errors import BusLostError
 from hil.can.frame import Frame, frames_of, pack
 from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
@@ -32,7 +33,7 @@ STRANGER = FIRST_CLIENT + 1
 """Port from which frames are injected."""
 
 
-class InProcessChannel:
+class InProcessChannel(OneByOne):
     """A lock-step bus with one client.
 
     It is a `hil.can.channel.Channel`, and bit-identical for equal seeds.
@@ -177,11 +178,6 @@ class InProcessChannel:
         if not self._queue:
             self._deliver(self.medium.idle())
         return self._queue.popleft() if self._queue else None
-
-    def send_all(self, frames: Sequence[Frame]) -> None:
-        """Put frames on the bus, one after the other."""
-        for frame in frames:
-            self.send(frame)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
         """Return all frames that wait to be read."""

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_reference
 from drive_profiles.cli.console import epilog, fail
 from plant_emulator.cli.console import AXES, EmulatorExitStatus, by_axis, exit_on_error, exit_on_value_error
@@ -15,11 +16,7 @@ EDS_EPILOG = epilog(
 )
 
 
-def mount(app: typer.Typer) -> None:
-    """Add `plant-emulator eds`."""
-    app.command(epilog=EDS_EPILOG)(eds)
-
-
+@command(epilog=EDS_EPILOG)
 def eds(
     out: Annotated[Path, typer.Option("--out", help="Folder for the files; created if missing.")],
     robot: Annotated[

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail, table
 from plant_emulator.cli.console import EmulatorExitStatus, exit_on_error, exit_on_value_error
 
@@ -70,12 +71,8 @@ ARM_COLUMNS = (
 )
 
 
-def mount(app: typer.Typer) -> None:
-    """Add `plant-emulator fleet`; its old name, `stable`, works too."""
-    app.command("fleet", epilog=EPILOG)(fleet)
-    app.command("stable", epilog=EPILOG, hidden=True)(fleet)
-
-
+@command("stable", epilog=EPILOG, hidden=True)  # the old name
+@command(epilog=EPILOG)
 def fleet(
     seeds: SeedsOption,
     out: OutOption,

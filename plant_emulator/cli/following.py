@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail, print_json, progress, table
 from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error
 
@@ -22,11 +23,7 @@ FOLLOWING_EPILOG = epilog(
 MOST_ROBOTS = 10_000
 
 
-def mount(app: typer.Typer) -> None:
-    """Add `plant-emulator following`."""
-    app.command("following", epilog=FOLLOWING_EPILOG)(following)
-
-
+@command(epilog=FOLLOWING_EPILOG)
 def following(
     first: Annotated[int, typer.Option("--seed", min=0, help="Seed of the first robot.")] = 1,
     robots: Annotated[

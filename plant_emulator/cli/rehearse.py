@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail, print_json, table
 from drive_profiles.cli.entry import interrupted
 from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error, exit_on_value_error
@@ -55,11 +56,7 @@ SummaryOption = Annotated[
 ]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add `plant-emulator rehearse`."""
-    app.command("rehearse", epilog=EPILOG)(rehearse)
-
-
+@command(epilog=EPILOG)
 def rehearse(
     seeds: SeedsOption = None,
     out: OutOption = Path("rehearsal"),

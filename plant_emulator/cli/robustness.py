@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail, print_json
 from hil.control.treatments import PlainTreatmentName, present_token
 from hil.control.treatments import treatment as treatment_named
@@ -87,12 +88,8 @@ OutOption = Annotated[
 ]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add `plant-emulator robustness`."""
-    settings = {"token_normalize_func": present_token}  # former names are understood, and no help shows them
-    app.command("robustness", epilog=ROBUSTNESS_EPILOG, context_settings=settings)(robustness)
-
-
+# former names of treatments are understood, and no help shows them
+@command(epilog=ROBUSTNESS_EPILOG, context_settings={"token_normalize_func": present_token})
 def robustness(
     robot: RobotOption = "reference",
     axis: AxesOption = None,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from plant_emulator.cli.console import (
     AXES,
@@ -133,11 +134,7 @@ SerialRateOption = Annotated[
 ]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add `plant-emulator serve`."""
-    app.command(epilog=SERVE_EPILOG)(serve)
-
-
+@command(epilog=SERVE_EPILOG)
 def serve(
     robot: RobotOption = "reference",
     bus: ServedBusOption = None,

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from plant_emulator.cli.console import AXES, EmulatorExitStatus, RobotOption, exit_on_error, exit_on_value_error
 
@@ -16,11 +17,7 @@ SIMULATE_EPILOG = epilog(
 )
 
 
-def mount(app: typer.Typer) -> None:
-    """Add `plant-emulator simulate`."""
-    app.command(epilog=SIMULATE_EPILOG)(simulate)
-
-
+@command(epilog=SIMULATE_EPILOG)
 def simulate(
     out: Annotated[Path, typer.Option("--out", help="CSV file to write.")],
     robot: RobotOption = "reference",

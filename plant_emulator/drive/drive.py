@@ -17,7 +17,6 @@ from drive_profiles.standard.units import Scaling
 from hil.can.frame import Frame
 from plant_emulator.core import CORE
 from plant_emulator.drive.binding.process_data import SHARED, DriveData, share_set_points
-from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.drive.family.choice import family_of
 from plant_emulator.drive.faults import FAULTS, NOT_OPERATIONAL, RPDO_TIMEOUT, TORQUE_OFF, TORQUE_OFF_FAULT, DriveFaults
 from plant_emulator.drive.inputs import DigitalInputs
@@ -82,7 +81,7 @@ class Drive(SlaveNode):
         shown: Read hooks of the entries that the process image shows, and what they show.
     """
 
-    def __init__(self, axes: Axes, number: int, family: DriveFamily | None = None) -> None:
+    def __init__(self, axes: Axes, number: int) -> None:
         """Join an axis to a node.
 
         The node-ID is that of the robot file.
@@ -90,7 +89,6 @@ class Drive(SlaveNode):
         Args:
             axes: The mechanics.
             number: Axis number.
-            family: The drive's family; left out, the one that the robot file names.
 
         Raises:
             DriveProfileError: There is no such profile, or its file or the EDS file has errors.
@@ -98,7 +96,7 @@ class Drive(SlaveNode):
         """
         self.axes, self.row = axes, axes.row(number)
         self.behaviour = axes.robot.axis[number].behaviour
-        self.family = family_of(axes.robot, number) if family is None else family
+        self.family = family_of(axes.robot, number)
         dictionary = self.family.dictionary
         share_set_points(dictionary, axes, self.row)
         self.slave = slave_with(

@@ -1,7 +1,7 @@
 """The target of a test."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NoReturn
 
 import pytest
@@ -9,7 +9,7 @@ import pytest
 from drive_profiles.address import LOCAL, AddressError, parse_address, parse_bit_rate
 from drive_profiles.errors import DriveProfileError
 from hil.bench.bench import Bench, load_bench
-from hil.can.channel import Channel
+from hil.can.channel import Channel, OneByOne
 from hil.can.errors import BusLostError, BusUnavailableError
 from hil.can.frame import Frame
 from hil.can.opening import open_channel
@@ -24,7 +24,7 @@ EMULATED_ANSWER_TIMEOUT_S = 0.05
 PORT_OF_THE_BUS, PORT_OF_THE_MASTER = 0, 1000
 
 
-class RealChannel:
+class RealChannel(OneByOne):
     """An existing bus, with optional loss of frames.
 
     Frames are lost between the bus and the master if the test demands it.
@@ -65,16 +65,6 @@ class RealChannel:
             frame = self._inner.receive(max(0.0, deadline - time.monotonic()))
             if frame is None or self.interference.frames.apply(frame, PORT_OF_THE_BUS, time.monotonic_ns()):
                 return frame
-
-    def send_all(self, frames: Sequence[Frame]) -> None:
-        """Put frames on the bus, one after the other."""
-        for frame in frames:
-            self.send(frame)
-
-    def receive_all(self, timeout_s: float) -> list[Frame]:
-        """Return the next frame."""
-        frame = self.receive(timeout_s)
-        return [] if frame is None else [frame]
 
     def close(self) -> None:
         """Leave the bus."""

@@ -66,7 +66,7 @@ def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: A
         lines += _arm_lines(drawing or robot.links, robot.accelerometer.mounting)
     for number, axis in sorted(robot.axis.items()):
         lines += _axis_lines(number, axis, robot.node_ids[number], robot.links)
-    acceleration, end_rps = _motion(min(robot.axis.values(), key=_reach))
+    acceleration, end_rps = _motion(min(robot.axis.values(), key=travel_rev))
     if robot.links is not None:
         lines += _line_lines(robot, robot.links)
         joints = [robot.axis[number] for number in robot.links.axes]
@@ -187,10 +187,6 @@ def _range_rev(number: int, axis: RobotAxis, arm: ArmTable | None) -> tuple[floa
         return -reach, reach
     low, high = ((end - home_deg) / 360.0 * axis.reduction_ratio for end in range_deg)
     return max(-reach, float(math.ceil(low))), min(reach, float(math.floor(high)))
-
-
-def _reach(axis: RobotAxis) -> float:
-    return travel_rev(axis)
 
 
 def _motion(axis: RobotAxis) -> tuple[float, float]:

@@ -438,6 +438,10 @@ SHIPPED = {"reference": REFERENCE, "reference-arm": FOLDER / "reference_arm.toml
 """Robots of the package, by name."""
 
 
+AnyRobot = ArmRobot | Robot
+"""Kinds of robot files, for their JSON Schema."""
+
+
 def load_robot(path: str | Path) -> Robot:
     """Load the robot of a file, or of a name in `SHIPPED`.
 

@@ -14,7 +14,7 @@ from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
 from hil.master.session import Session
 from hil.recording import BusLog
-from hil.report.pages.plant import write_plant_report
+from hil.report.writer import write_report_of
 from hil.robot_tables import PlantTable
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import Robot, load_robot
@@ -77,7 +77,7 @@ def test_the_plant_of_an_arm_has_all_its_modes_and_the_motor_in_model_file_and_r
     assert plant.antiresonance_hz == pytest.approx(14.73, rel=5e-3)  # the lowest that the tip shows well
     low, high = outcome.result.plan.travel_rev if outcome.result.plan is not None else (0.0, 0.0)
     assert high - low < 6.1
-    page = write_plant_report(tmp_path).read_text(encoding="utf-8")
+    page = write_report_of(tmp_path).read_text(encoding="utf-8")
     assert "Part of the tip" in page
 
 

@@ -21,7 +21,6 @@ from hil.experiments.treatment import Knowledge
 from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
-from hil.report.pages.compare import write_compare_report
 from hil.report.writer import write_report_of
 from hil.results.comparison import ComparisonResult
 from hil.results.files import load_result
@@ -161,7 +160,7 @@ def test_a_comparison_shows_all_directions_with_every_treatment(tmp_path: Path) 
         emulated=True,
     )  # fmt: skip
     whole.write(tmp_path / "result.json")
-    page = write_compare_report(tmp_path).read_text(encoding="utf-8")
+    page = write_report_of(tmp_path).read_text(encoding="utf-8")
     assert "Line motion: the tip along x, y and z" in page
     assert page.count("worst (") == 2  # a row of the table for each treatment
     assert page.index('id="arm-line-arm"') < page.index('id="arm-resonances-arm"')

@@ -16,7 +16,7 @@ from hil.experiments.ate.on_bus import identify_ate
 from hil.experiments.ate.request import AteRequest, Goal, axis_knowledge, sensing_of
 from hil.master.session import Session
 from hil.recording import BusLog
-from hil.report.pages.ate import write_ate_report
+from hil.report.writer import write_report_of
 from hil.robot_tables import PlantTable
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import Robot
@@ -103,7 +103,7 @@ def test_everything_is_kept_of_an_identification(reference_bench: Bench, referen
     assert set(part.standard_error) == {
         "a1_arcsec", "phi1_deg", "a2_arcsec", "phi2_deg", "a4_arcsec", "phi4_deg", "arm_hz", "damping", "accelerometer_delay_s",
     }  # fmt: skip
-    text = write_ate_report(tmp_path).read_text()
+    text = write_report_of(tmp_path).read_text()
     for words in ("Transmission error of axis 3", "is identified", "Table 2", "Fig. 5", "Fig. 8", "delay of the accelerometer"):
         assert words in text
 
@@ -167,7 +167,7 @@ def test_a_silent_accelerometer(reference_bench: Bench, reference_robot: Robot, 
     assert isinstance(outcome.failure, AteNotIdentifiedError)
     assert outcome.part is None
     assert "without the accelerometer" in (outcome.result.not_identified or "")
-    assert "was not identified" in write_ate_report(tmp_path).read_text()
+    assert "was not identified" in write_report_of(tmp_path).read_text()
 
 
 def test_a_saturated_accelerometer(reference_bench: Bench, reference_robot: Robot) -> None:

@@ -12,7 +12,7 @@ from hil.experiments.plant.checks import PlantNotIdentifiedError
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
 from hil.recording import Recording
-from hil.report.pages.plant import write_plant_report
+from hil.report.writer import write_report_of
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
@@ -72,7 +72,7 @@ def test_the_recordings_are_kept(directory: Path) -> None:
 
 @pytest.mark.ci
 def test_the_report_shows_fit_confidence_and_friction(directory: Path) -> None:
-    page = write_plant_report(directory).read_text(encoding="utf-8")
+    page = write_report_of(directory).read_text(encoding="utf-8")
     for key in ("frequency-response", "tip-response", "friction", "parameters", "checks", "What these data cannot tell"):
         assert key in page
     assert "Standard error" in page
@@ -91,7 +91,7 @@ def test_what_is_not_identified_leaves_reasons_and_no_model_file(tmp_path: Path)
     assert result["not_identified"] == list(failure.reasons)
     assert (tmp_path / result["recordings"]["main"]).is_file()
     assert not (tmp_path / "model.toml").exists()
-    assert "Not identified" in write_plant_report(tmp_path).read_text(encoding="utf-8")
+    assert "Not identified" in write_report_of(tmp_path).read_text(encoding="utf-8")
 
 
 def test_the_limits_of_the_bench_file_hold_before_anything_is_sent(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from hil.control.treatments import TreatmentName
 from hil.experiments.plan import Experiment
 from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import Knowledge
-from hil.report.pages.demo import write_report
+from hil.report.writer import write_report_of
 from hil.results.runs import RunEntry
 from hil.robot_tables import TransmissionErrorTable
 from plant_emulator.bus.in_process import InProcessChannel
@@ -48,7 +48,7 @@ def test_a_stop_of_the_reference_robot_rings_25_db_less(tmp_path: Path, axis: in
     assert runs["none"].within_spec is False
     assert all(runs[name].within_spec for name in SHAPERS)
     assert max(decibel(runs).values()) < -25.0, decibel(runs)
-    page = write_report(tmp_path).read_text(encoding="utf-8")
+    page = write_report_of(tmp_path).read_text(encoding="utf-8")
     assert "Remaining vibration and cost of shapers" in page
     assert "two-hump EI shaper" in page
 

@@ -18,7 +18,7 @@ from hil.emulator import draw_robot
 from hil.errors import NotPossibleError
 from hil.experiments.notch_design import NotchDesignOutcome, parameter_set
 from hil.experiments.notch_problem import NotchDesignRequest
-from hil.report.pages.compare import write_compare_report
+from hil.report.writer import write_report_of
 from hil.reporter import SILENT
 from plant_emulator.pytest_plugin.served import ServedBus
 from plant_emulator.robots.robot import load_robot
@@ -42,7 +42,7 @@ def test_a_tour_without_a_robot_says_where_it_ended(tmp_path: Path) -> None:
     kept = json.loads((tmp_path / "result.json").read_text())
     assert kept["tour"]["failure"] == str(done.failure)
     assert [step["holds"] for step in kept["tour"]["steps"]] == [False]
-    assert "The comparison is not complete" in write_compare_report(tmp_path).read_text()
+    assert "The comparison is not complete" in write_report_of(tmp_path).read_text()
 
 
 def test_a_step_that_is_refused_is_linked_to_the_report_that_it_left(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_a_drawn_robots_tour_begins_with_its_blank_bench_and_ends_with_its_truth
     assert facts["A_2"]["truth"] == truth.ate.a2_arcsec
     assert facts["K_g"]["truth"] == pytest.approx(1e-3 * truth.gear_stiffness_nm_rad)
     assert "estimate" not in facts["K_g"]
-    page = write_compare_report(tmp_path / "out").read_text()
+    page = write_report_of(tmp_path / "out").read_text()
     assert "Truth and estimate" in page
     assert "bench “fleet-real-3”" in page, "no robot was run, and its bench has a name all the same"
 

@@ -10,8 +10,8 @@ from hil.analysis import DirectionMetrics
 from hil.arm_tour import GOAL_MM, claims
 from hil.bench.bench import load_bench
 from hil.experiments.motions import LINE_MOTION
-from hil.report.pages.compare import write_compare_report
-from hil.report.pages.demo import ARM_FOLDER, write_report
+from hil.report.pages.demo import ARM_FOLDER
+from hil.report.writer import write_report_of
 from hil.results.base import MeasuredBench
 from hil.results.runs import ExperimentsResult, RunEntry
 
@@ -82,16 +82,16 @@ def test_an_arm_that_is_not_there_is_said_on_its_own_page_and_on_the_demos(tmp_p
         file=bench,
     )
     ExperimentsResult(bench=described, emulated=True).write(tmp_path / "result.json")
-    assert "whole-arm" not in write_report(tmp_path).read_text()
+    assert "whole-arm" not in write_report_of(tmp_path).read_text()
     done = arm_tour.run("local:/nowhere/robot.sock", tmp_path / ARM_FOLDER)
     assert done.failure is not None
     assert done.comparison is None
     kept = json.loads((tmp_path / ARM_FOLDER / "result.json").read_text())["tour"]
     assert kept["failure"] == str(done.failure)
     assert [(step["name"], step["holds"]) for step in kept["steps"]] == [("learn on the line itself", False)]
-    own = write_compare_report(tmp_path / ARM_FOLDER).read_text()
+    own = write_report_of(tmp_path / ARM_FOLDER).read_text()
     assert "The comparison is not complete" in own
     assert "A whole arm: bench “reference arm”" in own
-    page = write_report(tmp_path).read_text()
+    page = write_report_of(tmp_path).read_text()
     assert 'id="whole-arm-table"' in page
     assert "It ended early" in page

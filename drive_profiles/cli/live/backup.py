@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail, print_json, progress, table
 from drive_profiles.cli.live.faults import NodesOption
 from drive_profiles.cli.options import ALL, BusOption, ClassesOption, JsonOption, TimeoutOption, class_names
@@ -22,11 +23,7 @@ if TYPE_CHECKING:
 INDEX = "backup.json"
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to an application."""
-    app.command("backup", epilog=READ_EPILOG)(backup)
-
-
+@command(epilog=READ_EPILOG)
 def backup(
     bus: BusOption,
     out: Annotated[Path, typer.Option("--out", help="Folder for the files; new, or empty.")],

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_nodes
 from drive_profiles.cli.console import CLEAR_EPILOG, ExitStatus, confirm, exit_on_error, fail, print_json, table
 from drive_profiles.cli.options import BusOption, JsonOption, TimeoutOption
@@ -25,11 +26,7 @@ NodesOption = Annotated[
 ]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to an application."""
-    app.command("faults", epilog=CLEAR_EPILOG)(faults)
-
-
+@command(epilog=CLEAR_EPILOG)
 def faults(
     bus: BusOption,
     node: NodesOption = None,

@@ -31,14 +31,7 @@ YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask first.")]
 LssTimeoutOption = Annotated[float, typer.Option("--timeout-s", min=0.01, max=10.0, help="Longest time until an answer.")]
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the group of commands to an application."""
-    lss_app.command("show", epilog=READ_EPILOG)(show)
-    lss_app.command("node-id", epilog=READ_EPILOG)(node_id)
-    lss_app.command("bit-rate", epilog=READ_EPILOG)(bit_rate)
-    app.add_typer(lss_app)
-
-
+@lss_app.command(epilog=READ_EPILOG)
 def show(
     bus: BusOption,
     *,
@@ -54,6 +47,7 @@ def show(
     _with_one(bus, identity, unconfigured, only, timeout_s, lambda lss, address: None)
 
 
+@lss_app.command(epilog=READ_EPILOG)
 def node_id(
     new: Annotated[int, typer.Argument(metavar="NODE-ID", min=1, max=127, help="The new node-ID.")],
     bus: BusOption,
@@ -82,6 +76,7 @@ def node_id(
     _with_one(bus, identity, unconfigured, only, timeout_s, change, taken=new)
 
 
+@lss_app.command(epilog=READ_EPILOG)
 def bit_rate(
     new: Annotated[str, typer.Argument(metavar="RATE", help="The new bit rate: 1M, 500k, 125k.")],
     bus: BusOption,

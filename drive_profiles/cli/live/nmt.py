@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_nodes
 from drive_profiles.cli.console import READ_EPILOG, ExitStatus, confirm, exit_on_error, fail, table
 from drive_profiles.cli.live.faults import devices_at
@@ -43,11 +44,7 @@ _COMMANDS = {
 }
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to an application."""
-    app.command("nmt", epilog=READ_EPILOG)(nmt)
-
-
+@command(epilog=READ_EPILOG)
 def nmt(
     command: Annotated[
         NmtWord, typer.Argument(show_choices=False, help="start, stop, pre-operational, reset-node or reset-communication.")

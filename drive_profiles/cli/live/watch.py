@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_objects
 from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail
 from drive_profiles.cli.entry import interrupted
@@ -29,11 +30,7 @@ KEPT = 60
 _BARS = "▁▂▃▄▅▆▇█"
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to an application."""
-    app.command("watch", epilog=READ_EPILOG)(watch)
-
-
+@command(epilog=READ_EPILOG)
 def watch(
     objects: Annotated[list[str], typer.Argument(metavar="OBJECT", help="0x6064, or a name.", autocompletion=complete_objects)],
     bus: BusOption,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, progress
 from hil.cli.console import ExitStatus, exit_on_error, say_page
 from hil.cli.options import JsonOption
@@ -28,11 +29,7 @@ EXPLAIN_EPILOG = epilog(
 )
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(epilog=EXPLAIN_EPILOG)(explain)
-
-
+@command(epilog=EXPLAIN_EPILOG)
 def explain(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a bus: candump (-l, or -ta), BLF, ASC, TRC, MF4.")],
     description: Annotated[

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, progress
 from hil.cli.console import ExitStatus, exit_on_error, say
 from hil.cli.heard.explain import description_from
@@ -29,11 +30,7 @@ EXPORT_EPILOG = epilog(
 FORMATS = (".dbc", ".mf4", ".mcap", ".parquet")
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(epilog=EXPORT_EPILOG)(export)
-
-
+@command(epilog=EXPORT_EPILOG)
 def export(
     source: Annotated[
         Path, typer.Argument(metavar="SOURCE", help="Directory of a run, one of its CSV files, or a log of a bus.")

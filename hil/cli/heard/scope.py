@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
 from hil.cli.live import DEFAULT_PORT
@@ -33,11 +34,7 @@ SCOPE_EPILOG = epilog(
 )
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(epilog=SCOPE_EPILOG)(scope)
-
-
+@command(epilog=SCOPE_EPILOG)
 def scope(
     directory: Annotated[
         Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run to show; default: the bus.")

@@ -1,1 +1,1 @@
-"""Commands before the first run: bench file, checks, schema."""
+"""Commands before the first run: bench file, checks."""

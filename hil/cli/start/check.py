@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import table
 from hil.cli.console import (
     ExitStatus,
@@ -25,11 +26,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
 CHECK_EPILOG = epilog_of_runs({ExitStatus.DONE: "every check passed", ExitStatus.NOT_MET: "a check failed, or could not be made"})
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(epilog=CHECK_EPILOG)(check)
-
-
+@command(epilog=CHECK_EPILOG)
 def check(
     bench_file: BenchOption,
     axis: Annotated[

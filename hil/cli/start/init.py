@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
 from hil.cli.options import AXES, BusOption
@@ -15,11 +16,7 @@ INIT_EPILOG = epilog(
 )
 
 
-def mount(app: typer.Typer) -> None:
-    """Add the command to `hil`."""
-    app.command(epilog=INIT_EPILOG)(init)
-
-
+@command(epilog=INIT_EPILOG)
 def init(
     out: Annotated[Path, typer.Option("--out", help="Bench file to write; it must not exist yet.")],
     bus: BusOption = None,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hil.bench.model import IdentifiedError
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.report.against.alike import RunPair
-from hil.report.material import Material, run_name, treatment_name
+from hil.report.material import Material, run_name, treatment_name, worst_of
 from hil.report.order_names import symbol_of
 from hil.report.report_table import NONE, Cell, ReportTable, number, value_and_error
 from hil.results.ate import AteResult
@@ -108,25 +108,16 @@ def model_numbers(new: Material, old: Material) -> Iterator[NumberPair]:
     for axis in sorted(set(new.model_axes) & set(old.model_axes)):
         group = f"axis {axis}: margins from the model, with the active filters"
         yield NumberPair(group, "f_al", "Hz", old.f_al_hz[axis], new.f_al_hz[axis])
-        before, after = worst_margins(old, axis), worst_margins(new, axis)
-        for name, unit, own, other in zip(MARGIN_NAMES, ("", "dB", "°"), after, before, strict=True):
-            yield NumberPair(group, name, unit, other, own)
+        before, after = (worst_of(each.margins(axis, each.acting(axis)).values()) for each in (old, new))
+        for name, unit, key in MARGINS:
+            yield NumberPair(group, name, unit, getattr(before, key), getattr(after, key))
 
 
-MARGIN_NAMES = ("Largest M_s", "Smallest gain margin", "Smallest phase margin")
-
-
-def worst_margins(material: Material, axis: int) -> tuple[float, float, float]:
-    """Return the worst margins of an axis over all speeds.
-
-    Largest M_s, least gain margin in dB, least phase margin in degrees; with the filters of the runs.
-    """
-    found = list(material.margins(axis, material.acting(axis)).values())
-    return (
-        max(each.sensitivity_peak for each in found),
-        min(each.gain_margin_db for each in found),
-        min(each.phase_margin_deg for each in found),
-    )
+MARGINS = (
+    ("Largest M_s", "", "sensitivity_peak"),
+    ("Smallest gain margin", "dB", "gain_margin_db"),
+    ("Smallest phase margin", "°", "phase_margin_deg"),
+)
 
 
 def error_numbers(new: AteResult, old: AteResult) -> Iterator[NumberPair]:

@@ -1,6 +1,5 @@
 """Figures of a comparison: vibration with every treatment, and peaks."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +17,7 @@ from hil.report.material import LINE_MOTION, Material
 from hil.report.plotted_run import (
     PlottedRun,
     direction_words,
+    displacement_scale,
     draw_vibration,
     finish_vibration,
     key_end,
@@ -202,7 +202,7 @@ def _overlay(
     panel.set_xlabel("")
     if f_al is not None:
         below.axhline(limit_m_s2(material, f_al), **style.LIMIT)
-        _millimetres(below, f_al, "Displacement (mm)")
+        displacement_scale(below, f_al, "Displacement (mm)")
     below.set_ylim(0.0, panel.get_ylim()[1])
     below.set(xlabel="Time (s)", ylabel="Envelope (m/s²)")
     style.legend_above(figure, panel, columns=3)
@@ -231,7 +231,7 @@ def _multiples(
         _shade(material, panel, axis, run.recording)
         reach = max(reach, finish_vibration(material, panel, f_al, with_name=False, with_scale=False))
         if f_al is not None and (number % 2 == 1 or number == len(shown) - 1):
-            _millimetres(panel, f_al)
+            displacement_scale(panel, f_al)
         panel.set_title(_label(row))
         if number + 2 < len(shown):
             panel.set_xlabel("")
@@ -242,16 +242,6 @@ def _multiples(
     figure.supylabel("Tip acceleration, band-passed (m/s²)", fontsize=8.5)
     style.legend_above(figure, panels[0, 0], columns=3)
     return style.to_svg(figure, key, is_zoomable=True)
-
-
-def _millimetres(panel: Axes, f_al: float, name: str = "mm") -> None:
-    """Draw the scale of displacement on the right.
-
-    Its name should fit the panel's height.
-    """
-    scale = 1e3 / (2.0 * math.pi * f_al) ** 2
-    right = panel.secondary_yaxis("right", functions=(lambda a: np.asarray(a) * scale, lambda d: np.asarray(d) / scale))
-    right.set_ylabel(name)
 
 
 def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:

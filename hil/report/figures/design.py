@@ -4,18 +4,12 @@ They correspond to the paper's Figs. 11 and 12.
 """
 
 import math
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 
 from hil.analysis import tip_displacement_mm
 from hil.control.angles import ARCSEC
-from hil.control.notch import Notch
 from hil.design.frequency import acceleration_bound
 from hil.design.notch_design import NotchVerdict
 from hil.design.ramp import follow
@@ -23,7 +17,7 @@ from hil.design.speed_margins import FINE_BAND
 from hil.experiments.judge import scale_at
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
-from hil.report.figures.notch import FAMILY, FEW, draw_worst, mark_own_harmonic
+from hil.report.figures.notch import FAMILY, FEW, colour_bar, draw_critical_point, draw_worst, mark_own_harmonic, speed_norm
 from hil.report.style import Drawing, Real
 
 SHOWN_FREQUENCIES = (0.34, 2.2)
@@ -55,7 +49,7 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
     if not own:
         return None
     figure, panels = style.panels(3, len(own), 7.6, sharey="row", height_ratios=(2, 3, 3))
-    norm = _norm(own)
+    norm = speed_norm(own)
     shown = _shown_hz(outcome)
     frequency = np.linspace(*shown, 1601)
     loop = outcome.loop(best.notches)
@@ -81,7 +75,7 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
     for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB)"), strict=True):
         panel.set_ylabel(name)
     style.legend_above(figure, panels[2, 0])
-    _colour_bar(figure, panels[:2], norm)
+    colour_bar(figure, panels[:2], norm, shrink=0.6)
     return Drawing(
         "families",
         "Gain of the filter and of G_al",
@@ -128,7 +122,7 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     if not best.notches:
         return None
     figure, panels = style.panels(1, 2, 4.4)
-    norm = _norm(best.notches)
+    norm = speed_norm(best.notches)
     loop = outcome.loop(best.notches)
     grid = np.unique(
         np.concatenate(
@@ -138,7 +132,6 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
             ]
         )
     )
-    angle = np.linspace(0.0, 2.0 * np.pi, 181)
     low, high = min(n.start_rps for n in best.notches), max(n.end_rps for n in best.notches)
     for speed in np.linspace(low, high, 2 * FAMILY):
         response = loop.open_loop(grid, float(speed))
@@ -151,19 +144,15 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     for panel in panels[0]:
         draw_worst(panel, response, f"worst speed, {worst_rps:.2f} rev/s")
     for panel in panels[0]:
-        panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
-        for radius, name, look in (
+        draw_critical_point(
+            panel,
             (1.0 / allowed, f"$M_s$ = {allowed:g}, allowed", style.CONSTRAINT),
             (1.0 / worst, f"$M_s$ = {worst:.2f}, nominal plant", style.MODEL),
-        ):
-            panel.plot(-1.0 + radius * np.cos(angle), radius * np.sin(angle), label=name, **look)
-        panel.plot([-1.0], [0.0], "+", color=style.BLACK, markersize=8, markeredgewidth=1.4)
-        panel.set_aspect("equal")
-        panel.set_xlabel("Real part (–)")
+        )
     panels[0, 0].set(xlim=(-5.0, 5.0), ylim=(-5.0, 4.0), ylabel="Imaginary part (–)")
     panels[0, 1].set(xlim=(-1.9, 0.3), ylim=(-1.2, 0.8), title="near −1")
     style.legend_above(figure, panels[0, 0])
-    _colour_bar(figure, panels, norm)
+    colour_bar(figure, panels, norm, shrink=0.6)
     return Drawing(
         "nyquist",
         "Open loop with the filter",
@@ -243,12 +232,3 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
         "the specification. The filter does better at constant speed: on a ramp it has no time to settle.",
         style.to_svg(figure, "ramps", is_zoomable=True),
     )
-
-
-def _norm(notches: Sequence[Notch]) -> Normalize:
-    return Normalize(min(notch.start_rps for notch in notches), max(notch.end_rps for notch in notches))
-
-
-def _colour_bar(figure: Figure, panels: Any, norm: Normalize) -> None:
-    bar = figure.colorbar(ScalarMappable(norm, style.SPEED_COLOURS), ax=list(panels.flat), shrink=0.6, aspect=30, pad=0.02)
-    bar.set_label("Motor speed $f_m$ (rev/s)")

@@ -4,7 +4,7 @@ They correspond to the paper's Figs. 10, 11 and 12.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from hil.report.material import CONSTANT_ACCELERATION, Material, treatment_name
 from hil.report.style import Drawing, Real
 from hil.report.tables.paper_runs import filters_end
 from hil.results.acted import FilterSet
+from hil.robot_tables import NotchTable
 
 FAMILY = 11
 """Speeds in a bundle of curves."""
@@ -192,7 +193,7 @@ def families(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | 
     panels[1, 0].set_ylabel(r"$|G_{al}|$ (dB re 1/s²)")
     panels[2, 0].set_ylabel("$|G_{al}|$ on the line (dB re 1/s²)")
     style.legend_above(figure, panels[2, 0])
-    _colour_bar(figure, panels[:2], norm)
+    colour_bar(figure, panels[:2], norm)
     key = f"families{filters_end(nth)}"
     return Drawing(
         key,
@@ -266,7 +267,6 @@ def nyquist(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | N
     norm = _norm(filters, axes)
     low_hz, high_hz = _frequency_range(filters)
     grid = np.geomspace(1.0, 0.49 / material.control_period_s, 700)
-    angle = np.linspace(0.0, 2.0 * np.pi, 181)
     peaks = []
     for column, number in enumerate(axes):
         loop = material.loop(number, filters)
@@ -285,18 +285,7 @@ def nyquist(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | N
         for panel in (whole, near):
             draw_worst(panel, response, "the worst speed")
         for panel in (whole, near):
-            panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
-            panel.plot(
-                -1.0 + np.cos(angle) / worst,
-                np.sin(angle) / worst,
-                label="1/$M_s$ around −1",
-                color=style.VERMILLION,
-                linewidth=1.1,
-                linestyle=(0, (4, 1.6)),
-            )
-            panel.plot([-1.0], [0.0], "+", color=style.BLACK, markersize=8, markeredgewidth=1.4)
-            panel.set_aspect("equal")
-            panel.set_xlabel("Real part (–)")
+            draw_critical_point(panel, (1.0 / worst, "1/$M_s$ around −1", CLOSEST))
         whole.set(xlim=(-5.0, 5.0), ylim=(-5.0, 4.0), title=f"Axis {number}")
         near.set(
             xlim=(-1.9, 0.3),
@@ -307,7 +296,7 @@ def nyquist(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | N
     for panel in panels[:, 0]:
         panel.set_ylabel("Imaginary part (–)")
     style.legend_above(figure, panels[0, 0])
-    _colour_bar(figure, panels, norm)
+    colour_bar(figure, panels, norm)
     key = f"nyquist{filters_end(nth)}"
     return Drawing(
         key,
@@ -323,6 +312,8 @@ def nyquist(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | N
 
 WORST: style.Line = {"color": style.VERMILLION, "linestyle": "-", "linewidth": 1.8}
 """Line of the speed at which the loop comes closest to −1."""
+CLOSEST: style.Line = {"color": style.VERMILLION, "linewidth": 1.1, "linestyle": (0, (4, 1.6))}
+"""Line of the circle around −1 that the loop touches."""
 
 
 def draw_worst(panel: Axes, response: Any, name: str) -> None:
@@ -333,6 +324,22 @@ def draw_worst(panel: Axes, response: Any, name: str) -> None:
     closest = response[int(np.argmin(np.abs(1.0 + response)))]
     panel.plot(response.real, response.imag, label=name, **WORST)
     panel.plot([closest.real], [closest.imag], "o", color=style.VERMILLION, markersize=4.5, zorder=5)
+
+
+def draw_critical_point(panel: Axes, *circles: tuple[float, str, style.Line]) -> None:
+    """Draw the unit circle and −1, with circles around it, in a Nyquist diagram.
+
+    Args:
+        panel: Panel of the diagram.
+        circles: Radius, name and line style of each.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
+    for radius, name, look in circles:
+        panel.plot(-1.0 + radius * np.cos(angle), radius * np.sin(angle), label=name, **look)
+    panel.plot([-1.0], [0.0], "+", color=style.BLACK, markersize=8, markeredgewidth=1.4)
+    panel.set_aspect("equal")
+    panel.set_xlabel("Real part (–)")
 
 
 def _open_loop(loop: Loop, speed_rps: float, grid: Real, order: int, range_hz: tuple[float, float]) -> Any:
@@ -401,7 +408,11 @@ def margin_curves(material: Material, filters: FilterSet, nth: int = 0) -> Drawi
 
 
 def _norm(filters: FilterSet, axes: tuple[int, ...]) -> Normalize:
-    notches = [filters.notches[number][0] for number in axes]
+    return speed_norm([filters.notches[number][0] for number in axes])
+
+
+def speed_norm(notches: Sequence[Notch | NotchTable]) -> Normalize:
+    """Speeds from the least f_s to the greatest f_e, for their colours."""
     return Normalize(min(notch.start_rps for notch in notches), max(notch.end_rps for notch in notches))
 
 
@@ -411,6 +422,7 @@ def _speeds(notch: Notch, norm: Normalize, count: int = FAMILY) -> Iterator[tupl
         yield float(speed), style.SPEED_COLOURS(norm(speed))
 
 
-def _colour_bar(figure: Figure, panels: style.Panels, norm: Normalize) -> None:
-    bar = figure.colorbar(ScalarMappable(norm, style.SPEED_COLOURS), ax=list(panels.flat), shrink=0.5, aspect=30, pad=0.02)
+def colour_bar(figure: Figure, panels: style.Panels, norm: Normalize, shrink: float = 0.5) -> None:
+    """Draw the colours of the speeds beside some panels."""
+    bar = figure.colorbar(ScalarMappable(norm, style.SPEED_COLOURS), ax=list(panels.flat), shrink=shrink, aspect=30, pad=0.02)
     bar.set_label("Motor speed $f_m$ (rev/s)")

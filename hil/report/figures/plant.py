@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from hil.design.frequency import Complex, Real
 from hil.design.modes.problem import ArmMode, modal_angle, modal_tip
@@ -102,18 +103,15 @@ def frequency_response(result: PlantResult) -> Drawing | None:
     measured, plant, parameters = result.response, result.plant, result.parameters
     if measured is None or plant is None or parameters is None:
         return None
-    frequency, value = _complex(measured)
-    figure, panels = style.panels(3, 1, 6.2, sharex=True, height_ratios=(4, 3, 1.6))
-    fine = np.geomspace(frequency[0], frequency[-1], 800)
     modes = [ArmMode.of(each) for each in result.modes]
+    fine = np.geomspace(measured.frequency_hz[0], measured.frequency_hz[-1], 800)
     model = modal_angle(plant, modes, fine) if modes else angle_response(plant, fine)
-    _gain_and_phase(panels, frequency, value, np.asarray(measured.radius), fine, model, origin_of(result).word)
+    figure, panels = _response(result, measured, fine, model)
     panels[0, 0].set_ylabel(r"$|\theta_m/\tau|$ (dB re 1 rad/N·m)")
     for name, symbol, side in (("antiresonance_hz", "f_a", "right"), ("resonance_hz", "f_r", "left")):
         parameter = parameters[name]
         text = f"${symbol}$ = {' ± '.join(value_and_error(parameter.value, parameter.standard_error))} Hz"
         style.flag(panels[0, 0], parameter.value, text, side=side)
-    _coherence(panels[2, 0], frequency, measured)
     style.legend_above(figure, panels[0, 0])
     return Drawing(
         "frequency-response", "Motor angle per torque", "Fig. 4", "measured and computed",
@@ -129,15 +127,12 @@ def tip(result: PlantResult) -> Drawing | None:
     measured, plant, parameters = result.tip_response, result.plant, result.parameters
     if measured is None or plant is None or parameters is None:
         return None
-    frequency, value = _complex(measured)
-    figure, panels = style.panels(3, 1, 6.2, sharex=True, height_ratios=(4, 3, 1.6))
-    fine = np.geomspace(frequency[0], frequency[-1], 800)
+    fine = np.geomspace(measured.frequency_hz[0], measured.frequency_hz[-1], 800)
     lever = result.bench.file.axis[result.axis].tip_lever_m * parameters["lever_ratio"].value
     modes, delay_s = [ArmMode.of(each) for each in result.modes], parameters["accelerometer_delay_s"].value
     model = modal_tip(plant, modes, fine, lever, delay_s) if modes else tip_response(plant, fine, lever, delay_s)
-    _gain_and_phase(panels, frequency, value, np.asarray(measured.radius), fine, model, origin_of(result).word)
+    figure, panels = _response(result, measured, fine, model)
     panels[0, 0].set_ylabel(r"$|a_{tip}/\theta_m|$ (dB re 1 m/s² per rad)")
-    _coherence(panels[2, 0], frequency, measured)
     style.legend_above(figure, panels[0, 0])
     ratio = parameters["lever_ratio"]
     seen = " ± ".join(value_and_error(ratio.value, ratio.standard_error))
@@ -149,19 +144,16 @@ def tip(result: PlantResult) -> Drawing | None:
     )  # fmt: skip
 
 
-def _complex(measured: FrequencyResponseEntry) -> tuple[Real, Complex]:
+def _response(result: PlantResult, measured: FrequencyResponseEntry, fine: Real, model: Complex) -> tuple[Figure, style.Panels]:
+    """Draw gain, phase and coherence of a measured response beside the fitted model."""
+    figure, panels = style.panels(3, 1, 6.2, sharex=True, height_ratios=(4, 3, 1.6))
+    frequency, radius = np.asarray(measured.frequency_hz), np.asarray(measured.radius)
     value = np.asarray(measured.real) + 1j * np.asarray(measured.imaginary)
-    return np.asarray(measured.frequency_hz), np.asarray(value, dtype=np.complex128)
-
-
-def _gain_and_phase(
-    panels: style.Panels, frequency: Real, value: Complex, radius: Real, fine: Real, model: Complex, word: str
-) -> None:  # fmt: skip
     gain, phase = panels[0, 0], panels[1, 0]
     size = np.abs(value)
     low, high = style.decibel(np.maximum(size - radius, 1e-3 * size)), style.decibel(size + radius)
     gain.fill_between(frequency, low, high, color=style.SKY, alpha=0.45, linewidth=0, label="95 %")
-    gain.semilogx(frequency, style.decibel(value), label=word, marker=".", **style.MEASURED)
+    gain.semilogx(frequency, style.decibel(value), label=origin_of(result).word, marker=".", **style.MEASURED)
     gain.semilogx(fine, style.decibel(model), label="fitted model", **style.MODEL)
     angle = np.degrees(np.unwrap(np.angle(value)))
     fitted = np.degrees(np.unwrap(np.angle(model)))
@@ -171,6 +163,8 @@ def _gain_and_phase(
     phase.semilogx(frequency, angle, marker=".", **style.MEASURED)
     phase.semilogx(fine, fitted, **style.MODEL)
     phase.set_ylabel("Phase (°)")
+    _coherence(panels[2, 0], frequency, measured)
+    return figure, panels
 
 
 def _coherence(panel: Any, frequency: Real, measured: FrequencyResponseEntry) -> None:

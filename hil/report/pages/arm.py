@@ -2,26 +2,16 @@
 
 from pathlib import Path
 
-from hil.report import style
 from hil.report.figures import arm as figures_arm
 from hil.report.origin import origin_of_arm
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section
 from hil.report.report_table import Cell, ReportTable, number, value_and_error
 from hil.results.arm import ArmResult
-from hil.results.files import load_result
 
 
-def write_arm_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that `hil identify arm` has filled.
-
-    Raises:
-        NotPossibleError: It shall be interactive, and Bokeh is not installed.
-        OSError: result.json cannot be read, or the page cannot be written.
-        ValueError: result.json is not that of an arm's masses.
-    """
-    result = load_result(directory, ArmResult, "the masses of an arm")
-    with style.styled():
-        drawings = [each for each in (figures_arm.line_dips(result), figures_arm.fitted_dips(result)) if each is not None]
+def page_of(_: Path, result: ArmResult) -> Page:
+    """Return the page of `hil identify arm`."""
+    drawings = [each for each in (figures_arm.line_dips(result), figures_arm.fitted_dips(result)) if each is not None]
     chapters = [Section("line", "Resonances", tuple(drawings)), Section("dips", "Dips", (dips(result), gears(result)))]
     head = PageHead(
         result.bench,
@@ -30,14 +20,7 @@ def write_arm_report(directory: Path, *, is_interactive: bool = False) -> Path:
         subtitle="From the plants of its axes in several postures",
         origin=origin_of_arm(result),
     )
-    return render(
-        directory / "report.html",
-        head,
-        verdict(result),
-        chapters,
-        provenance=[("Bench", result.bench)],
-        is_interactive=is_interactive,
-    )
+    return Page(head, verdict(result), chapters, provenance=[("Bench", result.bench)])
 
 
 def verdict(result: ArmResult) -> PageVerdict:

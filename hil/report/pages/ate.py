@@ -4,36 +4,20 @@ from pathlib import Path
 
 from hil.bench.model import values_in_words
 from hil.recording import Recording
-from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.ate import AteMaterial
 from hil.report.figures.order_map import MarkedResonance, order_maps
-from hil.report.pages.page import PageHead, PageVerdict, Section, bench_lines, filled_sections, render
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.report_table import ReportTable
 from hil.report.style import Drawing
+from hil.results.ate import AteResult
 
 
-def write_ate_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that `hil identify ate` has filled.
-
-    Raises:
-        NotPossibleError: It shall be interactive, and Bokeh is not installed.
-        OSError: result.json or a recording cannot be read, or the page cannot be written.
-        ValueError: result.json is not that of an identification of the transmission error.
-    """
+def page_of(directory: Path, result: AteResult) -> Page:
+    """Return the page of a directory that `hil identify ate` has filled."""
     material = AteMaterial(directory)
-    with style.styled():
-        chapters = sections(material)
-    result = material.result
     head = PageHead.of(result, f"Transmission error of axis {material.axis}")
-    return render(
-        directory / "report.html",
-        head,
-        verdict(material),
-        chapters,
-        provenance=provenance(material),
-        is_interactive=is_interactive,
-    )
+    return Page(head, verdict(material), sections(material), provenance=provenance(material))
 
 
 def sections(material: AteMaterial) -> list[Section]:

@@ -5,12 +5,11 @@ from pathlib import Path
 from drive_profiles.errors import FileError
 from hil.bench.bench import load_bench
 from hil.experiments.treatment import TITLES
-from hil.report import style
 from hil.report.figures import compare as figures_compare
 from hil.report.figures import shapers as figures_shapers
 from hil.report.material import POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render, versions_text
+from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, filled_sections, versions_text
 from hil.report.report_table import Mark, ReportTable
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
@@ -18,21 +17,12 @@ from hil.report.tables.compare import case_name, cases
 from hil.report.tables.directions import directions as direction_table
 from hil.report.tables.shapers import shapers as shaper_table
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TourResult, TreatmentTable
-from hil.results.files import load_result
 
 
-def write_compare_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that `hil compare` has filled.
-
-    Raises:
-        NotPossibleError: It shall be interactive, and Bokeh is not installed.
-        OSError: result.json cannot be read, or the page cannot be written.
-        ValueError: result.json is not that of a comparison.
-    """
-    result = load_result(directory, TreatmentTable, "a comparison")
+def page_of(directory: Path, result: TreatmentTable) -> Page:
+    """Return the page of a directory that `hil compare` has filled."""
     materials = {robot.directory: _material(directory / robot.directory) for robot in result.robots}
-    with style.styled():
-        chapters = sections(result, materials)
+    chapters = sections(result, materials)  # they add to the notes
     names = ", ".join(robot.name for robot in result.robots)
     head = PageHead(
         names or _bench_name(directory, result),
@@ -42,15 +32,7 @@ def write_compare_report(directory: Path, *, is_interactive: bool = False) -> Pa
         aftermath=tuple(_aftermath(result)),
         origin=origin_of_table(result),
     )
-    return render(
-        directory / "report.html",
-        head,
-        verdict(result),
-        chapters,
-        cards=cards(result),
-        provenance=provenance(result),
-        is_interactive=is_interactive,
-    )
+    return Page(head, verdict(result), chapters, cards(result), provenance(result))
 
 
 def _bench_name(directory: Path, result: TreatmentTable) -> str:

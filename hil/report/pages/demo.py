@@ -7,11 +7,9 @@ from pathlib import Path
 from markupsafe import Markup
 
 from hil.analysis import is_noise
-from hil.bench.bench import Bench
 from hil.control.treatments import treatment
 from hil.experiments.plan import outside
 from hil.experiments.treatment import TITLES
-from hil.report import style
 from hil.report.figures import (
     arm_along_line,
     arm_swinging,
@@ -26,7 +24,7 @@ from hil.report.figures import (
 )
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, bench_lines, filled_sections, render
+from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.plotted_run import key_end, shown_runs
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
 from hil.report.report_table import number as number_text
@@ -41,50 +39,26 @@ from hil.report.timing import timing_table
 from hil.results.acted import FilterSet
 from hil.results.comparison import TourResult
 from hil.results.files import ResultFileError, load_result
-from hil.results.runs import RunEntry, TreatmentComparison, leading
+from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison, leading
 
 TOUR_FOLDER, ARM_FOLDER = "tour", "arm"
 """Folders of the demo's other parts, below its own."""
 
 
-def write_report(directory: Path, bench: Bench | None = None, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory of runs.
-
-    The directory contains `result.json` and the recordings that it names.
-
-    Args:
-        directory: Where result.json is.
-        bench: The bench of the runs; from result.json unless it is given.
-        is_interactive: True if its figures can be zoomed.
-
-    Returns:
-        The path of the page: one file, no network, and no scripts but those of an interactive one.
-
-    Raises:
-        NotPossibleError: It shall be interactive, and Bokeh is not installed.
-        OSError: result.json cannot be read or the page cannot be written.
-        ValueError: result.json is not the result of a run.
-    """
-    material = Material(directory, bench)
-    with style.styled():
-        chapters = sections(material)
-    return render(
-        directory / "report.html",
-        PageHead(
-            material.bench.name,
-            material.result.bench.started_utc,
-            tuple(material.notes),
-            aftermath=material.result.aftermath,
-            origin=origin_of(material.result),
-            is_paper=material.bench.is_paper,
-            heading=heading(material),
-        ),
-        verdict(material),
-        chapters,
-        cards=cards(material),
-        provenance=provenance(material),
-        is_interactive=is_interactive,
+def page_of(directory: Path, _: ExperimentsResult) -> Page:
+    """Return the page of a directory of runs, with `result.json` and the recordings that it names."""
+    material = Material(directory)
+    chapters = sections(material)  # they add to the notes
+    head = PageHead(
+        material.bench.name,
+        material.result.bench.started_utc,
+        tuple(material.notes),
+        aftermath=material.result.aftermath,
+        origin=origin_of(material.result),
+        is_paper=material.bench.is_paper,
+        heading=heading(material),
     )
+    return Page(head, verdict(material), chapters, cards(material), provenance(material))
 
 
 def heading(material: Material) -> str:

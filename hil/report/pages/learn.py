@@ -5,41 +5,20 @@ from pathlib import Path
 from markupsafe import Markup
 
 from hil.recording import Recording
-from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.order_names import symbol
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, bench_lines, filled_sections, render
+from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.report_table import Cell, Mark, ReportTable, number
 from hil.report.style import Drawing
 from hil.report.tables.trial import trial_table
-from hil.results.files import load_result
 from hil.results.learning import LearningPass, LearningResult, LearningRun
 
 
-def write_learning_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that `hil learn` has filled.
-
-    Also if it has learnt nothing.
-
-    Raises:
-        NotPossibleError: It shall be interactive, and Bokeh is not installed.
-        OSError: result.json cannot be read, or the page cannot be written.
-        ValueError: result.json is not that of adaptive cancellation.
-    """
-    result = load_result(directory, LearningResult, "adaptive cancellation")
-    with style.styled():
-        chapters = sections(result, directory)
+def page_of(directory: Path, result: LearningResult) -> Page:
+    """Return the page of a directory that `hil learn` has filled, also if it has learnt nothing."""
     head = PageHead.of(result, "Adaptive cancellation")
-    return render(
-        directory / "report.html",
-        head,
-        verdict(result),
-        chapters,
-        cards=cards(result),
-        provenance=provenance(result),
-        is_interactive=is_interactive,
-    )
+    return Page(head, verdict(result), sections(result, directory), cards(result), provenance(result))
 
 
 def sections(result: LearningResult, directory: Path | None = None) -> list[Section]:

@@ -2,40 +2,19 @@
 
 from pathlib import Path
 
-from hil.report import style
 from hil.report.figures import ate as figures_ate
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, bench_lines, filled_sections, render
+from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.report_table import Cell, Mark, ReportTable, number
 from hil.report.style import Drawing
-from hil.results.files import load_result
 from hil.results.learning import MotionLearningResult, ProbedPart, ProbingRun
 
 RUN_WORDS = {"base": "untreated", "probe": "probing", "applied": "with the cancellation"}
 
 
-def write_motion_learning_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory of `hil learn --motion`.
-
-    Also if it has learnt nothing.
-
-    Raises:
-        NotPossibleError: It shall be interactive, and Bokeh is not installed.
-        OSError: result.json cannot be read, or the page cannot be written.
-        ValueError: result.json is not that of learning on a motion.
-    """
-    result = load_result(directory, MotionLearningResult, "learning on a motion")
-    with style.styled():
-        chapters = sections(result)
+def page_of(_: Path, result: MotionLearningResult) -> Page:
+    """Return the page of `hil learn --motion`, also if it has learnt nothing."""
     head = PageHead.of(result, f"Learning on the {result.motion.replace('-', ' ')}")
-    return render(
-        directory / "report.html",
-        head,
-        verdict(result),
-        chapters,
-        cards=cards(result),
-        provenance=provenance(result),
-        is_interactive=is_interactive,
-    )
+    return Page(head, verdict(result), sections(result), cards(result), provenance(result))
 
 
 def sections(result: MotionLearningResult) -> list[Section]:

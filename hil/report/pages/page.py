@@ -3,7 +3,7 @@
 import datetime
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -129,6 +129,17 @@ class Card:
     before: str
     unit: str
     steps: tuple[CardStep, ...]
+
+
+@dataclass(frozen=True)
+class Page:
+    """Content of a page, as `render` takes it."""
+
+    head: PageHead
+    verdict: PageVerdict
+    sections: list[Section]
+    cards: list[Card] = field(default_factory=list)
+    provenance: list[tuple[str, str]] = field(default_factory=list)
 
 
 _SYMBOL = re.compile(r"(?<!\w)([A-Za-zα-ωΑ-Ω])_([A-Za-z0-9]+)(?!\w)")

@@ -2,32 +2,17 @@
 
 from pathlib import Path
 
-from hil.report import style
 from hil.report.figures import plant as figures_plant
-from hil.report.pages.page import PageHead, PageVerdict, Section, bench_lines, filled_sections, render
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.report_table import ReportTable, value_and_error
 from hil.report.style import Drawing
-from hil.results.files import load_result
 from hil.results.plant import PlantResult
 
 
-def write_plant_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory of `hil identify plant`.
-
-    Also if it has identified nothing.
-
-    Raises:
-        NotPossibleError: It shall be interactive, and Bokeh is not installed.
-        OSError: result.json cannot be read, or the page cannot be written.
-        ValueError: result.json is not that of a plant identification.
-    """
-    result = load_result(directory, PlantResult, "a plant identification")
-    with style.styled():
-        chapters = sections(result)
+def page_of(_: Path, result: PlantResult) -> Page:
+    """Return the page of `hil identify plant`, also if it has identified nothing."""
     head = PageHead.of(result, f"Plant of axis {result.axis}")
-    return render(
-        directory / "report.html", head, verdict(result), chapters, provenance=provenance(result), is_interactive=is_interactive
-    )
+    return Page(head, verdict(result), sections(result), provenance=provenance(result))
 
 
 def sections(result: PlantResult) -> list[Section]:

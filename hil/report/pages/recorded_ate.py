@@ -4,26 +4,17 @@ from pathlib import Path
 
 from hil.bench.model import values_in_words
 from hil.counting import counted
-from hil.report import style
 from hil.report.figures import recorded_ate as figures
 from hil.report.figures.recorded_ate import RecordedMaterial
-from hil.report.pages.page import PageHead, PageVerdict, Section, filled_sections, render, versions_text
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section, filled_sections, versions_text
 from hil.report.report_table import ReportTable
 from hil.report.style import Drawing
+from hil.results.recorded_ate import RecordedAteResult
 
 
-def write_recorded_ate_report(directory: Path, *, is_interactive: bool = False) -> Path:
-    """Write `report.html` into a directory that `hil identify ate --recording` has filled.
-
-    Raises:
-        NotPossibleError: It shall be interactive, and Bokeh is not installed.
-        OSError: result.json or a curve cannot be read, or the page cannot be written.
-        ValueError: result.json is not that of an identification from recordings.
-    """
+def page_of(directory: Path, result: RecordedAteResult) -> Page:
+    """Return the page of a directory that `hil identify ate --recording` has filled."""
     material = RecordedMaterial(directory)
-    with style.styled():
-        chapters = sections(material)
-    result = material.result
     head = PageHead(
         f"{result.robot}, from recordings",
         result.started_utc,
@@ -31,14 +22,7 @@ def write_recorded_ate_report(directory: Path, *, is_interactive: bool = False) 
         subtitle=f"From {counted(len(result.files), 'recording')} by {result.form}",
         is_bench=False,
     )
-    return render(
-        directory / "report.html",
-        head,
-        verdict(material),
-        chapters,
-        provenance=provenance(material),
-        is_interactive=is_interactive,
-    )
+    return Page(head, verdict(material), sections(material), provenance=provenance(material))
 
 
 def sections(material: RecordedMaterial) -> list[Section]:

@@ -6,7 +6,7 @@ import re
 from markupsafe import Markup
 
 from hil.design.frequency import Margins
-from hil.report.material import Material, treatment_name
+from hil.report.material import Material, treatment_name, worst_of
 from hil.report.paper import TABLE_1, TABLE_2, TABLE_3
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
 from hil.results.acted import FilterSet
@@ -124,7 +124,7 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
     is_paper = material.bench.is_paper and "notch" in filters.treatments
     for axis, tables in sorted(filters.notches.items()):
         paper = TABLE_3.get(axis) if is_paper else None
-        worst = _worst(material, axis, filters) if axis in material.model_axes else None
+        worst = worst_of(material.margins(axis, filters).values()) if axis in material.model_axes else None
         for notch in tables:
             own = (notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, notch.order, notch.start_rps, notch.end_rps)
             cells = [_both(paper[i] if paper is not None and notch.order == paper.order else None, own[i]) for i in range(6)]
@@ -179,17 +179,6 @@ def _held(material: Material, filters: FilterSet) -> str:
     if is_kept:
         return "The parameters read back from the drive."
     return "The parameters of the bench file: this result does not contain those of the drive."
-
-
-def _worst(material: Material, axis: int, filters: FilterSet) -> Margins:
-    by_speed = list(material.margins(axis, filters).values())
-    return Margins(
-        max(m.sensitivity_peak for m in by_speed),
-        min(m.gain_margin_db for m in by_speed),
-        min(m.phase_margin_deg for m in by_speed),
-        all(m.stable for m in by_speed),
-        max(m.pole_radius for m in by_speed),
-    )
 
 
 def _margin_cells(worst: Margins | None) -> list[Cell]:

@@ -12,23 +12,14 @@ from pathlib import Path
 
 from hil.bench.bench import AxisTable
 from hil.control.treatments import treatment
-from hil.design.frequency import margins
+from hil.design.frequency import Margins, margins
 from hil.errors import NotPossibleError
 from hil.passport.gather import MOST_BYTES, MOST_FOUND_FILES, utc_of
-from hil.report.material import MARGIN_SPEEDS_RPS, run_name
+from hil.report.material import MARGIN_SPEEDS_RPS, run_name, worst_of
 from hil.results.acted import notches_of
 from hil.results.base import RESULT_FILE
 from hil.results.files import ResultFileError, load_any
 from hil.results.runs import ExperimentsResult, RunEntry
-
-
-@dataclass(frozen=True)
-class LoopMargins:
-    """Worst margins of a loop over the motor's speeds."""
-
-    sensitivity_peak: float
-    gain_margin_db: float
-    phase_margin_deg: float
 
 
 @dataclass(frozen=True)
@@ -48,7 +39,7 @@ class TrendRun:
     date_utc: str
     folder: str
     entry: RunEntry
-    margins: LoopMargins | None
+    margins: Margins | None
 
     @property
     def case(self) -> str:
@@ -135,7 +126,7 @@ def _windows(result: ExperimentsResult, folder: str) -> list[TrendRun]:
     return [TrendRun(robot, date, folder, run, _margins(result, run)) for run in result.runs]
 
 
-def _margins(result: ExperimentsResult, run: RunEntry) -> LoopMargins | None:
+def _margins(result: ExperimentsResult, run: RunEntry) -> Margins | None:
     table = result.bench.file.axis.get(run.axis) if run.axis is not None else None
     if table is None or not table.has_loop or run.loop != "drive":
         return None
@@ -148,13 +139,8 @@ def _margins(result: ExperimentsResult, run: RunEntry) -> LoopMargins | None:
 
 
 @lru_cache(maxsize=1024)
-def _worst(table_json: str, period_s: float) -> LoopMargins | None:
+def _worst(table_json: str, period_s: float) -> Margins | None:
     loop = AxisTable.model_validate_json(table_json).loop(period_s)
     if loop is None:
         return None
-    found = [margins(loop, float(speed), points=1000) for speed in MARGIN_SPEEDS_RPS]
-    return LoopMargins(
-        max(each.sensitivity_peak for each in found),
-        min(each.gain_margin_db for each in found),
-        min(each.phase_margin_deg for each in found),
-    )
+    return worst_of(margins(loop, float(speed), points=1000) for speed in MARGIN_SPEEDS_RPS)

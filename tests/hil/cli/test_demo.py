@@ -39,7 +39,7 @@ def test_the_arm_is_run_of_unless_what_came_before_was_stopped_and_the_report_li
     done = []
     monkeypatch.setattr(demo, "_run_tour", lambda *_, **__: done.append("own") or own)
     monkeypatch.setattr(demo, "_run_arm_tour", lambda *_, **__: done.append("arm") or arm)
-    monkeypatch.setattr("hil.report.pages.demo.write_report", done.append)
+    monkeypatch.setattr("hil.report.writer.write_report_of", done.append)
     assert demo._run_tours(1, tmp_path, None, as_json=False) == status
     assert done == ["own", *(["arm"] if is_run else []), tmp_path]
 

@@ -7,6 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from drive_profiles.cli.application import mount
 from drive_profiles.parameter_set.parameters import ParameterSet
 from hil.bench.design import load_designs
 from hil.cli import design as cli_design
@@ -16,7 +17,7 @@ from hil.design import notch_search
 @pytest.fixture
 def app():
     made = typer.Typer()
-    cli_design.mount(made)
+    mount(made, cli_design)
     return made
 
 

@@ -7,6 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from drive_profiles.cli.application import mount
 from hil.bench.model import load_identified
 from hil.cli import identify_ate as cli_identify_ate
 from hil.experiments import measurement
@@ -17,7 +18,7 @@ from plant_emulator.world import World
 
 app = typer.Typer()
 app.callback()(lambda: None)
-cli_identify_ate.mount(app)
+mount(app, cli_identify_ate)
 
 
 def invoke(*words: str):

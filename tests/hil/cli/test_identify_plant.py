@@ -5,6 +5,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from drive_profiles.cli.application import mount
 from hil.cli import identify as cli_identify
 from hil.cli.identify_plant import _summary
 from hil.design.estimation import EstimatedParameter
@@ -13,7 +14,7 @@ from hil.results.plant import ExcitationPlan, PlantRequestEntry, PlantResult
 from tests.hil.results.made import measured_bench
 
 app = typer.Typer()
-cli_identify.mount(app)
+mount(app, cli_identify)
 
 
 @app.callback()

@@ -11,12 +11,13 @@ import typer
 from typer.testing import CliRunner
 
 import drive_profiles
+from drive_profiles.cli.application import mount
 from hil.bench.model import load_identified
 from hil.cli import identify_ate as cli_identify_ate
 
 app = typer.Typer()
 app.callback()(lambda: None)
-cli_identify_ate.mount(app)
+mount(app, cli_identify_ate)
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "lara8"
 JOINT_1 = str(EXAMPLES / "joint_1_and_6.csv.gz")

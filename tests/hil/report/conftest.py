@@ -12,7 +12,7 @@ from hil.experiments.judge import axis_scale
 from hil.experiments.plan import comparisons
 from hil.recording import Recording
 from hil.report import later_text, style
-from hil.report.pages.demo import write_report
+from hil.report.writer import write_report_of
 from hil.results.base import MeasuredBench
 from hil.results.runs import ExperimentsResult, PaperClaim, RunEntry
 from hil.robot_tables import Control, NotchShape
@@ -138,7 +138,7 @@ def full_report(full_directory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "to_svg", spy)
         patch.setattr(later_text, "_processors", lambda: 1)  # drawn here, not in a copy: the figures know their places
-        page = write_report(full_directory).read_text(encoding="utf-8")
+        page = write_report_of(full_directory).read_text(encoding="utf-8")
     return page, drawn
 
 

@@ -5,9 +5,9 @@ import subprocess
 import pytest
 
 from hil.report import palette
-from hil.report.pages.demo import write_report
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
 from hil.report.report_table import ReportTable
+from hil.report.writer import write_report_of
 from tests.hil.report.browser import CHROMIUM, Browser
 
 pytestmark = [
@@ -18,7 +18,7 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def page(full_directory):
-    return write_report(full_directory)
+    return write_report_of(full_directory)
 
 
 @pytest.fixture(scope="module")

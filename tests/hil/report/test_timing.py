@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from hil.report.material import Material
-from hil.report.pages.demo import verdict, write_report
+from hil.report.pages.demo import verdict
 from hil.report.timing import timing_table
+from hil.report.writer import write_report_of
 from hil.results.runs import ExperimentsResult, RunTiming
 from tests.hil.results.made import measured_bench, run_entry, written
 
@@ -34,7 +35,7 @@ def test_the_table_says_how_late_it_was_and_what_was_refused(directory: Path) ->
     assert [len(row) for row in table.rows] == [len(table.header)] * 2
     assert table.rows[0][2:] == ["21 µs", "400 µs", "900 µs", "12.3 ms", "500", "4", "0", "1", "43.2"]
     assert "ulimit -r 80" in table.caption
-    assert 'id="timing"' in write_report(directory).read_text()
+    assert 'id="timing"' in write_report_of(directory).read_text()
 
 
 def test_a_run_that_is_not_judged_is_not_said_to_be_outside(directory: Path) -> None:

@@ -15,7 +15,7 @@ from hil.experiments.plan import Experiment
 from hil.experiments.runner import run_experiments
 from hil.master.set_point_adder import Sensed, SensingAdder
 from hil.recording import Recording
-from hil.report.pages.demo import write_report
+from hil.report.writer import write_report_of
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.gear_change import ErrorChange
 from plant_emulator.robots.robot import load_robot, with_drives
@@ -50,7 +50,7 @@ def test_a_run_follows_an_error_that_has_turned_and_says_so(tmp_path):
     assert any("turned by" in remark for remark in outcome.remarks)
     window = {each.order: each for each in entry.peaks}
     assert window[2].following_mm < window[2].alone_mm
-    page = write_report(tmp_path).read_text(encoding="utf-8")
+    page = write_report_of(tmp_path).read_text(encoding="utf-8")
     assert "amplitude and phase as the cancellation followed them" in page
 
 

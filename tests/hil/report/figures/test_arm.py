@@ -271,7 +271,9 @@ def test_an_arm_that_is_not_judged_is_drawn_along_its_line_all_the_same(tmp_path
 
 @pytest.mark.parametrize("figure_of", [arm_along_line.arm_along_line, arm_swinging.arm_swinging])
 def test_without_an_arm_there_is_nothing_to_draw(known, figure_of):
-    assert figure_of(Material(known.directory, BENCH.model_copy(update={"arm": None}))) is None
+    made = Material(known.directory)
+    made.bench = BENCH.model_copy(update={"arm": None})
+    assert figure_of(made) is None
 
 
 @pytest.mark.parametrize("name", ["along", "swinging"])

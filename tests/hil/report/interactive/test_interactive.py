@@ -13,8 +13,8 @@ from hil.cli.main import app
 from hil.errors import NotPossibleError
 from hil.report import palette, style
 from hil.report.interactive import parts
-from hil.report.pages.demo import write_report
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.writer import write_report_of
 from hil.results.learning import LearningResult
 from tests.hil.report.browser import CHROMIUM, Browser
 from tests.hil.results.made import measured_bench, written
@@ -95,7 +95,7 @@ def test_a_page_without_such_figures_says_so(tmp_path):
 def page(full_directory, tmp_path_factory):
     """An interactive page of all runs, away from the plain one."""
     directory = shutil.copytree(full_directory, tmp_path_factory.mktemp("interactive") / "runs")
-    return write_report(directory, is_interactive=True)
+    return write_report_of(directory, is_interactive=True)
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,9 @@ import pytest
 from hil.report.figures.compare import OVERLAID
 from hil.report.material import Material
 from hil.report.pages import demo as page
-from hil.report.pages.compare import verdict, write_compare_report
+from hil.report.pages.compare import verdict
 from hil.report.pages.page import typeset
+from hil.report.writer import write_report_of
 from hil.results.comparison import ComplianceFactors, TourNotch
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult
@@ -35,7 +36,7 @@ def directory(full_directory, tmp_path_factory):
     """A comparison of the runs of the demo's directory."""
     out = tmp_path_factory.mktemp("compare")
     shutil.copytree(full_directory, out / "reference")
-    write_compare_report(written(out, comparison(robot(ROWS))))
+    write_report_of(written(out, comparison(robot(ROWS))))
     return out
 
 
@@ -57,14 +58,9 @@ def test_tables_and_figures_of_each_experiment_stand_in_one_file(directory):
 
 def test_a_missing_robot_does_not_keep_the_page_from_being_written(tmp_path):
     gone = robot([row(*RAMP, "none", None, not_judged="no bus")], ended="no bus")
-    text = write_compare_report(written(tmp_path, comparison(gone))).read_text()
+    text = write_report_of(written(tmp_path, comparison(gone))).read_text()
     assert "The comparison is not complete" in text
     assert "no bus" in text
-
-
-def test_another_directory_is_refused(full_directory):
-    with pytest.raises(ValueError, match="not that of a comparison"):
-        write_compare_report(full_directory)
 
 
 def test_the_verdict_names_the_treatment_that_keeps_the_specification_everywhere():
@@ -99,7 +95,7 @@ def test_a_refused_cancellation_is_said():
 def test_several_robots_stand_in_the_same_table(directory, tmp_path):
     shutil.copytree(directory / "reference", tmp_path / "reference")
     shutil.copytree(directory / "reference", tmp_path / "other")
-    text = write_compare_report(written(tmp_path, comparison(robot(ROWS), robot(ROWS, "other")))).read_text()
+    text = write_report_of(written(tmp_path, comparison(robot(ROWS), robot(ROWS, "other")))).read_text()
     assert text.count('id="table-line-motion"') == 1
     assert 'id="vibration-other-line-motion"' in text
     assert "in all 4 experiments" in text
@@ -116,7 +112,7 @@ def test_many_treatments_have_a_diagram_each(directory, tmp_path):
     written(tmp_path / "reference", kept)
     rows = [row("line-motion", None, way, 0.06) for way in ("none", "notch", *ways)]
     assert len(rows) > OVERLAID
-    text = write_compare_report(written(tmp_path, comparison(robot(rows)))).read_text()
+    text = write_report_of(written(tmp_path, comparison(robot(rows)))).read_text()
     assert "Orange, behind each" in text
 
 
@@ -134,7 +130,7 @@ def test_the_demo_shows_the_tour_and_links_to_it(full_directory, tmp_path):
     assert "href='tour/report.html'" in table.caption
     assert [cells[0] for cells in table.rows] == ["untreated", "gains halved", "notch"]
     assert typeset(table.caption) == table.caption
-    own = write_compare_report(out / "tour").read_text()
+    own = write_report_of(out / "tour").read_text()
     assert '<a href="x/report.html">report</a>' in own
 
 
@@ -143,7 +139,7 @@ def test_a_tour_that_ended_early_says_where(full_directory, tmp_path):
     table = page._own_robot(Material(out))
     assert table.title == "It ended early"
     assert table.rows[0][1] == "the wire broke"
-    assert "the wire broke" in write_compare_report(out / "tour").read_text()
+    assert "the wire broke" in write_report_of(out / "tour").read_text()
 
 
 def test_the_tour_of_an_earlier_demo_is_left_alone(full_directory, tmp_path):

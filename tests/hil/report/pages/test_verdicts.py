@@ -12,8 +12,9 @@ from hil.bench.model import IdentifiedError
 from hil.report import style
 from hil.report.figures import ate
 from hil.report.material import Material
-from hil.report.pages.demo import cards, millimetres, verdict, write_report
+from hil.report.pages.demo import cards, millimetres, verdict
 from hil.report.tables import paper_runs
+from hil.report.writer import write_report_of
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult
 from hil.robot_tables import TransmissionErrorTable
@@ -42,7 +43,7 @@ def one(full_directory: Path, tmp_path: Path, treatment: str = "notch", **values
 
 @pytest.mark.usefixtures("without_pictures")
 def test_an_emulated_robots_page_says_so_first_and_calls_nothing_measured(full_directory: Path, tmp_path: Path) -> None:
-    page = write_report(altered(full_directory, tmp_path, lambda result: None)).read_text(encoding="utf-8")
+    page = write_report_of(altered(full_directory, tmp_path, lambda result: None)).read_text(encoding="utf-8")
     assert page.index("Emulated robot: nothing on this page was measured on a real one.") < page.index("<h1>")
     assert re.search(r"<title>Emulated: ", page)
     assert not re.search(r'class="tag">[^<]*measured', page)
@@ -66,7 +67,7 @@ def test_a_real_robot_has_no_band_and_an_older_result_says_not_recorded(
         if emulated is not None:
             result["emulated"] = emulated
 
-    page = write_report(altered(full_directory, tmp_path, change)).read_text(encoding="utf-8")
+    page = write_report_of(altered(full_directory, tmp_path, change)).read_text(encoding="utf-8")
     assert ('class="band"' in page) is (band is not None)
     assert band is None or band in page
     assert "<title>Emulated" not in page
@@ -77,7 +78,7 @@ def test_of_a_mixed_bench_the_emulated_axes_are_named(full_directory: Path, tmp_
     def change(result: Any) -> None:
         result["emulated_parts"] = ["axis 3"]
 
-    page = write_report(altered(full_directory, tmp_path, change)).read_text(encoding="utf-8")
+    page = write_report_of(altered(full_directory, tmp_path, change)).read_text(encoding="utf-8")
     assert "Partly emulated: axis 3. Not emulated: axis 2, axis 5, accelerometer." in page
 
 
@@ -126,7 +127,7 @@ def test_a_motion_with_two_treatments_has_one_card_and_the_headline_names_both(f
         r"0\.002 mm with cancellation; limit ±0\.05 mm",
         said.headline,
     )
-    page = write_report(material.directory).read_text(encoding="utf-8")
+    page = write_report_of(material.directory).read_text(encoding="utf-8")
     assert page.count('<li class="steps">') == 2
 
 
