@@ -38,13 +38,19 @@ class Estimate:
     def standard_error(self, name: str) -> float:
         """Standard error of a quantity."""
         index = self.names.index(name)
-        return math.sqrt(self.covariance[index, index])
+        return math.sqrt(max(0.0, self.covariance[index, index]))
 
     @property
     def correlation(self) -> Real:
-        """Correlation of the quantities; shape (n, n). One without an error correlates with none."""
-        errors = np.sqrt(np.diag(self.covariance))
-        return np.eye(len(errors)) + _off_diagonal(self.covariance) / np.outer(*[np.where(errors > 0.0, errors, math.inf)] * 2)
+        """Correlation of the quantities; shape (n, n). One without an error correlates with none.
+
+        Rounding may leave a covariance of quantities that are nearly the same an eigenvalue below 0: it counts as 0.
+        """
+        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        scale = np.outer(*[np.where(errors > 0.0, errors, math.inf)] * 2)
+        sizes, axes = np.linalg.eigh(np.eye(len(errors)) + _off_diagonal(self.covariance) / scale)
+        square = axes * np.maximum(sizes, 0.0) @ axes.T
+        return np.asarray(square / np.sqrt(np.outer(np.diag(square), np.diag(square))))
 
     def part(self, names: Sequence[str]) -> Self:
         """Estimate of some of the quantities, in the order of their names."""

@@ -415,7 +415,7 @@ def _names(orders: Sequence[float]) -> tuple[str, ...]:
 
 def turned_at_most(values: Estimate) -> Estimate:
     """Limit the standard error of each phase to half a turn, of which nothing is known then."""
-    errors = np.sqrt(np.diag(values.covariance))
+    errors = np.sqrt(np.maximum(np.diag(values.covariance), 0.0))
     is_wide = (errors > 180.0) & [name.startswith("phi") for name in values.names]
     factors = np.where(is_wide, 180.0 / np.maximum(errors, 180.0), 1.0)
     return replace(values, covariance=values.covariance * np.outer(factors, factors))

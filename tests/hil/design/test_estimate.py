@@ -76,3 +76,13 @@ def test_a_part_of_an_estimate_has_its_quantities_in_the_order_that_is_asked_for
 
 def test_a_quantity_without_an_error_correlates_with_none() -> None:
     assert Estimate.independent({"x": (1.0, 0.0), "y": (2.0, 1.0)}).correlation == pytest.approx(np.eye(2))
+
+
+def test_a_correlation_of_quantities_that_are_nearly_the_same_stays_one() -> None:
+    """Three quantities that are one, whose covariance rounding has left with an eigenvalue below 0."""
+    covariance = np.ones((3, 3)) + 1e-3 * np.array([[0.0, 1.0, -1.0], [1.0, 0.0, 1.0], [-1.0, 1.0, 0.0]])
+    assert np.linalg.eigvalsh(covariance).min() < -1e-4
+    found = Estimate(("x", "y", "z"), np.zeros(3), covariance).correlation
+    assert np.linalg.eigvalsh(found).min() > -1e-12
+    assert np.diag(found) == pytest.approx(np.ones(3))
+    assert found == pytest.approx(covariance, abs=3e-3)
