@@ -141,13 +141,14 @@ def interleaved(runs: Sequence[Recording], axis: int) -> Recording:
     In run i of n the tip's sample is i/n of a SYNC period old. The angle between its samples is a cubic spline.
 
     Args:
-        runs: The runs, all with the same rows but for the tip.
+        runs: The runs, which are the same but for the tip; rows that some of them lack are left out.
         axis: Axis whose angle is kept.
     """
-    first, count = runs[0], len(runs)
-    late_s = first.period_s / count * np.arange(count)[::-1]
-    time_s = (first.time_s[:, np.newaxis] - late_s).ravel()[count - 1 :]
-    tip = np.stack([run.columns["tip_z_m_s2"] for run in reversed(runs)], axis=1).ravel()[count - 1 :]
-    name = f"axis{axis}_position_rad"
-    angle = scipy.interpolate.CubicSpline(first.time_s, first.columns[name])(time_s) if count > 1 else first.columns[name]
+    count, rows, name = len(runs), min(len(run.time_s) for run in runs), f"axis{axis}_position_rad"
+    sync_s, angle = runs[0].time_s[:rows], runs[0].columns[name][:rows]
+    late_s = runs[0].period_s / count * np.arange(count)[::-1]
+    time_s = (sync_s[:, np.newaxis] - late_s).ravel()[count - 1 :]
+    tip = np.stack([run.columns["tip_z_m_s2"][:rows] for run in reversed(runs)], axis=1).ravel()[count - 1 :]
+    if count > 1:
+        angle = scipy.interpolate.CubicSpline(sync_s, angle)(time_s)
     return Recording({"time_s": time_s, name: angle, "tip_z_m_s2": tip})
