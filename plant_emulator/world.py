@@ -272,22 +272,23 @@ class World:
     def exchange(self, message: bytes) -> bytes | None:
         """Process RPDOs and a SYNC at once, if that is all they mean.
 
-        After it one period is pending, as after `receive` of the SYNC, and the answers are the same.
+        After it one period is pending, as after `receive` of the SYNC, and the answers are the same. Among them are those that
+        nodes send late, but within the period.
 
         Returns:
             Records of the answers. None if the slaves must hear the frames one by one, since a drive does more than follow its
             set-points, a node has a deadline, or a frame is another one; then nothing has changed.
         """
-        if self._pending_ns:
+        if self._pending_ns or not self._only_follows() or self._image.delay_ns > self._plain_period_ns:
             return None
-        answers = self.hear_all(message)
+        answers = self._image.synchronise(message, self.now)
         if answers is not None:
             self._pending_ns = self._plain_period_ns
         return answers
 
     def hear_all(self, message: bytes) -> bytes | None:
-        """Do as `exchange` does, without a period that becomes pending."""
-        return self._image.synchronise(message, self.now) if self._only_follows() else None
+        """Do as `exchange` does, without a period that becomes pending, and not if an answer comes late."""
+        return self._image.synchronise(message, self.now) if self._only_follows() and not self._image.delay_ns else None
 
     def senders(self, message: bytes) -> list[int] | None:
         """Return the ports whose TPDOs answer a message, in the order in which a bus sends them.
@@ -295,7 +296,8 @@ class World:
         The result is None if `hear_all` would not take it now, or that order is not the one of the identifiers.
         """
         image = self._image
-        return image.ports if self._only_follows() and image.is_in_order and image.takes(message) else None
+        follows = self._only_follows() and image.is_in_order and not image.delay_ns
+        return image.ports if follows and image.takes(message) else None
 
     def _only_follows(self) -> bool:
         """Return True if the process image can act for all nodes at this instant."""
