@@ -241,8 +241,7 @@ class World:
         They are those that listen to its identifier. After a deadline all nodes get it, since the deadline is served first.
         """
         self._is_looked_at = False
-        due = self.due
-        if due is not None and due <= self.now:
+        if self._wake_ns() <= self.now:
             self._wakes_at = _UNKNOWN
             return self._nodes_on
         found = self._listeners.get(can_id)
@@ -272,22 +271,23 @@ class World:
     def exchange(self, message: bytes) -> bytes | None:
         """Process RPDOs and a SYNC at once, if that is all they mean.
 
-        After it one period is pending, as after `receive` of the SYNC, and the answers are the same.
+        After it one period is pending, as after `receive` of the SYNC, and the answers are the same. Among them are those that
+        nodes send late, but within the period.
 
         Returns:
             Records of the answers. None if the slaves must hear the frames one by one, since a drive does more than follow its
             set-points, a node has a deadline, or a frame is another one; then nothing has changed.
         """
-        if self._pending_ns:
+        if self._pending_ns or not self._only_follows() or self._image.delay_ns > self._plain_period_ns:
             return None
-        answers = self.hear_all(message)
+        answers = self._image.synchronise(message, self.now)
         if answers is not None:
             self._pending_ns = self._plain_period_ns
         return answers
 
     def hear_all(self, message: bytes) -> bytes | None:
-        """Do as `exchange` does, without a period that becomes pending."""
-        return self._image.synchronise(message, self.now) if self._only_follows() else None
+        """Do as `exchange` does, without a period that becomes pending, and not if an answer comes late."""
+        return self._image.synchronise(message, self.now) if self._only_follows() and not self._image.delay_ns else None
 
     def senders(self, message: bytes) -> list[int] | None:
         """Return the ports whose TPDOs answer a message, in the order in which a bus sends them.
@@ -295,11 +295,12 @@ class World:
         The result is None if `hear_all` would not take it now, or that order is not the one of the identifiers.
         """
         image = self._image
-        return image.ports if self._only_follows() and image.is_in_order and image.takes(message) else None
+        follows = self._only_follows() and image.is_in_order and not image.delay_ns
+        return image.ports if follows and image.takes(message) else None
 
     def _only_follows(self) -> bool:
         """Return True if the process image can act for all nodes at this instant."""
-        if self._watches or ((due := self.due) is not None and due <= self.now):
+        if self._watches or self._wake_ns() <= self.now:
             return False
         if not (self._is_laid_out and self._is_looked_at):
             self._look()
@@ -331,13 +332,14 @@ class World:
 
         It is None if only a frame or a motion can wake a node.
         """
-        wakes_at = self._wakes_at
-        if wakes_at == _UNKNOWN:
-            wakes_at = min((due for slave in self._slaves if (due := slave.due) is not None), default=_NEVER)
-            self._wakes_at = wakes_at
-        if wakes_at == _NEVER:
-            return None
-        return wakes_at if wakes_at > self.now else self.now
+        wakes_at = self._wake_ns()
+        return None if wakes_at == _NEVER else max(wakes_at, self.now)
+
+    def _wake_ns(self) -> int:
+        """Return the first deadline of all nodes, which may have passed; `_NEVER` if there is none."""
+        if self._wakes_at == _UNKNOWN:
+            self._wakes_at = min((due for slave in self._slaves if (due := slave.due) is not None), default=_NEVER)
+        return self._wakes_at
 
     def move(self, until: int) -> list[tuple[int, Frame]]:
         """Let time pass to an instant that is not beyond `due`.
@@ -350,9 +352,8 @@ class World:
         if until < self.now:
             raise ValueError(f"the world's time is {self.now} ns and does not go back to {until} ns")
         periods = (until - self._mechanics_ns) // self._control_period_ns
-        due = self.due
+        is_due = self._wake_ns() <= until
         self.now = until
-        is_due = due is not None and due <= until
         if periods <= 0 and not is_due:
             return []  # nothing has moved, and no drive has anything new to look at
         frames: list[tuple[int, Frame]] = []
@@ -391,8 +392,7 @@ class World:
         """
         frames: list[Frame] = []
         while True:
-            due = self.due
-            stop = until if due is None or due > until else due
+            stop = min(until, max(self._wake_ns(), self.now))
             frames += [frame for _, frame in self.move(stop)]
             if stop >= until:
                 return frames

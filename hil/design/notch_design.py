@@ -4,7 +4,7 @@ The verdict has the margins at every speed, constraint (5), and the tip peaks on
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from hil.design.coupled.loops import ArmFamily
 from hil.design.frequency import Margins
 from hil.design.notch_problem import NotchProblem, Requirements, Rise, rises
 from hil.design.speed_margins import LoopFamily, SpeedMargins, widened
+from hil.design.uncertainty import Member
 
 Real = NDArray[np.float64]
 
@@ -125,6 +126,7 @@ class Judge:
             if others:
                 bare[:, others] = np.minimum(bare[:, others], problem.peaks_mm(member, problem.fixed)[:, others])
             self._before_mm.append(bare)
+        self._simulated: dict[tuple[str, Notch], list[Real]] = {}
 
     def checks(self, notch: Notch) -> list[RequirementCheck]:
         """Check the margins at constant speeds, each at its worst.
@@ -185,13 +187,12 @@ class Judge:
         missed = sum(check.violation for check in self.checks(notch))
         if missed > 0.0:
             return 10.0 + missed
-        notches = (notch, *self.problem.fixed)
         before = max(1e-9, *(self.problem.weighted_mm(bare, self.order) for bare in self._before_mm[:members]))
         peak, excess = 0.0, 0.0
         for member, bare in zip(self.problem.members[:members], self._before_mm[:members], strict=True):
             cases: list[Real] = []
             others = excess
-            for case in self.problem.peaks_by_case(member, notches):
+            for case in self._cases(member, notch):
                 if not np.all(np.isfinite(case)):
                     return 9.0
                 cases.append(case)
@@ -202,6 +203,17 @@ class Judge:
                     return least
         kept = min(max(self._line_ratio(notch) - 1.0, 0.0), LINE_REACH)
         return _ranked(peak / before * (1.0 + LINE_WEIGHT * kept), excess)
+
+    def _cases(self, member: Member, notch: Notch) -> Iterator[Real]:
+        """Simulate the tip peaks of a plant with a filter, case by case.
+
+        The search scores the best filters of the nominal plant again, for all plants: what was simulated is kept.
+        """
+        known = self._simulated.setdefault((member.label, notch), [])
+        yield from known
+        for case in self.problem.peaks_by_case(member, (notch, *self.problem.fixed), len(known)):
+            known.append(case)
+            yield case
 
 
 def _ranked(ratio: float, excess: float) -> float:
@@ -314,7 +326,8 @@ def verdict(problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[fl
     grid = np.arange(0.0, limit, problem.f_al_hz / VERDICT_STEPS)
     speeds = np.unique(np.round(np.concatenate([grid, edges, [limit]]), 9))
     margins_by_plant = _margins(problem, wide, speeds)
-    peaks = {member.label: problem.peaks_mm(member, notches) for member in problem.members}
+    by_member = problem.bare_mm if not notches else [problem.peaks_mm(member, notches) for member in problem.members]
+    peaks = {member.label: mm for member, mm in zip(problem.members, by_member, strict=True)}
     rows = tuple(_peak_row(problem, peaks, order) for order in orders)
     arm_checks, postures = _on_the_arm(problem, notches, speeds)
     checks = [

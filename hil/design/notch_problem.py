@@ -260,12 +260,17 @@ class NotchProblem:
         """Tip peaks of a plant by case, range and direction, in mm; shape (cases, ranges, 2)."""
         return np.array(list(self.peaks_by_case(member, notches)))
 
-    def peaks_by_case(self, member: Member, notches: Sequence[Notch]) -> Iterator[Real]:
+    def peaks_by_case(self, member: Member, notches: Sequence[Notch], first: int = 0) -> Iterator[Real]:
         """Simulate the tip peaks of a plant, one case after the other.
 
         Cases of the nominal plant: every ramp under friction and gravity, the user's own first; that one with gravity's help;
         and where gravity is known, that one with the gear's reaction on the motor, gravity against it and with it. Other plants
         go along the user's ramp alone.
+
+        Args:
+            member: The plant.
+            notches: The filters that act.
+            first: Number of the first case, from 0.
 
         Yields:
             Peaks in mm by range and direction; shape (ranges, 2).
@@ -277,7 +282,7 @@ class NotchProblem:
             if self.is_gravity_known:
                 cases += [(self.ramps[0], (self.friction_nm, sign * self.gravity_nm)) for sign in (1.0, -1.0)]
         loop = self.loop(member, notches)
-        for ramp, load in cases:
+        for ramp, load in cases[first:]:
             motion = follow(loop, member.error, ramp.reference_rad, load_nm=load)
             yield peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges)
 

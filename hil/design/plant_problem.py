@@ -127,7 +127,7 @@ class _Responses:
 class _Folding:
     """Frequencies that fold onto the lines, and the lines themselves.
 
-    The lines come first; every array has the shape (1 + images, lines).
+    The lines come first; every array has the shape (1 + images, lines), but for the last two, which leave out the lines.
 
     Attributes:
         frequency_hz: Frequencies f + k/T.
@@ -137,6 +137,8 @@ class _Folding:
         flat: Inverse of the torque's hold.
         beyond: jω of the next frequencies that the law's own sampling folds onto these; shape (4, 1 + images, lines).
         rigid: Motor angle there, for an inertia of 1, over the torque here.
+        square: (jω)² of the images.
+        side: Sign of the images' frequencies.
     """
 
     frequency_hz: Real
@@ -146,6 +148,8 @@ class _Folding:
     flat: Real
     beyond: Complex
     rigid: Complex
+    square: Complex
+    side: Real
 
 
 class PlantProblem:
@@ -155,6 +159,8 @@ class PlantProblem:
         self.data, self.timing, self.ratio, self.lever_m = data, timing, reduction_ratio, lever_m
         self.gravity = gravity
         self.jw = 2j * math.pi * data.frequency_hz
+        self._square, tilted = self.jw**2, data.frequency_hz / TILT_HZ
+        self._tilted_square, self._tilted_cube = tilted**2, tilted**3
         self.excitation = data.excitation.mean(axis=0)
         self._measured = tuple(each.mean(axis=0) for each in (data.angle, data.torque))
         self._tip = None if data.tip is None else data.tip.mean(axis=0)
@@ -189,16 +195,17 @@ class PlantProblem:
         plant[self._aside] = 0.0
         return self._responses(plant.tobytes())
 
-    def _loop(self, x: Real) -> tuple[Complex, Complex, Complex]:
-        """Closed loop at lines and images, which neither age nor accelerometer change.
+    def _loop(self, x: Real) -> tuple[Complex, Complex, Complex, Complex]:
+        """Closed loop, which neither age nor accelerometer change.
 
-        Returns the motor angle, the same as the law samples it, and the torque; each of shape (1 + images, lines).
+        Returns the motor angle and the reported torque at the images, shape (images, lines), the images in the sampled motor
+        angle, and that angle at the lines.
         """
         point = np.array(x, dtype=np.float64)
         point[[each for each in self._aside if each != LAG]] = 0.0
         return self._loops(point.tobytes())
 
-    def _closed(self, point: bytes) -> tuple[Complex, Complex, Complex]:
+    def _closed(self, point: bytes) -> tuple[Complex, Complex, Complex, Complex]:
         """Closed loop of the unknowns, as bytes."""
         x, folded = np.frombuffer(point), self._folded
         assert folded is not None  # noqa: S101 - asked for where there is a law
@@ -206,11 +213,13 @@ class PlantProblem:
         # what moves beyond half of the law's rate is sampled too; there the motor moves alone
         sampled = motion + (folded.rigid / (1.0 + folded.beyond * x[LAG])).sum(axis=0) / math.exp(x[J_M])
         acting = folded.drive / (1.0 + folded.feedback * sampled)
-        return motion * acting, sampled * acting, acting
+        moved = sampled * acting
+        asked = -folded.feedback * moved if self.timing.kind == "torque" else acting
+        return (motion * acting)[1:], (asked * folded.flat)[1:], moved[1:].sum(axis=0), moved[0]
 
     def _delayed(self, delay_s: float) -> tuple[Complex, Complex]:
         """e^{−jωδ} at the lines and at the frequencies of the images."""
-        images = np.zeros_like(self.jw) if self._folded is None else self._folded.jw
+        images = np.zeros_like(self.jw) if self._folded is None else self._folded.jw[1:]
         return np.exp(-self.jw * delay_s), np.exp(-images * delay_s)
 
     def _folding(self) -> "_Folding | None":
@@ -238,6 +247,8 @@ class PlantProblem:
             1.0 / np.sinc(frequency * control),
             np.asarray(beyond, dtype=np.complex128),
             np.asarray(jw / beyond**3, dtype=np.complex128),
+            np.asarray(jw**2, dtype=np.complex128)[1:],
+            np.sign(frequency)[1:],
         )
 
     # -- what the plant felt and did -----------------------------------------------------------------------------------
@@ -255,15 +266,14 @@ class PlantProblem:
         if folded is None:
             none = np.zeros_like(self.excitation)
             return none, none, none, none
-        continuous, moved, acting = self._loop(x)
-        asked = -folded.feedback * moved if self.timing.kind == "torque" else acting
-        reported = (asked * folded.flat * self._delays(float(x[AGE]))[1])[1:].sum(axis=0)
+        continuous, torque, of_angle, foretold = self._loop(x)
+        reported = (torque * self._delays(float(x[AGE]))[1]).sum(axis=0)
         tip = np.zeros_like(self.excitation)
         if self.data.tip is not None:
-            gain = self._lever_m(x) * (1.0 + float(x[BEYOND]) + 1j * float(x[TURNED]) * np.sign(folded.frequency_hz))
-            sensed = gain * folded.jw**2 * self._delays(float(x[DELAY]))[1]
-            tip = (self._of(x).image_arm * sensed * continuous)[1:].sum(axis=0)
-        return np.asarray(reported), np.asarray(moved[1:].sum(axis=0)), np.asarray(tip), np.asarray(moved[0])
+            gain = self._lever_m(x) * (1.0 + float(x[BEYOND]) + 1j * float(x[TURNED]) * folded.side)
+            sensed = gain * folded.square * self._delays(float(x[DELAY]))[1]
+            tip = (self._of(x).image_arm[1:] * sensed * continuous).sum(axis=0)
+        return np.asarray(reported), of_angle, np.asarray(tip), foretold
 
     def torque(self, x: Real, torque: Complex, image: Complex) -> Complex:
         """Torque demand on the current loop, from the reported torque.
@@ -433,9 +443,8 @@ class PlantProblem:
             sigma = np.sqrt(self.scatter.output + (LAW_OPEN * np.abs(foretold)) ** 2)
             left.append((angle - foretold) / sigma)
         if self._tip is not None and self.tip_scatter is not None:
-            model = responses.arm * self._lever_m(x) * self.jw**2 * self._delays(float(x[DELAY]))[0]
-            tilted = data.frequency_hz / TILT_HZ
-            model = model * np.exp(-1j * float(x[DISPERSION]) * tilted**3) / (1.0 - float(x[TILT]) * tilted**2)
+            model = responses.arm * self._lever_m(x) * self._square * self._delays(float(x[DELAY]))[0]
+            model = model * np.exp(-1j * float(x[DISPERSION]) * self._tilted_cube) / (1.0 - float(x[TILT]) * self._tilted_square)
             sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
             left.append(((self._tip - of_tip - model * angle) / sigma)[self._tip_lines])
         stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part

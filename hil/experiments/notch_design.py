@@ -204,19 +204,20 @@ class _Series:
         fixed = tuple(notch for notch in given if notch.order not in self.orders and notch.mode != NOTCH_OFF)
         if (count := len(fixed) + len(self.orders)) > NOTCHES:
             raise NotPossibleError(f"axis {axis}: {count} filters, with those of other orders; an axis holds at most {NOTCHES}")
-        found = False
+        found: NotchVerdict | None = None
         for number, order in enumerate(self.orders):
             result = self._search(number, order, fixed, [notch for notch in given if notch.order == order])
             reason = self._reason_against(order, result)
             if reason is None:
-                fixed, found = result.best.notches, True
+                fixed, found = result.best.notches, result.best
             else:
                 self.failure = self.failure or reason
                 self.notes.append(str(reason))
-        if not found:
+        if found is None:
             return self
         self.failure = None
-        self.best = pooled_verdict(self.problem, fixed, self.orders, self.pool)
+        is_judged = len(self.orders) == len(fixed) == 1  # by the search, for the same order
+        self.best = found if is_judged else pooled_verdict(self.problem, fixed, self.orders, self.pool)
         if not self.best.holds:
             what = "the filters together do not meet every requirement"
             if self.best.is_harmless:
@@ -229,9 +230,10 @@ class _Series:
             self.reporter.progress((number + fraction) / len(self.orders))
 
         acting = [notch for notch in own if notch.mode != NOTCH_OFF]
+        problem = replace(self.problem, fixed=tuple(fixed)) if fixed else self.problem
         return search(
-            replace(self.problem, fixed=tuple(fixed)), order, self.request.shapes, self.problem.f_al_hz,
-            effort=self.request.effort, pool=self.pool, given=acting, template=acting[0] if acting else None, progress=progress,
+            problem, order, self.request.shapes, problem.f_al_hz, effort=self.request.effort, pool=self.pool, given=acting,
+            template=acting[0] if acting else None, progress=progress,
         )  # fmt: skip
 
     def _reason_against(self, order: int, result: SearchResult) -> InfeasibleError | None:

@@ -23,7 +23,7 @@ from hil.experiments.motions import (
     point_to_point,
 )
 from hil.experiments.treatment import FILTERING, REMEDIES, TITLES
-from hil.experiments.window import JudgedWindow, judged_stop, judged_window
+from hil.experiments.window import JudgedWindow, judged_stop, judged_windows
 from hil.master.motion import LoopName, Motion, RunResult
 from hil.recording import Recording
 from hil.results.following import FollowingEntry
@@ -174,7 +174,7 @@ def entries(
     missed: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     if is_ramp and found.scale is not None:
         missed = unreached(bench, experiment.axis or 0, found.scale)
-    windows = [(order, judged_window(bench, experiment.axis, result, order, found)) for order in orders]
+    windows = zip(orders, judged_windows(bench, experiment.axis, result, orders, found), strict=True)
     return [
         _entry(bench, experiment, result, found, order, window).model_copy(
             update={

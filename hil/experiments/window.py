@@ -1,7 +1,9 @@
 """Metrics of one window of a run, and the verdict on it."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,7 @@ from hil.design.ate.model import resolution_rad
 from hil.design.ate.rest import STILL_ROOM, variance_at_rest
 from hil.design.frequency import Complex
 from hil.design.modes.ring_down import RingDown, ring_down
-from hil.design.order_map import order_track
+from hil.design.order_map import OrderTrack, order_track
 from hil.experiments.judge import FoundScale
 from hil.master.motion import RunResult
 from hil.recording import SENSED, TIP, Recording
@@ -57,8 +59,10 @@ class JudgedWindow:
     invalid: str | None = None
 
 
-def judged_window(bench: Bench, axis: int | None, result: RunResult, order: int | None, found: FoundScale) -> JudgedWindow:
-    """Compute metrics and verdict of one window.
+def judged_windows(
+    bench: Bench, axis: int | None, result: RunResult, orders: Sequence[int | None], found: FoundScale
+) -> list[JudgedWindow]:
+    """Compute metrics and verdict of each window of a run.
 
     A window that cannot be judged has the reason, and is never within the limits.
 
@@ -66,15 +70,22 @@ def judged_window(bench: Bench, axis: int | None, result: RunResult, order: int 
         bench: The bench file.
         axis: Axis of a ramp, None for the line motion.
         result: Result of the run.
-        order: Order of the window, None for the line motion.
+        orders: Orders of the windows, None for the line motion.
         found: Scale of the axes that moved.
     """
+    ramp = None if axis is None or found.scale is None else _RampTip(result.recording, axis, found.scale)
+    return [_judged(bench, axis, result, order, found, ramp) for order in orders]
+
+
+def _judged(
+    bench: Bench, axis: int | None, result: RunResult, order: int | None, found: FoundScale, ramp: "_RampTip | None"
+) -> JudgedWindow:
     if result.stopped is not None:
         return JudgedWindow()
     try:
         _check_cycles(bench, result)
         check_range(bench, result.recording)
-        metrics = _metrics(bench, axis, result.recording, order, found)
+        metrics = _metrics(bench, axis, result.recording, order, found, ramp)
     except ValueError as error:
         return JudgedWindow(invalid=str(error))
     if metrics.tip_peak_mm is None:
@@ -199,8 +210,10 @@ def check_range(bench: Bench, recording: Recording) -> None:
             )
 
 
-def _metrics(bench: Bench, axis: int | None, recording: Recording, order: int | None, found: FoundScale) -> Metrics:
-    metrics = _one_direction(bench, axis, recording, order, found)
+def _metrics(
+    bench: Bench, axis: int | None, recording: Recording, order: int | None, found: FoundScale, ramp: "_RampTip | None"
+) -> Metrics:
+    metrics = _one_direction(bench, recording, order, found, ramp)
     return metrics if bench.arm is None else _with_vector(bench, metrics, recording, axis, order, found.scale)
 
 
@@ -236,41 +249,65 @@ def _with_vector(
     )  # fmt: skip
 
 
-def _one_direction(bench: Bench, axis: int | None, recording: Recording, order: int | None, found: FoundScale) -> Metrics:
-    if axis is not None and order is not None:
-        if found.scale is None:
-            raise ValueError(found.words)
-        metrics = constant_acceleration_metrics(recording, axis, order, found.scale)
-        return _with_order_and_noise(metrics, recording, axis, order, found.scale)
+def _one_direction(bench: Bench, recording: Recording, order: int | None, found: FoundScale, ramp: "_RampTip | None") -> Metrics:
+    if ramp is not None and order is not None:
+        metrics = constant_acceleration_metrics(recording, ramp.axis, order, ramp.scale)
+        return ramp.with_order(replace(metrics, noise_mm=ramp.noise_mm), order)
+    if order is not None:
+        raise ValueError(found.words)
     line = bench.line_motion
     assert line is not None  # noqa: S101 - the motion was made from it
     return line_motion_metrics(recording, line.dwell_s, line.duration_s, found.scale)
 
 
-def _with_order_and_noise(metrics: Metrics, recording: Recording, axis: int, order: int, scale: TipScale) -> Metrics:
-    """Add an order's largest amplitude and the peak of noise.
+@dataclass(frozen=True)
+class _RampTip:
+    """Noise and orders of the tip on a ramp, for all its windows.
 
-    The amplitude has its standard error.
-
-    There is no amplitude if the motor makes too few turns in the window to separate the order from its neighbours.
+    Attributes:
+        recording: The ramp.
+        axis: Axis that moved.
+        scale: Its scale.
     """
-    tip, to_mm = recording.felt_m_s2, 1e3 / (2.0 * math.pi * scale.f_al_hz) ** 2
-    passed = min(1.0, 2.0 * recording.period_s * (scale.band_hz[1] - scale.band_hz[0]))
-    found = replace(metrics, noise_mm=to_mm * NOISE_PEAK * math.sqrt(passed * noise_variance(tip, recording)))
-    end = max(0, int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) - round(BRAKING_S / recording.period_s))
-    orders = tuple(scale.windows_rps)
-    try:
-        track = order_track(recording.axis(axis, "position_rad")[:end], tip[:end], recording.period_s, orders)
-    except ValueError:
-        return found
-    (low, high), column = scale.windows_rps[order], orders.index(order)
-    is_inside = (track.speed_rps >= low) & (track.speed_rps <= high)
-    rows = np.flatnonzero(is_inside & np.isfinite(track.standard_error[:, column]))
-    if not len(rows):
-        return found
-    at = rows[int(np.argmax(track.amplitude[rows, column]))]
-    order_mm, error_mm = to_mm * float(track.amplitude[at, column]), to_mm * float(track.standard_error[at, column])
-    return replace(found, order_mm=order_mm, order_error_mm=error_mm)
+
+    recording: Recording
+    axis: int
+    scale: TipScale
+
+    @property
+    def _to_mm(self) -> float:
+        return 1e3 / (2.0 * math.pi * self.scale.f_al_hz) ** 2
+
+    @cached_property
+    def noise_mm(self) -> float:
+        """Peak of the noise."""
+        passed = min(1.0, 2.0 * self.recording.period_s * (self.scale.band_hz[1] - self.scale.band_hz[0]))
+        return self._to_mm * NOISE_PEAK * math.sqrt(passed * noise_variance(self.recording.felt_m_s2, self.recording))
+
+    @cached_property
+    def _track(self) -> OrderTrack | None:
+        """Amplitudes of all orders while the speed rises; None if the motor makes too few turns to separate them."""
+        recording, axis = self.recording, self.axis
+        end = max(0, int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) - round(BRAKING_S / recording.period_s))
+        angle, tip = recording.axis(axis, "position_rad")[:end], recording.felt_m_s2[:end]
+        try:
+            return order_track(angle, tip, recording.period_s, tuple(self.scale.windows_rps))
+        except ValueError:
+            return None
+
+    def with_order(self, metrics: Metrics, order: int) -> Metrics:
+        """Add an order's largest amplitude in its window, with its standard error."""
+        track = self._track
+        if track is None:
+            return metrics
+        (low, high), column = self.scale.windows_rps[order], tuple(self.scale.windows_rps).index(order)
+        is_inside = (track.speed_rps >= low) & (track.speed_rps <= high)
+        rows = np.flatnonzero(is_inside & np.isfinite(track.standard_error[:, column]))
+        if not len(rows):
+            return metrics
+        at = rows[int(np.argmax(track.amplitude[rows, column]))]
+        size, error = self._to_mm * float(track.amplitude[at, column]), self._to_mm * float(track.standard_error[at, column])
+        return replace(metrics, order_mm=size, order_error_mm=error)
 
 
 def noise_variance(values: Real, recording: Recording) -> float:

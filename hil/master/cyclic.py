@@ -342,7 +342,7 @@ class CyclicExchange:
         data, deadline = self.data, self._clock.now() + network.timeout_s
         while frames:
             for frame in frames:
-                if data.pending and self._which.get(frame[0], 0) > data.lowest:
+                if data.pending and network.channel.waits and self._which.get(frame[0], 0) > data.lowest:
                     self._may_be_behind = True  # the lowest identifier leaves first: this one is of an earlier cycle
                 if not self.take(frame):
                     network.dispatch(frame)

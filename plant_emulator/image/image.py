@@ -50,6 +50,7 @@ class ProcessImage:
         ports: Node-IDs of the senders of the TPDOs, in the order of their identifiers.
         is_in_order: True if a bus sends all TPDOs in the order of their identifiers: these are all different, and those of each
             node rise.
+        delay_ns: Time by which the last TPDO leaves later than SYNC.
     """
 
     def __init__(
@@ -69,7 +70,7 @@ class ProcessImage:
         """
         self.slaves: list[Slave] = []
         self.ports: list[int] = []
-        self.is_in_order = False
+        self.is_in_order, self.delay_ns = False, 0
         self._sensor, self._accelerometer, self._measure = sensor, accelerometer, measure
         self._drives: list[Drive] = []
         self._idle: list[Drive] = []
@@ -114,6 +115,7 @@ class ProcessImage:
                 taken += _placed(((entry, node.row, cell) for entry, cell in objects if entry is not None), 0)
         if len({rpdo.can_id for rpdo in rpdos}) != len(rpdos):
             return False
+        self.delay_ns = max((slave.tpdo_delay_ns for slave in self.slaves), default=0)
         in_turn = [(node.node_id, tpdo.can_id) for tpdo, node in answers]
         answers.sort(key=lambda each: each[0].can_id)
         self.ports = [node.node_id for _, node in answers]

@@ -15,6 +15,8 @@ from plant_emulator.slave.emergency import COB_ID as EMERGENCY_COB_ID
 from plant_emulator.slave.lss import RESPONSE_ID as LSS_RESPONSE
 from plant_emulator.slave.nmt import SERVICES, NmtService
 from plant_emulator.slave.node import Slave
+from plant_emulator.slave.pdo.rpdo import Rpdo
+from plant_emulator.slave.pdo.tpdo import Tpdo
 
 MOST_HELD = 1024
 """Frames of one kind that a node holds at most; what comes then is lost, as in a drive whose buffer is full."""
@@ -78,9 +80,19 @@ class DelayedSlave(Slave):
         return min(times, default=None)
 
     @property
-    def plain_pdos(self) -> None:
-        """None: its TPDOs are late."""
-        return
+    def plain_pdos(self) -> tuple[list[Rpdo], list[Tpdo]] | None:
+        """Those of `Slave`; None if each TPDO has a delay of its own."""
+        return None if self._tpdos.jitter_ns else super().plain_pdos
+
+    @property
+    def tpdo_delay_ns(self) -> int:
+        """Time by which a TPDO leaves later than its SYNC."""
+        return self._tpdos.delay_ns
+
+    @property
+    def is_settled(self) -> bool:
+        """True if, moreover, no TPDO is held."""
+        return super().is_settled and not self._tpdos.frames
 
     def power_on(self, now: int) -> list[Frame]:
         """Start, or restart; held frames are lost."""

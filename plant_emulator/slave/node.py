@@ -217,6 +217,11 @@ class Slave:
         return self._pdo.plain
 
     @property
+    def tpdo_delay_ns(self) -> int:
+        """Time by which a TPDO leaves later than its SYNC."""
+        return 0
+
+    @property
     def is_settled(self) -> bool:
         """True if nothing waits for a SYNC, and the last PDOs and SYNC had the right length."""
         return self._sync.is_plain and self._pdo.is_settled

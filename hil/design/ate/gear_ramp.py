@@ -43,6 +43,8 @@ BEGINNING = ("wound", "real", "imaginary")
 """Unknowns of each ramp: z/F at its beginning, and the phasor in rad with which the arm rings there."""
 FACTORS = ("bend", "droop", "delay", "dispersion", *OF_IMAGES)
 """Those that need no simulation: factors of the spectrum."""
+_OF_SENSOR = [SHARED.index(name) for name in ("resonance", "bend", "droop", "delay", "dispersion")]
+"""Places of those that the sensor's gain and turn depend on."""
 OF_ROUNDING = ("resonance", "damping", "gear_fraction", "bend", "droop")
 """Those on which the noise of the encoder depends."""
 
@@ -176,6 +178,7 @@ class Ramp:
         self._rounding = [(size * (2.0 * math.pi * hz) ** 2) ** 2 / 12.0 for hz in self.hz]
         rounded = np.random.default_rng(begins_at).uniform(-0.5, 0.5, self._count) * step
         self._shaken = self._motion.shaken(rounded, setting.reduction_ratio)
+        self._passed: tuple[bytes, Real, Complex] | None = None
 
     def _spectra(self, signal: Real) -> list[Complex]:
         """Spectra of each part in the band, without its straight line."""
@@ -196,12 +199,21 @@ class Ramp:
         acceleration = law.follow(base, speed, self._motion.step_s, *self._began(p))
         return np.asarray(scipy.fft.rfft(acceleration, self._length * self._motion.per_sample))
 
+    def _passing(self, p: Real) -> tuple[Real, Complex]:
+        """Gain and turn of the sensor at the integration's steps; most unknowns change neither, so the last ones are kept."""
+        key = p[_OF_SENSOR].tobytes()
+        if self._passed is None or self._passed[0] != key:
+            v, hz = self._setting.shared(p), self._fine_hz
+            x = np.minimum(hz / math.exp(v["resonance"]), GEAR_BAND[1])
+            turned = 2.0 * math.pi * hz * v["delay"] + v["dispersion"] * (x**3 - x)
+            self._passed = key, self._mounted(hz, p), np.exp(-1j * turned)
+        return self._passed[1:]
+
     def shown(self, moved: Complex, p: Real) -> list[Complex]:
         """Spectra of each part as the sensor shows them, of one at the integration's steps."""
         v, hz = self._setting.shared(p), self._fine_hz
-        x = np.minimum(hz / math.exp(v["resonance"]), GEAR_BAND[1])
-        turned = 2.0 * math.pi * hz * v["delay"] + v["dispersion"] * (x**3 - x)
-        late = moved * self._setting.lever_m * self._mounted(hz, p) * np.exp(-1j * turned)
+        gain_there, turn = self._passing(p)
+        late = moved * self._setting.lever_m * gain_there * turn
         is_beyond = hz > 0.5 / self._period_s
         gain = [v[name] + 1j * v[other] for name, other in zip(OF_IMAGES[::2], OF_IMAGES[1::2], strict=True)]
         late[is_beyond] *= 1.0 + np.polynomial.polynomial.polyval(2.0 * self._period_s * hz[is_beyond] - 1.0, gain)

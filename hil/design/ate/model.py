@@ -193,7 +193,7 @@ class SweepModel:
         self._every = max(1, int(0.5 / period_s / (4.0 * band_hz[1])))
         self.sample_s = self._every * period_s
         self.direction = sweep.direction[:: self._every]
-        self._rows, self._count = self.direction != 0, len(self.direction)
+        self._rows = np.flatnonzero(self.direction)
         ring_down = round(min(RING_DOWN / (FLOOR * 2.0 * math.pi * band_hz[0]), 4.0) / period_s)
         self._length = int(scipy.fft.next_fast_len(-(-(len(angle) + ring_down) // self._every), real=True))
         full = self._length * self._every
@@ -228,7 +228,7 @@ class SweepModel:
     def _samples(self, spectra: Complex) -> Real:
         """Spectra as samples in the rows that count."""
         samples = scipy.fft.irfft(spectra, self._length, axis=-1) / self._every
-        return np.asarray(samples[..., : self._count][..., self._rows], dtype=np.float64)
+        return np.asarray(samples[..., self._rows], dtype=np.float64)
 
     def columns(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
         """Columns of the linear model.
@@ -286,7 +286,7 @@ class SweepModel:
     def rounding_power(self, arm: Arm) -> float:
         """Expected power of the encoder's rounding, summed over the counted rows."""
         passed = np.abs(self._rounding * arm.response(self._all_frequency)) ** 2
-        return float(np.mean(passed)) * int(np.count_nonzero(self._rows))
+        return float(np.mean(passed)) * len(self._rows)
 
 
 def resolution_rad(angle_rad: Real) -> float:

@@ -87,8 +87,11 @@ class Twin:
         else:
             self.plain += 1
             by_image = frames_of(message)
-        assert by_image == self.by_frames(self.slaves, together)
-        assert self.image.finish_period() == self.slaves.finish_period()
+        by_frames, ended = self.by_frames(self.slaves, together), [self.image.finish_period(), self.slaves.finish_period()]
+        if any(axis.behaviour.delays_frames for axis in self.robot.axis.values()):
+            assert sorted(by_image + ended[0]) == sorted(by_frames + ended[1])
+        else:
+            assert (by_image, ended[0]) == (by_frames, ended[1])
         self.compare()
         return by_image
 
@@ -153,6 +156,30 @@ def test_random_set_points_move_both_robots_alike(nodes, mode):
         dice.shuffle(frames)
         twin.cycle(*frames)
     assert twin.plain - before == 300
+
+
+def late_robot(**delays):
+    """The reference robot with these delays of its second axis."""
+    robot = robot_with_gains()
+    late = robot.axis[2].model_copy(update={"behaviour": robot.axis[2].behaviour.model_copy(update=delays)})
+    return robot.model_copy(update={"axis": {**robot.axis, 2: late}})
+
+
+@pytest.mark.parametrize(
+    ("delays", "plain"),
+    [({"tpdo_delay_us": 700.0}, 50), ({"tpdo_delay_us": 5000.0}, 0), ({"tpdo_jitter_us": 100.0}, 0)],
+    ids=["within the period", "beyond the period", "with jitter"],
+)
+def test_answers_that_are_late_within_the_period_come_with_the_others(delays, plain):
+    twin = Twin(late_robot(**delays))
+    for node in (2, 3):
+        twin.prepare(node)
+    twin.start(2, 3)
+    twin.enable((2, 3), cycles=4)
+    before = twin.plain
+    for step in range(50):
+        twin.cycle(*(twin.command(node, target=20 * step) for node in (2, 3)))
+    assert twin.plain - before == plain
 
 
 def held_input(twin, node, dice):
