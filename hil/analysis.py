@@ -159,41 +159,14 @@ def motor_speed_rps(recording: Recording, axis: int) -> Real:
 
 def speed_of(revolutions: Real, period_s: float) -> Real:
     """Compute the speed of a sampled angle, low-passed without phase, in rev/s; shape (n,)."""
-    return _speed_lowpass(period_s).both_ways(np.gradient(revolutions, period_s))
-
-
-class _Filter:
-    """A filter without phase: forward and backward.
-
-    It is `scipy.signal.sosfiltfilt`, which would compute the filter's state at rest anew for every signal.
-    """
-
-    def __init__(self, sections: Real) -> None:
-        self._sections, self._resting = sections, scipy.signal.sosfilt_zi(sections)
-        zeros = min(np.count_nonzero(sections[:, column] == 0.0) for column in (2, 5))
-        self._edge = 3 * (2 * len(sections) + 1 - zeros)
-
-    def both_ways(self, values: Real) -> Real:
-        """Filter a signal; shape (n,).
-
-        Raises:
-            ValueError: The signal is too short.
-        """
-        edge = self._edge
-        if len(values) <= edge:
-            raise ValueError(f"a signal of {len(values)} samples is too short for a filter; more than {edge} are needed")
-        before, behind = 2.0 * values[:1] - values[edge:0:-1], 2.0 * values[-1:] - values[-2 : -edge - 2 : -1]
-        extended = np.concatenate([before, values, behind])
-        forward, _ = scipy.signal.sosfilt(self._sections, extended, zi=self._resting * extended[0])
-        backward, _ = scipy.signal.sosfilt(self._sections, forward[::-1], zi=self._resting * forward[-1])
-        return np.asarray(backward[::-1][edge:-edge])
+    return np.asarray(scipy.signal.sosfiltfilt(_speed_lowpass(period_s), np.gradient(revolutions, period_s)))
 
 
 @lru_cache(maxsize=32)
-def _speed_lowpass(period_s: float) -> _Filter:
-    """Return the low pass of a speed."""
+def _speed_lowpass(period_s: float) -> Real:
+    """Return the sections of the low pass of a speed."""
     corner = min(SPEED_LOWPASS_HZ, 0.2 / period_s)
-    return _Filter(np.asarray(scipy.signal.butter(2, corner, fs=1.0 / period_s, output="sos")))
+    return np.asarray(scipy.signal.butter(2, corner, fs=1.0 / period_s, output="sos"))
 
 
 SHOWN_FRACTION = 0.45
@@ -229,16 +202,16 @@ def band_passed(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, 
     Raises:
         ValueError: The sampling period is too long for the band.
     """
-    return _band(period_s, *shown_band(period_s, band_hz)).both_ways(acceleration_m_s2)
+    return np.asarray(scipy.signal.sosfiltfilt(_band(period_s, *shown_band(period_s, band_hz)), acceleration_m_s2))
 
 
 @lru_cache(maxsize=32)
-def _band(period_s: float, low_hz: float, high_hz: float) -> _Filter:
-    """Return the band pass.
+def _band(period_s: float, low_hz: float, high_hz: float) -> Real:
+    """Return the sections of the band pass.
 
-    It is cached: a search for a filter needs the same one a thousand times.
+    They are cached: a search for a filter needs the same ones a thousand times.
     """
-    return _Filter(np.asarray(scipy.signal.butter(2, (low_hz, high_hz), "bandpass", fs=1.0 / period_s, output="sos")))
+    return np.asarray(scipy.signal.butter(2, (low_hz, high_hz), "bandpass", fs=1.0 / period_s, output="sos"))
 
 
 def integrated_twice(acceleration_m_s2: Real, period_s: float, lowest_hz: float) -> Real:
