@@ -487,7 +487,8 @@ class Correction:
         Args:
             verdicts: Verdicts on the orders that it cancelled.
             passed: Orders whose resonance the passes' ramps pass.
-            is_last: True after the last pass: then of an order that could not be judged the known value stays, or none.
+            is_last: True after the last pass: then of an order that could not be judged, and of which no pass with the whole
+                correction shows the rest, the known value stays, or none.
         """
         left_out = {}
         for verdict in verdicts:
@@ -503,7 +504,7 @@ class Correction:
             elif is_last and verdict.verdict == "not judged" and self._is_new(order):
                 if known is None:
                     left_out[order] = verdict
-                else:
+                elif not any(each.order == order for each in self._left):
                     self._return_to(order, known)
         return left_out
 
