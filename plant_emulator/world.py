@@ -241,7 +241,8 @@ class World:
         They are those that listen to its identifier. After a deadline all nodes get it, since the deadline is served first.
         """
         self._is_looked_at = False
-        if self._wake_ns() <= self.now:
+        due = self.due
+        if due is not None and due <= self.now:
             self._wakes_at = _UNKNOWN
             return self._nodes_on
         found = self._listeners.get(can_id)
@@ -300,7 +301,7 @@ class World:
 
     def _only_follows(self) -> bool:
         """Return True if the process image can act for all nodes at this instant."""
-        if self._watches or self._wake_ns() <= self.now:
+        if self._watches or ((due := self.due) is not None and due <= self.now):
             return False
         if not (self._is_laid_out and self._is_looked_at):
             self._look()
@@ -332,14 +333,13 @@ class World:
 
         It is None if only a frame or a motion can wake a node.
         """
-        wakes_at = self._wake_ns()
-        return None if wakes_at == _NEVER else max(wakes_at, self.now)
-
-    def _wake_ns(self) -> int:
-        """Return the first deadline of all nodes, which may have passed; `_NEVER` if there is none."""
-        if self._wakes_at == _UNKNOWN:
-            self._wakes_at = min((due for slave in self._slaves if (due := slave.due) is not None), default=_NEVER)
-        return self._wakes_at
+        wakes_at = self._wakes_at
+        if wakes_at == _UNKNOWN:
+            wakes_at = min((due for slave in self._slaves if (due := slave.due) is not None), default=_NEVER)
+            self._wakes_at = wakes_at
+        if wakes_at == _NEVER:
+            return None
+        return wakes_at if wakes_at > self.now else self.now
 
     def move(self, until: int) -> list[tuple[int, Frame]]:
         """Let time pass to an instant that is not beyond `due`.
@@ -352,8 +352,9 @@ class World:
         if until < self.now:
             raise ValueError(f"the world's time is {self.now} ns and does not go back to {until} ns")
         periods = (until - self._mechanics_ns) // self._control_period_ns
-        is_due = self._wake_ns() <= until
+        due = self.due
         self.now = until
+        is_due = due is not None and due <= until
         if periods <= 0 and not is_due:
             return []  # nothing has moved, and no drive has anything new to look at
         frames: list[tuple[int, Frame]] = []
@@ -392,7 +393,8 @@ class World:
         """
         frames: list[Frame] = []
         while True:
-            stop = min(until, max(self._wake_ns(), self.now))
+            due = self.due
+            stop = until if due is None or due > until else due
             frames += [frame for _, frame in self.move(stop)]
             if stop >= until:
                 return frames
