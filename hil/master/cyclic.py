@@ -343,7 +343,8 @@ class CyclicExchange:
         while frames:
             for frame in frames:
                 if data.pending and network.channel.waits and self._which.get(frame[0], 0) > data.lowest:
-                    self._may_be_behind = True  # the lowest identifier leaves first: this one is of an earlier cycle
+                    # on a real bus the lowest identifier leaves first: this one is of an earlier cycle
+                    self._may_be_behind = True
                 if not self.take(frame):
                     network.dispatch(frame)
             if not data.pending or self._clock.now() > deadline:

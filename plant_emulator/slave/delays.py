@@ -91,7 +91,7 @@ class DelayedSlave(Slave):
 
     @property
     def is_settled(self) -> bool:
-        """True if, moreover, no TPDO is held."""
+        """True if the node is settled as any other, and holds no TPDO."""
         return super().is_settled and not self._tpdos.frames
 
     def power_on(self, now: int) -> list[Frame]:

@@ -96,6 +96,7 @@ class LocalProcesses:
         There is one process per core.
         """
         self._settings.enter_context(one_thread())
+        multiprocessing.set_forkserver_preload([*SLOW_IMPORTS])
         self._free = [_process() for _ in range(self._jobs)]
         return self
 
@@ -129,7 +130,6 @@ class LocalProcesses:
                 self._free.append(pool)
             if not self._free:
                 raise RuntimeError(f"all {self._jobs} processes are busy")
-            multiprocessing.set_forkserver_preload([*SLOW_IMPORTS])
             pool = self._free.pop()
             future = pool.submit(task, *values)
             self._busy[future] = pool

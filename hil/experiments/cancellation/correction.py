@@ -194,7 +194,7 @@ class Correction:
         return begun
 
     def _correlated(self, prior: Estimate, begun: Collection[float], estimate: JointEstimate) -> Estimate:
-        """A prior with the correlation of the errors of what was known, and of those of a fit."""
+        """A prior whose values correlate as the model file, or the fit, says that their errors do."""
         known, fitted = (
             [k for k in sorted(begun) if self._begun[k] is of.get(k) and self._begun[k].amplitude_error is not None]
             for of in (self.known, self._fits)
