@@ -19,8 +19,8 @@ LAW_LEFT_OPEN, SAME_SPEED = 3e-3, 0.1
 and direction: one at which the transmission error shakes the arm costs a torque of its own.
 
 The rms of z of τ_C was 0.75 with 5e-3 on the drawn robots 50201 to 50400, and 1.45 with 1.5e-3 on 50401 to 50600."""
-COULOMB_LEFT_OPEN, GRAVITY_LEFT_OPEN = 2e-3, 3e-4
-"""Relative errors of Coulomb friction and of the gravity moment below which no fit is trusted.
+GRAVITY_LEFT_OPEN = 3e-4
+"""Relative error of the gravity moment below which no fit is trusted.
 
 The rms of z of the gravity moment is 0.84 with it on the drawn robots 50201 to 50317, 0.78 with 5e-4, and 1.48 without."""
 
@@ -121,7 +121,7 @@ def fit_friction(
     spread = [math.sqrt(max(0.0, float(v @ covariance @ v))) for v in (*np.eye(4)[:2], along, across)]
     gravity = (np.cos(arm) * best.values[2] + np.sin(arm) * best.values[3]) / reduction_ratio
     return Friction(
-        EstimatedParameter(float(mean[0]), math.hypot(spread[0], COULOMB_LEFT_OPEN * float(mean[0]))),
+        EstimatedParameter(float(mean[0]), spread[0]),
         EstimatedParameter(float(mean[1]), spread[1]),
         EstimatedParameter(moment, math.hypot(spread[2], GRAVITY_LEFT_OPEN * moment)),
         EstimatedParameter(phase, math.degrees(spread[3])),

@@ -11,8 +11,10 @@ import numpy as np
 
 from hil.analysis import PAPER_BAND_HZ, TipScale, joint_scale, judged_orders, motor_speed_rps
 from hil.control.treatments import LoopName, treatment
+from hil.design.ate.identification import JointEstimate, identify_one_way
+from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, Margins, margins
-from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate, fit_transmission_error
+from hil.design.transmission_error import TransmissionError
 from hil.experiments.judge import line_scale, scale_at, shown_rps
 from hil.experiments.treatment import TITLES
 from hil.recording import Recording
@@ -67,7 +69,7 @@ class Material:
         self.notes: list[str] = []
         self._recordings: dict[str, Recording | None] = {}
         self._margins: dict[tuple[int, tuple[str, ...]], dict[float, Margins]] = {}
-        self._estimates: dict[int, TransmissionErrorEstimate | None] = {}
+        self._estimates: dict[int, JointEstimate | None] = {}
 
     @cached_property
     def model_axes(self) -> tuple[int, ...]:
@@ -313,13 +315,13 @@ class Material:
         self.notes.append(f"{name}: {count} samples are missing; the figures interpolate them linearly.")
         return Recording(columns)
 
-    def estimate(self, axis: int) -> TransmissionErrorEstimate | None:
+    def estimate(self, axis: int) -> JointEstimate | None:
         """Return θ_sync identified from the run without a notch."""
         if axis not in self._estimates:
             self._estimates[axis] = self._identify(axis)
         return self._estimates[axis]
 
-    def _identify(self, axis: int) -> TransmissionErrorEstimate | None:
+    def _identify(self, axis: int) -> JointEstimate | None:
         if axis not in self.model_axes:
             return None
         runs = [self.find(CONSTANT_ACCELERATION, axis, loop=loop) for loop in ("drive", "host")]
@@ -337,8 +339,9 @@ class Material:
         rows = (speed > low) & (speed < high) & (np.arange(len(speed)) < int(np.argmax(speed)))
         angle, tip = recording.axis(axis, "position_rad"), recording.felt_m_s2
         plant = cast("Any", table.plant())
+        ramp = Sweep(angle, tip, recording.period_s, rows.astype(np.int8))
         try:
-            return fit_transmission_error(angle, tip, recording.period_s, plant, table.tip_lever_m, orders, rows=rows)
+            return identify_one_way(ramp, table.reduction_ratio, Sensing(table.tip_lever_m), Arm.of(plant), orders)
         except ValueError as error:
             self.notes.append(f"The transmission error of axis {axis} cannot be identified: {error}.")
             return None

@@ -87,9 +87,9 @@ class AteFit(ResultPart):
     explained_by_error: float
     motion_scale: float
     motion_scale_error: float
-    widened: float
     band_hz: tuple[float, float]
     agreement: tuple[Agreement, ...]
+    miss: float | None = None
     carried: dict[str, float] | None = None
 
 

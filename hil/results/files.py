@@ -112,13 +112,15 @@ def _with_orders(value: dict[str, Any]) -> str:
     """Convert a result with separate fields for its two orders.
 
     Results in an older format have these fields instead of a set of orders. Older passes of a learning also state how the motor
-    followed.
+    followed, and older fits a factor that is contained in their standard errors.
     """
     passes, history = [], []
     with suppress(TypeError, KeyError, AttributeError):
         for axis in value["learnt"]:
             for each in axis["passes"]:
                 each.pop("following", None)
+    with suppress(TypeError, KeyError, AttributeError):
+        value["fit"].pop("widened", None)
     with suppress(TypeError, KeyError):  # of a file that is not a result the validation speaks
         passes = [each for axis in value["learnt"] for each in axis["passes"] if "values" not in each]
     with suppress(TypeError, KeyError):

@@ -29,7 +29,8 @@ from hil.control.angles import ARCSEC
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_BAND, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting, thinning
 from hil.design.ate.gravity import Weight
-from hil.design.ate.identification import DELAY_KEY, JointEstimate, polar
+from hil.design.ate.identification import DELAY_KEY, SPRING_MISS, JointEstimate, missed, polar
+from hil.design.ate.misfit import LEAST_MISSED
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.refinement import MOUNTING_HZ
 from hil.design.ate.rest import STILL_ROOM
@@ -52,16 +53,6 @@ last: that of a move by 1.4 standard errors, or by a seventh of one."""
 ADDITIVE = ("softness", "hysteresis")
 """Unknowns whose exponential scales a torque. Where the ramps show none of it, the gradient pulls the logarithm down, and the
 curvature contains that pull: d²/dx² f(eˣ) = df/dx for a proportional f. Without it, Fisher's scoring oversteps."""
-GEAR_MODEL_ERROR = 3e-4
-"""Least part of a vibration that the model misses: by its steps, the spline between samples, and the sensor's filter.
-
-On 95 drawn robots (10142 to 10241) the rms of z of A_k, φ_k and Δ is 0.86 to 1.11 with it, and 0.84 to 1.00 with 5e-4, with which
-it was 0.76 to 1.02 on the robots 50201 to 50400."""
-UNSHARED = 0.25
-"""Part of the missed part's square that one direction does not share with the other.
-
-Only that part turns φ_k: a shift of time turns it one way forwards and the other way backwards. On those robots the rms of z of
-φ_k is 0.84 to 1.01 with it and 5e-4, and 0.50 to 0.81 with 1."""
 RINGING_RAD = 100.0 * ARCSEC
 """Standard deviation of the ringing with which a ramp begins; on a drawn robot of 7 Hz (10139) it was 30″."""
 DELAY_LEFT_OPEN_S = 5e-6
@@ -94,8 +85,8 @@ GEARS = (
 )
 """Gears from which the search starts: a linear one, a soft one with friction, one that is soft alone, and one with friction
 alone."""
-FIRST_GEARS, SMALL_MISS = 2, 0.01
-"""The others are tried where the best of these misses more of the vibration than that."""
+FIRST_GEARS = 2
+"""The others are tried where the best of these misses more of the vibration than a spring does (`SPRING_MISS`)."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +133,7 @@ class _Noise:
 
     sensor: float
     encoder: float = 1.0
-    miss: float = GEAR_MODEL_ERROR**2
+    miss: float = LEAST_MISSED**2
 
 
 @dataclass(frozen=True)
@@ -169,11 +160,8 @@ class GearEstimate:
         return self.noise.miss <= MOST_MISS**2
 
     @property
-    def model_error(self) -> float:
-        """Part τ of the vibration that the model misses, which may be an error of A_k e^{jφ_k} relative to A_k.
-
-        As a variance it is independent from bin to bin, and averages out over a ramp. An error of the model need not.
-        """
+    def miss(self) -> float:
+        """Part τ of the vibration that the model misses."""
         return math.sqrt(self.noise.miss)
 
     def values(self) -> Estimate:
@@ -181,11 +169,8 @@ class GearEstimate:
         count, delay = 2 * len(self.orders), SHARED.index("delay")
         at = [*range(len(SHARED), len(SHARED) + count), delay]
         mean, square = self.mean[at], self.covariance[np.ix_(at, at)].copy()
-        for row in range(0, count, 2):
-            c, s = mean[row : row + 2]
-            missed = np.outer([c, s], [c, s]) + UNSHARED * np.outer([-s, c], [-s, c])
-            square[row : row + 2, row : row + 2] += self.noise.miss * missed
-        square[count, count] += (self.model_error / (2.0 * math.pi * self.law.resonance_hz)) ** 2 + DELAY_LEFT_OPEN_S**2
+        square[:count, :count] += missed(mean[:count], np.full(len(self.orders), self.miss))
+        square[count, count] += (self.miss / (2.0 * math.pi * self.law.resonance_hz)) ** 2 + DELAY_LEFT_OPEN_S**2
         return polar(self.orders, mean, square, (DELAY_KEY,))
 
 
@@ -310,7 +295,7 @@ class GearFit:
             return float(np.sum(power / s + np.log(s)))
 
         start = before or _Noise(low, 1.0, 1e-4)
-        limits = ((1e-6 * low, most), (1.0, LARGEST_ENCODER), (GEAR_MODEL_ERROR**2, 1.0))
+        limits = ((1e-6 * low, most), (1.0, LARGEST_ENCODER), (LEAST_MISSED**2, 1.0))
         bounds = [(math.log(least), math.log(most)) for least, most in limits]
         given = np.log([min(start.sensor, most), start.encoder, start.miss])
         found = scipy.optimize.minimize(cost, given, method="L-BFGS-B", bounds=bounds)
@@ -371,7 +356,7 @@ class GearFit:
         """The most likely unknowns, and their covariance."""
         found: list[_State] = []
         for number, gear in enumerate(GEARS):
-            if number >= FIRST_GEARS and min(found, key=lambda each: each.evidence).noise.miss <= SMALL_MISS**2:
+            if number >= FIRST_GEARS and min(found, key=lambda each: each.evidence).noise.miss <= SPRING_MISS**2:
                 break
             self._is_linear = gear is LINEAR
             found.append(self._climbed(self._from(gear), *SEARCHING))
@@ -493,4 +478,4 @@ def on_its_gear(
         return estimate
     if not (np.all(np.isfinite(found.mean)) and np.all(np.diag(found.covariance) > 0.0) and found.is_true):
         return estimate
-    return replace(estimate, values=found.values(), structured=found.noise.miss, gear=found.law)
+    return replace(estimate, values=found.values(), miss=found.miss, structured=found.noise.miss, gear=found.law)

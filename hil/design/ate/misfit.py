@@ -14,19 +14,15 @@ from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
 
-BEND, BEND_PHASE = 0.6, 0.4
-"""Error of A_k/A_k, and of φ_k in rad, over the order's misfit; as found on gears with hysteresis and with a soft wind-up.
+LEAST_MISSED = 3e-4
+"""Least part of a vibration that a model misses: by its steps, the spline between samples, and the sensor's filter.
 
-What turns the phase in one direction turns it back in the other, so that most of it goes into the delay; not so with order 1, of
-which most ramps see the foot alone."""
-APART_FROM = 0.01
-"""Bend of the strongest order, by the gear, from which passes are fitted apart."""
+On 95 drawn robots (10142 to 10241) the rms of z of A_k, φ_k and Δ is 0.86 to 1.11 with it, and 0.84 to 1.00 with 5e-4, with which
+it was 0.76 to 1.02 on the robots 50201 to 50400."""
 QUIET = 0.25
 """Quantile of the blocks' powers that is taken for quiet."""
 QUIET_SIGMA = -0.6745
 """The same quantile of a normal distribution."""
-LEAST_MISFIT = 0.0015
-"""Misfit of the whole signal that no noise hides: gravity alone bends f_a by a tenth of a per cent along a ramp."""
 CHANCE = 1.5
 """Power of a block over that of the noise up to which it may be chance."""
 
@@ -51,7 +47,7 @@ def noise_power(powers: Real, freedom: float) -> float:
 
 
 def misfit(residual: Sequence[Real], part: Sequence[Real], whole: Sequence[Real], length: int, freedom: float) -> float:
-    """Misfit of one order: residual beside noise over the order's part.
+    """Part of one order's vibration that the model misses: residual beside noise over it.
 
     Both are weighted towards the instants at which the order's part is large.
 
@@ -65,7 +61,7 @@ def misfit(residual: Sequence[Real], part: Sequence[Real], whole: Sequence[Real]
     above, all_own = 0.0, 0.0
     for each, ours, given in zip(residual, part, whole, strict=True):
         own = block_powers(ours, length)
-        more = np.maximum(_above_noise(each, length, freedom), LEAST_MISFIT**2 * block_powers(given, length))
+        more = np.maximum(_above_noise(each, length, freedom), LEAST_MISSED**2 * block_powers(given, length))
         above += float(np.sum(more * own))
         all_own += float(np.sum(own**2))
     return math.sqrt(above / max(all_own, 1e-300))
@@ -80,3 +76,11 @@ def _above_noise(residual: Real, length: int, freedom: float) -> Real:
     """Power of the residual above the noise; shape (blocks,)."""
     left = block_powers(residual, length)
     return np.maximum(0.0, left - CHANCE * noise_power(left, freedom))
+
+
+def noise_variance(residual: Real, length: int, freedom: float) -> Real:
+    """Variance of the residual at each sample: that of the noise, and what is above it in the sample's block; shape (n,)."""
+    left = block_powers(residual, length)
+    power = noise_power(left, freedom)
+    counts = [len(each) for each in np.array_split(residual, len(left))]
+    return np.repeat(power + np.maximum(0.0, left - CHANCE * power), counts)

@@ -6,14 +6,14 @@ For given ω, ζ and Δ it is linear in A_k cos φ_k and A_k sin φ_k: `SweepMod
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.design.frequency import TwoInertia
 from hil.design.transmission_error import (
     RING_DOWN,
     TransmissionError,
@@ -123,6 +123,14 @@ class Arm:
     bend: float = 0.0
     others: tuple[OtherMode, ...] = ()
 
+    @classmethod
+    def of(cls, plant: TwoInertia) -> "Arm":
+        """Arm of a plant, with its part of the damping."""
+        damping = plant.gear_damping_nm_s_rad + plant.arm_damping_nm_s_rad
+        critical = 2.0 * math.sqrt(plant.gear_stiffness_nm_rad * plant.arm_inertia_kg_m2)
+        share = plant.gear_damping_nm_s_rad / damping if damping > 0.0 else 1.0
+        return cls(plant.antiresonance_hz, damping / critical, gear_fraction=share)
+
     def response(self, frequency_hz: Real) -> Complex:
         """H(jω) e^{−jωΔ} of arm and sensor; shape of `frequency_hz`."""
         x = np.asarray(frequency_hz) / self.resonance_hz
@@ -142,12 +150,6 @@ class Arm:
         """
         x = over_resonance
         return np.asarray((1.0 + 2j * self.gear_fraction * damping * x) / (1.0 + 2j * damping * x - x**2))
-
-
-SAME_ARM: Mapping[float, Arm] = MappingProxyType({})
-"""One arm for all orders."""
-_Arms = tuple[Arm, Mapping[float, Arm]]
-"""The arm, and the arms of some orders' own."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +217,7 @@ class SweepModel:
         inertia = sensing.motor_inertia_kg_m2 * reduction_ratio  # the first spectrum is that of θ̈_m/N
         self._own = inertia * weight[inside] * spectra[0, inside]
         self._has_own = bool(np.any(self._own))
-        self._kept: tuple[tuple[bytes, tuple[float, ...]], Complex, dict[float, Complex]] | None = None
+        self._kept: tuple[bytes, Complex] | None = None
         # the fraction of white noise that comes through, hence of the samples that are independent
         self.independent = self._every * self._white
         self._seen = weight[inside] * scipy.fft.rfft(levelled(sweep.signal), full)[inside]
@@ -230,53 +232,27 @@ class SweepModel:
         samples = scipy.fft.irfft(spectra, self._length, axis=-1) / self._every
         return np.asarray(samples[..., self._rows], dtype=np.float64)
 
-    def columns(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
+    def columns(self, arm: Arm) -> tuple[Real, Real]:
         """Columns of the linear model.
 
         Returns the signal of the motor's motion alone, shape (n,), and that per unit of each linear unknown, shape (n,
         unknowns).
         """
         spectra = self._spectra * arm.response(self._frequency)
-        for order, other in own.items():
-            row = 1 + 2 * self._orders.index(order)
-            spectra[row : row + 2] = self._spectra[row : row + 2] * other.response(self._frequency)
         spectra[0] += self._own * np.exp(-2j * math.pi * self._frequency * arm.delay_s)
         rows = self._samples(spectra)
         return rows[0], rows[1:].T
 
-    def difference(self, more: "_Arms", less: "_Arms", unknowns: Real) -> Real:
-        """Difference of the signals with two sets of arms; shape (n,).
-
-        The unknowns are the same in both.
-        """
-        shared, own = self._driven(unknowns, tuple(more[1]))
-        total = np.zeros_like(shared)
-        if more[0] != less[0]:
-            total += shared * (more[0].response(self._frequency) - less[0].response(self._frequency))
-        for order, driven in own.items():
-            one, other = more[1][order], less[1][order]
-            if one != other:
-                total += driven * (one.response(self._frequency) - other.response(self._frequency))
+    def difference(self, more: Arm, less: Arm, unknowns: Real) -> Real:
+        """Difference of the signals with two arms and the same unknowns; shape (n,)."""
+        key = unknowns.tobytes()  # all slopes need the same spectrum
+        if self._kept is None or self._kept[0] != key:
+            self._kept = key, np.append(1.0, unknowns) @ self._spectra
+        total = self._kept[1] * (more.response(self._frequency) - less.response(self._frequency))
         if self._has_own:
-            late, early = (np.exp(-2j * math.pi * self._frequency * each[0].delay_s) for each in (more, less))
+            late, early = (np.exp(-2j * math.pi * self._frequency * each.delay_s) for each in (more, less))
             total += self._own * (late - early)
         return self._samples(total)
-
-    def _driven(self, unknowns: Real, lone: tuple[float, ...]) -> tuple[Complex, dict[float, Complex]]:
-        """Spectra that drive the arms.
-
-        Returns that of the shared arm, and those of orders with arms of their own. They are kept, since all slopes need the
-        same ones.
-        """
-        key = unknowns.tobytes(), lone
-        if self._kept is None or self._kept[0] != key:
-            rows = {order: 1 + 2 * self._orders.index(order) for order in lone}
-            shared = np.append(1.0, unknowns)
-            for row in rows.values():
-                shared[row : row + 2] = 0.0
-            own = {order: unknowns[row - 1 : row + 1] @ self._spectra[row : row + 2] for order, row in rows.items()}
-            self._kept = key, shared @ self._spectra, own
-        return self._kept[1], self._kept[2]
 
     @property
     def white(self) -> float:
@@ -333,24 +309,21 @@ class RampsModel:
         self._put_forward: dict[tuple[int, tuple[float, ...]], Real] = {}
         self._direction_rows: dict[int, NDArray[np.intp]] = {}
 
-    def columns(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
+    def columns(self, arm: Arm) -> tuple[Real, Real]:
         """Columns of all recordings, one behind the other."""
-        parts = [part.columns(arm, own) for part in self._parts]
+        parts = [part.columns(arm) for part in self._parts]
         return np.concatenate([motion for motion, _ in parts]), np.concatenate([matrix for _, matrix in parts])
 
-    def solve(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
+    def solve(self, arm: Arm) -> tuple[Real, Real]:
         """Solve for the linear unknowns, and return them and the residual."""
-        motion, matrix = self.columns(arm, own)
+        motion, matrix = self.columns(arm)
         unknowns = least_squares(matrix, self.signal - motion)
         return unknowns, self.signal - motion - matrix @ unknowns
 
-    def difference(self, more: _Arms, less: _Arms, unknowns: Real) -> Real:
-        """Difference of all recordings with two sets of arms; shape (n,).
+    def difference(self, more: Arm, less: Arm, unknowns: Real) -> Real:
+        """Difference of all recordings with two arms; shape (n,).
 
-        Both sets have own arms for the same orders. It takes one transform instead of one per unknown; slopes by the arms are
-        made of such differences.
-
-        One transform instead of one for each unknown: what slopes by the arms are made of.
+        It takes one transform instead of one for each unknown: what slopes by the arm are made of.
         """
         return np.concatenate([part.difference(more, less, unknowns) for part in self._parts])
 

@@ -1,10 +1,9 @@
 """Refinement of the arm of a fit.
 
-Gauss-Newton refines ω, ζ and delay, fits own arms of some orders, and removes the bias of the encoder's rounding.
+Gauss-Newton refines ω, ζ and delay, and removes the bias of the encoder's rounding.
 """
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.ate.model import Arm, RampsModel, least_squares
+from hil.design.estimation import inverse
 
 Real = NDArray[np.float64]
 
@@ -25,77 +25,46 @@ CONVERGED = 1e-6
 """Step of each unknown, by its size, below which there are no more."""
 LEAST_ZETA = 0.003
 """ζ below which more than the rounding has been taken out of the arm."""
-OWN_FROM_ORDER = 2
-"""Least order with an arm of its own: order 1 passes its resonance at twice the speed of order 2, which few ramps reach."""
-OWN_FROM, OWN_BETTER = 0.1, 0.85
-"""Amplitude over the largest from which an order may have its own arm, and the residual power that this may leave."""
 
 
-def refine(model: RampsModel, start: Arm) -> Arm:
-    """Gauss-Newton in ω, ζ and Δ with the linear unknowns projected out."""
-    return refined(model, start, {}, 0.0)[0]
+def refined(model: RampsModel, start: Arm, free: int = 3, bend_row: float = 0.0) -> Arm:
+    """Gauss-Newton in the first of ω, ζ, Δ and the mounting's bend, with the linear unknowns projected out.
 
-
-def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: float) -> tuple[Arm, dict[float, Arm]]:
-    """Refine the arm and the own arms by Gauss-Newton.
-
-    The unknowns are ω, ζ, Δ, the mounting's bend, and ω and ζ of every own arm. If the fit leaves the neighbourhood of its
-    start, or finds no resonance (ζ ≥ 1), the start is returned: the vibration is then not that of a linear arm.
+    If the fit leaves the neighbourhood of its start, or finds no resonance (ζ ≥ 1), the start is returned: the vibration is then
+    not that of a linear arm.
 
     Args:
         model: Model of the ramps.
         start: Arm to start from.
-        own: Arms of some orders' own, to start from.
-        bend_row: Weight of the bend (`bend_weight`); 0 if the bend is held.
+        free: Number of them; the others are held.
+        bend_row: Weight of the bend (`bend_weight`).
     """
     step_s = 1.0 / (2.0 * math.pi * start.resonance_hz)
-    has_bend = bend_row > 0.0
 
-    def arms(scaled: Real) -> tuple[Arm, dict[float, Arm]]:
-        delay = start.delay_s + step_s * float(scaled[2])
-        bend = start.bend + (float(scaled[3]) if has_bend else 0.0)
-        pairs = [(start, scaled[:2])]
-        pairs += [(own[order], scaled[i : i + 2]) for order, i in zip(own, range(3 + has_bend, len(scaled), 2), strict=True)]
-        made = [
-            replace(
-                each, resonance_hz=each.resonance_hz * float(hz), damping=each.damping * float(zeta), delay_s=delay, bend=bend
-            )
-            for each, (hz, zeta) in pairs
-        ]
-        return made[0], dict(zip(own, made[1:], strict=True))
+    def arm(scaled: Real) -> Arm:
+        hz, zeta, late, bend = np.append(scaled, [0.0] * (4 - free)).tolist()
+        return replace(
+            start, resonance_hz=start.resonance_hz * hz, damping=start.damping * zeta,
+            delay_s=start.delay_s + step_s * late, bend=start.bend + bend,
+        )  # fmt: skip
 
     def residual(scaled: Real) -> Real:
-        arm, others = arms(scaled)
-        return np.append(model.solve(arm, others)[1], bend_row * arm.bend)
+        return np.append(model.solve(arm(scaled))[1], bend_row * arm(scaled).bend)
 
     def jacobian(scaled: Real) -> Real:
-        arm, others = arms(scaled)
-        slopes = projected_slopes(model, arm, others)
-        sizes = [start.resonance_hz, start.damping, step_s] + has_bend * [1.0]
-        sizes += _sizes(own)
-        columns = [0, 1, 2] + has_bend * [3] + list(range(4, slopes.shape[1]))
-        known = [bend_row * (has_bend and column == 3) for column in columns]
-        return np.vstack([-slopes[:, columns] * sizes, known])
+        sizes = np.array([start.resonance_hz, start.damping, step_s, 1.0])
+        slopes = np.vstack([-projected_slopes(model, arm(scaled)) * sizes, [0.0, 0.0, 0.0, bend_row]])
+        return np.asarray(slopes[:, :free])
 
-    more = len(own)
     fit = scipy.optimize.least_squares(
         residual,
-        np.array([1.0, 1.0, 0.0] + has_bend * [0.0] + more * [1.0, 1.0]),
-        bounds=(
-            [0.8, 0.1, -1.0] + has_bend * [-LARGEST_BEND] + more * [0.8, 0.1],
-            [1.25, 10.0, 1.0] + has_bend * [LARGEST_BEND] + more * [1.25, 10.0],
-        ),
+        np.array([1.0, 1.0, 0.0, 0.0][:free]),
+        bounds=([0.8, 0.1, -1.0, -LARGEST_BEND][:free], [1.25, 10.0, 1.0, LARGEST_BEND][:free]),
         jac=jacobian,
-        x_scale=np.array([0.01, 0.3, 0.05] + has_bend * [0.01] + more * [0.01, 0.3]),
+        x_scale=np.array([0.01, 0.3, 0.05, 0.01][:free]),
     )
-    found = arms(fit.x)
-    is_lost = fit.active_mask[0] != 0 or found[0].damping >= 1.0
-    return (start, dict(own)) if is_lost else found
-
-
-def _sizes(own: Mapping[float, Arm]) -> list[float]:
-    """ω/2π and ζ of each order's own arm."""
-    return [size for each in own.values() for size in (each.resonance_hz, each.damping)]
+    found = arm(fit.x)
+    return start if fit.active_mask[0] != 0 or found.damping >= 1.0 else found
 
 
 def bend_weight(model: RampsModel, arm: Arm, left: Real) -> float:
@@ -107,42 +76,38 @@ def bend_weight(model: RampsModel, arm: Arm, left: Real) -> float:
     return math.sqrt(variance) / (arm.resonance_hz / MOUNTING_HZ) ** 2
 
 
-def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> tuple[Arm, dict[float, Arm]]:
-    """Remove the bias of the encoder's rounding from the arms.
+def without_rounding(model: RampsModel, arm: Arm) -> Arm:
+    """Remove the bias of the encoder's rounding from the arm.
 
     The resonance amplifies the noise of the rounding, so that least squares overestimate the damping.
 
     The expected power of that noise P(ω, ζ) is known, and what is minimised is the residual's power less P: steps
-    −(JᵀJ)⁻¹ (Jᵀr − ∇P/2), with J the slopes of the residual r by the unknowns of the arms, the linear unknowns projected out.
+    −(JᵀJ)⁻¹ (Jᵀr − ∇P/2), with J the slopes of the residual r by the unknowns of the arm, the linear unknowns projected out.
     """
-    found, others = arm, dict(own)
-    left = model.solve(arm, own)[1]
-    if not is_rounding_felt(model, arm, own):
-        return found, others
-    weight, step_s = bend_weight(model, arm, left), 1.0 / (2.0 * math.pi * arm.resonance_hz)
+    if not is_rounding_felt(model, arm):
+        return arm
+    found, weight = arm, bend_weight(model, arm, model.solve(arm)[1])
+    sizes = np.array([arm.resonance_hz, 1.0, 1.0 / (2.0 * math.pi * arm.resonance_hz), 1.0])
     for _ in range(ROUNDING_STEPS):
-        left = model.solve(found, others)[1]
-        slopes = projected_slopes(model, found, others)
-        known = np.zeros((1, slopes.shape[1]))
-        known[0, 3] = weight
-        downhill = slopes.T @ left
+        slopes = projected_slopes(model, found)
+        downhill = slopes.T @ model.solve(found)[1]
         downhill[:2] += 0.5 * np.array(_rounding_slopes(model, found))
         downhill[3] -= weight**2 * found.bend
-        step = inverse_square(np.vstack([slopes, known])) @ downhill
+        known = np.diag([0.0, 0.0, 0.0, weight**2])
+        step = inverse(slopes.T @ slopes + known) @ downhill
         step *= min(1.0, 0.3 * found.damping / max(abs(float(step[1])), 1e-30))
-        found = shifted(found, *step[:4])
-        others = {k: shifted(each, step[4 + 2 * i], step[5 + 2 * i], *step[2:4]) for i, (k, each) in enumerate(others.items())}
+        found = shifted(found, *step)
         is_lost = abs(found.resonance_hz / arm.resonance_hz - 1.0) > 0.1 or abs(found.bend) > LARGEST_BEND
-        if is_lost or not all(LEAST_ZETA <= each.damping < 1.0 for each in (found, *others.values())):
-            return arm, dict(own)
-        if np.all(np.abs(step) < CONVERGED * np.array([found.resonance_hz, found.damping, step_s, 1.0, *_sizes(others)])):
+        if is_lost or not LEAST_ZETA <= found.damping < 1.0:
+            return arm
+        if np.all(np.abs(step) < CONVERGED * sizes):
             break
-    return found, others
+    return found
 
 
-def is_rounding_felt(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> bool:
+def is_rounding_felt(model: RampsModel, arm: Arm) -> bool:
     """True if the encoder's rounding is a visible part of the residual."""
-    return model.rounding_power(arm) >= ROUNDING_FELT * float(np.sum(model.solve(arm, own)[1] ** 2))
+    return model.rounding_power(arm) >= ROUNDING_FELT * model.power(arm)
 
 
 def _rounding_slopes(model: RampsModel, arm: Arm) -> tuple[float, float]:
@@ -172,53 +137,21 @@ def shifted(arm: Arm, hz: float = 0.0, damping: float = 0.0, late_s: float = 0.0
     )
 
 
-def own_arms(model: RampsModel, arm: Arm) -> tuple[Arm, dict[float, Arm]]:
-    """Fit own arms to some orders, if they clearly lower the residual.
-
-    A large vibration may see another gear stiffness than a small one.
-    """
-    unknowns, left = model.solve(arm)
-    sizes = {order: math.hypot(*unknowns[2 * row : 2 * row + 2]) for row, order in enumerate(model.orders)}
-    strongest = max(sizes, key=lambda order: sizes[order])
-    others = [k for k, size in sizes.items() if k != strongest and k >= OWN_FROM_ORDER and size > OWN_FROM * sizes[strongest]]
-    if not others:
-        return arm, {}
-    found, own = refined(model, arm, dict.fromkeys(others, arm), 0.0)
-    apart = model.solve(found, own)[1]
-    is_better = float(np.sum(apart**2)) < OWN_BETTER * float(np.sum(left**2))
-    return (found, own) if is_better else (arm, {})
-
-
-def slopes_by_arms(model: RampsModel, arm: Arm, own: Mapping[float, Arm], unknowns: Real) -> list[Real]:
-    """Slopes of the model by the arms' parameters.
-
-    These are ω/2π, ζ, Δ and the bend of all, then ω/2π and ζ of each own arm.
+def slopes_by_arm(model: RampsModel, arm: Arm, unknowns: Real) -> Real:
+    """Slopes of the model by ω/2π, ζ, Δ and the bend; shape (rows, 4).
 
     Args:
         model: Model of the ramps.
         arm: The arm.
-        own: Arms of some orders' own.
         unknowns: The linear unknowns.
     """
-    d_hz, d_zeta, d_s = 1e-4 * arm.resonance_hz, 1e-3 * arm.damping, 1e-5
-
-    def difference(make: Callable[[float], tuple[Arm, Mapping[float, Arm]]], step: float) -> Real:
-        return model.difference(make(step), make(-step), unknowns) / (2.0 * step)
-
-    slopes = [
-        difference(lambda x: (shifted(arm, hz=x), own), d_hz),
-        difference(lambda x: (shifted(arm, damping=x), own), d_zeta),
-        difference(lambda x: (shifted(arm, late_s=x), {k: shifted(each, late_s=x) for k, each in own.items()}), d_s),
-        difference(lambda x: (shifted(arm, bend=x), {k: shifted(each, bend=x) for k, each in own.items()}), 1e-4),
-    ]
-    for order, each in own.items():
-        slopes.append(difference(lambda x, k=order, e=each: (arm, {**own, k: shifted(e, hz=x)}), d_hz))  # type: ignore[misc]
-        slopes.append(difference(lambda x, k=order, e=each: (arm, {**own, k: shifted(e, damping=x)}), d_zeta))  # type: ignore[misc]
-    return slopes
+    steps = np.diag([1e-4 * arm.resonance_hz, 1e-3 * arm.damping, 1e-5, 1e-4])
+    sides = [model.difference(shifted(arm, *step), shifted(arm, *-step), unknowns) for step in steps]
+    return np.column_stack(sides) / (2.0 * np.diag(steps))
 
 
-def projected_slopes(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> Real:
-    """Slopes by the arms after projection on the linear unknowns.
+def projected_slopes(model: RampsModel, arm: Arm) -> Real:
+    """Slopes by the arm after projection on the linear unknowns.
 
     At the minimum they are the residual's slopes with the opposite sign.
 
@@ -226,14 +159,6 @@ def projected_slopes(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> R
 
     Source: L. Kaufman, A variable projection method for solving separable nonlinear least squares problems, BIT 15 (1975).
     """
-    motion, matrix = model.columns(arm, own)
-    unknowns = least_squares(matrix, model.signal - motion)
-    slopes = np.column_stack(slopes_by_arms(model, arm, own, unknowns))
+    motion, matrix = model.columns(arm)
+    slopes = slopes_by_arm(model, arm, least_squares(matrix, model.signal - motion))
     return np.asarray(slopes - matrix @ least_squares(matrix, slopes))
-
-
-def inverse_square(jacobian: Real) -> Real:
-    """(JᵀJ)⁻¹, on scaled columns."""
-    scale = np.sqrt(np.sum(jacobian**2, axis=0)) + 1e-300
-    scaled = jacobian / scale
-    return np.asarray(np.linalg.pinv(scaled.T @ scaled, rcond=1e-14, hermitian=True) / np.outer(scale, scale))

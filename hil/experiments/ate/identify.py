@@ -38,7 +38,6 @@ from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, BEYOND_RESONANCE, PASSED, Ramp, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import (
-    GEAR_FRACTION_ERROR,
     AteRequest,
     AxisKnowledge,
     Miss,
@@ -74,6 +73,7 @@ AGREEMENT_SIGMAS = 4.0
 of three orders."""
 UNIFORM = 1.0 / math.sqrt(12.0)
 """Standard deviation of a number that is anywhere in a range, over the range."""
+NOTHING_KNOWN = AxisKnowledge()
 SATURATED_TORQUE_FRACTION = 0.99
 """Fraction of the torque limit from which a run counts as held back by it."""
 
@@ -323,13 +323,13 @@ def simulated(
     """
     weight = weight_of(sweeps, reduction_ratio, knowledge.arm_inertia)
     found = on_its_gear(estimate, sweeps, reduction_ratio, sensing, weight)
-    is_good = found.gear is not None and found.structured <= POOR_MISS**2
+    is_good = found.gear is not None and found.miss <= POOR_MISS
     if is_good or weight is None or knowledge.start is None or knowledge.resonance_error_hz is None:
         return found
     known = with_arm(estimate, sweeps, reduction_ratio, sensing, knowledge.start)
     error = Arm(knowledge.resonance_error_hz, knowledge.damping_error or 0.0, estimate.arm_error.delay_s)
     other = on_its_gear(replace(known, arm_error=error), sweeps, reduction_ratio, sensing, weight)
-    return min((each for each in (found, other) if each.gear is not None), key=lambda each: each.structured, default=found)
+    return min((each for each in (found, other) if each.gear is not None), key=lambda each: each.miss, default=found)
 
 
 def _is_through(axis: int, made: Pass, passes_left: int) -> bool:
@@ -415,8 +415,8 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
     estimate, table = identification.estimate, bench.axis[request.axis]
     apart = [each for each in estimate.agreement if each.sigma > AGREEMENT_SIGMAS and estimate.gear is None]
     identification.notes += [
-        f"{each.words}, {each.sigma:.1f} times what noise explains; the standard errors contain the difference "
-        f"(widened {estimate.widened:.1f} times)"
+        f"{each.words}, {each.sigma:.1f} times what noise explains; the model misses {100.0 * estimate.miss:.2g} % of the "
+        "vibration, which the standard errors contain"
         for each in apart
     ]
     identification.notes += [note for note in (None if request.sensorless else factor_remark(estimate),) if note is not None]
@@ -442,25 +442,16 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         return
     if estimate.gear is not None:
         identification.notes.append(_gear_words(estimate.gear))
-    elif not estimate.is_bent:
-        identification.notes.append(
-            "the directions differ by more than noise: gravity gives the arm another resonance in each posture, "
-            "or the arm has friction, backlash or hysteresis; the standard errors contain the difference"
-        )
     else:
-        arms = ", ".join(f"{arm.resonance_hz:.2f} Hz at order {order:g}" for order, arm in estimate.own_arms.items())
-        also = f", {arms}" if arms else ""
         identification.notes.append(
-            "the gear is nonlinear (hysteresis or soft wind-up): its resonance shifts with the amplitude of the "
-            f"vibration ({estimate.arm.resonance_hz:.2f} Hz{also}); the standard errors contain the shift, and "
-            "more passes do not change it"
+            f"the arm is not one on a linear spring: a model of that misses {100.0 * estimate.miss:.2g} % of the vibration "
+            "(hysteresis or a soft wind-up of the gear, gravity that gives another resonance in each posture, friction or "
+            "backlash of the arm); the standard errors contain it, and more passes do not change it"
         )
 
 
 def _gear_words(gear: GearLaw) -> str:
     """Describe the gear on which the arm was simulated."""
-    if gear.is_linear:
-        return "the directions differ by more than noise; with the arm simulated under its weight, a linear gear explains both"
     return (
         f"the gear is nonlinear: {100.0 * gear.softness:.2g} % softer at torsions below {gear.wind_up_rad / ARCSEC:.0f}″, and "
         f"its friction holds a torsion of {gear.hysteresis_rad / ARCSEC:.2g}″; the fit simulates this gear, "
@@ -502,9 +493,8 @@ def as_part(
     estimate: JointEstimate,
     request: AteRequest,
     note: str = "",
-    gear_fraction_error: float = GEAR_FRACTION_ERROR,
+    knowledge: AxisKnowledge = NOTHING_KNOWN,
     reaction: Reaction | None = None,
-    plant_damping: float | None = None,
 ) -> IdentifiedError:
     """Convert an estimate to an entry of the model file.
 
@@ -514,13 +504,16 @@ def as_part(
         estimate: The estimate.
         request: What was asked for.
         note: A note.
-        gear_fraction_error: Standard error of the gear's fraction of the damping.
+        knowledge: Knowledge of the axis. The vibration of a ramp is another than that of the plant's excitation, and blurs as the
+            resonance moves (`delay_of`): f_a and ζ may be anywhere between both.
         reaction: Reaction of the gear on its motor; the entry has its posterior mean.
-        plant_damping: ζ of the identified plant; None if it is not known.
     """
-    delay = delay_of(estimate, gear_fraction_error, plant_damping)
+    plant = knowledge.start or estimate.arm
+    delay = delay_of(estimate, knowledge.gear_fraction_error, plant.damping)
     seen = {order: size for order, size in estimate.error.amplitude_arcsec.items() if is_seen(estimate, order)}
-    errors = standard_errors(estimate) | {"arm_hz": estimate.arm_error.resonance_hz, "damping": estimate.arm_error.damping}
+    errors = standard_errors(estimate)
+    errors["arm_hz"] = math.hypot(estimate.arm_error.resonance_hz, UNIFORM * (estimate.arm.resonance_hz - plant.resonance_hz))
+    errors["damping"] = math.hypot(estimate.arm_error.damping, UNIFORM * (estimate.arm.damping - plant.damping))
     if not request.sensorless:
         errors["accelerometer_delay_s"] = delay.standard_error
     reacts = None if reaction is None else reaction.posterior()

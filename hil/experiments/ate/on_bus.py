@@ -82,8 +82,7 @@ def identify_ate(
         with measurement.session([demand], overload=overload) as session:
             identification = identify_on(session, request, knowledge, _Keeper(measurement, request.axis), reporter)
         today = measurement.started.date().isoformat()
-        damping = None if knowledge.start is None else knowledge.start.damping
-        part = as_part(identification.estimate, request, today, knowledge.gear_fraction_error, identification.reaction, damping)
+        part = as_part(identification.estimate, request, today, knowledge, identification.reaction)
         _enter(measurement.result, identification, part.model_copy(update={"emulated": measurement.result.emulated}))
     return AteOutcome(measurement.result, measurement.failure)
 
@@ -130,7 +129,7 @@ def _enter(result: AteResult, identification: Identification, part: IdentifiedEr
         explained_by_error=estimate.explained_by_error,
         motion_scale=estimate.motion_scale,
         motion_scale_error=estimate.motion_scale_error,
-        widened=estimate.widened,
+        miss=estimate.miss,
         band_hz=estimate.band_hz,
         agreement=tuple(estimate.agreement),
         carried=None if identification.scan is None else {f"{k:g}": part for k, part in identification.scan.fractions.items()},

@@ -19,7 +19,6 @@ from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.identification import JointEstimate, identify
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
-from hil.design.ate.passes import identify_passes
 
 Real = NDArray[np.float64]
 
@@ -85,7 +84,7 @@ def identify_orders(
 ) -> JointEstimate:
     """Identify the requested orders that the ramps show.
 
-    The others have A_k and φ_k with their errors too; see `identify_passes`.
+    The others have A_k and φ_k with their errors too; see `identify`.
 
     An order whose resonance no ramp passes, and whose amplitude is below `SIGNIFICANT_SIGMAS` standard errors, is fitted once,
     for its amplitude and errors, and left out of the fit that gives everything else.
@@ -99,9 +98,9 @@ def identify_orders(
         is_near: True for a start from an estimate of most of these recordings.
 
     Raises:
-        ValueError: As `identify_passes`.
+        ValueError: As `identify`.
     """
-    estimate = identify_passes(sweeps, reduction_ratio, sensing, start, orders, is_near=is_near)
+    estimate = identify(sweeps, reduction_ratio, sensing, start, orders, is_near=is_near)
     weak = [
         order
         for order in orders
@@ -110,7 +109,7 @@ def identify_orders(
     kept = [order for order in orders if order not in weak]
     if not weak or not kept:
         return estimate
-    without = identify_passes(sweeps, reduction_ratio, sensing, estimate.arm, kept, is_near=True)
+    without = identify(sweeps, reduction_ratio, sensing, estimate.arm, kept, is_near=True)
     keys = [(amplitude_key(order), phase_key(order)) for order in weak]
     lone = {key: (estimate.values.value(key), estimate.values.standard_error(key)) for pair in keys for key in pair}
     values = without.values.with_others(lone).part([key for order in orders for key in (amplitude_key(order), phase_key(order))])

@@ -417,8 +417,12 @@ def agreement(material: AteMaterial) -> ReportTable | None:
         ("", "Forwards", "Backwards", "Difference (standard errors of noise)", "Agree"),
         rows,
         frozenset({0, 4}),
-        "Amplitudes and phases from the ramps of each direction alone, with the arm and delay of the joint fit. The standard "
-        f"errors of the result are multiplied by {fit.widened:.2f}; 1: noise explains all differences.",
+        "Amplitudes and phases from the ramps of each direction alone, with the arm and delay of the joint fit."
+        + (
+            ""
+            if fit.miss is None
+            else f" The standard errors contain the {100.0 * fit.miss:.2g} % of the vibration that the model misses."
+        ),
     )
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hil.analysis import motor_speed_rps
-from hil.design.transmission_error import arm_response
+from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.recording import Recording
 from hil.report import style
 from hil.report.material import CONSTANT_ACCELERATION, Material
@@ -56,8 +56,9 @@ def _modelled(material: Material, axis: int, recording: Recording) -> Real | Non
     error, plant = material.transmission_error(axis), material.bench.axis[axis].plant()
     if error is None or plant is None:
         return None
-    lever = material.bench.axis[axis].tip_lever_m
-    return arm_response(plant, recording.axis(axis, "position_rad"), recording.period_s, lever, error)
+    angle, sensing = recording.axis(axis, "position_rad"), Sensing(material.bench.axis[axis].tip_lever_m)
+    ramp = Sweep(angle, recording.felt_m_s2, recording.period_s, np.ones(len(angle), dtype=np.int8))
+    return modelled(ramp, plant.reduction_ratio, sensing, Arm.of(plant), error)
 
 
 def _window(material: Material, axis: int, recording: Recording, model: Real | None, order: int, panels: style.Panels) -> None:

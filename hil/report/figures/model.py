@@ -3,7 +3,8 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate
+from hil.design.ate.identification import JointEstimate
+from hil.design.transmission_error import TransmissionError
 from hil.report import style
 from hil.report.material import Material
 from hil.report.paper import TABLE_1
@@ -94,9 +95,7 @@ def transmission_errors(material: Material) -> Drawing | None:
     )
 
 
-def _difference(
-    panel: Axes, estimate: TransmissionErrorEstimate, table: TransmissionError, turns: style.Real, source: str
-) -> None:
+def _difference(panel: Axes, estimate: JointEstimate, table: TransmissionError, turns: style.Real, source: str) -> None:
     """Draw the identified error less that of a file.
 
     With a band of two standard errors around zero.

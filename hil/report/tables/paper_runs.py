@@ -47,7 +47,7 @@ def resonances(material: Material) -> ReportTable | None:
         own, estimate = (f_al, f_al / 2.0, f_al / 4.0), material.estimate(axis)
         pairs = zip(TABLE_1.get(axis, (None, None, None)), own, strict=True)
         numbers = [x for pair in pairs for x in pair] if is_paper else own
-        identified = NONE if estimate is None else number(estimate.resonance_hz, "{:.2f}")
+        identified = NONE if estimate is None else number(estimate.arm.resonance_hz, "{:.2f}")
         rows.append([f"axis {axis}", *(number(x, "{:.2f}") for x in numbers), identified])
     symbols = (("f", "al", "Hz"), ("f", "m2", "rev/s"), ("f", "m4", "rev/s"))
     sources = (", paper", ", bench") if is_paper else ("",)

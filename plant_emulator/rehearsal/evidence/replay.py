@@ -74,14 +74,12 @@ def _of_ramps(recorded: RecordedRobot, bench: Bench, axis: int, plant: Identifie
         return {}
     linear = estimate
     estimate = simulated(linear, sweeps, bench.axis[axis].reduction_ratio, result.sensing, knowledge)
-    damping = None if knowledge.start is None else knowledge.start.damping
-    part = as_part(estimate, request, "", knowledge.gear_fraction_error, None, damping)
+    part = as_part(estimate, request, "", knowledge)
     model = Identified(robot=bench.name, axis={axis: IdentifiedAxis(plant=plant, ate=part)})
     true_hz, true_damping = _arm_on_its_gear(recorded.robot, axis, sweeps, result.sensing.gain)
-    arm, error = linear.arm, linear.arm_error
     return quantities_of(recorded.robot, axis, model, None) | {
-        "ramps_arm_hz": QuantityRecord(true_hz, arm.resonance_hz, error.resonance_hz),
-        "ramps_damping": QuantityRecord(true_damping, arm.damping, error.damping),
+        "ramps_arm_hz": QuantityRecord(true_hz, part.arm_hz, part.standard_error["arm_hz"]),
+        "ramps_damping": QuantityRecord(true_damping, part.damping, part.standard_error["damping"]),
     }
 
 

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from hil.control.angles import ARCSEC
+from hil.design.ate.identification import identify_one_way
+from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.frequency import TwoInertia
-from hil.design.transmission_error import TransmissionError, arm_response, fit_transmission_error, shown_error, shown_waves
+from hil.design.transmission_error import TransmissionError, shown_error, shown_waves
 from hil.robot_tables import Control
 from plant_emulator.robots import robot as world
 from plant_emulator.studies.simulate import simulate
@@ -49,9 +51,24 @@ def apart(first_deg, second_deg):
 
 
 def fit(ramp, tip, **changes):
+    return one_way(ramp, tip, replace(model(ramp[0]), **changes))
+
+
+def one_way(ramp, tip, plant, lever=None, orders=(2, 4)):
     axis, angle, _, rows = ramp
-    plant = replace(model(axis), **changes)
-    return fit_transmission_error(angle, tip, PERIOD, plant, ROBOT.axis[axis].tip_lever_m, rows=rows)
+    sweep = Sweep(angle, tip, PERIOD, rows.astype(np.int8))
+    sensing = Sensing(ROBOT.axis[axis].tip_lever_m if lever is None else lever)
+    return identify_one_way(sweep, plant.reduction_ratio, sensing, Arm.of(plant), orders)
+
+
+def response(plant, angle, lever, error):
+    return modelled(
+        Sweep(angle, angle, PERIOD, np.ones(len(angle), dtype=np.int8)),
+        plant.reduction_ratio,
+        Sensing(lever),
+        Arm.of(plant),
+        error,
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -61,14 +78,14 @@ def test_amplitudes_and_phases_come_back_from_a_noisy_ramp(ramp, seed):
         assert found.error.amplitude_arcsec[order] == pytest.approx(getattr(truth, f"a{order}_arcsec"), rel=0.03)
         assert apart(found.error.phase_deg[order], getattr(truth, f"phi{order}_deg")) < 2.0
     assert found.explained > 0.995
-    assert found.resonance_hz == pytest.approx(model(ramp[0]).antiresonance_hz, rel=0.005)
+    assert found.arm.resonance_hz == pytest.approx(model(ramp[0]).antiresonance_hz, rel=0.005)
 
 
 def test_a_wrong_gear_stiffness_is_found_out(ramp):
     plant = model(ramp[0])
     found = fit(ramp, sensed(ramp[2], 1), gear_stiffness_nm_rad=1.15 * plant.gear_stiffness_nm_rad)
     truth = ROBOT.axis[ramp[0]].ate
-    assert found.resonance_hz == pytest.approx(plant.antiresonance_hz, rel=0.005)
+    assert found.arm.resonance_hz == pytest.approx(plant.antiresonance_hz, rel=0.005)
     assert found.error.amplitude_arcsec[2] == pytest.approx(truth.a2_arcsec, rel=0.03)
     assert apart(found.error.phase_deg[2], truth.phi2_deg) < 2.0
 
@@ -83,10 +100,8 @@ def test_the_standard_errors_are_those_of_the_noise(ramp):
 
 
 def test_order_two_alone_is_worse_than_both(ramp):
-    axis, angle, tip, rows = ramp
-    lever = ROBOT.axis[axis].tip_lever_m
-    alone = fit_transmission_error(angle, tip, PERIOD, model(axis), lever, orders=(2,), rows=rows)
-    both = fit_transmission_error(angle, tip, PERIOD, model(axis), lever, rows=rows)
+    axis, _, tip, _ = ramp
+    alone, both = one_way(ramp, tip, model(axis), orders=(2,)), one_way(ramp, tip, model(axis))
     truth = ROBOT.axis[axis].ate.a2_arcsec
     assert abs(alone.error.amplitude_arcsec[2] - truth) > 3.0 * abs(both.error.amplitude_arcsec[2] - truth)
 
@@ -95,16 +110,14 @@ def test_the_model_replays_the_ramp(ramp):
     axis, angle, tip, rows = ramp
     ate = ROBOT.axis[axis].ate
     error = TransmissionError({2: ate.a2_arcsec, 4: ate.a4_arcsec}, {2: ate.phi2_deg, 4: ate.phi4_deg})
-    played = arm_response(model(axis), angle, PERIOD, ROBOT.axis[axis].tip_lever_m, error)
+    played = response(model(axis), angle, ROBOT.axis[axis].tip_lever_m, error)
     difference = (played - tip)[rows]
     assert np.sqrt(np.mean(difference**2)) < 0.08 * np.std(tip[rows])
 
 
 def test_a_lever_arm_error_goes_into_the_amplitude(ramp):
-    axis, angle, tip, rows = ramp
-    lever = ROBOT.axis[axis].tip_lever_m
-    right = fit_transmission_error(angle, tip, PERIOD, model(axis), lever, rows=rows)
-    longer = fit_transmission_error(angle, tip, PERIOD, model(axis), 1.1 * lever, rows=rows)
+    axis, _, tip, _ = ramp
+    right, longer = (one_way(ramp, tip, model(axis), times * ROBOT.axis[axis].tip_lever_m) for times in (1.0, 1.1))
     assert longer.error.amplitude_arcsec[2] == pytest.approx(right.error.amplitude_arcsec[2] / 1.1, rel=0.05)
 
 
@@ -118,7 +131,7 @@ def test_at_constant_speed_the_response_is_the_closed_form(speed_rps):
         time < ramp_s, 0.5 * time**2 / ramp_s - ramp_s / (4.0 * np.pi**2) * (1.0 - np.cos(2.0 * np.pi * time)), time - 0.5
     )
     angle = 2.0 * np.pi * speed_rps * turned
-    played = arm_response(plant, angle, PERIOD, lever, TransmissionError({2: 5.0}, {2: 40.0}))
+    played = response(plant, angle, lever, TransmissionError({2: 5.0}, {2: 40.0}))
     s = 2j * math.pi * 2.0 * speed_rps
     gear = plant.gear_damping_nm_s_rad * s + plant.gear_stiffness_nm_rad
     swing = gear / (plant.arm_inertia_kg_m2 * s**2 + plant.arm_damping_nm_s_rad * s + gear)
@@ -129,7 +142,7 @@ def test_at_constant_speed_the_response_is_the_closed_form(speed_rps):
 
 def test_a_rigid_start_gives_the_levers_acceleration():
     time = np.arange(0.0, 3.0, PERIOD)
-    played = arm_response(model(2), 0.5 * 25.0 * time**2, PERIOD, 0.7, NOTHING)
+    played = response(model(2), 0.5 * 25.0 * time**2, 0.7, NOTHING)
     assert np.mean(played[1000:]) == pytest.approx(0.7 * 25.0 / 120.0, rel=0.01)
 
 
@@ -141,19 +154,23 @@ def test_angle_of_the_error_is_equation_two():
 
 
 def test_what_cannot_be_fitted_is_refused():
-    angle = np.zeros(500)
-    with pytest.raises(ValueError, match="shapes"):
-        fit_transmission_error(angle, np.zeros(499), PERIOD, model(2), 0.7)
-    with pytest.raises(ValueError, match="rows have shape"):
-        fit_transmission_error(angle, angle, PERIOD, model(2), 0.7, rows=np.ones(3, dtype=bool))
-    with pytest.raises(ValueError, match="10 samples are too few to identify 6 values"):
-        fit_transmission_error(angle, angle, PERIOD, model(2), 0.7, rows=np.arange(500) < 10)
+    angle, forwards = np.zeros(500), np.ones(500, dtype=np.int8)
+    for sweep, words in (
+        (Sweep(angle, angle[:-1], PERIOD, forwards), "shapes"),
+        (
+            Sweep(angle, angle, PERIOD, (np.arange(500) < 10).astype(np.int8)),
+            r"0\.02 s of ramps forwards are too short for 7 values",
+        ),
+    ):
+        with pytest.raises(ValueError, match=words):
+            identify_one_way(sweep, 120.0, Sensing(0.7), Arm.of(model(2)))
 
 
 def test_silence_gives_no_amplitude():
-    found = fit_transmission_error(np.zeros(2000), np.zeros(2000), PERIOD, model(2), 0.7)
+    still = np.zeros(2000)
+    found = identify_one_way(Sweep(still, still, PERIOD, np.ones(2000, dtype=np.int8)), 120.0, Sensing(0.7), Arm.of(model(2)))
     assert found.error.amplitude_arcsec[2] == 0.0
-    assert found.residual_m_s2 == 0.0
+    assert found.residual == 0.0
 
 
 def test_waves_are_those_of_the_error_up_to_half_of_the_sampling_rate_and_none_beyond():

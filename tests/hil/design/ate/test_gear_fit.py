@@ -141,7 +141,7 @@ def test_an_arm_that_rings_when_a_ramp_begins_is_fitted_as_well_as_one_at_rest()
     relative, sigmas = zip(*far(found), strict=True)
     assert max(np.abs(relative)) < 0.01
     assert max(np.abs(sigmas)) < 3.5
-    assert found.model_error < 0.003
+    assert found.miss < 0.003
 
 
 @pytest.mark.ci
@@ -170,8 +170,8 @@ def test_what_the_gear_does_not_explain_is_in_the_errors():
     assert found.is_true
     assert 0.01 < max(np.abs(relative)) < 0.06
     assert max(np.abs(sigmas)) < 3.5
-    assert found.model_error > 0.02
-    shift_s = found.model_error / (math.tau * LINEAR.resonance_hz)
+    assert found.miss > 0.02
+    shift_s = found.miss / (math.tau * LINEAR.resonance_hz)
     assert delay_of(found).standard_error > 0.95 * math.hypot(shift_s, delay_of(fitted(LINEAR, 5)).standard_error)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from hil.bench.model import Correlation, IdentifiedError
 from hil.control.order_keys import amplitude_key, phase_key
-from hil.design.ate.identification import JointEstimate, apart
+from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm
 from hil.design.ate.reaction import Reaction
 from hil.design.estimate import Estimate
@@ -20,10 +20,11 @@ from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.reaction_watch import ReactionWatch
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
 from hil.robot_tables import TransmissionErrorTable
+from tests.hil.estimates import apart
 
 GOOD = JointEstimate(
     (2,), apart((2,), np.array([5.0, 222.0]), np.array([0.03, 0.2])),
-    Arm(6.2, 0.038, 1e-4), Arm(0.01, 0.001, 1e-4), 0.01, 0.99, 0.99, 1.0, 0.03, (), 1.0, (3.1, 13.0),
+    Arm(6.2, 0.038, 1e-4), Arm(0.01, 0.001, 1e-4), 0.01, 0.99, 0.99, 1.0, 0.03, (), (3.1, 13.0),
 )  # fmt: skip
 TRUE = MappingProxyType({1: (28.0, 30.0), 2: (14.6, 247.0), 4: (1.7, 58.0)})
 ALL = frozenset(TRUE)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hil.bench.model import significant
-from hil.design.ate.identification import apart
 from hil.experiments.cancellation.correction import MADE_ALIKE, MADE_ALONG, Correction
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.learning import AxisLearning, LearntPass
 from hil.experiments.cancellation.verdict import PartVerdict, Seen
+from tests.hil.estimates import apart
 from tests.hil.experiments.ate.test_checks import GOOD
 
 ACCEPTED = PartVerdict(Part(2, 2.0), 0.5, 0.47, 0.01, 0.06, 0.02, 0.0, 1.05, 0.04, 2.0, 2.0, "accepted")
@@ -21,7 +21,7 @@ ACCEPTED = PartVerdict(Part(2, 2.0), 0.5, 0.47, 0.01, 0.06, 0.02, 0.0, 1.05, 0.0
 
 def estimate(error_arcsec):
     values = apart((2.0, 4.0), np.array([18.0, 198.0, 2.0, 292.0]), np.array([error_arcsec, 1.0, 1.0, 1.0]))
-    return replace(GOOD, values=values, widened=20.0)
+    return replace(GOOD, values=values)
 
 
 def learnt(*verdicts, error_arcsec=8.0, left=None):
