@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from hil.control.order_keys import amplitude_key, phase_key
+from hil.recording import load_columns
 from hil.report import style
 from hil.report.figures.order_map import LEVELS, draw_colour_scale, level_colours
 from hil.report.order_names import BY_ORDER, symbol
 from hil.report.report_table import Cell, ReportTable, number, value_and_error
 from hil.report.style import Drawing, Real
-from hil.results.columns import load_columns
 from hil.results.files import load_result
 from hil.results.recorded_ate import SIGNAL_UNIT, Form, OrderEntry, RecordedAteResult, RecordedStretch
 
