@@ -19,8 +19,8 @@ from hil.control.angles import ARCSEC
 from hil.experiments.ate.recorded.identify import identify_recorded
 from hil.experiments.ate.recorded.request import RecordedRequest
 from hil.experiments.ate.recorded.sensed import arm_of
+from hil.recording import save_columns
 from hil.recordings import Said
-from hil.results.columns import save_columns
 from hil.robot_tables import Control, PlantTable, TransmissionErrorTable
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.studies.simulate import simulate

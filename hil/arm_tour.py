@@ -4,27 +4,24 @@ Only the arm's kinematics and the motors' data sheets are known. Every step is t
 (`hil learn --motion line-motion`, `hil compare`), with its report in a directory of its own.
 """
 
-import datetime
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
+from typing import Any
 
-from hil.bench.bench import REFERENCE_ARM, Bench, load_bench
+from hil.bench.bench import REFERENCE_ARM
 from hil.control.treatments import TreatmentName
-from hil.errors import InterruptedRunError, NotPossibleError
+from hil.errors import NotPossibleError
 from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest, learn_motion_on_bus
-from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot
-from hil.experiments.comparison.run import ComparisonOutcome, any_emulated, request_entry
+from hil.experiments.comparison.plan import ComparisonRequest
 from hil.experiments.motions import LINE_MOTION
 from hil.experiments.treatment import known_from
 from hil.report.tables.directions import ALONG, peaks_mm
 from hil.report.writer import write_report_of
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
-from hil.results.comparison import TourClaim, TourPart, TourResult, TourStep
+from hil.results.comparison import TourClaim
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult, RunEntry
-from hil.tour import BENCH_FILE, TourOutcome, make_step, run_side_by_side
+from hil.tour import BENCH_FILE, TourOutcome, TourRunner, bench_of_tour
 
 HEADING = "A whole arm"
 LEARNT: TreatmentName = "cancellation-learnt"
@@ -36,20 +33,25 @@ GOAL_MM = 0.010
 MODEL_FILE, LEARN_PAGE = "learnt.toml", "learn/report.html"
 
 
-@dataclass
-class _ArmTourRunner:
-    """Runner of the arm's tour: makes the steps and notes them."""
-
-    bench: Bench
-    out: Path
-    reporter: Reporter
-    steps: list[TourStep] = field(default_factory=list)
-    comparisons: list[ComparisonOutcome] = field(default_factory=list)
-    emulated: list[bool | None] = field(default_factory=list)
+class _ArmTourRunner(TourRunner):
+    """Runner of the arm's tour."""
 
     @property
     def model(self) -> Path:
         return self.out / MODEL_FILE
+
+    def take_steps(self) -> None:
+        """Learn, and run side by side."""
+        self.step("learn on the line itself", self.learn, LEARN_PAGE)
+        self.step("run side by side", self.compare)
+
+    def findings(self) -> dict[str, Any]:
+        """The heading, and the claims on the runs that were made."""
+        entries: list[RunEntry] = []
+        for robot in self.comparisons[0].result.robots if self.comparisons else ():
+            if (self.out / robot.directory / RESULT_FILE).is_file():
+                entries = load_result(self.out / robot.directory, ExperimentsResult, "runs").runs
+        return {"heading": HEADING, "claims": claims(entries, self.bench.specification.tip_mm)}
 
     def learn(self) -> tuple[str, str]:
         """Learn the transmission errors on the line itself."""
@@ -65,11 +67,9 @@ class _ArmTourRunner:
         learnt = "; ".join(part.words for part in outcome.result.parts if part.outcome == "learnt")
         return f"{len(outcome.result.runs)} runs of the line: {learnt}", LEARN_PAGE
 
-    def run(self, request: ComparisonRequest) -> tuple[str, str]:
+    def compare(self) -> tuple[str, str]:
         """Run the line untreated, with the notch, and with the learnt cancellation."""
-        knowledge = known_from(self.out / BENCH_FILE, self.bench, learnt=self.model)
-        robot = KnownRobot(self.bench, knowledge, BENCH_FILE)
-        return run_side_by_side(robot, request, self.out, self.comparisons, self.reporter)
+        return self.run_side_by_side(known_from(self.out / BENCH_FILE, self.bench, learnt=self.model))
 
 
 def run(address: str, out: Path, *, reporter: Reporter = SILENT) -> TourOutcome:
@@ -82,50 +82,10 @@ def run(address: str, out: Path, *, reporter: Reporter = SILENT) -> TourOutcome:
         out: Directory; made if it is missing. The model file of an earlier tour is replaced.
         reporter: Listener of each step and run.
     """
-    out.mkdir(parents=True, exist_ok=True)
-    started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    bench_file = out / BENCH_FILE
-    bench_file.write_text(REFERENCE_ARM.read_text(encoding="utf-8"), encoding="utf-8")
-    runner = _ArmTourRunner(load_bench(bench_file).on(address), out, reporter)
+    bench = bench_of_tour(out, REFERENCE_ARM.read_text(encoding="utf-8")).on(address)
+    runner = _ArmTourRunner(bench, out, reporter, ComparisonRequest((LINE_MOTION,), (), TREATMENTS, frozenset(TREATMENTS)))
     runner.model.unlink(missing_ok=True)
-    request = ComparisonRequest((LINE_MOTION,), (), TREATMENTS, frozenset(TREATMENTS))
-    failure: Exception | None = None
-    try:
-        for name, make, page in (
-            ("learn on the line itself", runner.learn, LEARN_PAGE),
-            ("run side by side", partial(runner.run, request), ""),
-        ):
-            reporter.step(name)
-            make_step(runner.steps, out, name, make, page)
-    except KeyboardInterrupt:
-        failure = InterruptedRunError("interrupted")
-    except Exception as error:  # noqa: BLE001 - noted in the result, and returned
-        failure = error
-    comparison = runner.comparisons[0] if runner.comparisons else None
-    result = TourResult(
-        started_utc=started,
-        request=request_entry(request),
-        robots=[] if comparison is None else comparison.result.robots,
-        emulated=any_emulated([*runner.emulated, *([] if comparison is None else [comparison.result.emulated])]),
-        tour=TourPart(
-            bench_file=BENCH_FILE,
-            steps=tuple(runner.steps),
-            failure=None if failure is None else str(failure),
-            heading=HEADING,
-            claims=_claims_of(runner),
-        ),
-    )
-    result.write(out / RESULT_FILE)
-    return TourOutcome(result, failure, comparison)
-
-
-def _claims_of(runner: _ArmTourRunner) -> tuple[TourClaim, ...]:
-    """Return the claims on the runs that were made."""
-    entries: list[RunEntry] = []
-    for robot in runner.comparisons[0].result.robots if runner.comparisons else ():
-        if (runner.out / robot.directory / RESULT_FILE).is_file():
-            entries = load_result(runner.out / robot.directory, ExperimentsResult, "runs").runs
-    return claims(entries, runner.bench.specification.tip_mm)
+    return runner.run()
 
 
 def claims(entries: list[RunEntry], limit_mm: float) -> tuple[TourClaim, ...]:

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drive_profiles.files.safefile import naming
-from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, CAN_SFF_MASK, RECORD
+from hil.can.frame import CAN_SFF_MASK, RECORD, Frame
 
 Real = NDArray[np.float64]
 
@@ -73,10 +73,7 @@ class Recording:
 
     def save(self, path: Path) -> None:
         """Write a CSV file."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        numbers, header = np.column_stack(list(self.columns.values())), ",".join(self.columns)
-        with naming(path):
-            np.savetxt(path, numbers, delimiter=",", header=header, comments="", fmt="%.9g")
+        save_columns(path, self.columns, digits=9)
 
     @classmethod
     def load(cls, path: Path) -> "Recording":
@@ -85,16 +82,36 @@ class Recording:
         Raises:
             ValueError: The file is not a recording; the message has its name.
         """
-        with path.open(newline="", encoding="utf-8") as file:
-            names = next(csv.reader(file), [])
-            try:
-                values = np.loadtxt(file, delimiter=",", ndmin=2)
-            except ValueError as error:
-                raise ValueError(f"{path}: {error}") from error
-        if "time_s" not in names or values.shape[1] != len(names):
-            own = "" if "time_s" in names else ", none of them time_s,"
-            raise ValueError(f"{path}: not a recording: {len(names)} names{own} for {values.shape[1]} columns")
-        return cls({name: values[:, i] for i, name in enumerate(names)})
+        columns = load_columns(path)
+        if "time_s" not in columns:
+            raise ValueError(f"{path}: not a recording: {len(columns)} columns, none of them time_s")
+        return cls(columns)
+
+
+def save_columns(path: Path, columns: Mapping[str, Real], digits: int = 7) -> None:
+    """Write columns of the same length as CSV, with one line of names."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    numbers, header = np.column_stack(list(columns.values())), ",".join(columns)
+    with naming(path):
+        np.savetxt(path, numbers, delimiter=",", header=header, comments="", fmt=f"%.{digits}g")
+
+
+def load_columns(path: Path) -> dict[str, Real]:
+    """Read columns that `save_columns` has written.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: It holds something else; the message has its name.
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        names = next(csv.reader(file), [])
+        try:
+            values = np.loadtxt(file, delimiter=",", ndmin=2)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+    if values.shape[1] != len(names):
+        raise ValueError(f"{path}: {len(names)} names for {values.shape[1]} columns; expected a name for each")
+    return {name: values[:, place] for place, name in enumerate(names)}
 
 
 class LoggedFrame(NamedTuple):
@@ -195,18 +212,9 @@ def _line(frame: LoggedFrame, channel: str) -> str:
     """Line of a frame of any kind, by python-can's candump writer."""
     import can  # noqa: PLC0415 - slow to load, and hardly ever needed
 
+    from hil.can.adapter import message_of  # noqa: PLC0415 - as above
+
     time_s, can_id, data, is_received = frame
-    text = io.StringIO()
-    can.CanutilsLogWriter(text).on_message_received(
-        can.Message(
-            timestamp=time_s,
-            arbitration_id=can_id & CAN_EFF_MASK,
-            is_extended_id=bool(can_id & CAN_EFF_FLAG),
-            is_remote_frame=bool(can_id & CAN_RTR_FLAG),
-            is_error_frame=bool(can_id & CAN_ERR_FLAG),
-            data=data,
-            is_rx=is_received,
-            channel=channel,
-        )
-    )
+    text, message = io.StringIO(), message_of(Frame(can_id, data), timestamp=time_s, is_rx=is_received, channel=channel)
+    can.CanutilsLogWriter(text).on_message_received(message)
     return text.getvalue()

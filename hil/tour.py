@@ -8,8 +8,9 @@ import datetime
 import re
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -40,7 +41,7 @@ from hil.experiments.notch_design import InfeasibleError, NotchDesignOutcome
 from hil.experiments.notch_problem import NotchDesignRequest
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
-from hil.experiments.treatment import known_from
+from hil.experiments.treatment import Knowledge, known_from
 from hil.report.pages.design import write_design_report
 from hil.report.report_table import value_and_error
 from hil.report.writer import write_report_of
@@ -93,32 +94,6 @@ def bench_without_model() -> str:
     return text.replace('name = "reference"', f'name = "{NAME}"')
 
 
-def make_step(steps: list[TourStep], out: Path, name: str, make: Step, report: str = "") -> None:
-    """Make one step, and note name, result, duration and report.
-
-    A step that is refused may have left a report, too.
-
-    Args:
-        steps: Steps so far; this one is added, also if it fails.
-        out: Directory of the tour.
-        name: Name of the step in words.
-        make: The step; its result in words, and the path of its report from the tour's directory.
-        report: Path of the report that it may leave after a failure.
-    """
-    began = time.monotonic()
-    what, holds, link = "", False, ""
-    try:
-        what, link = make()
-        holds = True
-    except (Exception, KeyboardInterrupt) as error:
-        what = str(error) or "interrupted"
-        link = report if report and (out / report).is_file() else ""
-        raise
-    finally:
-        seconds = round(time.monotonic() - began, 2)
-        steps.append(TourStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
-
-
 def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
     """Return the outcome with the better filters, and a clause.
 
@@ -146,20 +121,125 @@ def _predicted(axis: int, designed: NotchVerdict, given: NotchVerdict) -> TourNo
     return TourNotch(axis=axis, **peaks, missed=tuple(str(check) for check in given.missed if not check.is_tip_limit))
 
 
-@dataclass
-class _TourRunner:
-    """Runner of a tour: makes the steps and notes them."""
+class TourRunner(ABC):
+    """Runner of a tour: makes the steps, notes them, and writes the result.
 
-    bench: Bench
-    out: Path
-    axes: tuple[int, ...]
-    effort: Effort
-    reporter: Reporter
-    steps: list[TourStep] = field(default_factory=list)
-    emulated: list[bool | None] = field(default_factory=list)
-    designed: tuple[int, ...] | None = None
-    """Axes with a designed filter; None for all."""
-    notches: list[TourNotch] = field(default_factory=list)
+    Attributes:
+        bench: The bench.
+        out: Directory of the tour.
+        reporter: Listener of each step, and of each run of the comparison.
+        request: Request of the comparison that the tour ends with.
+        steps: Steps so far.
+        emulated: Whether the robot of each step was emulated, as far as that is known.
+        comparisons: Outcome of the comparison, once it has run.
+    """
+
+    def __init__(self, bench: Bench, out: Path, reporter: Reporter, request: ComparisonRequest) -> None:
+        """Begin with no step."""
+        self.bench, self.out, self.reporter, self.request = bench, out, reporter, request
+        self.steps: list[TourStep] = []
+        self.emulated: list[bool | None] = []
+        self.comparisons: list[ComparisonOutcome] = []
+
+    @abstractmethod
+    def take_steps(self) -> None:
+        """Make all steps, one after the other."""
+
+    @abstractmethod
+    def findings(self) -> dict[str, Any]:
+        """Return what the tour's part of the result has besides the steps."""
+
+    def step(self, name: str, make: Step, report: str = "") -> None:
+        """Make one step, and note name, result, duration and report.
+
+        A step that is refused may have left a report, too.
+
+        Args:
+            name: Name of the step in words.
+            make: The step; its result in words, and the path of its report from the tour's directory.
+            report: Path of the report that it may leave after a failure.
+        """
+        self.reporter.step(name)
+        began = time.monotonic()
+        what, holds, link = "", False, ""
+        try:
+            what, link = make()
+            holds = True
+        except (Exception, KeyboardInterrupt) as error:
+            what = str(error) or "interrupted"
+            link = report if report and (self.out / report).is_file() else ""
+            raise
+        finally:
+            seconds = round(time.monotonic() - began, 2)
+            self.steps.append(TourStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
+
+    def run_side_by_side(self, knowledge: Knowledge) -> tuple[str, str]:
+        """Run the comparison that a tour ends with, as its last step.
+
+        Args:
+            knowledge: All that is known of the robot by now.
+        """
+        planned = plan(KnownRobot(self.bench, knowledge, BENCH_FILE), self.request)
+        outcome = compare([planned], self.request, self.out, reporter=self.reporter)
+        self.comparisons.append(outcome)
+        if outcome.failure is not None:
+            raise outcome.failure
+        if outcome.not_restored:
+            raise NotPossibleError(not_restored_words("; ".join(outcome.not_restored)))
+        return f"{len(planned.setups)} runs", "report.html"
+
+    def run(self) -> TourOutcome:
+        """Make the steps; `result.json` has them, also after a failure."""
+        started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        failure: Exception | None = None
+        try:
+            self.take_steps()
+        except KeyboardInterrupt:
+            failure = InterruptedRunError("interrupted")
+        except Exception as error:  # noqa: BLE001 - noted in the result, and returned
+            failure = error
+        result = TourResult(
+            started_utc=started,
+            request=request_entry(self.request),
+            robots=[robot for one in self.comparisons for robot in one.result.robots],
+            emulated=any_emulated([*self.emulated, *(one.result.emulated for one in self.comparisons)]),
+            tour=TourPart(
+                bench_file=BENCH_FILE,
+                steps=tuple(self.steps),
+                failure=None if failure is None else str(failure),
+                **self.findings(),
+            ),
+        )
+        result.write(self.out / RESULT_FILE)
+        return TourOutcome(result, failure, self.comparisons[0] if self.comparisons else None)
+
+
+class _TourRunner(TourRunner):
+    """Runner of the tour of an unknown robot.
+
+    Attributes:
+        axes: Axes that are identified and get a filter.
+        effort: Effort of the search for a filter.
+        robot: The drawn robot that is served, or None.
+        designed: Axes with a designed filter; None for all.
+        notches: Both notches of the axes that had one before.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        out: Path,
+        axes: tuple[int, ...],
+        effort: Effort,
+        reporter: Reporter,
+        experiments: tuple[str, ...] = EXPERIMENTS,
+        robot: DrawnRobot | None = None,
+    ) -> None:
+        """Begin with no model and no filter."""
+        super().__init__(bench, out, reporter, ComparisonRequest(experiments, axes, TREATMENTS, frozenset(TREATMENTS)))
+        self.axes, self.effort, self.robot = axes, effort, robot
+        self.designed: tuple[int, ...] | None = None
+        self.notches: list[TourNotch] = []
 
     @property
     def model(self) -> Path:
@@ -176,10 +256,41 @@ class _TourRunner:
     def parameter_set(self, axis: int) -> Path:
         return self.out / f"notch-axis{axis}.toml"
 
-    def step(self, name: str, make: Step, report: str = "") -> None:
-        """Make one step, and note it."""
-        self.reporter.step(name)
-        make_step(self.steps, self.out, name, make, report)
+    def take_steps(self) -> None:
+        """Identify, design, upload, and run side by side.
+
+        If no notch meets all requirements, a step notes it, and the comparison has no designed notch.
+        """
+        for axis in self.axes:
+            self.step(f"identify plant, axis {axis}", partial(self.identify_plant, axis), _plant_page(axis))
+            self.step(f"identify transmission error, axis {axis}", partial(self.identify_ate, axis), _ate_page(axis))
+        designed = []
+        for axis in self.axes:
+            try:
+                self.step(f"design notch, axis {axis}", partial(self.design_notch, axis), _design_page(axis))
+                designed.append(axis)
+            except InfeasibleError:
+                continue
+        self.designed = tuple(designed)
+        if designed:
+            self.step("upload, read back, store", self.upload)
+        else:
+            left = tuple(name for name in self.request.treatments if treatment(name).needs != "design")
+            self.request = replace(self.request, treatments=left, named=frozenset(left))
+        self.step("run side by side", self.compare)
+        if designed:
+            self.step("read back after the runs", self.read_back)
+
+    def findings(self) -> dict[str, Any]:
+        """Both notches, and true numbers of the drawn robot beside the identified ones."""
+        found: dict[str, Any] = {"notches": tuple(self.notches) or None}
+        if self.robot is None:
+            return found
+        (self.out / ROBOT_FILE).write_bytes(self.robot.robot_file.read_bytes())
+        truth = load_truth(self.robot.robot_file)
+        known = load_identified(self.model).axis if self.model.is_file() else {}
+        facts = [fact for axis in self.axes for fact in facts_of(axis, truth.axis[axis], known.get(axis, IdentifiedAxis()))]
+        return {**found, "robot_file": ROBOT_FILE, "seed": self.robot.seed, "facts": tuple(facts)}
 
     def identify_plant(self, axis: int) -> tuple[str, str]:
         where = (self.out / _plant_page(axis)).parent
@@ -253,6 +364,11 @@ class _TourRunner:
                 item = wanted.get(f"notch_{column}.{key}")
                 if item is None or item.value != value:
                     raise NotPossibleError(f"axis {axis}: notch_{column}.{key} differs between parameter set and design file")
+
+    def compare(self) -> tuple[str, str]:
+        """Run the comparison with the identified models and the designed filters."""
+        design = self.design if self.design.is_file() else None
+        return self.run_side_by_side(known_from(self.out / BENCH_FILE, self.bench, model=self.model, design=design))
 
     def read_back(self) -> tuple[str, str]:
         """Check that the drives still have the uploaded sets.
@@ -330,104 +446,19 @@ def run(
         robot: The drawn robot that is served. Its file is read only at the end, to compare its true numbers with the
         identified ones.
     """
-    out.mkdir(parents=True, exist_ok=True)
-    started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    bench_file = out / BENCH_FILE
     if bench_text is None:
         bench_text = bench_without_model() if robot is None else robot.bench_file.read_text(encoding="utf-8")
-    bench_file.write_text(bench_text, encoding="utf-8")
-    bench = load_bench(bench_file).on(address)
+    bench = bench_of_tour(out, bench_text).on(address)
     axes = axes or tuple(number for number, table in sorted(bench.axis.items()) if table.notch)
     experiments = tuple(name for name in experiments if name == CONSTANT_ACCELERATION or bench.line_motion is not None)
-    runner = _TourRunner(bench, out, axes, effort or Effort.quick(), reporter)
+    runner = _TourRunner(bench, out, axes, effort or Effort.quick(), reporter, experiments, robot)
     for old in (runner.model, runner.design):
         old.unlink(missing_ok=True)
-    request = ComparisonRequest(experiments, axes, TREATMENTS, frozenset(TREATMENTS))
-    comparisons: list[ComparisonOutcome] = []
-    failure: Exception | None = None
-    try:
-        request = _told(runner, request, comparisons)
-    except KeyboardInterrupt:
-        failure = InterruptedRunError("interrupted")
-    except Exception as error:  # noqa: BLE001 - noted in the result, and returned
-        failure = error
-    part = TourPart(
-        bench_file=BENCH_FILE,
-        steps=tuple(runner.steps),
-        failure=None if failure is None else str(failure),
-        notches=tuple(runner.notches) or None,
-        **({} if robot is None else _revealed(robot, runner)),
-    )
-    result = TourResult(
-        started_utc=comparisons[0].result.started_utc if comparisons else started,
-        request=request_entry(request),
-        robots=comparisons[0].result.robots if comparisons else [],
-        emulated=any_emulated([*runner.emulated, *(one.result.emulated for one in comparisons)]),
-        tour=part,
-    )
-    result.write(out / RESULT_FILE)
-    return TourOutcome(result, failure, comparisons[0] if comparisons else None)
+    return runner.run()
 
 
-def _told(runner: _TourRunner, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> ComparisonRequest:
-    """Take all steps, and return the request of the comparison.
-
-    If no notch meets all requirements, a step notes it, and the comparison has no designed notch.
-    """
-    for axis in runner.axes:
-        runner.step(f"identify plant, axis {axis}", partial(runner.identify_plant, axis), _plant_page(axis))
-        runner.step(f"identify transmission error, axis {axis}", partial(runner.identify_ate, axis), _ate_page(axis))
-    designed = []
-    for axis in runner.axes:
-        try:
-            runner.step(f"design notch, axis {axis}", partial(runner.design_notch, axis), _design_page(axis))
-            designed.append(axis)
-        except InfeasibleError:
-            continue
-    runner.designed = tuple(designed)
-    if designed:
-        runner.step("upload, read back, store", runner.upload)
-    else:
-        left = tuple(name for name in request.treatments if treatment(name).needs != "design")
-        request = replace(request, treatments=left, named=frozenset(left))
-    runner.step("run side by side", lambda: _side_by_side(runner, request, comparisons))
-    if designed:
-        runner.step("read back after the runs", runner.read_back)
-    return request
-
-
-def _revealed(robot: DrawnRobot, runner: _TourRunner) -> dict[str, Any]:
-    """True numbers of the drawn robot, beside the identified ones."""
-    (runner.out / ROBOT_FILE).write_bytes(robot.robot_file.read_bytes())
-    truth = load_truth(robot.robot_file)
-    known = load_identified(runner.model).axis if runner.model.is_file() else {}
-    facts = [fact for number in runner.axes for fact in facts_of(number, truth.axis[number], known.get(number, IdentifiedAxis()))]
-    return {"robot_file": ROBOT_FILE, "seed": robot.seed, "facts": tuple(facts)}
-
-
-def _side_by_side(runner: _TourRunner, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> tuple[str, str]:
-    """Run the comparison with the identified models and the designed filters."""
-    design = runner.design if runner.design.is_file() else None
-    knowledge = known_from(runner.out / BENCH_FILE, runner.bench, model=runner.model, design=design)
-    return run_side_by_side(KnownRobot(runner.bench, knowledge, BENCH_FILE), request, runner.out, comparisons, runner.reporter)
-
-
-def run_side_by_side(
-    robot: KnownRobot, request: ComparisonRequest, out: Path, comparisons: list[ComparisonOutcome], reporter: Reporter
-) -> tuple[str, str]:
-    """Run the comparison that a tour ends with, as its last step.
-
-    Args:
-        robot: The robot, and all that is known of it by now.
-        request: Request of the comparison.
-        out: Directory of the tour.
-        comparisons: List to which its outcome is added, also after a failure.
-        reporter: Listener of its runs.
-    """
-    planned = plan(robot, request)
-    comparisons.append(compare([planned], request, out, reporter=reporter))
-    if comparisons[-1].failure is not None:
-        raise comparisons[-1].failure
-    if comparisons[-1].not_restored:
-        raise NotPossibleError(not_restored_words("; ".join(comparisons[-1].not_restored)))
-    return f"{len(planned.setups)} runs", "report.html"
+def bench_of_tour(out: Path, text: str) -> Bench:
+    """Write the bench file of a tour into its directory, and load it."""
+    out.mkdir(parents=True, exist_ok=True)
+    (out / BENCH_FILE).write_text(text, encoding="utf-8")
+    return load_bench(out / BENCH_FILE)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from hil.experiments.ate.recorded.identify import identify_recorded
 from hil.experiments.ate.recorded.request import RecordedRequest
+from hil.recording import load_columns
 from hil.recordings import Said
 from hil.report import style
 from hil.report.svg import standalone
-from hil.results.columns import load_columns
 
 HERE = Path(__file__).parent
 JOINTS = {1: "joint_1_and_6.csv.gz", 2: "joint_2.csv.gz", 3: "joint_3.csv.gz", 6: "joint_1_and_6.csv.gz"}

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.arm.rotation import rotation
+from hil.arm.rotation import rotation, turn
 from hil.arm.tables import ArmTable
 
 Array = NDArray[np.float64]
@@ -271,17 +271,6 @@ class Kinematics:
         values = self.singular_values(angles, with_frame=with_frame)
         least = values[..., self.rank(with_frame=with_frame) - 1]
         return np.asarray(values[..., 0] / np.maximum(least, 1e-300))
-
-
-def turn(axis: Array, angle_rad: Array) -> Array:
-    """Return the rotation by an angle about an axis of length 1.
-
-    1 + sin q [a]× + (1 − cos q) [a]×²; angles of shape (...) give (..., 3, 3).
-    """
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = np.asarray(angle_rad, dtype=np.float64)[..., np.newaxis, np.newaxis]
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
 
 
 def rotation_vector(rotation: Array) -> Array:

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.arm.rotation import turned
+from hil.arm.bodies import Body
+from hil.arm.kinematics import Kinematics, LinkFrame
 from hil.arm.tables import ArmTable
 
 Real = NDArray[np.float64]
@@ -24,12 +25,13 @@ def mass_matrix(arm: ArmTable, joints_rad: Real) -> Real:
         arm: The arm.
         joints_rad: Joint angles q; shape (n_links,).
     """
-    located = list(_frames(arm, joints_rad))
-    total = np.zeros((len(located), len(located)))
-    for count, (body, (frame, origin, _)) in enumerate(zip(arm.bodies(), located, strict=True), 1):
-        about, linear = _jacobian(located[:count], origin + frame @ np.array(body.centre_m))
+    kinematics = Kinematics.of(arm)
+    total = np.zeros((kinematics.count, kinematics.count))
+    for body, centre in _centres(arm):
+        linear, about = np.split(kinematics.jacobian(joints_rad, centre), 2)
+        _, frame = kinematics.pose(joints_rad, centre)
         inertia = frame @ body.inertia_kg_m2.tensor() @ frame.T
-        total[:count, :count] += body.mass_kg * linear.T @ linear + about.T @ inertia @ about
+        total += body.mass_kg * linear.T @ linear + about.T @ inertia @ about
     return total
 
 
@@ -40,20 +42,16 @@ def gravity_torques(arm: ArmTable, joints_rad: Real) -> Real:
         arm: The arm.
         joints_rad: Joint angles q; shape (n_links,).
     """
-    located = list(_frames(arm, joints_rad))
-    total = np.zeros(len(located))
-    for count, (body, (frame, origin, _)) in enumerate(zip(arm.bodies(), located, strict=True), 1):
-        _, linear = _jacobian(located[:count], origin + frame @ np.array(body.centre_m))
-        total[:count] -= body.mass_kg * linear.T @ np.array(arm.gravity_m_s2)
+    kinematics = Kinematics.of(arm)
+    total = np.zeros(kinematics.count)
+    for body, centre in _centres(arm):
+        total -= body.mass_kg * kinematics.jacobian(joints_rad, centre)[:3].T @ np.array(arm.gravity_m_s2)
     return total
 
 
 def levers(arm: ArmTable, joints_rad: Real) -> Real:
     """Return the tip's distance from each joint's axis in m; shape (n_links,)."""
-    located = list(_frames(arm, joints_rad))
-    frame, origin, _ = located[-1]
-    _, linear = _jacobian(located, origin + frame @ np.array(arm.tip_m))
-    return np.asarray(np.linalg.norm(linear, axis=0))
+    return np.asarray(np.linalg.norm(Kinematics.of(arm).jacobian(joints_rad)[:3], axis=0))
 
 
 def check_masses(arm: ArmTable) -> None:
@@ -91,21 +89,7 @@ def _scaled(matrix: Real) -> Real:
     return np.asarray(matrix / np.outer(size, size))
 
 
-def _frames(arm: ArmTable, joints_rad: Real) -> Iterator[tuple[Real, Real, Real]]:
-    """Yield each link's rotation, origin and joint axis in the base frame."""
-    frame, origin = np.eye(3), np.zeros(3)
-    for link, angle in zip(arm.link, np.asarray(joints_rad).tolist(), strict=True):
-        direction = link.unit_direction()
-        origin = origin + frame @ np.array(link.origin_m)
-        frame = frame @ link.rotation() @ turned(direction, angle)
-        yield frame, origin, frame @ direction
-
-
-def _jacobian(located: list[tuple[Real, Real, Real]], point: Real) -> tuple[Real, Real]:
-    """Return angular and linear velocity of a point per joint speed.
-
-    Per rad/s of each joint; shape (3, n) each.
-    """
-    about = np.array([axis for _, _, axis in located]).T
-    linear = np.array([np.cross(axis, point - origin) for _, origin, axis in located]).T
-    return about, linear
+def _centres(arm: ArmTable) -> Iterator[tuple[Body, LinkFrame]]:
+    """Yield each link's body and its centre of mass, with the link's axes."""
+    for link, body in enumerate(arm.bodies(), 1):
+        yield body, LinkFrame(link, np.array(body.centre_m), np.eye(3))

@@ -1,7 +1,6 @@
 """Rotation matrices: from roll, pitch and yaw, and about an axis."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +11,15 @@ _GIMBAL = 1e-9
 """Cosine of a pitch below which roll and yaw turn about one axis, and only their sum can be told."""
 
 
-def turned(direction: Sequence[float] | Real, angle_rad: float) -> Real:
-    """Return the rotation about an axis of length 1; shape (3, 3).
+def turn(axis: Real, angle_rad: Real | float) -> Real:
+    """Return the rotation by an angle about an axis of length 1.
 
-    Rodrigues' formula.
+    1 + sin q [a]× + (1 − cos q) [a]×²; angles of shape (...) give (..., 3, 3).
     """
-    x, y, z = (float(value) for value in direction)
-    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    along = np.outer((x, y, z), (x, y, z))
-    return np.asarray(cos * np.eye(3) + sin * cross + (1.0 - cos) * along)
+    angle = np.asarray(angle_rad, dtype=np.float64)[..., np.newaxis, np.newaxis]
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
 
 
 def rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Real:

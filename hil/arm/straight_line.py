@@ -13,7 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from hil.arm.kinematics import Array, Kinematics, rotation_vector, turn
+from hil.arm.kinematics import Array, Kinematics, rotation_vector
+from hil.arm.rotation import turn
 from hil.control.trajectory import Smooth, sample_times
 
 STEP_M, STEP_RAD = 0.002, math.radians(0.5)

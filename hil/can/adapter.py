@@ -34,17 +34,8 @@ class AdapterChannel(OneByOne):
         """Put a frame on the bus."""
         if self._lost is not None:
             raise self._lost
-        can_id = frame.can_id
-        is_remote = bool(can_id & CAN_RTR_FLAG)
-        message = can.Message(
-            arbitration_id=can_id & CAN_EFF_MASK,
-            is_extended_id=bool(can_id & CAN_EFF_FLAG),
-            is_remote_frame=is_remote,
-            dlc=len(frame.data),
-            data=None if is_remote else frame.data,
-        )
         try:
-            self._bus.send(message)
+            self._bus.send(message_of(frame))
         except (can.CanError, OSError) as error:
             raise self._bus_lost(error) from error
 
@@ -96,10 +87,34 @@ def open_adapter(address: Address) -> can.BusABC:
 
 def frame_of(message: can.Message) -> Frame:
     """The frame of a message of python-can."""
-    flags = (
-        (CAN_EFF_FLAG if message.is_extended_id else 0)
-        | (CAN_RTR_FLAG if message.is_remote_frame else 0)
-        | (CAN_ERR_FLAG if message.is_error_frame else 0)
-    )
     # of a remote request the length is all there is
-    return Frame(message.arbitration_id | flags, bytes(message.dlc if message.is_remote_frame else message.data))
+    return Frame(identifier_of(message), bytes(message.dlc if message.is_remote_frame else message.data))
+
+
+def message_of(frame: Frame, **details: Any) -> can.Message:
+    """The message of python-can of a frame.
+
+    Args:
+        frame: The frame.
+        **details: Further arguments of the message, such as its `timestamp`.
+    """
+    is_remote = bool(frame.can_id & CAN_RTR_FLAG)
+    return can.Message(
+        arbitration_id=frame.can_id & CAN_EFF_MASK,
+        is_extended_id=bool(frame.can_id & CAN_EFF_FLAG),
+        is_remote_frame=is_remote,
+        is_error_frame=bool(frame.can_id & CAN_ERR_FLAG),
+        dlc=len(frame.data),
+        data=None if is_remote else frame.data,
+        **details,
+    )
+
+
+def identifier_of(message: can.Message) -> int:
+    """Identifier and flags of a message of python-can, as in a frame."""
+    return (
+        message.arbitration_id
+        | CAN_EFF_FLAG * message.is_extended_id
+        | CAN_RTR_FLAG * message.is_remote_frame
+        | CAN_ERR_FLAG * message.is_error_frame
+    )

@@ -6,7 +6,6 @@ A local bus gives the time on its own clock, SocketCAN that of the kernel, pytho
 
 import contextlib
 import socket
-import struct
 import threading
 import time
 from collections import deque
@@ -20,7 +19,7 @@ from drive_profiles.address import LOCAL, SOCKETCAN, Address
 from hil.can import clock
 from hil.can.errors import BusLostError
 from hil.can.frame import MAX_DATA_LENGTH, RECORD, pack
-from hil.can.local import connect_local, wait_at_most
+from hil.can.local import arrival_ns, connect_local, stamp_arrivals, wait_at_most
 from hil.can.socketcan import bind_can
 
 T = TypeVar("T")
@@ -33,8 +32,6 @@ _GATHERING_S = 0.004
 """Time in which messages may gather: a system call takes one of them, and to wake up for each costs several times as much."""
 _JOIN_S = 2.0
 _HEARD_BYTES = clock.MAX_RECORDS * RECORD.size
-_SO_TIMESTAMPNS = 35
-_TIMESPEC = struct.Struct("@ll")
 _CONTROL_BYTES = 128
 MOST_WAITING = 200_000
 """Messages that may wait to be taken; those beyond are lost, and counted."""
@@ -197,7 +194,7 @@ class CanListener(_Listening):
         """Open the socket; `BusUnavailableError` if that fails."""
         super().__init__(address)
         self._socket = bind_can(address)
-        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        stamp_arrivals(self._socket)
         wait_at_most(self._socket, _MOMENT_S)
         self._thread.start()
 
@@ -206,11 +203,8 @@ class CanListener(_Listening):
         if message is None:
             return None
         record, ancillary, _, _ = message
-        for level, kind, data in ancillary:
-            if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) == _TIMESPEC.size:
-                seconds, nanoseconds = _TIMESPEC.unpack(data)
-                return record, seconds * 1_000_000_000 + nanoseconds
-        return record, -1
+        stamp_ns = arrival_ns(ancillary)
+        return record, -1 if stamp_ns is None else stamp_ns
 
     def take(self) -> ReceivedFrames:
         """The frames that have come since; shape (n,)."""

@@ -28,7 +28,8 @@ _CLOCK_HEAD = RECORD.pack(clock.CLOCK_ID, MAX_DATA_LENGTH, b"")[:-MAX_DATA_LENGT
 _MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size
 MAX_EARLY = 256
 """Frames that may arrive, and are kept, before the local bus has answered which clock it has."""
-_TIMEVAL = struct.Struct("@ll")
+_TIMEVAL = _TIMESPEC = struct.Struct("@ll")
+_SO_TIMESTAMPNS = 35  # Linux, asm-generic/socket.h; the control message has the same number
 _PROCESSOR_FIELD = 36
 """Place of `processor` in /proc/self/stat, counted from behind the name (proc(5))."""
 
@@ -73,6 +74,28 @@ def wait_at_most(sock: socket.socket, timeout_s: float) -> None:
     """
     microseconds = max(1, round(1e6 * timeout_s))  # 0 would mean for ever
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _TIMEVAL.pack(*divmod(microseconds, 1_000_000)))
+
+
+def stamp_arrivals(sock: socket.socket) -> None:
+    """Let the kernel stamp each message of a socket.
+
+    Raises:
+        OSError: This system or this kind of socket has no stamps.
+    """
+    sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+
+
+def arrival_ns(ancillary: Sequence[tuple[int, int, bytes]]) -> int | None:
+    """Return the kernel's time of a message in ns since 1970, or None.
+
+    Args:
+        ancillary: What `recvmsg` has received beside the message.
+    """
+    for level, kind, data in ancillary:
+        if (level, kind, len(data)) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS, _TIMESPEC.size):
+            seconds, nanoseconds = _TIMESPEC.unpack(data)
+            return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return None
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from hil.cli.console import (
     bench_on,
     bench_on_emulator,
     confirm,
+    echo_lines,
     epilog_of_runs,
     exit_on_error,
     exit_with,
@@ -28,8 +29,7 @@ from hil.cli.console import (
     result_directory,
     say,
     say_not_restored,
-    say_page,
-    write_page,
+    tell_result,
 )
 from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import (
@@ -249,13 +249,7 @@ def _run(
             repeat=repeat,
             reporter=progress,
         )
-    page = write_page(out)
-    if as_json:
-        typer.echo(done.result.dumps())
-    else:
-        for line in summary(done.result, terminal_width()):
-            typer.echo(line)
-    say_page(page)
+    tell_result(done.result, out, lambda: echo_lines(summary(done.result, terminal_width())), as_json=as_json)
     _leave(done)
 
 

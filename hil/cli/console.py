@@ -1,7 +1,7 @@
 """Exit statuses, errors, progress and questions of all `hil` commands."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,9 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
     from hil.experiments.measurement import MeasurementOutcome
     from hil.experiments.plan import Experiment
+    from hil.results.base import Result
+
+SHOWN_LEFT_OUT = 10
 
 
 class ExitStatus(ToolExitStatus):
@@ -42,6 +45,12 @@ def epilog_of_runs(own: dict[ToolExitStatus, str] | None = None, *, is_judged: b
     """
     never = {ExitStatus.INTERNAL} if is_judged else {ExitStatus.INTERNAL, ExitStatus.NOT_MET}
     return epilog((status for status in ExitStatus if status not in never), own)
+
+
+def epilog_without_motion(own: dict[ToolExitStatus, str]) -> str:
+    """Return the exit statuses of a judging command that moves nothing, for its help."""
+    statuses = (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED)
+    return epilog(statuses, {**own, ExitStatus.INTERRUPTED: "interrupted"})
 
 
 EPILOG = epilog_of_runs()
@@ -154,13 +163,25 @@ def say_page(page: Path | None) -> None:
         say(f"report: {page}")
 
 
-def tell_measurement(
-    outcome: "MeasurementOutcome[Any]", where: Path, summary: Callable[[], None], model: Path | None, *, as_json: bool
-) -> None:
-    """Write the report, print the result, exit with a failure's status.
+def say_left_out(files: Sequence[str], what: str) -> None:
+    """Print the first of the files that were not read, and the number of the others."""
+    for each in files[:SHOWN_LEFT_OUT]:
+        say(f"left out: {each}")
+    if len(files) > SHOWN_LEFT_OUT:
+        say(f"left out: {len(files) - SHOWN_LEFT_OUT} more {what}")
+
+
+def echo_lines(lines: Iterable[str], *, err: bool = False) -> None:
+    """Print lines on standard output, or on standard error."""
+    for line in lines:
+        typer.echo(line, err=err)
+
+
+def tell_result(result: "Result", where: Path, summary: Callable[[], None], model: Path | None = None, *, as_json: bool) -> None:
+    """Write the report, and print the result and the written files.
 
     Args:
-        outcome: End of the measurement.
+        result: The result.
         where: Its directory.
         summary: Printer of the result as text.
         model: Model file that was written; None if none was.
@@ -168,12 +189,19 @@ def tell_measurement(
     """
     page = write_page(where)
     if as_json:
-        typer.echo(outcome.result.dumps())
+        typer.echo(result.dumps())
     else:
         summary()
     if model is not None:
         say(f"model file: {model}")
     say_page(page)
+
+
+def tell_measurement(
+    outcome: "MeasurementOutcome[Any]", where: Path, summary: Callable[[], None], model: Path | None, *, as_json: bool
+) -> None:
+    """Do as `tell_result`, and exit with a failure's status."""
+    tell_result(outcome.result, where, summary, model, as_json=as_json)
     say_not_restored(outcome.not_restored)
     if outcome.failure is not None:
         raise exit_with(outcome.failure)

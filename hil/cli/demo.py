@@ -18,6 +18,7 @@ from hil.cli.console import (
     ExitStatus,
     SpokenReporter,
     bench_on_emulator,
+    echo_lines,
     epilog_of_runs,
     exit_on_error,
     exit_status_of,
@@ -188,10 +189,8 @@ def _tell(what: str, folder: Path, done: "TourOutcome", *, as_json: bool) -> int
     from hil.report.writer import write_report_of  # noqa: PLC0415
 
     page = write_report_of(folder)
-    for line in summary(done.result, terminal_width(err=as_json)):
-        typer.echo(line, err=as_json)
-    for sentence in notch_sentences(done.result):
-        typer.echo(sentence, err=as_json)
+    echo_lines(summary(done.result, terminal_width(err=as_json)), err=as_json)
+    echo_lines(notch_sentences(done.result), err=as_json)
     claims = done.result.tour.claims or ()
     for claim in claims:
         found = "not judged" if claim.found is None else f"{claim.found:.4f} {claim.unit}".replace("-", "−")

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import Tool
-from drive_profiles.cli.console import epilog, fail, table
+from drive_profiles.cli.console import fail, table
 from drive_profiles.processors import usable_processors
-from hil.cli.console import ExitStatus, exit_on_error, exit_with, result_directory, say
+from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, exit_with, result_directory, say
 from hil.cli.options import AXES, BenchOption, ForceOption, NewOutOption
 from hil.reporter import Reporter, SilentReporter
 
@@ -26,15 +26,11 @@ if TYPE_CHECKING:
     from hil.experiments.notch_design import NotchDesignOutcome
     from hil.experiments.notch_problem import NotchDesignRequest
 
-DESIGN_EPILOG = epilog(
-    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
-    {
-        ExitStatus.DONE: "a filter meets every requirement",
-        ExitStatus.FILE: "bad file, or a bench file without an entry that a design needs",
-        ExitStatus.NOT_MET: "no filter meets every requirement, or the loop without a filter is better",
-        ExitStatus.INTERRUPTED: "interrupted",
-    },
-)
+DESIGN_EPILOG = epilog_without_motion({
+    ExitStatus.DONE: "a filter meets every requirement",
+    ExitStatus.FILE: "bad file, or a bench file without an entry that a design needs",
+    ExitStatus.NOT_MET: "no filter meets every requirement, or the loop without a filter is better",
+})  # fmt: skip
 
 
 class ShapeName(StrEnum):

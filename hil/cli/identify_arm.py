@@ -6,22 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog
-from hil.cli.console import ExitStatus, exit_on_error, result_directory, say, say_page, write_page
+from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, result_directory, tell_result
 from hil.cli.options import BenchOption, ForceOption, JsonOption, NewOutOption
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.results.arm import ArmResult
 
-ARM_EPILOG = epilog(
-    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
-    {
-        ExitStatus.DONE: "identified",
-        ExitStatus.FILE: "bad file, or too few postures in the model file",
-        ExitStatus.NOT_MET: "the postures do not determine the masses; the message names one to add",
-        ExitStatus.INTERRUPTED: "interrupted",
-    },
-)
+ARM_EPILOG = epilog_without_motion({
+    ExitStatus.DONE: "identified",
+    ExitStatus.FILE: "bad file, or too few postures in the model file",
+    ExitStatus.NOT_MET: "the postures do not determine the masses; the message names one to add",
+})  # fmt: skip
 
 
 @command(epilog=ARM_EPILOG)
@@ -52,13 +47,7 @@ def arm(
         result = identify_arm(bench, identified)
         result.write(where / RESULT_FILE)
         identified.with_arm(result.arm).save(model)
-        page = write_page(where)
-        if as_json:
-            typer.echo(result.dumps())
-        else:
-            _summary(result)
-        say(f"model file: {model}")
-        say_page(page)
+        tell_result(result, where, lambda: _summary(result), model, as_json=as_json)
 
 
 def _summary(result: "ArmResult") -> None:

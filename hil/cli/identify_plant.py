@@ -42,28 +42,6 @@ PLANT_EPILOG = epilog_of_runs({
     ExitStatus.NOT_MET: "not identified; the message gives the reason and the remedy",
 })  # fmt: skip
 
-ROWS = (
-    ("motor_inertia_kg_m2", "J_m", "kg·m²"),
-    ("arm_inertia_kg_m2", "J_l", "kg·m²"),
-    ("gear_stiffness_nm_rad", "K_g", "N·m/rad"),
-    ("gear_damping_nm_s_rad", "D_g", "N·m·s/rad"),
-    ("motor_damping_nm_s_rad", "D_m", "N·m·s/rad"),
-    ("arm_damping_nm_s_rad", "D_l", "N·m·s/rad"),
-    ("viscous_damping_nm_s_rad", "D_m + D_l/N²", "N·m·s/rad"),
-    ("antiresonance_hz", "f_a", "Hz"),
-    ("resonance_hz", "f_r", "Hz"),
-    ("damping", "ζ", ""),
-    ("friction_coulomb_nm", "τ_C", "N·m"),
-    ("friction_viscous_nm_s_rad", "friction slope", "N·m·s/rad"),
-    ("gravity_moment_nm", "m g l", "N·m"),
-    ("gravity_phase_deg", "q_0", "°"),
-    ("lever_ratio", "lever measured / bench file's", ""),
-    ("torque_age_s", "age of the torque", "s"),
-    ("torque_lag_s", "lag of the current loop", "s"),
-    ("accelerometer_delay_s", "delay of the tip's signal", "s"),
-)
-"""Numbers of the summary: name in result.json, symbol, unit."""
-
 
 class PlantExcitation(StrEnum):
     """Signal to which the excitation is added."""
@@ -170,6 +148,8 @@ def _identify(bench: "Bench", request: "PlantRequest", where: Path, file: Path, 
 
 def _summary(result: "PlantResult") -> None:
     """Print the identified numbers."""
+    from hil.results.plant import PARAMETERS  # noqa: PLC0415 - as above
+
     plan, parameters = result.plan, result.parameters
     if plan is None or parameters is None:
         return
@@ -177,10 +157,10 @@ def _summary(result: "PlantResult") -> None:
         f"axis {result.axis}: {plan.periods} periods of {plan.period_s:g} s, {plan.excitation} excitation of "
         f"{plan.amplitude_nm:.3g} N·m at {plan.bias_rps:.3g} rev/s"
     )
-    for name, symbol, unit in ROWS:
-        if name in parameters:
-            found = measured(parameters[name].value, parameters[name].standard_error)
-            typer.echo(f"  {symbol:<30}{found} {unit}".rstrip())
+    for each in PARAMETERS:
+        if each.name in parameters:
+            found = measured(parameters[each.name].value, parameters[each.name].standard_error)
+            typer.echo(f"  {each.symbol:<30}{found} {each.unit}".rstrip())
     for remark in result.remarks:
         typer.echo(f"  note: {remark}")
     for line in result.cannot_tell or ():

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.standard.shown import measured
-from hil.cli.console import ExitStatus, say, say_page, write_page
+from hil.cli.console import ExitStatus, say, tell_result
 from hil.cli.options import orders_from
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
@@ -111,14 +111,8 @@ def from_recordings(
     file_of_model = model or where / "model.toml"
     if result.ate is not None and result.is_identified:
         update_file(file_of_model, result.robot, axis, result.ate)
-    page = write_page(where)
-    if as_json:
-        typer.echo(result.dumps())
-    else:
-        _summary(result)
-    if result.is_identified:
-        say(f"model file: {file_of_model}")
-    say_page(page)
+    written = file_of_model if result.is_identified else None
+    tell_result(result, where, lambda: _summary(result), written, as_json=as_json)
     if not result.is_identified:
         say("no order exceeds its noise: no model file is written")
         raise typer.Exit(ExitStatus.NOT_MET)

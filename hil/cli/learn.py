@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,12 +14,13 @@ from hil.cli.console import (
     SpokenReporter,
     bench_on,
     confirm_motion,
+    echo_lines,
     epilog_of_runs,
     exit_on_error,
+    motion_lines,
     result_directory,
     tell_measurement,
 )
-from hil.cli.learn_motion import learn_motion
 from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import (
     AXES,
@@ -38,6 +39,8 @@ from hil.cli.options import (
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
     from hil.experiments.cancellation.learn_run import LearnRequest
+    from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest
+    from hil.experiments.measurement import MeasurementOutcome
 
 LEARN_EPILOG = epilog_of_runs({
     ExitStatus.DONE: "learnt",
@@ -127,43 +130,32 @@ def learn(
         name = f"axis{'-'.join(map(str, axes))}" if motion is None else motion.value
         where = result_directory(out, f"learn-{name}", force=force)
         inertias, ks = inertias_from(motor_inertia_kg_m2 or [], axes), orders_from(orders)
-        if motion is not None:
-            from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest  # noqa: PLC0415
-
-            probes = MotionLearnRequest(motion.value, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
-            with shown_live(live, bench.bus.address, bench_file):
-                learn_motion(bench, probes, where, model, plant, overload=overload, yes=yes, as_json=as_json)
-            return
-
-        from hil.experiments.cancellation.learn_run import LearnRequest  # noqa: PLC0415
-
-        request = LearnRequest(axes, passes, acceleration_rps_s, note=note, motor_inertias_kg_m2=inertias, orders=ks)
+        outcome: MeasurementOutcome[Any]
         with shown_live(live, bench.bus.address, bench_file):
-            _learn_ramps(bench, request, where, model, plant, overload=overload, yes=yes, as_json=as_json)
+            if motion is None:
+                from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary  # noqa: PLC0415
 
+                ramps = LearnRequest(axes, passes, acceleration_rps_s, note=note, motor_inertias_kg_m2=inertias, orders=ks)
+                confirm_motion(bench, _motion_lines(bench, ramps), yes=yes)
+                outcome = by_ramps = learn_on_bus(
+                    bench, ramps, where, model, plant=plant, overload=overload, reporter=SpokenReporter()
+                )
+                lines = summary(by_ramps)
+            else:
+                from hil.experiments.cancellation.probing.on_bus import (  # noqa: PLC0415
+                    MotionLearnRequest,
+                    learn_motion_on_bus,
+                    motion_summary,
+                )
 
-def _learn_ramps(
-    bench: "Bench",
-    request: "LearnRequest",
-    where: Path,
-    model: Path,
-    plant: Path | None,
-    *,
-    overload: bool,
-    yes: bool,
-    as_json: bool,
-) -> None:
-    """Learn axis by axis, by ramps."""
-    from hil.experiments.cancellation.learn_run import learn_on_bus, summary  # noqa: PLC0415
-
-    confirm_motion(bench, _motion_lines(bench, request), yes=yes)
-    outcome = learn_on_bus(bench, request, where, model, plant=plant, overload=overload, reporter=SpokenReporter())
-
-    def tell() -> None:
-        for line in summary(outcome):
-            typer.echo(line)
-
-    tell_measurement(outcome, where, tell, model if outcome.learnt else None, as_json=as_json)
+                probes = MotionLearnRequest(motion.value, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
+                confirm_motion(bench, _probing_lines(bench, probes), yes=yes)
+                outcome = by_probes = learn_motion_on_bus(
+                    bench, probes, where, model, plant=plant, overload=overload, reporter=SpokenReporter()
+                )
+                lines = motion_summary(by_probes)
+            written = model if outcome.result.learnt else None
+            tell_measurement(outcome, where, lambda: echo_lines(lines), written, as_json=as_json)
 
 
 def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
@@ -203,3 +195,14 @@ def _motion_lines(bench: "Bench", request: "LearnRequest") -> Iterator[str]:
             f"{request.acceleration_rps_s:g} rev/s², anywhere within {limits.position_min_rev:g} … "
             f"{limits.position_max_rev:g} motor revolutions; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
         )
+
+
+def _probing_lines(bench: "Bench", request: "MotionLearnRequest") -> Iterator[str]:
+    """Return the lines on how the robot is moved."""
+    from hil.experiments.plan import Experiment  # noqa: PLC0415
+
+    yield from motion_lines([(bench, Experiment(request.motion, request.axis, "none"))])
+    probe = "3 to 15" if request.probe_arcsec is None else f"{request.probe_arcsec:g}"
+    yield f"about forty times, with a cancellation of {probe}″ in each order of every axis"
+    if request.pace is not None:
+        yield f"and about thirty times at {request.pace:g} times the duration of the line"

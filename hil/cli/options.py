@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.address import BUS_VARIABLE, AddressError, parse_bit_rate
 from drive_profiles.cli.completion import AxisCompleter, complete_list, complete_reference
 from hil.control.treatments import TABLE, LoopName, PlainTreatmentName, Treatment, TreatmentName, present_token
 
@@ -79,6 +79,18 @@ def orders_from(text: str) -> tuple[float, ...]:
         return orders_of(text)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--orders") from None
+
+
+def bit_rate_from(text: str | None) -> int | None:
+    """Return the rate of `--bitrate` in bit/s, spelled as in a bus address.
+
+    Raises:
+        typer.BadParameter: It is none.
+    """
+    try:
+        return None if text is None else parse_bit_rate(text)
+    except AddressError as error:
+        raise typer.BadParameter(str(error), param_hint="--bitrate") from None
 
 
 def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:

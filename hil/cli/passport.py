@@ -10,25 +10,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, table
-from hil.cli.console import ExitStatus, exit_on_error, say, say_page
+from drive_profiles.cli.console import table
+from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, say, say_left_out, say_page
 from hil.cli.options import JsonOption
 
 if TYPE_CHECKING:
     from hil.passport.origin import Motor
     from hil.passport.watch import OrderOrigin, Trend
 
-PASSPORT_EPILOG = epilog(
-    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
-    {
-        ExitStatus.DONE: "no gear has changed",
-        ExitStatus.FILE: "bad file, or no passport",
-        ExitStatus.NOT_MET: "a gear has changed",
-        ExitStatus.INTERRUPTED: "interrupted",
-    },
-)
+PASSPORT_EPILOG = epilog_without_motion({
+    ExitStatus.DONE: "no gear has changed",
+    ExitStatus.FILE: "bad file, or no passport",
+    ExitStatus.NOT_MET: "a gear has changed",
+})  # fmt: skip
 PASSPORT_FILE, PAGE = "passport.sqlite", "passport.html"
-SHOWN_LEFT_OUT = 10
 
 
 @command(epilog=PASSPORT_EPILOG)
@@ -73,10 +68,7 @@ def passport(
         runs = read(where)
         found = trends(runs, motors, begin)
         told = origins(runs, motors, begin)
-        for left in gathered.left_out[:SHOWN_LEFT_OUT]:
-            say(f"left out: {left}")
-        if len(gathered.left_out) > SHOWN_LEFT_OUT:
-            say(f"left out: {len(gathered.left_out) - SHOWN_LEFT_OUT} more files")
+        say_left_out(gathered.left_out, "files")
         say(f"{where}: {new} new runs, {len(runs)} in all")
         made = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
         is_emulated = any(run.emulated for run in runs)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail, print_json, table
-from hil.cli.console import ExitStatus, bench_on, exit_on_error
-from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption
+from drive_profiles.cli.console import fail, print_json, table
+from hil.cli.console import ExitStatus, bench_on, epilog_without_motion, exit_on_error
+from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption, bit_rate_from
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -17,15 +17,11 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.plan.check import AxisStability, PlanVerdict
     from hil.plan.wire import WireTiming
 
-PLAN_EPILOG = epilog(
-    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
-    {
-        ExitStatus.DONE: "fits and is stable",
-        ExitStatus.FILE: "bad bench file",
-        ExitStatus.NOT_MET: "does not fit, is not stable, a profile lacks what it needs, or a ramp is beyond a limit",
-        ExitStatus.INTERRUPTED: "interrupted",
-    },
-)
+PLAN_EPILOG = epilog_without_motion({
+    ExitStatus.DONE: "fits and is stable",
+    ExitStatus.FILE: "bad bench file",
+    ExitStatus.NOT_MET: "does not fit, is not stable, a profile lacks what it needs, or a ramp is beyond a limit",
+})  # fmt: skip
 
 
 @command(epilog=PLAN_EPILOG, context_settings=FORMER_SPELLINGS)
@@ -48,7 +44,7 @@ def plan(
 
     Example: hil plan --bench bench.toml --loop host --bitrate 1M
     """
-    rate = None if bitrate is None else _bitrate(bitrate)
+    rate = bit_rate_from(bitrate)
     if sync_period_s is not None and not 1e-5 <= sync_period_s <= 10.0:
         raise fail(f"--sync-period-s {sync_period_s:g} is not between 10 µs and 10 s", ExitStatus.USAGE)
     with exit_on_error(moves=False):
@@ -75,15 +71,6 @@ def plan(
         typer.echo("\n" + _sentence(verdict, adviser))
     if not verdict.is_good:
         raise typer.Exit(ExitStatus.NOT_MET)
-
-
-def _bitrate(text: str) -> int:
-    from drive_profiles.address import AddressError, parse_bit_rate  # noqa: PLC0415
-
-    try:
-        return parse_bit_rate(text)
-    except AddressError as error:
-        raise fail(f"--bitrate {error}", ExitStatus.USAGE) from None
 
 
 def _axes(text: str) -> tuple[int, ...]:

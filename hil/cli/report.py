@@ -7,7 +7,7 @@ import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import epilog, fail
-from hil.cli.console import ExitStatus, exit_on_error, say
+from hil.cli.console import ExitStatus, exit_on_error, say, say_left_out
 
 REPORT_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.INTERRUPTED),
@@ -16,7 +16,6 @@ REPORT_EPILOG = epilog(
         ExitStatus.INTERRUPTED: "interrupted",
     },
 )
-SHOWN_UNREAD = 10
 
 
 @command(epilog=REPORT_EPILOG)
@@ -94,10 +93,7 @@ def _write_trend(folder: Path) -> None:
     from hil.report.trend.page import write_trend  # noqa: PLC0415
 
     gathered = gather_runs(folder)
-    for left in gathered.left_out[:SHOWN_UNREAD]:
-        say(f"left out: {left}")
-    if len(gathered.left_out) > SHOWN_UNREAD:
-        say(f"left out: {len(gathered.left_out) - SHOWN_UNREAD} more results")
+    say_left_out(gathered.left_out, "results")
     say(f"{gathered.results} results with runs")
     typer.echo(str(write_trend(folder, gathered)))
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drive_profiles.python_can import with_mf4
-from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, MAX_DATA_LENGTH
+from hil.can.frame import MAX_DATA_LENGTH
 from hil.logs import candump
 from hil.logs.errors import LogError
 from hil.logs.log import Damage, Log, LogBuilder
@@ -95,6 +95,8 @@ def _foreign(
         ended: List to which the reason of an early end is added.
         interface: The interface whose frames are read; None: that of the first.
     """
+    from hil.can.adapter import identifier_of  # noqa: PLC0415 - python-can is slow to load
+
     messages, channel = _messages(path, ended), interface
     while batch := list(itertools.islice(messages, BATCH)):
         kept = [message for message in batch if not message.is_fd and len(message.data) <= MAX_DATA_LENGTH]
@@ -107,7 +109,7 @@ def _foreign(
         counters[candump.READ_LINES] += len(batch)
         yield (
             np.array([round(message.timestamp * 1e9) for message in kept], np.int64),
-            np.array([_identifier(message) for message in kept], np.uint32),
+            np.array([identifier_of(message) for message in kept], np.uint32),
             np.array([len(message.data) for message in kept], np.uint8),
             np.array([int.from_bytes(message.data, "little") for message in kept], np.uint64),
         )
@@ -138,12 +140,3 @@ def _messages(path: Path, ended: list[str]) -> Iterator["can.Message"]:
         raise LogError(path, f"{error}; pip install 'hil-bench[mf4]'") from error
     except known as error:
         ended.append(f"{type(error).__name__}: {error}")
-
-
-def _identifier(message: "can.Message") -> int:
-    return (
-        message.arbitration_id
-        | CAN_EFF_FLAG * message.is_extended_id
-        | CAN_RTR_FLAG * message.is_remote_frame
-        | CAN_ERR_FLAG * message.is_error_frame
-    )

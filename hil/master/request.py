@@ -61,7 +61,10 @@ class RunRequest:
         """Return the filters that act on an axis."""
         if self.loop == "drive":
             return axis.notches
-        return host_filters(axis, with_notch=self.filters == "notch", fixed=self.fixed)
+        held = self.fixed.get(axis.number)
+        if held is not None:
+            return (held,)
+        return tuple(notch.notch() for notch in axis.table.notch) if self.filters == "notch" else ()
 
     def check(self, axes: list[DriveAxis]) -> None:
         """Refuse combinations that are not possible.
@@ -90,47 +93,21 @@ class RunRequest:
 
         None if the drives close them.
 
+        Args:
+            axes: The axes, in the order of the motion's columns.
+
         Raises:
             UnsafeRequestError: By its model a loop is unstable, or at the edge of stability.
         """
         if self.loop == "drive":
             return None
-        return host_loops(axes, self.motion.period_s, with_notch=self.filters == "notch", fixed=self.fixed)
-
-
-def host_filters(
-    axis: DriveAxis, *, with_notch: bool, fixed: Mapping[int, FixedFilter] | None = None
-) -> tuple[Notch | FixedFilter, ...]:
-    """Return the host's filters in the loop of an axis."""
-    held = (fixed or {}).get(axis.number)
-    if held is not None:
-        return (held,)
-    return tuple(notch.notch() for notch in axis.table.notch) if with_notch else ()
-
-
-def host_loops(
-    axes: list[DriveAxis], period_s: float, *, with_notch: bool, fixed: Mapping[int, FixedFilter] | None = None
-) -> ServoBank:
-    """Return the loops that the host closes, ready for the first cycle.
-
-    Args:
-        axes: The axes, in the order of the motion's columns.
-        period_s: SYNC period.
-        with_notch: True if the variable filters of the bench file act.
-        fixed: Filters by axis that act at every speed, instead of the variable ones.
-
-    Raises:
-        UnsafeRequestError: By its model a loop is unstable, or at the edge of stability.
-    """
-    configs = []
-    for axis in axes:
-        table = axis.table
-        held = (fixed or {}).get(axis.number)
-        gains = table.gains(f"axis {axis.number} closed by the host")
-        check_host_loop(axis.number, table, period_s, with_notch=with_notch, held=held)
-        filters = host_filters(axis, with_notch=with_notch, fixed=fixed)
-        configs.append(ServoConfig(gains.cascade(), table.limits.torque_nm, filters))
-    return ServoBank(configs, period_s)
+        period_s, configs = self.motion.period_s, []
+        for axis in axes:
+            table, held = axis.table, self.fixed.get(axis.number)
+            gains = table.gains(f"axis {axis.number} closed by the host")
+            check_host_loop(axis.number, table, period_s, with_notch=self.filters == "notch", held=held)
+            configs.append(ServoConfig(gains.cascade(), table.limits.torque_nm, self.filters_of(axis)))
+        return ServoBank(configs, period_s)
 
 
 def check_host_loop(number: int, table: AxisTable, period_s: float, *, with_notch: bool, held: FixedFilter | None = None) -> None:

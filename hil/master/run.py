@@ -280,13 +280,10 @@ class Run:
             self._set_points(references, row)
         self.exchange.row = place
         try:
-            found = self.supervisor.cycle(self.exchange)
+            found = self._cycle()
         finally:
             self.exchange.row = _NOT_ENDED
         if found is None:
-            reason = self._own_fault()
-            if reason is not None:
-                raise RunStopError(reason)
             found = _end_cycle(self.data, place, self.exchange.was_dropped)
         if row is not None:
             table.rows = row + 1

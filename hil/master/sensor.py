@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, NamedTuple
 
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
@@ -44,13 +45,14 @@ class TipSource(NamedTuple):
     scale_m_s2: float = 1.0
 
 
-class TipAccelerometer(Protocol):
-    """The interface of an accelerometer to a run, however it is connected."""
+class TipAccelerometer(ABC):
+    """An accelerometer in a run, however it is connected.
 
-    @property
-    def nodes(self) -> tuple[int, ...]:
-        """Node-IDs of the sensor on the bus; empty for a serial one."""
-        ...
+    Attributes:
+        nodes: Node-IDs of the sensor on the bus; empty without a node.
+    """
+
+    nodes: tuple[int, ...] = ()
 
     def open(self) -> None:
         """Find the sensor and check that it is the right one.
@@ -58,19 +60,19 @@ class TipAccelerometer(Protocol):
         Raises:
             HilError: The sensor is silent, or is another device.
         """
-        ...
+        return  # nothing is there, unless a sensor says so
 
+    @abstractmethod
     def configure(self) -> TipSource:
         """Prepare the sensor for a run.
 
         Raises:
             HilError: The sensor refuses, or measures in another unit than m/s².
         """
-        ...
 
     def restore(self) -> list[str]:
         """Undo the changes of `configure`; return the refusals in words."""
-        ...
+        return []
 
     def sample(self, sync_s: float) -> Vector | None:
         """Return X, Y and Z at the last SYNC, measured elsewhere than on the bus.
@@ -80,14 +82,14 @@ class TipAccelerometer(Protocol):
         Args:
             sync_s: Time of SYNC by the master's clock; 0 in lock-step.
         """
-        ...
+        return None
 
     def close(self) -> None:
         """Release the sensor; a second call does nothing."""
-        ...
+        return
 
 
-class CanopenSensor:
+class CanopenSensor(TipAccelerometer):
     """A CANopen accelerometer (CiA 404) that answers each SYNC with a TPDO.
 
     Args:
@@ -98,12 +100,8 @@ class CanopenSensor:
 
     def __init__(self, network: Network, node: int, profile: Profile) -> None:
         self._network, self._node, self._profile = network, node, profile
+        self.nodes = (node,)
         self._pdos = PdoSet(network, node)
-
-    @property
-    def nodes(self) -> tuple[int, ...]:
-        """Node-ID of the sensor, as a tuple of one."""
-        return (self._node,)
 
     def open(self) -> None:
         """Check the identity of the sensor.
@@ -142,23 +140,14 @@ class CanopenSensor:
         """Restore the TPDO of the sensor; return the refusals in words."""
         return self._pdos.restore()
 
-    def sample(self, sync_s: float) -> Vector | None:
-        """Return None: a frame brings the measurement."""
-        return None
 
-    def close(self) -> None:
-        """Do nothing: a node needs no release."""
-
-
-class SerialSensor:
+class SerialSensor(TipAccelerometer):
     """An accelerometer on a serial port; time must be the wall clock's.
 
     Args:
         network: The bus beside which it measures.
         reader: Reader of the port, on the master's clock.
     """
-
-    nodes: tuple[int, ...] = ()
 
     def __init__(self, network: Network, reader: AccelerometerReader) -> None:
         self._network, self._reader = network, reader
@@ -175,10 +164,6 @@ class SerialSensor:
         """Await no frames, since the sensor sends none on the bus."""
         return TipSource(TIP_ELSEWHERE)
 
-    def restore(self) -> list[str]:
-        """Do nothing: `configure` has changed nothing."""
-        return []
-
     def sample(self, sync_s: float) -> Vector | None:
         """Return the sample of the instant of SYNC."""
         return self._reader.value_at_sync(sync_s)
@@ -188,31 +173,15 @@ class SerialSensor:
         self._reader.close()
 
 
-class JointsOnly:
+class JointsOnly(TipAccelerometer):
     """Replacement of a sensor at the tip by encoders of the joints.
 
     `hil.bench.load_encoder` computes the tip's acceleration from them after a motion: a single cycle of encoder angles has none.
     """
 
-    nodes: tuple[int, ...] = ()
-
-    def open(self) -> None:
-        """Do nothing: nothing is there."""
-
     def configure(self) -> TipSource:
         """Await no frames but those of the encoders."""
         return TipSource(TIP_BY_JOINTS)
-
-    def restore(self) -> list[str]:
-        """Do nothing: `configure` has changed nothing."""
-        return []
-
-    def sample(self, sync_s: float) -> Vector | None:
-        """Return None: the encoders' answers count."""
-        return None
-
-    def close(self) -> None:
-        """Do nothing."""
 
 
 def sensor_of(table: AccelerometerTable, network: Network, clock: Clock) -> TipAccelerometer:

@@ -223,8 +223,18 @@ def judged_samples(material: Material, recording: Recording, axis: int, order: i
     return np.flatnonzero(speed_window(recording, axis, window)) if window is not None else np.zeros(0, dtype=np.int_)
 
 
-def window_words(material: Material, axis: int) -> str:
-    """Sentence on the shaded speeds."""
+def shade_judged(material: Material, panel: Axes, axis: int | None, recording: Recording) -> None:
+    """Shade what is judged: a window of speeds, or times of the line motion (None)."""
+    if axis is None:
+        shade_line(material, panel, recording)
+    else:
+        shade_speeds(material, axis, recording, panel, with_names=False)
+
+
+def window_words(material: Material, axis: int | None) -> str:
+    """Sentence on the shaded speeds, or on the times of the line motion (None)."""
+    if axis is None:
+        return f"Shaded: {line_words(material)}, in which it is judged."
     window = material.window_rps(axis, SHADED_ORDER)
     if window is None:
         return "Nothing is shaded: the run is not judged."

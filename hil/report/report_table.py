@@ -92,6 +92,13 @@ def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
     return (text[1:] if _NEGATIVE_ZERO.match(text) else text).replace("-", "−")
 
 
+def with_error(value: float | None, error: float | None) -> str:
+    """Format value ± standard error as one text, the value alone without an error."""
+    if value is None:
+        return NONE
+    return number(value, "{:.4g}") if error is None or not error > 0.0 else " ± ".join(value_and_error(value, error))
+
+
 def value_and_error(value: float, error: float) -> tuple[str, str]:
     """Format value and standard error to the error's first digit.
 

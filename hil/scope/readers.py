@@ -1,7 +1,7 @@
 """Readers of signals: frame, place and scale of each number."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,10 +127,10 @@ def _of_notch(node: Node, name: str, profile: Profile) -> Iterable[FrameReader]:
     active, frequency = (node.pdo_with("tpdo", each.index, each.subindex) for each in state)
     if active is None or frequency is None or active[0] != frequency[0] or frequency[1].bits != 32:
         return
-    is_active, in_hz = active[1], frequency[1]
+    is_active, in_hz = active[1], replace(frequency[1], is_real=True)
 
     def decode(stream: Stream) -> Real:
-        found = in_hz.of(stream).astype(np.uint32).view(np.float32).astype(np.float64)
+        found = in_hz.numbers(stream)
         return np.where((is_active.of(stream) != 0) & np.isfinite(found), found, 0.0)
 
     yield FrameReader(active[0].can_id, max(is_active.bytes, in_hz.bytes), Signal(name, SignalQuantity.NOTCH, "Hz"), decode)
@@ -141,6 +141,5 @@ def _of_sensor(node: Node) -> Iterable[FrameReader]:
     for direction, subindex in zip("xyz", (1, 2, 3), strict=True):
         placed = node.pdo_with("tpdo", mapping.ACCELERATION_OBJECT, subindex)
         if placed is not None:
-            entry = MappedNumber(placed[1].address, placed[1].start, placed[1].bits, is_signed=True)
             key = Signal(f"tip {direction}", SignalQuantity.TIP, "counts" if scale is None else "m/s²")
-            yield _reader((placed[0], entry), key, 1.0 if scale is None else scale)
+            yield _reader((placed[0], replace(placed[1], is_signed=True)), key, 1.0 if scale is None else scale)

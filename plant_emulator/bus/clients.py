@@ -2,12 +2,11 @@
 
 import contextlib
 import socket
-import struct
 from collections.abc import Iterator
 
 from hil.can import clock
 from hil.can.frame import RECORD, Frame, frames_of
-from hil.can.local import wait_at_most
+from hil.can.local import arrival_ns, stamp_arrivals, wait_at_most
 
 CLOCK_WAIT_S = 0.001
 """Longest silence of the lock-step client before the others are served, in s."""
@@ -19,8 +18,6 @@ STREAM_BACKLOG_BYTES = 1 << 20
 MAX_QUEUED = 1024
 """Messages of a client that a late world reads at once: more than its socket holds."""
 _MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size + 1  # a longer message shows itself by its last byte
-SO_TIMESTAMPNS = 35  # Linux, asm-generic/socket.h; the control message has the same number
-_TIMESPEC = struct.Struct("@ll")
 _ANCILLARY_BYTES = 64
 
 
@@ -119,7 +116,7 @@ class Client:
         This works on Linux, for seqpacket sockets.
         """
         with contextlib.suppress(OSError):
-            self.socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+            stamp_arrivals(self.socket)
             self._has_stamps = not self._is_stream
 
     def queued(self) -> Iterator[tuple[Frame, int | None]]:
@@ -156,7 +153,7 @@ class Client:
                 return None, None
             frames = frames_of(data) if len(data) % RECORD.size == 0 else []
             if frames:
-                return frames, _stamp(ancillary)
+                return frames, arrival_ns(ancillary)
 
 
 class Listener:
@@ -174,15 +171,3 @@ class Listener:
     def reject(self, sock: socket.socket) -> None:
         """Refuse a client beyond the largest number."""
         sock.close()
-
-
-def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int | None:
-    """Return the kernel's time of a message, or None.
-
-    It is in ns since 1970.
-    """
-    for level, kind, data in ancillary:
-        if (level, kind, len(data)) == (socket.SOL_SOCKET, SO_TIMESTAMPNS, _TIMESPEC.size):
-            seconds, nanoseconds = _TIMESPEC.unpack(data)
-            return int(seconds) * 1_000_000_000 + int(nanoseconds)
-    return None

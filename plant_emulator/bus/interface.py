@@ -8,8 +8,9 @@ import can
 
 from drive_profiles.address import LOCAL, Address
 from hil.can import clock
+from hil.can.adapter import frame_of, message_of
 from hil.can.errors import BusUnavailableError
-from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, RECORD, Frame, pack, unpack
+from hil.can.frame import RECORD, pack, unpack
 from hil.can.local import connect_local
 
 SEND_PATIENCE_S = 10.0
@@ -52,13 +53,8 @@ class LocalBus(can.BusABC):
 
         It waits for room up to the time-out, by default `SEND_PATIENCE_S`.
         """
-        can_id = msg.arbitration_id
-        can_id |= CAN_EFF_FLAG if msg.is_extended_id else 0
-        can_id |= CAN_RTR_FLAG if msg.is_remote_frame else 0
-        can_id |= CAN_ERR_FLAG if msg.is_error_frame else 0
         try:
-            # of a remote request the length is all there is
-            record = pack(Frame(can_id, bytes(msg.dlc) if msg.is_remote_frame else bytes(msg.data)))
+            record = pack(frame_of(msg))
             try:
                 self._socket.send(record)
             except BlockingIOError:
@@ -87,18 +83,8 @@ class LocalBus(can.BusABC):
         if frame is None or frame.can_id == clock.CLOCK_ID:
             self._end_ns = None if frame is None else clock.read_stamp(frame.data)
             return None, False
-        is_remote = bool(frame.can_id & CAN_RTR_FLAG)
-        message = can.Message(
-            timestamp=time.time() if self._end_ns is None else 1e-9 * self._end_ns,
-            arbitration_id=frame.can_id & CAN_EFF_MASK,
-            is_extended_id=bool(frame.can_id & CAN_EFF_FLAG),
-            is_remote_frame=is_remote,
-            is_error_frame=bool(frame.can_id & CAN_ERR_FLAG),
-            data=None if is_remote else frame.data,
-            dlc=len(frame.data),
-            channel=self.channel,
-        )
-        return message, False
+        stamp_s = time.time() if self._end_ns is None else 1e-9 * self._end_ns
+        return message_of(frame, timestamp=stamp_s, channel=self.channel), False
 
     def shutdown(self) -> None:
         """Leave the bus."""

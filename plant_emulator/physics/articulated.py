@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.arm.rotation import turned
+from hil.arm.rotation import turn
 from hil.arm.tables import ArmTable
 from plant_emulator.core import CORE
 
@@ -47,7 +47,7 @@ def along_z(direction: Real) -> Real:
     sine = float(np.linalg.norm(axis))
     if sine < 1e-12:
         return np.diag([1.0, 1.0, 1.0]) if direction[2] > 0.0 else np.diag([1.0, -1.0, -1.0])
-    return turned(axis / sine, math.atan2(sine, float(direction[2])))
+    return turn(axis / sine, math.atan2(sine, float(direction[2])))
 
 
 def accelerations(links: NDArray[np.void], joints: Real) -> None:

@@ -10,23 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, progress
-from hil.cli.console import ExitStatus, exit_on_error, say_page
-from hil.cli.options import JsonOption
+from drive_profiles.cli.console import progress
+from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, say_page
+from hil.cli.options import JsonOption, bit_rate_from
 
 if TYPE_CHECKING:
     from drive_profiles.eds.description import Description
     from hil.logs.explain import Explanation
 
-EXPLAIN_EPILOG = epilog(
-    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
-    {
-        ExitStatus.DONE: "no fault found",
-        ExitStatus.FILE: "no log, or a bad device description",
-        ExitStatus.NOT_MET: "something is wrong",
-        ExitStatus.INTERRUPTED: "interrupted",
-    },
-)
+EXPLAIN_EPILOG = epilog_without_motion({
+    ExitStatus.DONE: "no fault found",
+    ExitStatus.FILE: "no log, or a bad device description",
+    ExitStatus.NOT_MET: "something is wrong",
+})  # fmt: skip
 
 
 @command(epilog=EXPLAIN_EPILOG)
@@ -60,7 +56,7 @@ def explain(
         from hil.logs.explain import explain as explained
         from hil.logs.opening import open_log
 
-        rate = _bitrate(bitrate)
+        rate = bit_rate_from(bitrate)
         known = dict(description_from(text) for text in description or [])
         size = log.stat().st_size if log.is_file() else 0
         with progress(f"reading {log.name}", size) as advance:
@@ -85,22 +81,6 @@ def explain(
             say_page(write_explanation(page, found, made))
         if found.findings:
             raise typer.Exit(ExitStatus.NOT_MET)
-
-
-def _bitrate(text: str | None) -> int | None:
-    """A bit rate as a bus address spells it.
-
-    Raises:
-        typer.BadParameter: It is none.
-    """
-    from drive_profiles.address import AddressError, parse_bit_rate
-
-    if text is None:
-        return None
-    try:
-        return parse_bit_rate(text)
-    except AddressError as error:
-        raise typer.BadParameter(str(error), param_hint="--bitrate") from None
 
 
 def description_from(text: str) -> tuple[int, "Description"]:

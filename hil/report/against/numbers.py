@@ -9,9 +9,9 @@ from hil.control.order_keys import amplitude_key, phase_key
 from hil.report.against.alike import RunPair
 from hil.report.material import Material, run_name, treatment_name, worst_of
 from hil.report.order_names import symbol_of
-from hil.report.report_table import NONE, Cell, ReportTable, number, value_and_error
+from hil.report.report_table import NONE, Cell, ReportTable, number, with_error
 from hil.results.ate import AteResult
-from hil.results.plant import PlantResult
+from hil.results.plant import PARAMETERS, PlantResult
 from hil.results.runs import RunEntry
 
 CERTAIN = 2.0
@@ -148,20 +148,15 @@ def _values(part: IdentifiedError) -> dict[str, float]:
     }
 
 
-def plant_numbers(new: PlantResult, old: PlantResult, names: tuple[tuple[str, str, str, float], ...]) -> Iterator[NumberPair]:
-    """Parameters of two plants; none if one has no plant.
-
-    Args:
-        new: The new result.
-        old: The old result.
-        names: Name in the result, name on the page, unit there, and how many of those make one of the result's.
-    """
+def plant_numbers(new: PlantResult, old: PlantResult) -> Iterator[NumberPair]:
+    """Parameters of two plants; none if one has no plant."""
     own, other = new.parameters or {}, old.parameters or {}
-    for name, title, unit, scale in names:
-        before, after = other.get(name), own.get(name)
+    for each in PARAMETERS:
+        before, after = other.get(each.name), own.get(each.name)
         if before is not None and after is not None:
-            errors = scale * before.standard_error, scale * after.standard_error
-            yield NumberPair(f"axis {new.axis}: plant", title, unit, scale * before.value, scale * after.value, *errors)
+            values = each.scale * before.value, each.scale * after.value
+            errors = each.scale * before.standard_error, each.scale * after.standard_error
+            yield NumberPair(f"axis {new.axis}: plant", each.title, each.page_unit, *values, *errors)
 
 
 def numbers_table(pairs: list[NumberPair]) -> ReportTable:
@@ -173,21 +168,15 @@ def numbers_table(pairs: list[NumberPair]) -> ReportTable:
             continue
         if not groups or list(groups.values())[-1] != pair.group:
             groups[len(rows)] = pair.group
-        rows.append([pair.name, _value(pair.old, pair.old_error), _value(pair.new, pair.new_error), pair.unit, *_told(pair)])
+        rows.append(
+            [pair.name, with_error(pair.old, pair.old_error), with_error(pair.new, pair.new_error), pair.unit, *_told(pair)]
+        )
     caption = (
         f"A difference is beyond chance if it exceeds {CERTAIN:g} of its standard errors. A number without a standard error is "
         "not judged: one run of each does not show how much runs differ."
     )
     header = ("", "old", "new", "unit", "difference", "beyond chance")
     return ReportTable("numbers", "Old and new", "", header, rows, frozenset({0, 3, 5}), caption, groups=groups)
-
-
-def _value(value: float | None, error: float | None) -> str:
-    if value is None:
-        return NONE
-    if error is None or not error > 0.0:
-        return number(value, "{:.4g}")
-    return " ± ".join(value_and_error(value, error))
 
 
 def _told(pair: NumberPair) -> tuple[str, str]:
@@ -199,7 +188,7 @@ def _told(pair: NumberPair) -> tuple[str, str]:
     if error is None:
         percent = "" if not pair.old or pair.is_angle else f" ({100.0 * difference / abs(pair.old):+.1f} %)"
         return number(difference, "{:+.4g}") + percent.replace("-", "−"), NONE
-    text = " ± ".join(value_and_error(difference, error))
+    text = with_error(difference, error)
     told = f"{'yes' if pair.is_beyond else 'no'}: {abs(difference) / error:.1f} standard errors"
     return text if difference < 0.0 else f"+{text}", told
 

@@ -18,7 +18,6 @@ from hil.report.against.numbers import (
     run_numbers,
 )
 from hil.report.against.settings import Setting, differing, settings_table
-from hil.report.figures.plant import PARAMETERS
 from hil.report.material import Material, run_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, moment_text, render
@@ -105,7 +104,7 @@ def _content(new: MeasuredResult, old: MeasuredResult, directory: Path, old_dire
         return _Content(list(error_numbers(new, old)), drawings, [], _not_identified(new.ate, old.ate))
     if isinstance(new, PlantResult) and isinstance(old, PlantResult):
         drawings = [each for each in (figures.response_figure(new, old),) if each is not None]
-        return _Content(list(plant_numbers(new, old, PARAMETERS)), drawings, [], _not_identified(new.parameters, old.parameters))
+        return _Content(list(plant_numbers(new, old)), drawings, [], _not_identified(new.parameters, old.parameters))
     return _of_runs(Material(directory), Material(old_directory))
 
 

@@ -1,6 +1,7 @@
 """Figures of a comparison: vibration with every treatment, and peaks."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -22,10 +23,8 @@ from hil.report.plotted_run import (
     finish_vibration,
     key_end,
     limit_m_s2,
-    line_words,
     plotted_run,
-    shade_line,
-    shade_speeds,
+    shade_judged,
     shown_acceleration,
     window_words,
 )
@@ -40,123 +39,113 @@ MAPPED = 6
 BEHIND: style.Line = {"color": style.ORANGE, "linestyle": "-", "linewidth": 0.9, "alpha": 0.75}
 
 
-def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
-    """Draw the band-passed tip acceleration of all treatments, with the limit.
+@dataclass(frozen=True)
+class ComparedMotion:
+    """Figures of a motion of a robot with every treatment.
 
-    Args:
+    Attributes:
         robot: Robot of the comparison.
         material: Result and recordings of its runs.
         experiment: Name of the experiment.
-        axis: Axis of a constant-acceleration run, else None.
+        axis: Axis of a motion of one axis, else None.
         several: True if the comparison has more than one robot.
     """
-    runs = _drawn(robot, material, experiment, axis)
-    if len(runs) < 2:
-        return None
-    key = f"vibration-{robot.directory}-{key_of(experiment, axis)}"
-    f_al, band = material.f_al(axis), material.band_hz(axis)
-    overlaid = len(runs) <= OVERLAID
-    svg = _overlay(material, runs, axis, f_al, key) if overlaid else _multiples(material, runs, axis, f_al, key)
-    case = case_name(experiment, axis)
-    title = f"{robot.name}, {case}: tip vibration" if several else f"{case.capitalize()}: tip vibration"
-    window = f"Shaded: {line_words(material)}, in which it is judged." if axis is None else window_words(material, axis)
-    limit = (
-        _without_f_al(material)
-        if f_al is None
-        else f"Dotted: the specification of ±{robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
-    )
-    below = " Below: their envelopes, which separate lines that overlap above." if overlaid else ""
-    behind = below if overlaid else " Orange, behind each: no treatment, with the loop closed in the same place."
-    return Drawing(
-        key,
-        title,
-        "",
-        "measured",
-        f"{direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase. "
-        f"{window} {limit}{behind}",
-        svg,
-    )
+
+    robot: ComparisonRobot
+    material: Material
+    experiment: str
+    axis: int | None
+    several: bool
+
+    @property
+    def key(self) -> str:
+        """End of the keys of its figures and tables."""
+        return f"{self.robot.directory}-{key_of(self.experiment, self.axis)}"
+
+    @property
+    def title(self) -> str:
+        """Beginning of the titles of its figures and tables."""
+        case = case_name(self.experiment, self.axis)
+        return f"{self.robot.name}, {case}" if self.several else f"{case[0].upper()}{case[1:]}"
+
+    @cached_property
+    def runs(self) -> list[tuple[ComparisonRow, PlottedRun]]:
+        """Rows of the motion with their recorded runs."""
+        case = self.experiment, self.axis
+        rows = [row for row in self.robot.rows if (row.experiment, row.axis) == case and row.recording is not None]
+        found = ((row, self.material.find(*case, row.treatment, row.loop)) for row in rows)
+        drawn = ((row, plotted_run(self.material, one, treatment_words(row), style.WITH)) for row, one in found)
+        return [(row, run) for row, run in drawn if run is not None]
+
+    def vibration(self) -> Drawing | None:
+        """Draw the band-passed tip acceleration of all treatments, with the limit."""
+        if len(self.runs) < 2:
+            return None
+        key, material, axis = f"vibration-{self.key}", self.material, self.axis
+        f_al, band = material.f_al(axis), material.band_hz(axis)
+        overlaid = len(self.runs) <= OVERLAID
+        limit = (
+            _without_f_al(material)
+            if f_al is None
+            else f"Dotted: the specification of ±{self.robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
+        )
+        below = " Below: their envelopes, which separate lines that overlap above." if overlaid else ""
+        behind = below if overlaid else " Orange, behind each: no treatment, with the loop closed in the same place."
+        return Drawing(
+            key,
+            f"{self.title}: tip vibration",
+            "",
+            "measured",
+            f"{direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase. "
+            f"{window_words(material, axis)} {limit}{behind}",
+            (_overlay if overlaid else _multiples)(material, self.runs, axis, f_al, key),
+        )
+
+    def orders(self) -> list[Drawing]:
+        """Draw order maps of a ramp with each treatment.
+
+        Each figure has several maps; an empty list for other motions.
+        """
+        if self.axis is None:
+            return []
+        runs = [(run.label, run.recording) for _, run in self.runs]
+        title = f"{f'{self.robot.name}, axis' if self.several else 'Axis'} {self.axis}: which order shakes the tip"
+        parts = [runs[start : start + MAPPED] for start in range(0, len(runs), MAPPED)]
+        resonance = MarkedResonance(self.material.f_al(self.axis))
+        made = [
+            order_maps(f"orders-{self.key}{key_end(number)}", title, part, self.axis, resonance)
+            for number, part in enumerate(parts)
+        ]
+        return [drawing for drawing in made if drawing is not None]
+
+    def directions(self) -> Drawing | None:
+        """Draw the tip along x, y and z with the first treatments.
+
+        On a bench with an arm; None without a vector.
+        """
+        looked = [replace(run, look=look) for (_, run), look in zip(self.runs, style.OVERLAY_LINES, strict=False)]
+        title = f"{self.title[0].upper()}{self.title[1:]}: the tip along x, y and z"
+        return directions_of(self.material, looked, self.axis, f"directions-{self.key}", title)
+
+    def arm(self) -> list[Drawing]:
+        """Draw the arm along its line and at its resonances.
+
+        Without treatment and with the best one; an empty list for other motions.
+        """
+        if self.experiment != LINE_MOTION:
+            return []
+        name = self.robot.directory
+        made = arm_along_line(self.material, f"arm-line-{name}"), arm_swinging(self.material, f"arm-resonances-{name}")
+        drawn = [each for each in made if each is not None]
+        if not self.several:
+            return drawn
+        return [replace(each, title=f"{self.robot.name}: {each.title[0].lower()}{each.title[1:]}") for each in drawn]
 
 
 def _without_f_al(material: Material) -> str:
     if material.bench.arm is not None:
         return "The peaks of the displacement, which is the acceleration integrated twice, are in the table."
     return "Without a model the specification cannot be converted to an acceleration."
-
-
-def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> list[Drawing]:
-    """Draw order maps of a ramp with each treatment.
-
-    Each figure has several maps; an empty list for other motions.
-
-    Args:
-        robot: Robot of the comparison.
-        material: Result and recordings of its runs.
-        experiment: Name of the experiment.
-        axis: Axis of a constant-acceleration run, else None.
-        several: True if the comparison has more than one robot.
-    """
-    if axis is None:
-        return []
-    drawn = [run for _, run in _drawn(robot, material, experiment, axis)]
-    runs = [(run.label, run.recording) for run in drawn]
-    title = f"{robot.name}, axis" if several else "Axis"
-    key = f"orders-{robot.directory}-{key_of(experiment, axis)}"
-    parts = [runs[start : start + MAPPED] for start in range(0, len(runs), MAPPED)]
-    resonance = MarkedResonance(material.f_al(axis))
-    made = [
-        order_maps(f"{key}{key_end(number)}", f"{title} {axis}: which order shakes the tip", part, axis, resonance)
-        for number, part in enumerate(parts)
-    ]
-    return [drawing for drawing in made if drawing is not None]
-
-
-def directions(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
-    """Draw the tip along x, y and z with the first treatments.
-
-    On a bench with an arm; None without a vector.
-
-    Args:
-        robot: Robot of the comparison.
-        material: Result and recordings of its runs.
-        experiment: Name of the experiment.
-        axis: Axis of a constant-acceleration run, else None.
-        several: True if the comparison has more than one robot.
-    """
-    drawn = _drawn(robot, material, experiment, axis)
-    looked = [replace(run, look=look) for (_, run), look in zip(drawn, style.OVERLAY_LINES, strict=False)]
-    title = f"{f'{robot.name}, ' if several else ''}{case_name(experiment, axis)}: the tip along x, y and z"
-    key = f"directions-{robot.directory}-{key_of(experiment, axis)}"
-    return directions_of(material, looked, axis, key, title[0].upper() + title[1:])
-
-
-def arm(robot: ComparisonRobot, material: Material, experiment: str, *, several: bool) -> list[Drawing]:
-    """Draw the arm along its line and at its resonances.
-
-    Without treatment and with the best one; an empty list for other motions.
-
-    Args:
-        robot: Robot of the comparison.
-        material: Result and recordings of its runs.
-        experiment: Name of the experiment.
-        several: True if the comparison has more than one robot.
-    """
-    if experiment != LINE_MOTION:
-        return []
-    made = [arm_along_line(material, f"arm-line-{robot.directory}"), arm_swinging(material, f"arm-resonances-{robot.directory}")]
-    drawn = [each for each in made if each is not None]
-    if not several:
-        return drawn
-    return [replace(each, title=f"{robot.name}: {each.title[0].lower()}{each.title[1:]}") for each in drawn]
-
-
-def _drawn(
-    robot: ComparisonRobot, material: Material, experiment: str, axis: int | None
-) -> list[tuple[ComparisonRow, PlottedRun]]:
-    """Return the rows of a motion with their recorded runs."""
-    rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
-    found = ((row, material.find(experiment, axis, row.treatment, row.loop)) for row in rows)
-    return [(row, run) for row, one in found if (run := plotted_run(material, one, treatment_words(row), style.WITH)) is not None]
 
 
 def _label(row: ComparisonRow) -> str:
@@ -173,11 +162,10 @@ def _shade(material: Material, panel: Axes, axis: int | None, recording: Recordi
     The time begins before the window of the fourth harmonic and ends behind that of the second.
     """
     time = recording.time_s
+    shade_judged(material, panel, axis, recording)
     if axis is None:
-        shade_line(material, panel, recording)
         panel.set_xlim(float(time[0]), float(time[-1]))
         return
-    shade_speeds(material, axis, recording, panel, with_names=False)
     speed = np.abs(motor_speed_rps(recording, axis))
     rising = np.arange(len(speed)) < int(np.argmax(speed))
     fourth, second = material.window_rps(axis, 4), material.window_rps(axis, 2)

@@ -17,7 +17,18 @@ from hil.design.speed_margins import FINE_BAND
 from hil.experiments.judge import scale_at
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
-from hil.report.figures.notch import FAMILY, FEW, colour_bar, draw_critical_point, draw_worst, mark_own_harmonic, speed_norm
+from hil.report.figures.notch import (
+    FAMILY,
+    FEW,
+    colour_bar,
+    draw_critical_point,
+    draw_family,
+    draw_margins,
+    draw_required_margins,
+    draw_worst,
+    on_the_line_db,
+    speed_norm,
+)
 from hil.report.style import Drawing, Real
 
 SHOWN_FREQUENCIES = (0.34, 2.2)
@@ -56,21 +67,14 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
     for column, notch in enumerate(own):
         gain, arm, line = panels[:, column]
         bound = _bound(outcome, notch.order, frequency)
-        for speed in np.linspace(notch.start_rps, notch.end_rps, FEW):
-            colour = style.SPEED_COLOURS(norm(speed))
-            response = style.decibel(loop.acceleration_per_transmission_error(frequency, float(speed)))
-            gain.plot(frequency, style.decibel(loop.notch_response(frequency, float(speed))), color=colour, linewidth=0.8)
-            arm.plot(frequency, response, color=colour, linewidth=0.8)
-            here = notch.order * float(speed)
-            mark_own_harmonic(arm, here, float(np.interp(here, frequency, response)), colour)
+        draw_family(gain, arm, loop, notch, norm, frequency)
         arm.plot(frequency, bound, **style.CONSTRAINT)
         bare = outcome.loop().acceleration_per_transmission_error(frequency)
         arm.plot(frequency, style.decibel(bare), **style.WITHOUT)
         _on_the_line(outcome, line, notch.order)
         gain.set_title(f"k = {notch.order}")
         for panel in (gain, arm):
-            panel.set_xlim(*shown)
-            panel.set_xlabel("Frequency (Hz)")
+            panel.set(xlim=shown, xlabel="Frequency (Hz)")
         line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
     for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB)"), strict=True):
         panel.set_ylabel(name)
@@ -93,9 +97,7 @@ def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
     speeds = np.linspace(0.25 * low_hz / order, min(outcome.problem.speed_limit_rps, high_hz / order), 361)
     line = order * speeds
     for name, verdict, look in verdicts(outcome):
-        loop = outcome.loop(verdict.notches)
-        gain = [loop.acceleration_per_transmission_error(np.array([f]), float(v))[0] for f, v in zip(line, speeds, strict=True)]
-        panel.plot(line, style.decibel(np.array(gain)), label=name, **look)
+        panel.plot(line, on_the_line_db(outcome.loop(verdict.notches), order, speeds), label=name, **look)
     panel.plot(line, _bound(outcome, order, line), label="constraint (5)", **style.CONSTRAINT)
     panel.set_xlim(low_hz, high_hz)
     panel.set_ylim(bottom=style.decibel(np.array([(2.0 * math.pi * low_hz) ** 2]))[0] - 3.0)
@@ -170,19 +172,12 @@ def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
     figure, panels = style.panels(1, 3, 2.6, sharex=True)
     requirements = outcome.problem.requirements
     for name, verdict, look in verdicts(outcome):
-        speeds = list(verdict.margins)
-        for panel, attribute in zip(panels[0], ("sensitivity_peak", "gain_margin_db", "phase_margin_deg"), strict=True):
-            values = [getattr(one, attribute) for one in verdict.margins.values()]
-            panel.plot(speeds, [value if math.isfinite(value) else math.nan for value in values], label=name, **look)
+        draw_margins(panels[0], verdict.margins, label=name, **look)
+    draw_required_margins(panels[0], requirements, outcome.problem.speed_limit_rps, "asked")
     limits = (requirements.max_sensitivity, requirements.gain_margin_db, requirements.phase_margin_deg)
     for column, (panel, limit) in enumerate(zip(panels[0], limits, strict=True)):
-        panel.axhline(limit, label="asked", **style.LIMIT)
-        panel.set_xlabel("Motor speed $f_m$ (rev/s)")
-        panel.set_xlim(0.0, outcome.problem.speed_limit_rps)
         bottom, top = panel.get_ylim()
         panel.set_ylim(1.0 if column == 0 else 0.0, max(top, 1.1 * limit) if column else max(top, limit + 0.1, bottom + 0.2))
-    for panel, name in zip(panels[0], ("$M_s$ (–)", "Gain margin (dB)", "Phase margin (°)"), strict=True):
-        panel.set_ylabel(name)
     style.legend_above(figure, panels[0, 0])
     return Drawing(
         "margins",

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from hil.analysis import Direction
 from hil.report import style
 from hil.report.material import Material
-from hil.report.plotted_run import PlottedRun, line_words, number_or_nothing, shade_line, shade_speeds, shown_runs, window_words
+from hil.report.plotted_run import PlottedRun, number_or_nothing, shade_judged, shown_runs, window_words
 from hil.report.style import Drawing
 from hil.tip_vector import displacement_mm, tip_acceleration
 
@@ -51,16 +51,12 @@ def directions_of(material: Material, drawn: list[PlottedRun], axis: int | None,
             _draw(panel, run, SHOWN.index(name), scale.band_hz)
         for sign in (1.0, -1.0):
             panel.axhline(sign * limit, **style.LIMIT)
-        if axis is None:
-            shade_line(material, panel, runs[-1].recording)
-        else:
-            shade_speeds(material, axis, runs[-1].recording, panel, with_names=False)
+        shade_judged(material, panel, axis, runs[-1].recording)
         panel.set_ylabel(f"Tip along {name} (mm)")
         panel.legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=min(len(runs), 3), borderaxespad=0.1
         )  # above: curves fill the panel
     panels[-1, 0].set_xlabel("Time (s)")
-    shaded = f"Shaded: {line_words(material)}, in which it is judged." if axis is None else window_words(material, axis)
     return Drawing(
         key,
         title,
@@ -68,7 +64,7 @@ def directions_of(material: Material, drawn: list[PlottedRun], axis: int | None,
         "measured",
         f"Displacement of the tip in the base frame: its acceleration from {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz, "
         f"integrated twice. Dotted: the specification of ±{limit:g} mm, which holds for every direction. "
-        f"{shaded}{_worst(runs)}",
+        f"{window_words(material, axis)}{_worst(runs)}",
         style.to_svg(figure, key, is_zoomable=True),
     )
 

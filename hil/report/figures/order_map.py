@@ -85,7 +85,7 @@ def order_maps(
         panel.set_xlabel("Motor speed (rev/s)")
     for row, panel in enumerate(panels[:, 0]):
         panel.set_ylabel("Frequency (Hz)" if has_frequencies and row % 2 else "Order k (per turn)")
-    _scale(figure, panels, levels)
+    draw_colour_scale(figure, panels, levels, "Tip acceleration (m/s²)", aspect=40)
     dashed = (
         f"{resonance.symbol} of this axis is not known: its resonance is not drawn."
         if resonance.hz is None
@@ -145,8 +145,8 @@ def _longest_rise(speed_rps: Real) -> tuple[int, int]:
 def _draw(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance) -> None:
     amplitude = np.ma.masked_invalid(found.amplitude.T)
     panel.grid(visible=False)  # the lowest colour would cover it in parts
-    panel.contourf(found.speed_rps, found.orders, amplitude, levels=levels, colors=_colours())
-    keep_map(panel, found.speed_rps, found.orders, found.amplitude, float(levels[-1]), tuple(_colours()))
+    panel.contourf(found.speed_rps, found.orders, amplitude, levels=levels, colors=level_colours())
+    keep_map(panel, found.speed_rps, found.orders, found.amplitude, float(levels[-1]), tuple(level_colours()))
     low, high = float(found.speed_rps[0]), float(found.speed_rps[-1])
     speeds = np.linspace(low, high, 200)
     for frequency in FREQUENCIES_HZ:
@@ -167,8 +167,8 @@ def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, resonance: Mar
     speeds, orders = np.meshgrid(found.speed_rps, found.orders, indexing="ij")
     amplitude = np.ma.masked_invalid(found.amplitude)
     panel.grid(visible=False)
-    panel.contourf(speeds, orders * speeds, amplitude, levels=levels, colors=_colours())
-    keep_map(panel, found.speed_rps, orders * speeds, found.amplitude, float(levels[-1]), tuple(_colours()))
+    panel.contourf(speeds, orders * speeds, amplitude, levels=levels, colors=level_colours())
+    keep_map(panel, found.speed_rps, orders * speeds, found.amplitude, float(levels[-1]), tuple(level_colours()))
     low, high = float(found.speed_rps[0]), float(found.speed_rps[-1])
     top = min(TOP_HZ, float(found.orders[-1]) * high)
     for order in RAYS:
@@ -208,16 +208,17 @@ def _hyperbola(panel: Axes, speeds: Real, frequency_hz: float, name: str, look: 
     )  # fmt: skip
 
 
-def _colours() -> list[str]:
-    """From the page's ground to the strongest colour."""
+def level_colours() -> list[str]:
+    """Colours of `LEVELS` steps, from the page's ground to the strongest."""
     steps = np.linspace(0, len(palette.SPEEDS) - 1, LEVELS - 1).round().astype(int)
     return [style.PAPER, *(palette.SPEEDS[step].day for step in steps)]
 
 
-def _scale(figure: Figure, panels: style.Panels, levels: Real) -> None:
-    """Legend of the colours: the levels as a bar beside the panels."""
-    colours = ListedColormap(_colours(), "order map")
-    bar = figure.colorbar(ScalarMappable(BoundaryNorm(levels, colours.N), colours), ax=list(panels.flat), aspect=40, pad=0.02)
-    bar.set_label("Tip acceleration (m/s²)")
+def draw_colour_scale(figure: Figure, panels: style.Panels, levels: Real, name: str, aspect: int) -> None:
+    """Draw a legend of the colours: the levels as a bar beside the panels."""
+    colours = ListedColormap(level_colours(), "order map")
+    scale = ScalarMappable(BoundaryNorm(levels, colours.N), colours)
+    bar = figure.colorbar(scale, ax=list(panels.flat), aspect=aspect, pad=0.02)
+    bar.set_label(name)
     bar.ax.set_yticks(levels[::3], [f"{level:.2g}" for level in levels[::3]])
     bar.ax.grid(visible=False)

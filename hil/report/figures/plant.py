@@ -13,29 +13,8 @@ from hil.report import style
 from hil.report.origin import origin_of
 from hil.report.report_table import Cell, Mark, ReportTable, value_and_error
 from hil.report.style import Drawing
-from hil.results.plant import FrequencyResponseEntry, PlantResult
+from hil.results.plant import PARAMETERS, FrequencyResponseEntry, PlantResult
 
-PARAMETERS = (
-    ("motor_inertia_kg_m2", "J_m, motor", "kg·cm²", 1e4),
-    ("arm_inertia_kg_m2", "J_l, arm", "kg·m²", 1.0),
-    ("gear_stiffness_nm_rad", "K_g, gear", "kN·m/rad", 1e-3),
-    ("gear_damping_nm_s_rad", "D_g, gear", "N·m·s/rad", 1.0),
-    ("motor_damping_nm_s_rad", "D_m, motor", "mN·m·s/rad", 1e3),
-    ("arm_damping_nm_s_rad", "D_l, arm", "N·m·s/rad", 1.0),
-    ("viscous_damping_nm_s_rad", "D_m + D_l/N²", "mN·m·s/rad", 1e3),
-    ("antiresonance_hz", "f_a, anti-resonance", "Hz", 1.0),
-    ("resonance_hz", "f_r, resonance", "Hz", 1.0),
-    ("damping", "ζ of the arm on its gear", "", 1.0),
-    ("friction_coulomb_nm", "Coulomb friction, from slow turns", "N·m", 1.0),
-    ("friction_viscous_nm_s_rad", "Slope of the friction, from slow turns", "mN·m·s/rad", 1e3),
-    ("gravity_moment_nm", "m g l, gravity at the arm", "N·m", 1.0),
-    ("gravity_phase_deg", "q_0 in m g l cos(θ_l + q_0)", "°", 1.0),
-    ("lever_ratio", "Tip lever, measured over the bench file's", "", 1.0),
-    ("torque_age_s", "Age of the reported torque", "µs", 1e6),
-    ("torque_lag_s", "Lag of the current loop", "µs", 1e6),
-    ("accelerometer_delay_s", "Delay of the tip's signal", "µs", 1e6),
-)
-"""Name in the result, name on the page, its unit there, and how many of those make one of the result's."""
 MOST_PERCENT = 100.0
 """Standard error in percent of a value above which the number says nothing."""
 WHOLE_PERCENT = 10.0
@@ -55,12 +34,12 @@ def parameters(result: PlantResult) -> ReportTable | None:
     if values is None or plan is None:
         return None
     rows: list[list[Cell]] = []
-    for name, title, unit, scale in PARAMETERS:
-        if name not in values:
+    for each in PARAMETERS:
+        if each.name not in values:
             continue
-        value, error = values[name].value, values[name].standard_error
+        value, error = values[each.name].value, values[each.name].standard_error
         relative = 100.0 * error / abs(value) if value else math.inf
-        rows.append([title, *value_and_error(scale * value, scale * error), unit, _percent(relative)])
+        rows.append([each.title, *value_and_error(each.scale * value, each.scale * error), each.page_unit, _percent(relative)])
     return ReportTable(
         "parameters", "Parameters", "", ("Parameter", "Value", "Standard error", "Unit", "Relative"), rows,
         frozenset({0, 3}),

@@ -5,20 +5,18 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap
 
 from hil.control.order_keys import amplitude_key, phase_key
-from hil.report import palette, style
+from hil.recording import load_columns
+from hil.report import style
+from hil.report.figures.order_map import LEVELS, draw_colour_scale, level_colours
 from hil.report.order_names import BY_ORDER, symbol
 from hil.report.report_table import Cell, ReportTable, number, value_and_error
 from hil.report.style import Drawing, Real
-from hil.results.columns import load_columns
 from hil.results.files import load_result
 from hil.results.recorded_ate import SIGNAL_UNIT, Form, OrderEntry, RecordedAteResult, RecordedStretch
 
 NAMED_PEAKS = 6
-MAP_LEVELS = 9
 MOST_BINS = 16
 LEAST_SPEED_RANGE = 0.15
 """Range of the speeds, by the highest, from which a map over the speed says anything."""
@@ -134,22 +132,16 @@ def speed_map(material: RecordedMaterial) -> Drawing | None:
         return None
     amplitude = np.sqrt(total[there] / count[there])
     key = f"order-map-axis{material.result.axis}"
-    levels = np.linspace(0.0, float(np.max(amplitude)), MAP_LEVELS + 1)
-    steps = np.linspace(0, len(palette.SPEEDS) - 1, MAP_LEVELS - 1).round().astype(int)
-    colours = [style.PAPER, *(palette.SPEEDS[step].day for step in steps)]
+    levels = np.linspace(0.0, float(np.max(amplitude)), LEVELS + 1)
     figure, panels = style.panels(1, 1, 3.4)
     panel = panels[0, 0]
-    panel.contourf(centres, orders, amplitude.T, levels=levels, colors=colours)
+    panel.contourf(centres, orders, amplitude.T, levels=levels, colors=level_colours())
     panel.plot(centres, np.full(len(centres), float(orders[0])), "|", color=style.BLACK, markersize=7, clip_on=False)
     panel.set(xlim=(float(centres[0]), float(centres[-1])), ylim=(float(orders[0]), float(orders[-1])))
     panel.set_yticks(range(1, 11))
     panel.set_xlabel("Motor speed (rev/s)")
     panel.set_ylabel("Order k (per motor revolution)")
-    shown = ListedColormap(colours, "order map")
-    bar = figure.colorbar(ScalarMappable(BoundaryNorm(levels, shown.N), shown), ax=panel, aspect=30, pad=0.02)
-    bar.set_label(f"Amplitude ({material.unit})")
-    bar.ax.set_yticks(levels[::3], [f"{level:.2g}" for level in levels[::3]])
-    bar.ax.grid(visible=False)
+    draw_colour_scale(figure, panels, levels, f"Amplitude ({material.unit})", aspect=30)
     return Drawing(
         key,
         f"Orders of axis {material.result.axis} over the speed",

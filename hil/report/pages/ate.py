@@ -17,7 +17,8 @@ def page_of(directory: Path, result: AteResult) -> Page:
     """Return the page of a directory that `hil identify ate` has filled."""
     material = AteMaterial(directory)
     head = PageHead.of(result, f"Transmission error of axis {material.axis}")
-    return Page(head, verdict(material), sections(material), provenance=provenance(material))
+    lines = bench_lines(result.bench, ("Known before", result.known_before.source))
+    return Page(head, verdict(material), sections(material), provenance=lines)
 
 
 def sections(material: AteMaterial) -> list[Section]:
@@ -83,8 +84,3 @@ def verdict(material: AteMaterial) -> PageVerdict:
     if result.is_within_goal:
         return PageVerdict("good", "✔", "The transmission error is identified", (numbers, *details))
     return PageVerdict("open", "▲", "The transmission error is less certain than requested", (numbers, *details))
-
-
-def provenance(material: AteMaterial) -> list[tuple[str, str]]:
-    """Bench, instant and versions of the runs."""
-    return bench_lines(material.result.bench, ("Known before", material.result.known_before.source))

@@ -5,8 +5,8 @@ from pathlib import Path
 from drive_profiles.errors import FileError
 from hil.bench.bench import load_bench
 from hil.experiments.treatment import TITLES
-from hil.report.figures import compare as figures_compare
 from hil.report.figures import shapers as figures_shapers
+from hil.report.figures.compare import ComparedMotion, peaks
 from hil.report.material import POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, filled_sections, versions_text
@@ -16,7 +16,7 @@ from hil.report.tables import compare as tables_compare
 from hil.report.tables.compare import case_name, cases
 from hil.report.tables.directions import directions as direction_table
 from hil.report.tables.shapers import shapers as shaper_table
-from hil.results.comparison import ComparisonRobot, ComparisonRow, TourResult, TreatmentTable
+from hil.results.comparison import ComparisonRow, TourResult, TreatmentTable
 
 
 def page_of(directory: Path, result: TreatmentTable) -> Page:
@@ -29,7 +29,7 @@ def page_of(directory: Path, result: TreatmentTable) -> Page:
         result.started_utc,
         tuple(_notes(materials)),
         heading=result.tour.heading if isinstance(result, TourResult) else "Treatments side by side",
-        aftermath=tuple(_aftermath(result)),
+        aftermath=tuple(f"{robot.name}: {sentence}" for robot in result.robots for sentence in robot.aftermath),
         origin=origin_of_table(result),
     )
     return Page(head, verdict(result), chapters, cards(result), provenance(result))
@@ -55,10 +55,6 @@ def _notes(materials: dict[str, Material | None]) -> list[str]:
     return [note for material in materials.values() if material is not None for note in material.notes]
 
 
-def _aftermath(result: TreatmentTable) -> list[str]:
-    return [f"{robot.name}: {sentence}" for robot in result.robots for sentence in robot.aftermath]
-
-
 def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> list[Section]:
     """All chapters for which there is data."""
     several = len(result.robots) > 1
@@ -69,7 +65,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
             [
                 tables_compare.overview(result),
                 tables_compare.claims(result),
-                *(figures_compare.peaks(result, robot) for robot in result.robots),
+                *(peaks(result, robot) for robot in result.robots),
             ],
         ),
     ]
@@ -77,13 +73,12 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
         items: list[Drawing | ReportTable | None] = [tables_compare.experiment(result, experiment, axis)]
         for robot in result.robots:
             material = materials[robot.directory]
-            if material is not None:
-                items += _shaped(robot, material, experiment, axis, several=several)
-            if material is not None and experiment != POINT_TO_POINT:
-                items.append(figures_compare.vibration(robot, material, experiment, axis, several=several))
-                items.append(figures_compare.directions(robot, material, experiment, axis, several=several))
-                items += figures_compare.arm(robot, material, experiment, several=several)
-                items += figures_compare.orders(robot, material, experiment, axis, several=several)
+            if material is None:
+                continue
+            motion = ComparedMotion(robot, material, experiment, axis, several)
+            items += _shaped(motion)
+            if experiment != POINT_TO_POINT:
+                items += [motion.vibration(), motion.directions(), *motion.arm(), *motion.orders()]
         title = case_name(experiment, axis).capitalize()
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
     vectors = [direction_table(each, f"directions-{name}") for name, each in materials.items() if each is not None]
@@ -95,17 +90,14 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
     return filled_sections(chapters)
 
 
-def _shaped(
-    robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool
-) -> list[Drawing | ReportTable | None]:
+def _shaped(motion: ComparedMotion) -> list[Drawing | ReportTable | None]:
     """Return tables and figures of the shapers for one motion.
 
     Their table, the tip after a stop, and the residual over the frequency.
     """
-    key, name = f"{robot.directory}-{tables_compare.key_of(experiment, axis)}", f"{robot.name}, " if several else ""
+    material, experiment, axis = motion.material, motion.experiment, motion.axis
+    key, case = motion.key, f"{motion.title[0].upper()}{motion.title[1:]}"
     runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
-    case = f"{name}{case_name(experiment, axis)}"
-    case = case[0].upper() + case[1:]
     made: list[Drawing | ReportTable | None] = [
         shaper_table(runs, f"shapers-{key}", f"{case}: remaining vibration and cost of the shapers")
     ]
@@ -115,16 +107,9 @@ def _shaped(
     return made
 
 
-def _judged_rows(result: TreatmentTable) -> list[tuple[str, ComparisonRow]]:
-    """Every row that was judged, with its robot."""
-    return [
-        (robot.directory, row) for robot in result.robots for row in robot.rows if row.within_spec is not None
-    ]  # fmt: skip
-
-
 def verdict(result: TreatmentTable) -> PageVerdict:
     """Verdict: the treatment that keeps the specification everywhere."""
-    judged = _judged_rows(result)
+    judged = [(robot.directory, row) for robot in result.robots for row in robot.rows if row.within_spec is not None]
     everywhere = {(robot, row.experiment, row.axis) for robot, row in judged}
     limits = {robot.tip_mm for robot in result.robots}
     limit = f"±{next(iter(limits)):g} mm" if len(limits) == 1 else "its specification"

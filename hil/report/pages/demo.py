@@ -17,11 +17,11 @@ from hil.report.figures import (
     following,
     identification,
     model,
-    notch,
     order_map,
     shapers,
     suppression,
 )
+from hil.report.figures.notch import NotchFigures
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
@@ -136,12 +136,13 @@ def _tip_title(material: Material) -> str:
 
 def _filters(material: Material, filters: FilterSet, number: int) -> list[Drawing | ReportTable | None]:
     """Table and figures of filters that acted together."""
+    figures = NotchFigures(material, filters, number)
     return [
         tables.notches(material, filters, number),
-        notch.schedules(material, filters, number),
-        notch.families(material, filters, number),
-        notch.nyquist(material, filters, number),
-        notch.margin_curves(material, filters, number),
+        figures.schedules(),
+        figures.families(),
+        figures.nyquist(),
+        figures.margin_curves(),
     ]
 
 

@@ -18,7 +18,8 @@ from hil.results.learning import LearningPass, LearningResult, LearningRun
 def page_of(directory: Path, result: LearningResult) -> Page:
     """Return the page of a directory that `hil learn` has filled, also if it has learnt nothing."""
     head = PageHead.of(result, "Adaptive cancellation")
-    return Page(head, verdict(result), sections(result, directory), cards(result), provenance(result))
+    lines = bench_lines(result.bench, ("Model file", result.model))
+    return Page(head, verdict(result), sections(result, directory), cards(result), lines)
 
 
 def sections(result: LearningResult, directory: Path | None = None) -> list[Section]:
@@ -155,8 +156,3 @@ def cards(result: LearningResult) -> list[Card]:
         mark = Mark(after < before, f"after {len(each.passes)} passes")
         made.append(Card(f"Axis {each.axis}, ramps", f"{before:.3f}", "m/s²", (CardStep(f"{after:.3f}", change, mark),)))
     return made
-
-
-def provenance(result: LearningResult) -> list[tuple[str, str]]:
-    """Bench, instant and versions of the passes."""
-    return bench_lines(result.bench, ("Model file", result.model))

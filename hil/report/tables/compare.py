@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from markupsafe import Markup
 
 from hil.experiments.treatment import TITLES
-from hil.report.report_table import NONE, Cell, Mark, ReportTable, number, value_and_error
+from hil.report.report_table import NONE, Cell, Mark, ReportTable, number, with_error
 from hil.results.comparison import AxisCompliance, ComparisonRow, TourResult, TreatmentTable
 
 
@@ -260,12 +260,9 @@ def revealed(result: TreatmentTable) -> ReportTable | None:
     part = result.tour
     rows: list[list[Cell]] = []
     for fact in part.facts or ():
-        shown, error = NONE, NONE
+        shown, error = with_error(fact.estimate, fact.standard_error), NONE
         if fact.estimate is not None and fact.standard_error:
-            shown = " ± ".join(value_and_error(fact.estimate, fact.standard_error))
             error = f"{(fact.estimate - fact.truth) / fact.standard_error:+.1f}".replace("-", "−")
-        elif fact.estimate is not None:
-            shown = number(fact.estimate, "{:.4g}")
         rows.append([
             f"axis {fact.axis}", fact.name, fact.symbol or NONE, fact.unit, number(fact.truth, "{:.4g}"), shown, error,
         ])  # fmt: skip

@@ -10,7 +10,7 @@ from hil.report import style
 from hil.report.material import run_name, treatment_name
 from hil.report.origin import MEASURED, Origin
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
-from hil.report.report_table import NONE, Cell, Mark, ReportTable, number, value_and_error
+from hil.report.report_table import NONE, Cell, Mark, ReportTable, number, with_error
 from hil.report.style import Drawing
 from hil.report.trend.figures import lateness_us, motion_figure
 from hil.report.trend.gather import GatheredRuns, TrendRun
@@ -78,7 +78,7 @@ def _table(runs: Sequence[TrendRun], key: str) -> ReportTable:
     rows: list[list[Cell]] = []
     for run in reversed(runs):
         entry = run.entry
-        order, f_al = _with_error(entry.order_mm, entry.order_error_mm), _with_error(entry.f_al_hz, entry.f_al_error_hz)
+        order, f_al = with_error(entry.order_mm, entry.order_error_mm), with_error(entry.f_al_hz, entry.f_al_error_hz)
         state: Cell = Mark(entry.within_spec)
         if entry.stopped or entry.invalid:
             state = Mark(False if entry.stopped else None, "stopped" if entry.stopped else "not judged")
@@ -94,12 +94,6 @@ def _table(runs: Sequence[TrendRun], key: str) -> ReportTable:
     )  # fmt: skip
     caption = "The newest first. Margins: from the model with the active filters, the worst over all speeds."
     return ReportTable(key, "Runs", "", header, rows, frozenset({0, 1, 2, 12}), caption)
-
-
-def _with_error(value: float | None, error: float | None) -> str:
-    if value is None:
-        return NONE
-    return " ± ".join(value_and_error(value, error)) if error else number(value, "{:.4g}")
 
 
 def _margin_cells(run: TrendRun) -> tuple[str, str, str]:

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hil.arm.kinematics import Kinematics, LinkFrame, rotation_vector, turn
-from hil.arm.rotation import rotation
+from hil.arm.kinematics import Kinematics, LinkFrame, rotation_vector
+from hil.arm.rotation import rotation, turn
 
 
 def drawn(seed: int, count: int) -> Kinematics:

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hil.arm.kinematics import Kinematics, LinkFrame, turn
+from hil.arm.kinematics import Kinematics, LinkFrame
+from hil.arm.rotation import turn
 from hil.arm.straight_line import JointLimits, LineError, Pose, StraightLine
 from hil.control.trajectory import Line, PlanarChain, Smooth, sample_times
 

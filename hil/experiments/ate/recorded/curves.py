@@ -14,7 +14,7 @@ from hil.design.recorded.fit import AngleSection, SectionFit
 from hil.design.recorded.order_columns import SCAN_FROM, SCAN_TO
 from hil.design.recorded.scan import BlindScan, amplitudes_over_order
 from hil.design.recorded.slow import degrees_for
-from hil.results.columns import save_columns
+from hil.recording import save_columns
 
 SCAN, MAP, FIT = "scan.csv", "map.csv", "fit.csv"
 MAP_TURNS = 2.5
