@@ -2,13 +2,16 @@
 
 Every value has a standard error.
 
-The model is that of `hil.design.transmission_error`, seen by a sensor that lags the motor angle by Δ,
+Given the measured motor angle θ_m, the arm's motion follows without any knowledge of the controller. A sensor that lags θ_m by Δ
+sees
 
-    y(t) = e^{−sΔ} (g H(s) [θ_m/N + Σ A_k cos(k θ_m + φ_k)]'' + J θ̈_m),
+    y(t) = e^{−sΔ} (g H(s) [θ_m/N + Σ A_k cos(k θ_m + φ_k)]'' + J θ̈_m),      H(s) = (2 ζ_g ω s + ω²)/(s² + 2 ζ ω s + ω²),
 
-with y the tip acceleration, g the tip lever and J = 0; or, without an accelerometer, y the motor torque, g = J_l/N and J = J_m,
-since the motor feels τ_g/N of its gear with τ_g = J_l H(s) [θ_m/N + θ_sync]'' (D_l = 0). The model is linear in A_k cos φ_k and
-A_k sin φ_k; ω, ζ and Δ are refined around them. With an accelerometer only the lever of the arm must be known.
+with H the arm on its gear, the motor held (ω² = K_g/J_l, 2 ζ_g ω = D_g/J_l, 2 ζ ω = (D_g + D_l)/J_l), y the tip acceleration, g
+the tip lever and J = 0; or, without an accelerometer, y the motor torque, g = J_l/N and J = J_m, since the motor feels τ_g/N of
+its gear with τ_g = J_l H(s) [θ_m/N + θ_sync]'' (D_l = 0). The model is linear in A_k cos φ_k and A_k sin φ_k, all orders jointly:
+k = 2 alone biases A₂ by a quarter, since the two lines share the resonance. ω, ζ and Δ are refined around them. With an
+accelerometer only the lever of the arm must be known.
 
 Both directions are needed: turning backwards, φ_k appears with the opposite sign, while Δ and all phase of H keep theirs. One
 direction cannot tell φ_k from a delay (4.3° for each millisecond at 12 Hz), two can. The gear's part of the damping (ζ_g) is
