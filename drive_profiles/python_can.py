@@ -2,9 +2,6 @@
 
 If asammdf is installed, `import can` imports it (and `import canopen` imports `can`), which takes about ten times as long as
 the rest of python-can. Few programs read MF4 logs; they load the readers when they need them.
-
-Where asammdf is installed, `import can` imports it, and `import canopen` imports `can`. A tool that reads an MF4 log is one in
-thousands; it loads the readers when it needs them.
 """
 
 import importlib

@@ -34,9 +34,6 @@ def commit_text(project: Path = _PROJECT, built: Path = COMMIT_FILE) -> str:
     In a checkout the commit comes from .git, in an installed wheel from the file that the build wrote. Another project's
     repository around the package is not taken for ours.
 
-    A checkout speaks for itself, an installed wheel by the file that was written when it was built. Another project's repository
-    around the package is not taken for ours.
-
     Args:
         project: Folder that is the checkout, if there is one.
         built: File of a wheel.

@@ -20,6 +20,9 @@ from hil.errors import NotPossibleError
 START_TIMEOUT_S = 120.0
 """A start takes under a second; a machine that is busy takes longer."""
 
+SERVER_TIMEOUT_S = 10.0
+"""Time that a server may take to end."""
+
 DRAW_TIMEOUT_S = 120.0
 
 
@@ -60,19 +63,23 @@ class EmulatorProcess:
     """A process of `plant-emulator serve`, on a socket in a temporary directory.
 
     The emulator ends when our end of its standard input closes, so that it never outlives this process.
+
+    Attributes:
+        process: The process; None before its start and after its end.
     """
 
-    def __init__(self, robot: str, bitrate: int | None = None) -> None:
+    def __init__(self, robot: str, bitrate: int | None = None, *options: str) -> None:
         """Keep the robot and the bit rate of its bus.
 
         Args:
             robot: Robot file, or `reference`.
             bitrate: Bit rate in bit/s; None for a bus without bit times.
+            options: More of `plant-emulator serve`.
         """
-        self.robot = robot
-        self._directory = tempfile.TemporaryDirectory(prefix="hil-")
+        self.robot, self._options = robot, options
+        self._directory = tempfile.TemporaryDirectory(prefix="hil-")  # a socket's path has room for 107 bytes
         self.address = Address(LOCAL, str(Path(self._directory.name) / "robot.sock"), bitrate)
-        self._process: subprocess.Popen[str] | None = None
+        self.process: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> Self:
         """Start the process and wait until it serves.
@@ -82,14 +89,14 @@ class EmulatorProcess:
         """
         errors = Path(self._directory.name) / "errors.txt"
         with errors.open("w") as sink:
-            self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and module, no shell
+            self.process = subprocess.Popen(  # noqa: S603 - our own interpreter and module, no shell
                 [sys.executable, "-m", "plant_emulator", "serve", "--robot", self.robot, "--bus", str(self.address),
-                 "--until-stdin-closes"],
+                 "--until-stdin-closes", *self._options],
                 stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=sink, text=True, start_new_session=True,
             )  # fmt: skip
         deadline = time.monotonic() + START_TIMEOUT_S
         while not self._answers():
-            if self._process.poll() is not None or time.monotonic() > deadline:
+            if self.process.poll() is not None or time.monotonic() > deadline:
                 said = errors.read_text().strip() or f"it does not serve within {START_TIMEOUT_S:g} s"
                 self.__exit__(None, None, None)
                 raise BusUnavailableError(self.address, f"the emulator did not start: {said}")
@@ -106,13 +113,13 @@ class EmulatorProcess:
 
     def __exit__(self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None) -> None:
         """End the process and remove its directory."""
-        if self._process is not None:
-            if self._process.stdin is not None:
-                self._process.stdin.close()
+        if self.process is not None:
+            if self.process.stdin is not None:
+                self.process.stdin.close()
             try:
-                self._process.wait(5.0)
+                self.process.wait(SERVER_TIMEOUT_S)
             except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
-            self._process = None
+                self.process.kill()
+                self.process.wait()
+            self.process = None
         self._directory.cleanup()

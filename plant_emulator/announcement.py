@@ -1,7 +1,8 @@
 """Announcement of a served robot at its start."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
+from drive_profiles.standard.shown import spans
 from plant_emulator.robots.behaviour import Behaviour
 from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
@@ -42,15 +43,3 @@ def unusual(behaviour: Behaviour) -> Iterator[str]:
     """Yield the robot file's deviations from ideal drive behaviour."""
     if behaviour.given:
         yield "behaviour: " + ", ".join(f"{key} = {str(value).lower()}" for key, value in behaviour.given.items())
-
-
-def spans(numbers: Iterable[int]) -> str:
-    """Return 1, 2, 3, 7 as "1-3, 7"."""
-    texts: list[str] = []
-    rising = sorted(numbers)
-    begin = 0
-    for position, number in enumerate(rising):
-        if position + 1 == len(rising) or rising[position + 1] != number + 1:
-            texts.append(f"{rising[begin]}" if begin == position else f"{rising[begin]}-{number}")
-            begin = position + 1
-    return ", ".join(texts)

@@ -147,15 +147,15 @@ def _against_defaults(bus: str, node: int, profile: str | None, eds_file: Path, 
     from drive_profiles import eds as front_end
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.target import device_at
+    from drive_profiles.eds.export import entries
     from drive_profiles.errors import DriveProfileError, NoAnswerError, RefusedError
-    from drive_profiles.family.catalogue import variables
     from drive_profiles.parameter_set.commands import is_command
     from drive_profiles.parameter_set.parameters import Difference
     from drive_profiles.standard.cia301 import encode
 
     delivered = {
-        address: variable.default
-        for address, variable in variables(front_end.load(eds_file, node_id=node))
+        (variable.index, variable.subindex): variable.default
+        for _, variable in entries(front_end.load(eds_file, node_id=node).dictionary)
         if variable.default is not None
     }
     if not delivered:

@@ -177,13 +177,9 @@ def _count(number: int, one: str, many: str = "") -> str:
 def _load(path: Path, node_id: int | None) -> Description:
     """Load a description, or exit with the reasons for its refusal."""
     from drive_profiles.eds import load
-    from drive_profiles.errors import FileError
 
-    try:
+    with exit_on_error():
         return load(path, node_id=node_id)
-    except FileError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(ExitStatus.FILE) from None
 
 
 def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, ...]:

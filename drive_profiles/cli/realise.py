@@ -215,7 +215,4 @@ def _refuse(error: NotRealisableError, *, as_json: bool) -> NoReturn:
 
 def _option_for(reason: str) -> str:
     """Return the option that resolves a reason, in brackets."""
-    for words, option in (("period at which its filter runs", "--period-us"), ("torque constant is needed", "--torque-constant")):
-        if words in reason:
-            return f" ({option})"
-    return ""
+    return " (--torque-constant)" if "torque constant is needed" in reason else ""

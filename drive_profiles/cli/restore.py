@@ -101,6 +101,7 @@ def restore(
 
         drive-profiles restore --defaults --bus local:/tmp/robot.sock --node 2
     """
+    from drive_profiles.device.memory import restore_command
     from drive_profiles.upload.result import UploadOptions
 
     if (snapshot is None) != defaults:
@@ -118,7 +119,7 @@ def restore(
         elif store:
             raise fail("--store with --defaults would store the old values; reset the drive first, then store", ExitStatus.USAGE)
         else:
-            _defaults(request, node)
+            _give(request, node, restore_command, _DEFAULTS)
 
 
 def _snapshot(request: TransactionRequest, path: Path, node: int | None) -> None:
@@ -151,12 +152,6 @@ def _newest(path: Path, node: int | None) -> Path:
     if not journals:
         raise fail(f"{path} holds no journal{'' if node is None else f' of node {node}'}", ExitStatus.FILE)
     return max(journals, key=lambda each: each.name.partition("-")[2])
-
-
-def _defaults(request: TransactionRequest, node: int) -> None:
-    from drive_profiles.device.memory import restore_command
-
-    _give(request, node, restore_command, _DEFAULTS)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import contextlib
 import datetime
 import time
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from drive_profiles.device.sdo import SdoPort
 from drive_profiles.errors import (
@@ -342,9 +342,10 @@ class Device:
             and e.parameter_class in classes
         ]
         wanted = [entry for entry in known if not entry.flags]
-        held = _PulledValues()
+        tables: dict[str, dict[str, Item]] = {name: {} for name in CLASSES}
+        not_read: list[str] = []
         if skipped_by_objflags := ", ".join(str(entry) for entry in known if entry.flags):
-            held.not_read.append(f"{skipped_by_objflags}: excluded from scans or downloads by the ObjFlags of the EDS")
+            not_read.append(f"{skipped_by_objflags}: excluded from scans or downloads by the ObjFlags of the EDS")
         for number, entry in enumerate(wanted, 1):
             try:
                 data = self.read(entry.address)
@@ -356,15 +357,15 @@ class Device:
                     self._check_that_it_answers()
                 except NoAnswerError:
                     raise error from None
-                held.not_read.append(f"{entry}: {error.what}")
+                not_read.append(f"{entry}: {error.what}")
                 continue
             except (ValueError, DriveProfileError) as error:
-                held.not_read.append(f"{entry}: {error}")
+                not_read.append(f"{entry}: {error}")
                 continue
             finally:
                 progress(number, len(wanted))
-            held.tables[entry.parameter_class][key] = item
-        return ParameterSet.model_validate({"header": self._header(identity, tuple(held.not_read)), **held.tables})
+            tables[entry.parameter_class][key] = item
+        return ParameterSet.model_validate({"header": self._header(identity, tuple(not_read)), **tables})
 
     def _header(self, identity: DeviceIdentity, not_read: tuple[str, ...]) -> Header:
         now = datetime.datetime.now(datetime.UTC)
@@ -382,14 +383,6 @@ class Device:
             counts_per_rev=self._counts,
             rated_torque_nm=self._torque_nm,
         ).model_copy(update=self._feed)
-
-
-@dataclass
-class _PulledValues:
-    """Values that a pull has read so far, and the unreadable objects."""
-
-    tables: dict[str, dict[str, Item]] = field(default_factory=lambda: {name: {} for name in CLASSES})
-    not_read: list[str] = field(default_factory=list)
 
 
 def identity_at(port: SdoPort) -> DeviceIdentity:

@@ -246,7 +246,6 @@ def _described(document: Document, file_format: FileFormat, node_id: int | None,
     serial_number = eds_device.read_serial_number(sections, builder)
     warnings, refused = findings.closed()
     information = dictionary.device_information
-    vendor, product, revision = eds_device.identity(information)
     return Description(
         path=document.path,
         file_format=file_format,
@@ -255,9 +254,9 @@ def _described(document: Document, file_format: FileFormat, node_id: int | None,
         refused=refused,
         node_id=builder.node_id,
         bitrate_bit_s=bit_rate,
-        vendor_id=vendor,
-        product_code=product,
-        revision=revision,
+        vendor_id=information.vendor_number,
+        product_code=information.product_number,
+        revision=information.revision_number,
         vendor_name=information.vendor_name or "",
         product_name=information.product_name or "",
         values=builder.values,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from canopen.objectdictionary import DeviceInformation, ObjectDictionary, ODRecord, ODVariable
+from canopen.objectdictionary import ObjectDictionary, ODRecord, ODVariable
 
 from drive_profiles.address import BIT_RATES
 from drive_profiles.eds import values
@@ -288,11 +288,6 @@ def _read_list(section: EdsSection, listed: dict[int, tuple[EdsSection, EdsEntry
         line = section.line if said_entry is None else said_entry.line
         seen = "missing" if said_entry is None else quoted(said_entry.value)
         findings.warn(line, section.name, "SupportedObjects", f"{seen}; {numbered} objects are listed", str(numbered))
-
-
-def identity(information: DeviceInformation) -> tuple[int | None, int | None, int | None]:
-    """Return vendor, product and revision number; None if not stated."""
-    return information.vendor_number, information.product_number, information.revision_number
 
 
 def file_info(section: EdsSection | None, dictionary: ObjectDictionary) -> None:

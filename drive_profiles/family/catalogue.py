@@ -9,9 +9,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import canopen
-
 from drive_profiles.eds import Description
+from drive_profiles.eds.export import entries
 from drive_profiles.errors import AmbiguousNameError, OutOfRangeError, RefusedError, UnknownObjectError, beyond
 from drive_profiles.family.parameter import Parameter, ParameterClass
 from drive_profiles.family.profile import Profile
@@ -295,24 +294,12 @@ def _raw(entry: CatalogueEntry, value: float | str) -> Value:
     return bool(raw) if data_type is DataType.BOOLEAN else raw
 
 
-def variables(description: Description) -> Iterator[tuple[ObjectAddress, Any]]:
-    """Yield every variable of a device description with its address."""
-    for item in description.dictionary.values():
-        members = [item] if isinstance(item, canopen.objectdictionary.ODVariable) else item.values()
-        yield from (((each.index, each.subindex), each) for each in members)
-
-
 def _from_eds(description: Description | None) -> Iterator[CatalogueEntry]:
     if description is None:
         return
-    flags = description.flags
-    for item in description.dictionary.values():
-        if isinstance(item, canopen.objectdictionary.ODVariable):
-            yield _entry(item, item.name, flags)
-        else:
-            for variable in item.values():
-                name = variable.name if variable.name.startswith(item.name) else f"{item.name}.{variable.name}"
-                yield _entry(variable, name, flags)
+    for item, variable in entries(description.dictionary):
+        is_named = variable is item or variable.name.startswith(item.name)
+        yield _entry(variable, variable.name if is_named else f"{item.name}.{variable.name}", description.flags)
 
 
 def _entry(variable: Any, name: str, flags: Mapping[ObjectAddress, int]) -> CatalogueEntry:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import secrets
 import tempfile
@@ -51,6 +52,12 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         problem = Problem(0, "", f"cannot be written ({reason})", "a place that can be written")
         raise FileError(path, (problem,)) from error
+
+
+def write_json(path: Path, document: object, *, force: bool = False) -> None:
+    """Write a JSON document as `write_atomically` does; numbers must be finite."""
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_atomically(path, text.encode(), force=force)
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ Numbers have four digits and units, words of bits are hexadecimal. Files and JSO
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # --help must not wait for pydantic
@@ -111,3 +112,18 @@ def pair(left: float | str, right: float | str, address: ObjectAddress, data_typ
         if shown[0] != shown[1] or left == right:
             break
     return shown
+
+
+def spans(numbers: Iterable[int]) -> str:
+    """Return whole numbers in as few words as possible.
+
+    >>> spans([1, 2, 3, 7, 9, 10])
+    '1-3, 7, 9-10'
+    """
+    found: list[list[int]] = []
+    for each in sorted(numbers):
+        if found and each == found[-1][1] + 1:
+            found[-1][1] = each
+        else:
+            found.append([each, each])
+    return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in found)

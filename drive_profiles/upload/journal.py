@@ -97,8 +97,6 @@ def journal_path(folder: Path, node: int, now_ns: int) -> Path:
 
     The stamp orders the journals even if the clock was set back; `restore` takes the newest.
 
-    The stamp orders journals, also where the clock was set back in between: `restore` takes the newest.
-
     Args:
         folder: Folder of the journals.
         node: Node-ID.

@@ -2,7 +2,7 @@
 
 # ruff: noqa: PLC0415 - numpy, scipy and the master are imported inside the command, so that --help stays quick
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -168,6 +168,7 @@ def _run_missing(
 
 def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False) -> None:
     """Write table and report of all robots in the folder."""
+    from drive_profiles.files.safefile import write_json
     from plant_emulator.rehearsal.arms.summary import arm_claims, arm_sections
     from plant_emulator.rehearsal.many.claims import claims_of, document
     from plant_emulator.rehearsal.many.page import sections, write_page
@@ -181,7 +182,8 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
     found = arm_claims(rows) if are_arms else claims_of(rows)
     chapters = arm_sections(rows, found) if are_arms else sections(rows, found)
     whole = document(rows, found)
-    written = [*write_table(kept.folder, rows), _claims_file(kept.folder, whole)]
+    written = [*write_table(kept.folder, rows), kept.folder / CLAIMS_FILE]
+    write_json(kept.folder / CLAIMS_FILE, whole, force=True)
     written.append(write_page(kept.folder / PAGE_FILE, rows, found, chapters))
     if as_json:
         print_json(whole)
@@ -193,16 +195,6 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
         table(f"{len(rows)} {'arms' if are_arms else 'robots'}", ("claim", "asked", "measured", "holds"), lines)
     typer.echo(f"files: {', '.join(map(str, written))}", err=True)
     _judge(found, check=check)
-
-
-def _claims_file(folder: Path, whole: "Mapping[str, object]") -> Path:
-    import json
-
-    from drive_profiles.files.safefile import write_atomically
-
-    text = json.dumps(whole, indent=2, ensure_ascii=False) + "\n"
-    write_atomically(folder / CLAIMS_FILE, text.encode(), force=True)
-    return folder / CLAIMS_FILE
 
 
 def _judge(found: "Sequence[RehearsalClaim]", *, check: bool) -> None:

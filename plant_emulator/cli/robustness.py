@@ -271,14 +271,11 @@ def _keep(out: Path, made: "Sequence[tuple[Summary, list[ReportTable]]]", whole:
 
     They are one page and one JSON document of all studies, and a table of draws for each.
     """
-    import json
-
-    from drive_profiles.files.safefile import write_atomically
+    from drive_profiles.files.safefile import write_atomically, write_json
     from plant_emulator.studies.page import write_page
     from plant_emulator.studies.summary import draws_csv
 
-    text = json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    write_atomically(out / "robustness.json", text.encode(), force=True)
+    write_json(out / "robustness.json", whole, force=True)
     for summary, _ in made:
         name = "draws.csv" if len(made) == 1 else f"draws-{summary.study.name}.csv"
         write_atomically(out / name, draws_csv(summary).encode(), force=True)

@@ -1,12 +1,11 @@
 """plant-emulator serve: the emulated robot as a process."""
 
 import contextlib
-import enum
 import gc
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import typer
 
@@ -48,14 +47,6 @@ SERVE_EPILOG = epilog(
 
 
 DEFAULT_BUS = "local:/tmp/robot.sock"
-
-
-class SerialFraming(enum.StrEnum):
-    """Frame formats of the serial accelerometer."""
-
-    LINE = "line"
-    BINARY = "binary"
-
 
 ServedBusOption = Annotated[
     str | None,
@@ -127,7 +118,7 @@ SerialAccelerometerOption = Annotated[
     typer.Option("--serial-accelerometer", metavar="PATH", help="Also send the tip's acceleration on a serial port here."),
 ]
 FramingOption = Annotated[
-    SerialFraming, typer.Option("--framing", help="Frame format of the serial accelerometer; see docs/serial.md.")
+    Literal["line", "binary"], typer.Option("--framing", help="Frame format of the serial accelerometer; see docs/serial.md.")
 ]
 SerialRateOption = Annotated[
     float, typer.Option("--serial-rate-hz", min=1.0, max=4000.0, help="Samples per second of the serial accelerometer.")
@@ -153,7 +144,7 @@ def serve(
     slcan: SlcanOption = None,
     virtualcan: VirtualcanOption = None,
     serial_accelerometer: SerialAccelerometerOption = None,
-    framing: FramingOption = SerialFraming.LINE,
+    framing: FramingOption = "line",
     serial_rate_hz: SerialRateOption = 1000.0,
 ) -> None:
     """Serve the robot on a bus until Ctrl-C.
@@ -184,7 +175,7 @@ def serve(
     from plant_emulator.announcement import announced  # noqa: PLC0415 - --help must not wait for numpy
     from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer  # noqa: PLC0415
 
-    sensor = None if serial_accelerometer is None else EmulatedSerialAccelerometer(model, serial_rate_hz, framing.value)
+    sensor = None if serial_accelerometer is None else EmulatedSerialAccelerometer(model, serial_rate_hz, framing)
     world = _world(robot, model, sensor)
     server = _server(world, address, _Wire(wall, 1e-6 * host_latency_us, faults), stream=stream)
     _stop_on_signal(server, until_stdin_closes=until_stdin_closes)

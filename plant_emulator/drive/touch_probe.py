@@ -131,9 +131,6 @@ class TouchProbes:
         first, second = self._probes
         return first.status | second.status << 8
 
-    def _source(self, number: int) -> int:
-        return self._dictionary.get_int(Object.TOUCH_PROBE_SOURCE, number)
-
     def _write_function(self, value: int) -> SdoAbortCode | None:
         if any(value >> shift + SOURCE_SHIFT & 3 == RESERVED for shift in (0, 8)):
             return SdoAbortCode.INVALID_VALUE
@@ -149,7 +146,8 @@ class TouchProbes:
                 case 1:
                     sources = SOURCES[5]
                 case _:
-                    sources = SOURCES.get(self._source(probe.number), _PROBE[probe.number])
+                    source = self._dictionary.get_int(Object.TOUCH_PROBE_SOURCE, probe.number)
+                    sources = SOURCES.get(source, _PROBE[probe.number])
             probe.set_function(function, sources)
 
 

@@ -32,9 +32,7 @@ class EmulatedChannel(InProcessChannel):
         super().__init__(world, medium)
         self.address = Address(LOCAL, "in-process", bitrate)
         self.interference = interference
-        interference.now_ns = lambda: world.now
-        interference.put = self.inject
-        interference.pull, interference.push = self._pull, self._push
+        interference.join(lambda: world.now, self.inject, self._lose)
         self.heard = interference.trace.hear
         for frame in self._queue:
             self.heard(frame, world.now)
@@ -72,11 +70,8 @@ class EmulatedChannel(InProcessChannel):
             if stop >= until:
                 return
 
-    def _pull(self) -> None:
-        self.lost = True
-
-    def _push(self) -> None:
-        self.lost = False
+    def _lose(self, lost: bool) -> None:
+        self.lost = lost
 
     def _deliver(self, heard: list[HeardFrame]) -> None:
         for frame, port, end_ns in heard:

@@ -2,6 +2,7 @@
 
 import heapq
 from collections.abc import Callable
+from functools import partial
 from typing import NoReturn
 
 from hil.can.frame import Frame
@@ -76,6 +77,11 @@ class Interference:
         self._planned: list[tuple[int, int, Callable[[], None]]] = []
         self._ends: list[Callable[[], None]] = []
         self._order = 0
+
+    def join(self, now_ns: Callable[[], int], put: Callable[[Frame], None], lose: Callable[[bool], None]) -> None:
+        """Interfere with a bus; `lose` makes it fail or gives it back."""
+        self.now_ns, self.put = now_ns, put
+        self.pull, self.push = partial(lose, True), partial(lose, False)
 
     @property
     def due_ns(self) -> int | None:

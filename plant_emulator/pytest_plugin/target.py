@@ -37,9 +37,7 @@ class RealChannel(OneByOne):
         self.address = inner.address
         self.is_lock_step, self.waits = inner.is_lock_step, inner.waits
         self.lost = False
-        interference.now_ns = time.monotonic_ns
-        interference.put = inner.send
-        interference.pull, interference.push = self._pull, self._push
+        interference.join(time.monotonic_ns, inner.send, self._lose)
 
     @property
     def overflows(self) -> int | None:
@@ -70,11 +68,8 @@ class RealChannel(OneByOne):
         """Leave the bus."""
         self._inner.close()
 
-    def _pull(self) -> None:
-        self.lost = True
-
-    def _push(self) -> None:
-        self.lost = False
+    def _lose(self, lost: bool) -> None:
+        self.lost = lost
 
     def _check(self) -> None:
         if self.lost:

@@ -142,7 +142,6 @@ def write_change(axis: ChangingAxis, row: Any) -> None:
     change["reference_c"], change["ambient_c"] = heat.reference_c, heat.ambient_c
     change["resistance_k_w"], change["thermal_constant_s"] = heat.resistance_k_w, heat.time_constant_s
     change["step_s"] = math.inf
-    lines = {line.order: line for line in axis.ate_change}
     named = (plant["a1_rad"], plant["a2_rad"], plant["a4_rad"]), (plant["phi1_rad"], plant["phi2_rad"], plant["phi4_rad"])
     change["a_rad"], change["phi_rad"] = (*named[0], *plant["more_rad"]), (*named[1], *plant["more_phi_rad"])
     lines = {line.order: line for line in axis.ate_change}

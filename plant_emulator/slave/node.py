@@ -141,7 +141,9 @@ class Slave:
             on_missing=self._on_timeout,
         )
         if node_id != UNCONFIGURED:
-            self._load_as(node_id, ResetKind.NODE)
+            dictionary.renumber(node_id)
+            dictionary.reset(ResetKind.NODE)
+            self._load()
 
     @property
     def node_id(self) -> int:
@@ -444,11 +446,6 @@ class Slave:
         self._change(NmtState.PRE_OPERATIONAL)
         if self._autostart:
             self._change(NmtState.OPERATIONAL)
-
-    def _load_as(self, node_id: int, kind: ResetKind) -> None:
-        self.dictionary.renumber(node_id)
-        self.dictionary.reset(kind)
-        self._load()
 
     def _load(self) -> None:
         self._emergency.load()

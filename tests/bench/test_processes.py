@@ -342,8 +342,8 @@ def test_a_bench_with_a_profile_of_its_own_and_gains_as_found_runs_from_any_fold
     folder = tmp_path / "bench"
     folder.mkdir()
     profile = (VENDORS / "emulated_drive.toml").read_text()
-    for name in (*(rf"parameters\.{key}" for key in Control.model_fields), r"loop\.gains"):
-        profile = re.sub(rf"^\[{name}\]\n(?:(?!\[).*\n)*", "", profile, flags=re.M)
+    for lines in (*(rf"{key} = \{{ index.*\n" for key in Control.model_fields), r"\[loop\.gains\]\n(?:(?!\[).*\n)*"):
+        profile = re.sub(f"^{lines}", "", profile, flags=re.M)
     (folder / "drive.toml").write_text(profile)
     own = bench_file(
         folder, QUICK, ('profile = "emulated_drive"\nreduction_ratio = 120.0', 'profile = "drive.toml"\nreduction_ratio = 120.0'),

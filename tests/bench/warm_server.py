@@ -15,7 +15,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from plant_emulator.pytest_plugin.served import SERVER_TIMEOUT_S, START_TIMEOUT_S, ServedBus
+from hil.emulator import SERVER_TIMEOUT_S, START_TIMEOUT_S
+from plant_emulator.pytest_plugin.served import ServedBus
 
 IS_POSSIBLE = hasattr(os, "pidfd_open")
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -42,7 +41,7 @@ def backup(
     Example: drive-profiles backup --bus socketcan:can0 --out as-found
     """
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.files.safefile import write_atomically
+    from drive_profiles.files.safefile import write_json
 
     wanted = class_names(classes)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -60,7 +59,7 @@ def backup(
                 step(1)
         now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
         index = {"bus": opened.address, "date": now, "nodes": entries}
-        write_atomically(out / INDEX, (json.dumps(index, indent=2, ensure_ascii=False) + "\n").encode())
+        write_json(out / INDEX, index)
     if as_json:
         print_json(index)
     else:

@@ -5,8 +5,7 @@
 from __future__ import annotations
 
 import time
-from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -25,22 +24,13 @@ SEEN_S = 0.3
 """Time to wait for a heartbeat with the new state."""
 
 
-class NmtWord(StrEnum):
-    """Commands by their words."""
-
-    START = "start"
-    STOP = "stop"
-    PRE_OPERATIONAL = "pre-operational"
-    RESET_NODE = "reset-node"
-    RESET_COMMUNICATION = "reset-communication"
-
-
-_COMMANDS = {
-    NmtWord.START: "START",
-    NmtWord.STOP: "STOP",
-    NmtWord.PRE_OPERATIONAL: "ENTER_PRE_OPERATIONAL",
-    NmtWord.RESET_NODE: "RESET_NODE",
-    NmtWord.RESET_COMMUNICATION: "RESET_COMMUNICATION",
+NmtWord = Literal["start", "stop", "pre-operational", "reset-node", "reset-communication"]
+_COMMANDS: dict[NmtWord, str] = {
+    "start": "START",
+    "stop": "STOP",
+    "pre-operational": "ENTER_PRE_OPERATIONAL",
+    "reset-node": "RESET_NODE",
+    "reset-communication": "RESET_COMMUNICATION",
 }
 
 
@@ -87,16 +77,16 @@ def nmt(
         if moving:
             words = f"node {', node '.join(map(str, moving))}"
             typer.echo(f"UNDER TORQUE: {words}; without process data a drive stops as its 6007h demands, or not at all", err=True)
-        confirm(f"{command.value}: send it to {named}?", yes=yes)
+        confirm(f"{command}: send it to {named}?", yes=yes)
         before = {number: opened.boots(number) for number in states}
         opened.nmt(NmtCommand[_COMMANDS[command]], node or 0)
-        if command in {NmtWord.RESET_NODE, NmtWord.RESET_COMMUNICATION}:
+        if command in {"reset-node", "reset-communication"}:
             _wait_for_boot(opened, before)
         else:
             time.sleep(SEEN_S)
         for number in states:
             typer.echo(f"node {number}: {_seen(opened, number)}")
-        if node is not None and command is not NmtWord.STOP and not opened.answering([node]):
+        if node is not None and command != "stop" and not opened.answering([node]):
             raise fail(f"node {node} does not answer", ExitStatus.NODE)
 
 

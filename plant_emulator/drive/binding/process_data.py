@@ -138,7 +138,7 @@ class DriveData:
 
     def _bind_values(self) -> None:
         read: dict[int, Callable[[], Any]] = {
-            Object.POSITION_DEMAND: self._demand_position,
+            Object.POSITION_DEMAND: lambda: self.shown_position(self._demand_counts()),
             Object.POSITION_ACTUAL_INTERNAL: lambda: clip(self.axes.counts(self.row)),
             Object.POSITION_ACTUAL: self.position_counts,
             Object.VELOCITY_SENSOR_ACTUAL: self._shown_actual_speed,
@@ -149,7 +149,7 @@ class DriveData:
             Object.CURRENT_ACTUAL: self._shown_current,
             Object.DC_LINK_VOLTAGE: lambda: DC_LINK_MV,
             Object.FOLLOWING_ERROR_ACTUAL: self._following_error_counts,
-            Object.CONTROL_EFFORT: self._control_effort,
+            Object.CONTROL_EFFORT: lambda: self.counting.shown_speed(self._errors[self.row] + self._speeds[self.row]),
             Object.POSITION_DEMAND_INTERNAL: lambda: clip(self._demand_counts()),
         }
         for index, hook in read.items():
@@ -171,17 +171,11 @@ class DriveData:
         # every TPDO passes here: in increments and within its object the position is what it is
         return shown if counting.is_encoder and -INT32_MAX <= shown <= INT32_MAX else counting.shown_position(counts)
 
-    def _demand_position(self) -> int:
-        return self.shown_position(self._demand_counts())
-
     def _demand_counts(self) -> float:
         return float(self._demands[self.row] * self.counting.scaling.encoder_counts_per_rad)
 
     def _shown_actual_speed(self) -> int:
         return self.counting.shown_speed(self._speeds[self.row])
-
-    def _control_effort(self) -> int:
-        return self.counting.shown_speed(self._errors[self.row] + self._speeds[self.row])
 
     def _shown_current(self) -> int:
         """Return the current from the torque and the motor constant.

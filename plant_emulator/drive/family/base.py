@@ -127,7 +127,7 @@ class OwnFamily(DriveFamily):
         self._axes, self._row, self._is_powered = axes, row, is_powered
         on_read, on_write = self.dictionary.on_read, self.dictionary.on_write
         for (index, sub), field in objects.GAINS.items():
-            on_write(index, sub, self._gain_writer(field))
+            on_write(index, sub, self._writer(axes.cascade_config[row], field))
         for column, index in enumerate(objects.NOTCH_OBJECTS):
             for sub, parameter in enumerate(objects.NOTCH_PARAMETERS, start=1):
                 on_write(index, sub, self._notch_writer(column, parameter[0]))
@@ -141,28 +141,19 @@ class OwnFamily(DriveFamily):
                 self.shown = {is_active: CORE.call.FILTER_ACTIVE, frequency_hz: CORE.call.FILTER_FREQUENCY}
             on_read(index, 3, partial(_while_active, active, live(axes.notch_state[row], "zeta_rd"), column))
         for sub, parameter in enumerate(objects.CANCELLATION_PARAMETERS, start=1):
-            on_write(objects.CANCELLATION, sub, self._cancellation_writer(parameter[0]))
+            on_write(objects.CANCELLATION, sub, self._writer(axes.motion[row], parameter[0]))
         on_read(objects.TORQUE_COMMAND, 0, partial(live(axes.motion, "torque_nm").__getitem__, row))
 
-    def _gain_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
-        def write(value: float) -> SdoAbortCode | None:
-            if self._is_powered():
-                return SdoAbortCode.DEVICE_STATE
-            self._axes.cascade_config[self._row][field] = value
-            return None
+    def _writer(self, values: Any, field: str) -> Callable[[float], SdoAbortCode | None]:
+        """Return a write hook for a field of the servo law.
 
-        return write
-
-    def _cancellation_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
-        """Return a write hook for a field of the cancellation.
-
-        The cancellation may be switched on and off under torque, and fades; its other parameters may not change then.
+        The cancellation may be switched on and off under torque, and fades; gains and its other parameters may not change then.
         """
 
         def write(value: float) -> SdoAbortCode | None:
             if self._is_powered() and field != "cancel_mode":
                 return SdoAbortCode.DEVICE_STATE
-            self._axes.motion[self._row][field] = value
+            values[field] = value
             return None
 
         return write

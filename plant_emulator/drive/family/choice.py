@@ -49,6 +49,9 @@ def family_of(robot: Robot, number: int) -> DriveFamily:
     return family
 
 
+_entries_of_a_kind = lru_cache(maxsize=16)(objects.drive_entries)  # they never change, so a hundred drives share them
+
+
 def _own_entries(robot: Robot, number: int) -> list[Entry]:
     """Return the entries of the emulated drive."""
     axis = robot.axis[number]
@@ -62,40 +65,15 @@ def _own_entries(robot: Robot, number: int) -> list[Entry]:
             control.lowpass_hz,
         )
     shared = _entries_of_a_kind(
-        axis.encoder_counts_per_rev,
-        axis.rated_torque_mnm,
-        axis.peak_per_mille,
-        round(1e9 * robot.control_period_s),
-        gains,
-        axis.rated_current_ma,
+        encoder_counts_per_rev=axis.encoder_counts_per_rev,
+        rated_torque_mnm=axis.rated_torque_mnm,
+        max_torque_per_mille=axis.peak_per_mille,
+        control_period_ns=round(1e9 * robot.control_period_s),
+        gains=gains,
+        rated_current_ma=axis.rated_current_ma,
     )
     serial = (0x1018, 4)
     return [replace(entry, default=number) if (entry.index, entry.subindex) == serial else entry for entry in shared]
-
-
-@lru_cache(maxsize=16)
-def _entries_of_a_kind(
-    encoder_counts_per_rev: int,
-    rated_torque_mnm: int,
-    max_torque_per_mille: int,
-    control_period_ns: int,
-    gains: tuple[float, float, float, float],
-    rated_current_ma: int,
-) -> tuple[Entry, ...]:
-    """Return the entries of all drives with one kind of motor.
-
-    They never change, so a hundred drives share them.
-    """
-    return tuple(
-        objects.drive_entries(
-            encoder_counts_per_rev=encoder_counts_per_rev,
-            rated_torque_mnm=rated_torque_mnm,
-            max_torque_per_mille=max_torque_per_mille,
-            control_period_ns=control_period_ns,
-            gains=gains,
-            rated_current_ma=rated_current_ma,
-        )
-    )
 
 
 def _dictionary(entries: list[Entry], robot: Robot, number: int, position: ObjectAddress = FIRST) -> Dictionary:

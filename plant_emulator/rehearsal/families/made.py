@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drive_profiles.family.profile import Profile
-from drive_profiles.family.runs import FamilyRun
+from drive_profiles.family.runs import FamilyRun, FamilyRuns
 from hil.bench.bench import Bench, load_bench
 from hil.control.treatments import TreatmentName
 from hil.errors import HilError
@@ -22,6 +22,7 @@ from plant_emulator.rehearsal.path import SMALL_EFFORT
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess, note_of_run
 from plant_emulator.robots.part import part_of
 from plant_emulator.robots.robot import Robot, load_robot
+from plant_emulator.robots.writing import file_text
 from plant_emulator.world import World
 
 AXIS = 2
@@ -108,17 +109,5 @@ def _tip_mm(result: ExperimentsResult) -> float:
 
 def as_toml(runs: dict[str, FamilyRun]) -> str:
     """Return the package's table of all families."""
-    lines = ["# What a run does with each family: written by python -m plant_emulator.rehearsal.families, never by hand."]
-    for name, run in sorted(runs.items()):
-        lines += ["", f"[family.{name}]"]
-        for key, value in run.model_dump(exclude_defaults=True).items():
-            lines.append(f"{key} = {_value(value)}")
-    return "\n".join(lines) + "\n"
-
-
-def _value(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_value, value))}]"
-    return f"{value:g}" if isinstance(value, float) else f'"{str(value).replace(chr(34), chr(39))}"'
+    head = "# What a run does with each family: written by python -m plant_emulator.rehearsal.families, never by hand."
+    return f"{head}\n\n{file_text(FamilyRuns(family=dict(sorted(runs.items()))))}"

@@ -2,9 +2,6 @@
 
 They are filtered-x LMS in the motor's angle, and repetition once per revolution.
 
-Both have the observer's knowledge: the arm as one resonance, the band, the noise at rest, the bounds, and the window of k
-f_m.
-
 Both know what the observer knows: the arm as one resonance, the band, the noise at rest, the bounds, and the window of k f_m.
 
 - Filtered-x LMS: w_k is moved in every cycle by μ T 2 y f_k*/|f_k|², product and square low-passed, where f_k is what the

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
+from drive_profiles.standard.shown import spans
 from hil.counting import counted
 from hil.report import style
 from hil.report.pages.page import PageVerdict, Section, filled_sections
@@ -12,7 +13,6 @@ from plant_emulator.rehearsal.many import figures, tables
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.figures import kinds_of
 from plant_emulator.rehearsal.many.reading import is_quiet, of_kind
-from plant_emulator.rehearsal.many.seeds import spans_text
 from plant_emulator.rehearsal.many.wording import KIND_NAMES
 from plant_emulator.trials import page
 from plant_emulator.trials.rows import Row, text
@@ -89,4 +89,4 @@ def _spans(seeds: Sequence[object]) -> str:
     steps = {after - before for before, after in pairwise(numbers)}
     if len(numbers) > 2 and steps == {2}:
         return f"{numbers[0]}, {numbers[1]} … {numbers[-1]}"
-    return spans_text(numbers)
+    return spans(numbers)

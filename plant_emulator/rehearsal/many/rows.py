@@ -5,12 +5,12 @@ They hold plain values by column name. Each is saved atomically in a file of its
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from drive_profiles.errors import FileError, Problem, RefusedError
-from drive_profiles.files.safefile import write_atomically
+from drive_profiles.files.safefile import write_atomically, write_json
 from plant_emulator.trials.rows import Row, Value
 from plant_emulator.trials.running import CRASHED_WORDS
 
@@ -68,8 +68,7 @@ class Kept:
         if not path.exists() or not has_rows:
             if has_rows:
                 raise RefusedError(f"{self.folder} has robots but no {SETTINGS_FILE}; choose another folder")
-            text = json.dumps(asdict(settings), indent=2) + "\n"
-            write_atomically(path, text.encode(), force=True)
+            write_json(path, asdict(settings), force=True)
             return
         before = self.settings()
         if not resume:
@@ -109,16 +108,14 @@ class Kept:
         """Return the seeds whose rows are saved."""
         return {int(path.stem.removeprefix("seed-")) for path in self._paths()}
 
-    def rows(self, seeds: Sequence[int] | None = None) -> list[Row]:
-        """Return rows in the order of their seeds.
-
-        They are all rows, or those of these seeds.
+    def rows(self) -> list[Row]:
+        """Return all rows in the order of their seeds.
 
         Raises:
             FileError: A row is not there or cannot be read.
         """
         found: list[Row] = []
-        for seed in sorted(self.seeds()) if seeds is None else seeds:
+        for seed in sorted(self.seeds()):
             path = self._path(seed)
             row = _document(path)
             if row.get("seed") != seed:

@@ -1,7 +1,6 @@
 """Seeds in the spelling of a command line: `7`, `1-40`, `1-40,50,60-70`."""
 
 import re
-from collections.abc import Iterable
 
 MOST_SEEDS = 100_000
 """Robots of one rehearsal at most."""
@@ -36,18 +35,3 @@ def seeds_of(text: str) -> tuple[int, ...]:
             raise ValueError(f"{text}: seed {min(twice)} is named twice")
         found.update(named)
     return tuple(sorted(found))
-
-
-def spans_text(seeds: Iterable[int]) -> str:
-    """Return seeds in as few words as possible.
-
-    >>> spans_text([1, 2, 3, 7, 9, 10])
-    '1-3, 7, 9-10'
-    """
-    spans: list[list[int]] = []
-    for seed in sorted(seeds):
-        if spans and seed == spans[-1][1] + 1:
-            spans[-1][1] = seed
-        else:
-            spans.append([seed, seed])
-    return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in spans)

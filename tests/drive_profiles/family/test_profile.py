@@ -171,7 +171,7 @@ def good():
     ("old", "new", "words"),
     [
         ("vendor_id = 0x4849_4C01", "vendor_id = 0", r":\d+: identity\.vendor_id: found 0; expected at least 1"),
-        ("subindex = 2\n", "subindex = 1\n", r"velocity_gain_nm_s_rad and velocity_integral_gain_nm_rad are both in"),
+        ("subindex = 2,", "subindex = 1,", r"velocity_gain_nm_s_rad and velocity_integral_gain_nm_rad are both in"),
         ('unit = "Hz"', 'unit = "1/s"', "lowpass_hz ends in a unit, Hz, but states unit = '1/s'"),
         ('structure = "P-PI"', 'structure = "PPI"', "loop.structure: found 'PPI'; expected one of 'P-PI'"),
         ('parameter = "lowpass_hz"', 'parameter = "low_pass_hz"', "name parameters that are not there: low_pass_hz"),

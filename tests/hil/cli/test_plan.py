@@ -69,7 +69,7 @@ def bench_with_profile(folder: Path, control: str) -> Path:
     text = (VENDORS / "emulated_drive.toml").read_text(encoding="utf-8")
     gains = tuple(Control.model_fields)
     for name in gains:
-        text, count = re.subn(rf"^\[parameters\.{name}\]\n(?:(?!\[).*\n)*", "", text, flags=re.M)
+        text, count = re.subn(rf"^{name} = \{{ index.*\n", "", text, flags=re.M)
         assert count == 1
     text = re.sub(r"^\[loop\.gains\]\n(?:(?!\[).*\n)*", "", text, flags=re.M)
     (folder / "drive.toml").write_text(text, encoding="utf-8")

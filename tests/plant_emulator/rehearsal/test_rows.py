@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from drive_profiles.errors import FileError, RefusedError
+from drive_profiles.standard.shown import spans
 from plant_emulator.rehearsal.many.rows import MAX_ROW_BYTES, SETTINGS_FILE, Kept, RehearsalSettings
-from plant_emulator.rehearsal.many.seeds import LARGEST_SEED, MOST_SEEDS, seeds_of, spans_text
+from plant_emulator.rehearsal.many.seeds import LARGEST_SEED, MOST_SEEDS, seeds_of
 from plant_emulator.trials.rows import plain, steady
 from plant_emulator.trials.table import csv_text, parquet_bytes, write_table
 from tests.plant_emulator.rehearsal.made import refused, row
@@ -165,7 +166,7 @@ def test_seeds_that_are_none_are_refused(text, words):
 
 
 def test_seeds_and_their_words_say_the_same():
-    assert seeds_of(spans_text([1, 2, 3, 9, 11, 12])) == (1, 2, 3, 9, 11, 12)
+    assert seeds_of(spans([1, 2, 3, 9, 11, 12])) == (1, 2, 3, 9, 11, 12)
 
 
 def test_a_row_s_file_is_one_flat_object(kept):
