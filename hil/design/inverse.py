@@ -31,7 +31,7 @@ N A_k is 3 mrad, and 5 % where it is 30 mrad.
 import cmath
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -207,6 +207,7 @@ class Way:
     actuation: Actuation
     torque_lag_s: float
     speed_rps: Real
+    _kept: dict[bytes, list[_Image]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def reference_per_motion(self, frequency_hz: Real) -> Complex:
         """Set-point for each rad of the motor; shape (speeds,)."""
@@ -238,8 +239,15 @@ class Way:
         _, arm, gear = self.loop.plant.terms(2j * math.pi * frequency_hz)
         return np.asarray(gear / (arm + gear))
 
-    def _images(self, frequency_hz: Real) -> Iterator[_Image]:
-        """Images of a sine that is sampled.
+    def _images(self, frequency_hz: Real) -> list[_Image]:
+        """Images of a sine that is sampled; waves share frequencies."""
+        key = frequency_hz.tobytes()
+        if key not in self._kept:
+            self._kept[key] = list(self._imaged(frequency_hz))
+        return self._kept[key]
+
+    def _imaged(self, frequency_hz: Real) -> Iterator[_Image]:
+        """Compute the images.
 
         Between two SYNCs interpolated set-points, and a held torque, have all frequencies f − m/T too.
         """

@@ -21,8 +21,8 @@ from plant_emulator.processes import deaf_children, one_thread
 MOST_JOBS = 256
 START = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 """How a process starts: as a fork of a server without threads, where the system has that; a fork beside threads may hang."""
-SLOW_IMPORTS = ("scipy.linalg", "scipy.optimize", "scipy.signal")
-"""Modules that the server imports once for all processes: they take half of a start, and begin no thread, as others do."""
+SLOW_IMPORTS = ("scipy.linalg", "scipy.optimize", "scipy.signal", "plant_emulator.studies.many")
+"""Modules that the server imports once for all processes: they take most of a start, and begin no thread, as others do."""
 
 Result = TypeVar("Result")
 
