@@ -62,7 +62,8 @@ def upload(robot: str, folder: Path, value: float, after_s: float, from_table: b
         process.send_signal(signal.SIGINT)
     out = first + process.communicate(timeout=600)[0]
     # a signal that ends the interpreter's own start has come before the first line of the tool
-    is_early = process.returncode == -signal.SIGINT or "Fatal Python error: init" in out
+    ended_early = ("Fatal Python error: init", "Could not import runpy module")
+    is_early = process.returncode == -signal.SIGINT or any(words in out for words in ended_early)
     status = 130 if is_early else process.returncode
     return Interrupted(status, out, time.monotonic() - began, shown)
 
