@@ -153,7 +153,7 @@ def fit_plant(
     inside = [fit for fit in fits if problem.is_inside(fit.x)]
     best = min(inside or fits, key=_left)
     problem.focus(problem.plant(best.x).antiresonance_hz)
-    others = [fitted(problem, start) for start in problem.beside(best.x)]
+    others = [fitted(problem, start) for start in (*problem.beside(best.x), *problem.with_other_delay(best.x))]
     best = min([best, *(fit for fit in others if problem.is_inside(fit.x))], key=_left)
     problem.focus(problem.plant(best.x).antiresonance_hz)
     return estimate_of(problem, best.x, np.asarray(best.jac))

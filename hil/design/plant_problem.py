@@ -353,6 +353,22 @@ class PlantProblem:
         tried.sort(key=lambda each: each[0])
         return [moved for _, moved in tried[:2]]
 
+    def with_other_delay(self, x: Real) -> list[Real]:
+        """The same unknowns with a likelier delay of the accelerometer, if there is one.
+
+        Around f_a alone the phase of a delay comes back after a period, so that a fit may end a period, or a part of one, away.
+        """
+        if self.data.tip is None or not len(self._tip_lines):
+            return []
+        tenth_s = 0.1 / self.data.frequency_hz[self._tip_lines[-1]]
+        tried = [x]
+        for delay_s in np.arange(-LEAST_TIP_DELAY_S, LARGEST_TIP_DELAY_S, tenth_s).tolist():
+            moved = x.copy()
+            moved[DELAY] = delay_s
+            tried.append(moved)
+        best = min(tried, key=lambda each: float(np.sum(np.log1p(np.abs(self.residual(each))))))
+        return [] if best is x else [best]
+
     def start(self, guess: Real) -> Real:
         """Complete the unknowns from a guess of the first five."""
         more = [0.5 * self.timing.control_s, 0.1, 0.5 * LEAST_LAG_S]
