@@ -160,6 +160,7 @@ class IdentifiedError(Uncertain):
         values: Amplitudes A_k and phases φ_k. They have standard errors by the same names.
         arm_hz: Resonance ω/2π of the arm on its gear, refined by the fit.
         damping: Damping ratio ζ, likewise.
+        torsion_arcsec: Amplitude of the gear's torsion for which both hold: the largest of the ramps; None for a linear arm.
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle.
         set_point_delay_s: Delay of the motor behind its set-points beyond SYNC period and interpolation.
         gear_reaction: Part of τ_g dθ_sync/dθ_m with which the gear's torque τ_g loads the motor, as the motor's torque lets
@@ -174,6 +175,7 @@ class IdentifiedError(Uncertain):
     values: TransmissionErrorTable
     arm_hz: Positive | None = None
     damping: Positive | None = None
+    torsion_arcsec: Positive | None = None
     accelerometer_delay_s: float = 0.0
     set_point_delay_s: float = 0.0
     gear_reaction: NotNegative = 0.0

@@ -90,8 +90,8 @@ class PlantEstimate:
         tip: Tip acceleration per motor angle; None without accelerometer.
         misfit: √ of the mean squared residual in standard deviations: 1 where the model explains all but the scatter.
         periods: Number of periods that were averaged.
-        torsion_rad: Amplitude of the gear's torsion under the excitation, √2 times its root mean square, for which stiffness and
-            damping hold where the gear has hysteresis.
+        torsion_rad: Amplitude of a sine at f_a whose torsion of the gear meets the same friction as the excitation; stiffness and
+            damping hold for it where the gear has hysteresis.
         unknowns: The fit's own unknowns, from which another may start.
         modes: All modes of an arm that rings with several, from the lowest; then the plant is the motor with the leading one of
             them. Empty where there is one.
@@ -244,19 +244,29 @@ def estimate_of(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate
         tip,
         misfit,
         data.periods,
-        _torsion(plant, data.frequency_hz, angle),
+        sine_of_same_friction_rad(plant, data.frequency_hz, angle),
         x,
     )
 
 
-def _torsion(plant: TwoInertia, frequency_hz: Real, angle: Complex) -> float:
-    """Amplitude of the torsion θ_m/N − θ_l, √2 times its rms.
+def sine_of_same_friction_rad(plant: TwoInertia, frequency_hz: Real, angle: Complex) -> float:
+    """Amplitude of the sine at f_a that meets the same friction as the excitation.
 
-    It follows from the measured motor angle and the fitted plant.
+    Many lines make the torsion θ_m/N − θ_l a Gaussian signal. To it a friction F sgn(ψ') is a damping of √(2/π) F/σ, with the
+    standard deviation σ of ψ'; to a sine of amplitude a it is one of 4 F/(π ω_a a). Both are equal at a = (4/π) √(π/2) σ/ω_a.
+
+    Args:
+        plant: The plant.
+        frequency_hz: Excited lines; shape (lines,).
+        angle: Spectra of the motor angle's periods, amplitudes; shape (periods, lines).
+
+    Source: A. Gelb, W. E. Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design (1968), appendices B, E.
     """
-    _, b, c = plant.terms(2j * math.pi * frequency_hz)
-    torsion = angle.mean(axis=0) / plant.reduction_ratio * b / (b + c)
-    return math.sqrt(float(np.sum(np.abs(torsion) ** 2)))
+    jw = 2j * math.pi * frequency_hz
+    _, b, c = plant.terms(jw)
+    rates = jw * angle.mean(axis=0) / plant.reduction_ratio * b / (b + c)
+    deviation = math.sqrt(0.5 * float(np.sum(np.abs(rates) ** 2)))
+    return 4.0 / math.pi * math.sqrt(0.5 * math.pi) * deviation / (2.0 * math.pi * plant.antiresonance_hz)
 
 
 def _response(frequency_hz: Real, output: Complex, given: Complex) -> ResponseEstimate:

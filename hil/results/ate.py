@@ -76,6 +76,8 @@ class AteFit(ResultPart):
     """Fit of all passes together; the fields are those of `hil.design.ate.identification.JointEstimate`.
 
     Attributes:
+        arm_hz: Resonance of the linear arm that comes nearest to the vibration; None in older results: that of the entry.
+        arm_damping: Its damping ratio, likewise.
         carried: Fraction of the vibration's power by order; orders overlap, so that the sum is only nearly the explained one.
     """
 
@@ -90,6 +92,8 @@ class AteFit(ResultPart):
     band_hz: tuple[float, float]
     agreement: tuple[Agreement, ...]
     miss: float | None = None
+    arm_hz: float | None = None
+    arm_damping: float | None = None
     carried: dict[str, float] | None = None
 
 

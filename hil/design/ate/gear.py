@@ -1,6 +1,9 @@
 """An arm on a gear that is soft at small torsions and has hysteresis, along a measured motion of its motor.
 
 The equations are those of `gear.h`.
+
+Source of the harmonic balance: A. Gelb, W. E. Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design
+(1968), section 2.2.
 """
 
 import math
@@ -22,6 +25,8 @@ LEAST_SOFTNESS, LEAST_HYSTERESIS_RAD = 1e-5, 1e-10
 """Softness and friction below which no motion shows them: 1e-5 of the torque, and 20 µas of torsion."""
 RIPPLE_ROUNDS = 2
 """Rounds in which the ripple is evaluated at the angle that contains it: of 500″ at order 4, each leaves 1 %."""
+BALANCED = 200
+"""Instants of a period, arm angles, and torsions under gravity at which a harmonic balance evaluates the gear."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,41 @@ class GearLaw:
     def is_linear(self) -> bool:
         """True if the spring is a straight line and nothing of the torque is friction's."""
         return self.softness < LEAST_SOFTNESS and self.hysteresis_rad < LEAST_HYSTERESIS_RAD
+
+    def arm_at(self, torsion_rad: float, arm_rad: Real) -> tuple[float, float]:
+        """Resonance in Hz and damping ratio of a vibration, by harmonic balance.
+
+        A torsion ψ = ψ_g + a sin φ about what gravity winds up has the acceleration K a sin φ + L a cos φ, and harmonics.
+
+        Args:
+            torsion_rad: Amplitude a of the torsion.
+            arm_rad: Arm angles of the motion; their quantiles count.
+        """
+        omega, angle = 2.0 * math.pi * self.resonance_hz, np.quantile(arm_rad, (np.arange(BALANCED) + 0.5) / BALANCED)
+        phase = (np.arange(BALANCED) + 0.5) * (2.0 * math.pi / BALANCED)
+        sine, sign = np.sin(phase), np.sign(np.cos(phase))
+        cosine_part, sine_part = self.gravity_rad_s2
+        load = (cosine_part * np.cos(angle) + sine_part * np.sin(angle)) / omega**2
+        reach = float(np.max(np.abs(load))) / (1.0 - self.softness)
+        sags = np.linspace(-reach, reach, BALANCED)
+        torsion = np.interp(load, self._spring(sags), sags)[:, np.newaxis] + torsion_rad * sine
+        spring = np.mean(self._spring(torsion), axis=0)
+        far = 2.0 / (1.0 + math.exp(-2.0 * torsion_rad / self.hysteresis_torsion_rad))
+        turned = np.exp(-torsion_rad * (1.0 + sign * sine) / self.hysteresis_torsion_rad)
+        torque = spring + self.hysteresis_rad * sign * (1.0 - far * turned)
+        scale = 2.0 * omega**2 / (BALANCED * torsion_rad)
+        posture = float(np.mean(self.posture_stiffness(angle)))
+        own = math.sqrt(max(scale * float(torque @ sine) + posture, np.finfo(float).tiny))
+        return own / (2.0 * math.pi), (self.damping * omega + 0.5 * scale * float(torque @ np.cos(phase)) / own) / own
+
+    def _spring(self, torsion_rad: Real) -> Real:
+        """The spring's torque over K_g."""
+        return np.asarray(torsion_rad * (1.0 - self.softness * np.exp(-((torsion_rad / self.wind_up_rad) ** 2))))
+
+    def posture_stiffness(self, arm_rad: Real) -> Real:
+        """Stiffness over J_l that gravity adds at arm angles, in rad/s² per rad."""
+        cosine, sine = self.gravity_rad_s2
+        return np.asarray(sine * np.cos(arm_rad) - cosine * np.sin(arm_rad))
 
     def record(self, wound: float = 0.0, ahead_rad: complex = 0j) -> NDArray[np.void]:
         """The law as `struct gear_law`; shape (1,)."""

@@ -18,7 +18,7 @@ Error Models, Wiley 1987, section 1.3.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from hil.control.angles import ARCSEC
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_ramp import BEGINNING, FACTORS, GEAR_BAND, OF_IMAGES, OF_ROUNDING, SHARED, Ramp, Setting, thinning
 from hil.design.ate.gravity import Weight
-from hil.design.ate.identification import DELAY_KEY, SPRING_MISS, JointEstimate, missed, polar
+from hil.design.ate.identification import ARM_KEYS, DELAY_KEY, SPRING_MISS, JointEstimate, missed, polar
 from hil.design.ate.misfit import LEAST_MISSED
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.refinement import MOUNTING_HZ
@@ -77,6 +77,8 @@ LINEAR = {
     "hysteresis_torsion": math.log(20.0 * ARCSEC),
 }  # fmt: skip
 """A linear gear, of which these are no unknowns."""
+OF_LAW = ("resonance", "damping", *LINEAR, "cosine", "sine")
+"""Those on which f_a and ζ of a vibration depend."""
 GEARS = (
     LINEAR,
     {"softness": math.log(0.15), "hysteresis": math.log(5.0 * ARCSEC)},
@@ -101,9 +103,9 @@ def priors(weight: Weight, resonance_hz: float) -> dict[str, Prior]:
     """Priors of the shared unknowns.
 
     The gear's torsions are a factor of 2 wide, softness and friction one of 20 and 55, around the middle of the gears that the
-    emulator draws. Its part of ζ is 0.55 to 0.9: as the delay does, it turns the phase in proportion to the frequency, so the
-    ramps hardly tell it. The sensor's mounting and its filter of order 2 resonate above or below 110 Hz, one as likely as the
-    other: the filter's gain falls as 1 − ½ (f/f_c)⁴.
+    emulator draws. Its part of ζ is 0.55 to 0.9, one as likely as the other: as the delay does, it turns the phase in proportion
+    to the frequency, so the ramps hardly tell it. The sensor's mounting and its filter of order 2 resonate above or below 110 Hz,
+    one as likely as the other: the filter's gain falls as 1 − ½ (f/f_c)⁴.
 
     Args:
         weight: Weight of the arm.
@@ -112,7 +114,7 @@ def priors(weight: Weight, resonance_hz: float) -> dict[str, Prior]:
     return {
         "resonance": Prior(math.log(resonance_hz), 1.0),
         "damping": Prior(math.log(0.035), 1.0),
-        "gear_fraction": Prior(1.2, 1.0),
+        "gear_fraction": Prior(1.2, 2.0 / math.sqrt(12.0)),
         "delay": Prior(0.01, 0.02),
         "bend": Prior(0.0, (resonance_hz / MOUNTING_HZ) ** 2),
         "droop": Prior(0.0, 0.5 * (resonance_hz / MOUNTING_HZ) ** 4),
@@ -145,6 +147,9 @@ class GearEstimate:
         covariance: Their covariance.
         orders: Orders k.
         law: The gear.
+        torsion_rad: Largest amplitude of the gear's torsion in the ramps.
+        arm: f_a in Hz and ζ of a vibration of that amplitude, as a function of the unknowns.
+        postures_hz: Standard deviation of f_a between the arm angles of the ramps.
         noise: s² in (m/s²)² of a sample of the thinned recordings, q² over that of rounding, and τ².
     """
 
@@ -152,6 +157,9 @@ class GearEstimate:
     covariance: Real
     orders: tuple[float, ...]
     law: GearLaw
+    torsion_rad: float
+    arm: Callable[[Real], Real]
+    postures_hz: float
     noise: _Noise
 
     @property
@@ -165,13 +173,30 @@ class GearEstimate:
         return math.sqrt(self.noise.miss)
 
     def values(self) -> Estimate:
-        """A_k, φ_k and the sensor's delay; the missed part may be a shift by τ rad of the arm's vibration."""
+        """A_k, φ_k, the sensor's delay, f_a and ζ; the missed part may be a shift by τ rad of the arm's vibration."""
         count, delay = 2 * len(self.orders), SHARED.index("delay")
-        at = [*range(len(SHARED), len(SHARED) + count), delay]
-        mean, square = self.mean[at], self.covariance[np.ix_(at, at)].copy()
-        square[:count, :count] += missed(mean[:count], np.full(len(self.orders), self.miss))
-        square[count, count] += (self.miss / (2.0 * math.pi * self.law.resonance_hz)) ** 2 + DELAY_LEFT_OPEN_S**2
-        return polar(self.orders, mean, square, (DELAY_KEY,))
+        hz, damping = self.arm(self.mean).tolist()
+        slopes = np.eye(len(self.mean))[[*range(len(SHARED), len(SHARED) + count), delay, delay, delay]]
+        slopes[-2:] = self._slopes_of_arm()
+        square = slopes @ self.covariance @ slopes.T
+        square[:count, :count] += missed(self.mean[len(SHARED) :][:count], np.full(len(self.orders), self.miss))
+        left_open = [
+            math.hypot(self.miss / (2.0 * math.pi * hz), DELAY_LEFT_OPEN_S),
+            math.hypot(self.miss * damping * hz, self.postures_hz),
+            self.miss * damping,
+        ]
+        square[count:, count:] += np.diag(left_open) ** 2
+        mean = np.concatenate([self.mean[len(SHARED) :][:count], [self.mean[delay], hz, damping]])
+        return polar(self.orders, mean, square, (DELAY_KEY, *ARM_KEYS))
+
+    def _slopes_of_arm(self) -> Real:
+        """Slopes of f_a and ζ by every unknown."""
+        slopes = np.zeros((2, len(self.mean)))
+        for name in OF_LAW:
+            step = np.zeros(len(self.mean))
+            step[SHARED.index(name)] = SIZES[name]
+            slopes[:, SHARED.index(name)] = (self.arm(self.mean + step) - self.arm(self.mean - step)) / (2.0 * SIZES[name])
+        return slopes
 
 
 class GearFit:
@@ -214,6 +239,7 @@ class GearFit:
             waves += [size * math.cos(phase), size * math.sin(phase)]
         ramps, begun = len(sweeps), len(BEGINNING) * len(sweeps)
         self._small, self._is_linear = (1.0, 1.0), False
+        self._arm_rad = np.concatenate([each.motor_angle_rad[each.direction != 0] for each in sweeps]) / reduction_ratio
         self.start = np.array(shared + waves + [0.0] * begun)
         weights, sizes = [3.0, *[1.0 / RINGING_RAD**2] * 2], [0.05, *[0.2 * ARCSEC] * 2]
         known = [1.0 / self._priors[name].sigma ** 2 for name in SHARED]
@@ -365,7 +391,19 @@ class GearFit:
         made = self._climbed(best.p, *FINISHING)
         scale = 1.0 / np.sqrt(np.diag(made.square))
         covariance = np.linalg.inv(made.square * np.outer(scale, scale)) * np.outer(scale, scale)
-        return GearEstimate(made.p, covariance, self.orders, self._setting.law(made.p), made.noise)
+        law, torsion_rad = self._setting.law(made.p), self._largest_torsion(made)
+
+        def arm(p: Real) -> Real:
+            return np.array(self._setting.law(p).arm_at(torsion_rad, self._arm_rad))
+
+        # f = √K/2π, so that df = dK/(8 π² f)
+        spread_hz = float(np.std(law.posture_stiffness(self._arm_rad))) / (8.0 * math.pi**2 * law.resonance_hz)
+        return GearEstimate(made.p, covariance, self.orders, law, torsion_rad, arm, spread_hz, made.noise)
+
+    def _largest_torsion(self, made: "_State") -> float:
+        """Largest amplitude of the torsion in the ramps, of the simulated vibration in the band."""
+        omega = 2.0 * math.pi * self._setting.law(made.p).resonance_hz
+        return max(ramp.largest(moved) for ramp, moved in zip(self._ramps, made.moved, strict=True)) / omega**2
 
     def _from(self, gear: Mapping[str, float]) -> Real:
         """The start with the values of a gear."""
@@ -478,4 +516,11 @@ def on_its_gear(
         return estimate
     if not (np.all(np.isfinite(found.mean)) and np.all(np.diag(found.covariance) > 0.0) and found.is_true):
         return estimate
-    return replace(estimate, values=found.values(), miss=found.miss, structured=found.noise.miss, gear=found.law)
+    return replace(
+        estimate,
+        values=found.values(),
+        miss=found.miss,
+        structured=found.noise.miss,
+        gear=found.law,
+        torsion_rad=found.torsion_rad,
+    )

@@ -199,6 +199,11 @@ class Ramp:
         acceleration = law.follow(base, speed, self._motion.step_s, *self._began(p))
         return np.asarray(scipy.fft.rfft(acceleration, self._length * self._motion.per_sample))
 
+    def largest(self, moved: Complex) -> float:
+        """Largest acceleration in the band, in rad/s², of a simulated spectrum."""
+        low, high = self._setting.band_hz
+        return float(np.max(np.abs(scipy.fft.irfft(np.where((self._fine_hz > low) & (self._fine_hz < high), moved, 0.0)))))
+
     def _passing(self, p: Real) -> tuple[Real, Complex]:
         """Gain and turn of the sensor at the integration's steps; most unknowns change neither, so the last ones are kept."""
         key = p[_OF_SENSOR].tobytes()

@@ -63,6 +63,7 @@ Only that part turns φ_k: a shift of time turns it one way forwards and the oth
 OF_ONE_WAY, ALL_OF_ARM = 2, 4
 """Unknowns of an arm that one direction tells, ω and ζ, and all with delay and bend."""
 DELAY_KEY = "accelerometer_delay_s"
+ARM_KEYS = ("arm_hz", "damping")
 """Name of the sensor's delay among the values of an estimate."""
 LEAST_SIZE_RAD = 1e-3 * ARCSEC
 """Amplitude below which an order has no phase."""
@@ -120,6 +121,7 @@ class JointEstimate:
         miss: Part of the strongest order's vibration that the model misses.
         structured: Fraction of the signal without the motor's own motion that neither θ_sync nor noise explains.
         gear: The gear on which the arm was simulated; None for a linear one.
+        torsion_rad: Amplitude of the gear's torsion for which its f_a and ζ hold: the largest of the ramps; None without a gear.
     """
 
     orders: tuple[float, ...]
@@ -136,6 +138,7 @@ class JointEstimate:
     miss: float = 0.0
     structured: float = 0.0
     gear: GearLaw | None = None
+    torsion_rad: float | None = None
 
     @cached_property
     def error(self) -> TransmissionError:
@@ -154,11 +157,10 @@ class JointEstimate:
         return {order: self.values.standard_error(phase_key(order)) for order in self.orders}
 
     @property
-    def delay(self) -> EstimatedParameter | None:
-        """Δ of the simulated gear; None without one."""
-        if DELAY_KEY not in self.values.names:
-            return None
-        return EstimatedParameter(self.values.value(DELAY_KEY), self.values.standard_error(DELAY_KEY))
+    def of_gear(self) -> dict[str, EstimatedParameter]:
+        """Δ, f_a and ζ of the simulated gear, by the model file's names; empty without one."""
+        names = [name for name in (DELAY_KEY, *ARM_KEYS) if name in self.values.names]
+        return {name: EstimatedParameter(self.values.value(name), self.values.standard_error(name)) for name in names}
 
     @property
     def is_spring(self) -> bool:

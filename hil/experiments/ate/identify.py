@@ -19,7 +19,7 @@ from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_fit import POOR_MISS, on_its_gear
 from hil.design.ate.gravity import weight_of
-from hil.design.ate.identification import JointEstimate, with_arm
+from hil.design.ate.identification import ARM_KEYS, DELAY_KEY, JointEstimate, with_arm
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.reaction import Reaction, Turning, gear_reaction
 from hil.design.estimation import EstimatedParameter
@@ -479,14 +479,30 @@ def delay_of(estimate: JointEstimate, gear_fraction_error: float, plant_damping:
         gear_fraction_error: Standard error of ζ_g/ζ.
         plant_damping: ζ of the identified plant; None if it is not known.
     """
-    if estimate.delay is not None:
-        return estimate.delay
+    if DELAY_KEY in estimate.of_gear:
+        return estimate.of_gear[DELAY_KEY]
     lead_s = 2.0 * estimate.arm.damping / (2.0 * math.pi * estimate.arm.resonance_hz)
     blur_s = 0.0
     if plant_damping is not None:
         blur_s = estimate.arm.gear_fraction * lead_s * (1.0 - plant_damping / estimate.arm.damping)
     error_s = math.hypot(estimate.arm_error.delay_s, gear_fraction_error * lead_s, UNIFORM * blur_s)
     return EstimatedParameter(estimate.arm.delay_s - 0.5 * blur_s, error_s)
+
+
+def arm_of(estimate: JointEstimate, plant: Arm) -> tuple[EstimatedParameter, EstimatedParameter]:
+    """Estimate f_a and ζ of the ramps' largest vibration.
+
+    They follow from the simulated gear. A linear arm blurs as the resonance moves (`delay_of`): its f_a and ζ may be anywhere
+    between those of the ramps and of the plant's excitation.
+    """
+    if estimate.of_gear:
+        hz, damping = (estimate.of_gear[name] for name in ARM_KEYS)
+        return hz, damping
+    arm, error = estimate.arm, estimate.arm_error
+    return (
+        EstimatedParameter(arm.resonance_hz, math.hypot(error.resonance_hz, UNIFORM * (arm.resonance_hz - plant.resonance_hz))),
+        EstimatedParameter(arm.damping, math.hypot(error.damping, UNIFORM * (arm.damping - plant.damping))),
+    )
 
 
 def as_part(
@@ -504,16 +520,15 @@ def as_part(
         estimate: The estimate.
         request: What was asked for.
         note: A note.
-        knowledge: Knowledge of the axis. The vibration of a ramp is another than that of the plant's excitation, and blurs as the
-            resonance moves (`delay_of`): f_a and ζ may be anywhere between both.
+        knowledge: Knowledge of the axis.
         reaction: Reaction of the gear on its motor; the entry has its posterior mean.
     """
     plant = knowledge.start or estimate.arm
     delay = delay_of(estimate, knowledge.gear_fraction_error, plant.damping)
     seen = {order: size for order, size in estimate.error.amplitude_arcsec.items() if is_seen(estimate, order)}
     errors = standard_errors(estimate)
-    errors["arm_hz"] = math.hypot(estimate.arm_error.resonance_hz, UNIFORM * (estimate.arm.resonance_hz - plant.resonance_hz))
-    errors["damping"] = math.hypot(estimate.arm_error.damping, UNIFORM * (estimate.arm.damping - plant.damping))
+    arm_hz, damping = arm_of(estimate, plant)
+    errors |= {"arm_hz": arm_hz.standard_error, "damping": damping.standard_error}
     if not request.sensorless:
         errors["accelerometer_delay_s"] = delay.standard_error
     reacts = None if reaction is None else reaction.posterior()
@@ -523,8 +538,9 @@ def as_part(
         values=TransmissionErrorTable.of(seen, {order: estimate.error.phase_deg[order] for order in seen}),
         standard_error=errors,
         correlation=Correlation.of(estimate.values),
-        arm_hz=estimate.arm.resonance_hz,
-        damping=estimate.arm.damping,
+        arm_hz=arm_hz.value,
+        damping=damping.value,
+        torsion_arcsec=None if estimate.torsion_rad is None else estimate.torsion_rad / ARCSEC,
         accelerometer_delay_s=0.0 if request.sensorless else delay.value,
         gear_reaction=0.0 if reacts is None else reacts.value,
         learnt_by="sensorless" if request.sensorless else "identify",

@@ -130,6 +130,8 @@ def _enter(result: AteResult, identification: Identification, part: IdentifiedEr
         motion_scale=estimate.motion_scale,
         motion_scale_error=estimate.motion_scale_error,
         miss=estimate.miss,
+        arm_hz=estimate.arm.resonance_hz,
+        arm_damping=estimate.arm.damping,
         band_hz=estimate.band_hz,
         agreement=tuple(estimate.agreement),
         carried=None if identification.scan is None else {f"{k:g}": part for k, part in identification.scan.fractions.items()},

@@ -100,7 +100,8 @@ class AteMaterial:
         part, fit = self.part, self.result.fit
         if part is None or fit is None or part.arm_hz is None or part.damping is None:
             return []
-        arm = Arm(part.arm_hz, part.damping, fit.delay_s, fit.gear_fraction, others=self.result.known_before.others)
+        hz, damping = fit.arm_hz or part.arm_hz, fit.arm_damping or part.damping
+        arm = Arm(hz, damping, fit.delay_s, fit.gear_fraction, others=self.result.known_before.others)
         ratio = self.result.bench.file.axis[self.axis].reduction_ratio
         return [self._drawn(each, arm, self.result.sensing, ratio, error_of(part), fit.band_hz) for each in self.result.passes]
 
@@ -326,7 +327,7 @@ def arm(material: AteMaterial) -> ReportTable | None:
     errors = part.standard_error
     late = "torque" if material.is_sensorless else material.result.bench.file.accelerometer.title
     rows: list[list[Cell]] = [
-        ["arm on its gear", "Hz", number(part.arm_hz, "{:.3f}"), number(errors.get("arm_hz"), "{:.3f}")],
+        [f"arm on its gear{_at_torsion(part)}", "Hz", number(part.arm_hz, "{:.3f}"), number(errors.get("arm_hz"), "{:.3f}")],
         ["its damping ζ", "", number(part.damping, "{:.4f}"), number(errors.get("damping"), "{:.4f}")],
         [
             f"delay of the {late} behind the motor angle",
@@ -353,6 +354,11 @@ def arm(material: AteMaterial) -> ReportTable | None:
         f"The gear is assumed to cause {100.0 * fit.gear_fraction:.0f} % of the damping. A change of this fraction by 0.1 "
         "changes only the delay, by 0.2 ζ/ω, about 0.1 ms.",
     )
+
+
+def _at_torsion(part: IdentifiedError) -> str:
+    """Torsion of the gear for which f_a and ζ hold, in words."""
+    return "" if part.torsion_arcsec is None else f", at a torsion of {part.torsion_arcsec:.3g} arcsec"
 
 
 def arm_twice(material: AteMaterial) -> ReportTable | None:

@@ -4,11 +4,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedAxis, IdentifiedPlant
-from hil.control.angles import ARCSEC
 from hil.design.ate.model import Sweep
 from hil.errors import HilError
 from hil.experiments.ate.identify import as_part, estimate_of, simulated
@@ -21,9 +19,11 @@ from plant_emulator.rehearsal.estimates import quantities_of
 from plant_emulator.rehearsal.evidence.recordings import RecordedRobot
 from plant_emulator.rehearsal.gear import gear_plant
 from plant_emulator.rehearsal.record import QUANTITIES, QuantityRecord
-from plant_emulator.robots.robot import Robot, RobotAxis
+from plant_emulator.robots.robot import Robot
 from plant_emulator.trials.rows import Row, plain
 
+POSTURES = 60
+"""Arm angles of a ramp at which the true gear is evaluated."""
 RAMP_QUANTITIES = ("ramps_arm_hz", "ramps_damping")
 """f_a and ζ as the ramps show them, beside those of the plant."""
 REPLAYED = (*(name for name in QUANTITIES if not name.startswith("learnt_")), *RAMP_QUANTITIES)
@@ -76,7 +76,7 @@ def _of_ramps(recorded: RecordedRobot, bench: Bench, axis: int, plant: Identifie
     estimate = simulated(linear, sweeps, bench.axis[axis].reduction_ratio, result.sensing, knowledge)
     part = as_part(estimate, request, "", knowledge)
     model = Identified(robot=bench.name, axis={axis: IdentifiedAxis(plant=plant, ate=part)})
-    true_hz, true_damping = _arm_on_its_gear(recorded.robot, axis, sweeps, result.sensing.gain)
+    true_hz, true_damping = _arm_on_its_gear(recorded.robot, axis, sweeps, part.torsion_arcsec)
     return quantities_of(recorded.robot, axis, model, None) | {
         "ramps_arm_hz": QuantityRecord(true_hz, part.arm_hz, part.standard_error["arm_hz"]),
         "ramps_damping": QuantityRecord(true_damping, part.damping, part.standard_error["damping"]),
@@ -93,26 +93,13 @@ def _sweep(made: AteRun, recording: Recording, axis: int) -> Sweep:
     return sweep_on_time(recording, axis, recording.felt_m_s2, direction, torque)
 
 
-def _arm_on_its_gear(robot: Robot, number: int, sweeps: Sequence[Sweep], lever_m: float) -> tuple[float, float]:
+def _arm_on_its_gear(robot: Robot, number: int, sweeps: Sequence[Sweep], torsion_arcsec: float | None) -> tuple[float, float]:
     """Return the true f_a and ζ of ramps.
 
-    The gear is that of the largest torsion. Gravity adds to its stiffness −m g l sin q on average over the ramps.
+    The gear is that of the stated torsion. Gravity adds to its stiffness −m g l sin q on average over the ramps.
     """
     axis, home_rad = robot.axis[number], robot.home_angle(number)
-    gear = gear_plant(axis, _torsion_arcsec(sweeps, lever_m, axis))
     postures = np.concatenate([each.motor_angle_rad[each.direction != 0] for each in sweeps]) / axis.reduction_ratio + home_rad
+    gear = gear_plant(axis, torsion_arcsec, np.quantile(postures, np.linspace(0.0, 1.0, POSTURES)))
     stiffer = math.sqrt(1.0 - axis.gravity_moment_nm * float(np.mean(np.sin(postures))) / gear.stiffness_nm_rad)
     return gear.antiresonance_hz * stiffer, gear.damping / stiffer
-
-
-def _torsion_arcsec(sweeps: Sequence[Sweep], lever_m: float, axis: RobotAxis) -> float:
-    """Return the largest amplitude of the gear's torsion at its resonance.
-
-    The arm's acceleration is ω² times the torsion.
-    """
-    nominal_hz, largest = gear_plant(axis, None).antiresonance_hz, 0.0
-    for sweep in sweeps:
-        band = scipy.signal.butter(2, (0.5 * nominal_hz, 1.5 * nominal_hz), "bandpass", fs=1.0 / sweep.period_s, output="sos")
-        passed = scipy.signal.sosfiltfilt(band, sweep.signal)[sweep.direction != 0]
-        largest = max(largest, float(np.max(np.abs(passed), initial=0.0)))
-    return max(largest / lever_m / (2.0 * math.pi * nominal_hz) ** 2 / ARCSEC, 0.1)

@@ -6,7 +6,7 @@ import pytest
 from hil.control.cascade import Cascade
 from hil.design.estimation import UnidentifiableError
 from hil.design.frequency import TwoInertia
-from hil.design.plant_identification import PlantEstimate, fit_plant
+from hil.design.plant_identification import PlantEstimate, fit_plant, sine_of_same_friction_rad
 from hil.design.plant_problem import SamplingTiming, angle_response, tip_response
 from hil.design.plant_spectra import Spectra, Stretch, spectra
 
@@ -159,3 +159,15 @@ def test_a_resonance_is_known_better_than_stiffness_and_inertia_which_share_thei
     assert math.sqrt(slope @ both.covariance @ slope) == pytest.approx(f_a.relative, rel=1e-6)
     assert both.correlation[0, 1] > 0.9
     assert np.hypot(*(0.5 * found.parameters[name].relative for name in names[:2])) > 2.0 * f_a.relative
+
+
+def test_a_sine_of_the_stated_torsion_meets_the_same_friction_as_the_excitation() -> None:
+    """Regression of F sgn(ψ') on ψ' along the excitation, as on a gear, and along the sine."""
+    angle, arm = synthetic(3).angle, PLANT.terms(2j * math.pi * FREQUENCY)
+    lines = angle.mean(axis=0) / PLANT.reduction_ratio * arm[1] / (arm[1] + arm[2])
+    time_s = np.arange(0.0, 2.0, 2e-5)
+    rates = np.real(np.exp(2j * math.pi * np.outer(time_s, FREQUENCY)) @ (2j * math.pi * FREQUENCY * lines))
+    of_excitation = float(np.sum(np.abs(rates)) / np.sum(rates**2))
+    fastest = 2.0 * math.pi * PLANT.antiresonance_hz * sine_of_same_friction_rad(PLANT, FREQUENCY, angle)
+    sine = fastest * np.sin(np.linspace(0.0, 2.0 * math.pi, 10000, endpoint=False))
+    assert float(np.sum(np.abs(sine)) / np.sum(sine**2)) == pytest.approx(of_excitation, rel=0.05)

@@ -7,6 +7,7 @@ import pytest
 
 from hil.bench.model import Identified, IdentifiedPlant
 from hil.control.angles import ARCSEC
+from hil.design.ate.gear import GearLaw
 from hil.robot_tables import PlantTable
 from plant_emulator.physics.axis import PLANT, PLANT_STATE
 from plant_emulator.rehearsal.estimates import quantities_of
@@ -93,3 +94,26 @@ def test_the_identified_plant_of_a_real_gear_is_compared_with_the_gear_at_the_st
         REAL, number, Identified(robot=REAL.name).with_part(number, plant.model_copy(update={"torsion_arcsec": None})), None
     )
     assert abs(untold["damping"].z() or 0.0) > 4.0
+
+
+@pytest.mark.parametrize("arcsec", [3.0, 40.0, 300.0])
+def test_the_fitted_law_of_a_gear_has_its_resonance_and_damping_at_any_torsion(arcsec: float) -> None:
+    axis = next(iter(REAL.axis.values()))
+    arm, stiffness = axis.arm_inertia_kg_m2, axis.gear_stiffness_nm_rad
+    omega, moment = math.sqrt(stiffness / arm), axis.gravity_moment_nm / arm
+    home = 0.7
+    law = GearLaw(
+        omega / (2.0 * math.pi),
+        (axis.gear_damping_nm_s_rad + axis.arm_damping_nm_s_rad) / (2.0 * arm * omega),
+        softness=axis.wind_up_softness,
+        wind_up_rad=axis.wind_up_torsion_arcsec * ARCSEC,
+        hysteresis_rad=axis.hysteresis_torque_nm / stiffness,
+        hysteresis_torsion_rad=axis.hysteresis_torsion_arcsec * ARCSEC,
+        gravity_rad_s2=(moment * math.cos(home), -moment * math.sin(home)),
+    )
+    turned = np.linspace(-1.0, 1.5, 400)
+    true = gear_plant(axis, arcsec, home + turned)
+    stiffer = math.sqrt(1.0 - axis.gravity_moment_nm * float(np.mean(np.sin(home + turned))) / true.stiffness_nm_rad)
+    hz, damping = law.arm_at(arcsec * ARCSEC, turned)
+    assert hz == pytest.approx(true.antiresonance_hz * stiffer, rel=1e-4)
+    assert damping == pytest.approx(true.damping / stiffer, rel=5e-3)
