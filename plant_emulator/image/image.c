@@ -217,8 +217,9 @@ integer synchronise(const struct image *image, const uint8_t *message, integer r
     return DONE;
 }
 
-integer run_course(struct course *course, const uint8_t *message, integer size, uint8_t *room)
+integer run_course(void *medium, const uint8_t *message, integer size, uint8_t *room)
 {
+    struct course *course = medium;
     const struct image *image = course->image;
     const struct mechanics *mechanics = course->mechanics;
     const integer until = course->now + course->period;

@@ -113,10 +113,10 @@ struct course {
     integer synced;    /* instant of the last SYNC that the nodes do not know of; below 0 if there is none */
 };
 
-/* Run a cycle: one SYNC, as in synchronise, and the period behind it.
+/* Run a cycle of a struct course: one SYNC, as in synchronise, and the period behind it. A struct line of the master calls it.
  *
  * Returns the bytes of the answers, copied to room for them; or -1, and nothing has changed, if a node must hear the frames, or
  * acts by itself before the period is over. */
-integer run_course(struct course *course, const uint8_t *message, integer size, uint8_t *room);
+integer run_course(void *medium, const uint8_t *message, integer size, uint8_t *room);
 
 #endif
