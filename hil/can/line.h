@@ -28,7 +28,9 @@ enum { NOT_SENT = -3, NOT_RECEIVED, NOT_TAKEN, TAKEN };
 
 /* Send a message whose last record is SYNC, and receive the next one, into room for MOST_RECORDS.
  *
- * It waits for nothing but the answer; `carry` has it at once, or returns a number below 0, and nothing is sent. Returns the bytes that have come, without the record of the clock at their end; 0 after
+ * It waits for nothing but the answer; `carry` has it at once, or returns a number below 0, and nothing is sent.
+ *
+ * Returns the bytes that have come, without the record of the clock at their end; 0 after
  * the time-out; NOT_SENT, also if the socket has another time-out; NOT_RECEIVED if a signal or an error ends the waiting. */
 integer exchange_message(struct line *line, const uint8_t *records, integer size, real timeout_s, uint8_t *room);
 
