@@ -9,7 +9,7 @@ from hil.report.figures import ate as figures_ate
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.order_names import symbol
 from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
-from hil.report.report_table import Cell, Mark, ReportTable, number
+from hil.report.report_table import Cell, Columns, Mark, ReportTable, number, tabulate
 from hil.report.style import Drawing
 from hil.report.tables.trial import trial_table
 from hil.results.learning import LearningPass, LearningResult, LearningRun
@@ -98,40 +98,24 @@ def _verdicts(result: LearningResult) -> ReportTable | None:
 
 def passes(result: LearningResult) -> ReportTable | None:
     """Table of every pass: the fraction of the cancellation, and the vibration."""
-    if not result.runs:
-        return None
-    estimate_after = {(axis.axis, index): each for axis in result.learnt for index, each in enumerate(axis.passes, start=1)}
-    rows = [_pass(run, estimate_after.get((run.axis, run.number))) for run in result.runs]
-    header = (
-        "",
-        "Pass",
-        "Cancellation (%)",
-        "Vibration (m/s²)",
-        "Acceleration (rev/s²)",
-        "Top speed (rev/s)",
-        "Cycles",
-        "Missed",
-        "Recording",
+    after = {(axis.axis, index): each for axis in result.learnt for index, each in enumerate(axis.passes, start=1)}
+    columns: Columns[tuple[LearningRun, LearningPass | None]] = (
+        ("", lambda row: f"axis {row[0].axis}"),
+        ("Pass", lambda row: str(row[0].number)),
+        ("Cancellation (%)", lambda row: number(None if row[1] is None else 100.0 * row[1].gain, "{:.0f}")),
+        ("Vibration (m/s²)", lambda row: number(None if row[1] is None else row[1].vibration_m_s2, "{:.4f}")),
+        ("Acceleration (rev/s²)", lambda row: number(row[0].acceleration_rps_s, "{:.2f}")),
+        ("Top speed (rev/s)", lambda row: number(row[0].end_rps, "{:.2f}")),
+        ("Cycles", lambda row: str(row[0].cycles)),
+        ("Missed", lambda row: str(row[0].missed_cycles)),
+        ("Recording", lambda row: row[0].recording if row[0].stopped is None else "stopped"),
     )
     caption = (
         "Pass 1 has no cancellation, pass 2 half of the cancellation, later passes all of it. Vibration: root mean "
         "square of the tip's vertical acceleration, around f_al, at the speeds that excite the arm."
     )
-    return ReportTable("passes", "Passes", "", header, rows, frozenset({0, 8}), caption)
-
-
-def _pass(run: LearningRun, after: LearningPass | None) -> list[Cell]:
-    return [
-        f"axis {run.axis}",
-        str(run.number),
-        number(None if after is None else 100.0 * after.gain, "{:.0f}"),
-        number(None if after is None else after.vibration_m_s2, "{:.4f}"),
-        number(run.acceleration_rps_s, "{:.2f}"),
-        number(run.end_rps, "{:.2f}"),
-        str(run.cycles),
-        str(run.missed_cycles),
-        run.recording if run.stopped is None else "stopped",
-    ]
+    rows = [(run, after.get((run.axis, run.number))) for run in result.runs]
+    return tabulate("passes", "Passes", columns, rows, caption, (0, 8))
 
 
 def verdict(result: LearningResult) -> PageVerdict:

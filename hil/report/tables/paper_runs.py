@@ -8,7 +8,7 @@ from markupsafe import Markup
 from hil.design.frequency import Margins
 from hil.report.material import Material, treatment_name, worst_of
 from hil.report.paper import TABLE_1, TABLE_2, TABLE_3
-from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
+from hil.report.report_table import NONE, Cell, Columns, Mark, ReportTable, number, tabulate
 from hil.results.acted import FilterSet
 from hil.results.runs import RunEntry
 
@@ -201,62 +201,41 @@ def _both(paper: float | None, bench: float) -> str:
 
 def runs(material: Material) -> ReportTable | None:
     """Every window of every run with its numbers."""
-    if not material.result.runs:
-        return None
-    rows = [_run(run) for run in material.result.runs]
-    header = (
-        "Run",
-        "Window",
-        "Specification",
-        "Tip peak (mm)",
-        "noise (mm)",
-        "order alone (mm)",
-        "on the whole ramp (mm)",
-        "Tip rms (mm)",
-        "Spectrum peak (m/s²)",
-        "at (Hz)",
-        "Spectrum area (m/s²·Hz)",
+    columns: Columns[RunEntry] = (
+        ("Run", _name),
+        ("Window", _window_words),
+        ("Specification", _within),
+        ("Tip peak (mm)", lambda run: number(run.tip_peak_mm, "{:.4f}")),
+        ("noise (mm)", lambda run: number(run.noise_mm, "{:.4f}")),
+        (
+            "order alone (mm)",
+            lambda run: NONE if run.order_mm is None else f"{run.order_mm:.4f} ± {run.order_error_mm or 0.0:.4f}",
+        ),
+        ("on the whole ramp (mm)", lambda run: number(run.ramp_peak_mm, "{:.4f}")),
+        ("Tip rms (mm)", lambda run: number(run.tip_rms_mm, "{:.4f}")),
+        ("Spectrum peak (m/s²)", lambda run: number(run.spectrum_peak_m_s2, "{:.4f}")),
+        ("at (Hz)", lambda run: number(run.spectrum_peak_hz, "{:.2f}")),
+        ("Spectrum area (m/s²·Hz)", lambda run: number(run.spectrum_area, "{:.3f}")),
     )
-    return ReportTable(
-        "runs",
-        "Results of all runs",
-        "",
-        header,
-        rows,
-        frozenset({0, 1, 2}),
+    caption = (
         "Tip: equivalent displacement in the judged window. A ramp has one window for each order k that crosses the resonance, "
         "around f_al/k. Noise: the peak that noise alone would show. Order alone: its largest amplitude, tracked along the "
         "motor angle, with its standard error. Whole ramp: the peak except the jerks at its ends. Without f_al nothing is "
-        "judged, and there are no millimetres.",
+        "judged, and there are no millimetres."
     )
+    return tabulate("runs", "Results of all runs", columns, material.result.runs, caption, range(3))
 
 
-def _run(run: RunEntry) -> list[Cell]:
-    within: Cell = Mark(run.within_spec, _WITHIN.get(run.within_spec, ""))
+def _within(run: RunEntry) -> Mark:
     if run.stopped or run.invalid:
-        within = Mark(None, "stopped early" if run.stopped else "not judged")
-    return [
-        _name(run),
-        _window_words(run),
-        within,
-        number(run.tip_peak_mm, "{:.4f}"),
-        number(run.noise_mm, "{:.4f}"),
-        NONE if run.order_mm is None else f"{run.order_mm:.4f} ± {run.order_error_mm or 0.0:.4f}",
-        number(run.ramp_peak_mm, "{:.4f}"),
-        number(run.tip_rms_mm, "{:.4f}"),
-        number(run.spectrum_peak_m_s2, "{:.4f}"),
-        number(run.spectrum_peak_hz, "{:.2f}"),
-        number(run.spectrum_area, "{:.3f}"),
-    ]
+        return Mark(None, "stopped early" if run.stopped else "not judged")
+    return Mark(run.within_spec, {True: "within", False: "outside", None: ""}[run.within_spec])
 
 
 def _window_words(run: RunEntry) -> str:
     if run.order is None:
         return NONE
     return f"k = {run.order}" + ("" if run.window_rps is None else f", {run.window_rps[0]:.3g} … {run.window_rps[1]:.3g} rev/s")
-
-
-_WITHIN = {True: "within", False: "outside", None: ""}
 
 
 def _name(run: RunEntry) -> str:
@@ -266,50 +245,23 @@ def _name(run: RunEntry) -> str:
 
 def motions(material: Material) -> ReportTable | None:
     """Every motion once: load of the bus, and duration."""
-    by_recording = {run.recording: run for run in material.result.runs}
-    if not by_recording:
-        return None
-    rows: list[list[Cell]] = [
-        [
-            _name(run),
-            number(1e3 * run.sync_period_s, "{:g}"),
-            number(1e6 * run.control_period_s, "{:g}"),
-            number(run.cycles, "{:d}"),
-            number(run.missed_cycles, "{:d}"),
-            number(run.motion_s, "{:.2f}"),
-            number(run.wall_s, "{:.2f}"),
-            _speed(run),
-            run.recording,
-        ]
-        for run in by_recording.values()
-    ]
-    header = (
-        "Motion",
-        "SYNC (ms)",
-        "Loop (µs)",
-        "Cycles",
-        "Missed",
-        "Motion (s)",
-        "Wall (s)",
-        "Motion / wall (–)",
-        "Recording",
+    columns: Columns[RunEntry] = (
+        ("Motion", _name),
+        ("SYNC (ms)", lambda run: number(1e3 * run.sync_period_s, "{:g}")),
+        ("Loop (µs)", lambda run: number(1e6 * run.control_period_s, "{:g}")),
+        ("Cycles", lambda run: number(run.cycles, "{:d}")),
+        ("Missed", lambda run: number(run.missed_cycles, "{:d}")),
+        ("Motion (s)", lambda run: number(run.motion_s, "{:.2f}")),
+        ("Wall (s)", lambda run: number(run.wall_s, "{:.2f}")),
+        ("Motion / wall (–)", lambda run: number(run.motion_s / run.wall_s, "{:.1f}") if run.wall_s > 0.0 else NONE),
+        ("Recording", lambda run: run.recording),
     )
-    return ReportTable(
-        "motions",
-        "Cycles and times",
-        "",
-        header,
-        rows,
-        frozenset({0, 8}),
+    caption = (
         "A cycle is a SYNC period; it is missed if an answer was late or lost. Motion: time of the robot. Wall: time of the "
-        "wall clock, which is less if an emulated robot runs faster than real time.",
+        "wall clock, which is less if an emulated robot runs faster than real time."
     )
-
-
-def _speed(run: RunEntry) -> str:
-    if run.wall_s <= 0.0:
-        return NONE
-    return number(run.motion_s / run.wall_s, "{:.1f}")
+    once = {run.recording: run for run in material.result.runs}.values()
+    return tabulate("motions", "Cycles and times", columns, once, caption, (0, 8))
 
 
 def _sub(symbol: str, index: str, unit: str) -> Markup:
