@@ -60,6 +60,10 @@ class ReportTable:
     is_prose: bool = False
     groups: Mapping[int, str] = field(default_factory=dict)
 
+    def __bool__(self) -> bool:
+        """False without a row: no page shows it."""
+        return bool(self.rows)
+
     def markdown(self) -> str:
         """Return the table as Markdown, with headings as rows."""
         lines = [_markdown(self.header), f"|{'---|' * len(self.header)}"]
@@ -72,11 +76,11 @@ class ReportTable:
 
 def tabulate(
     key: str, title: str, columns: Columns[T], things: Iterable[T], caption: str = "", text_columns: Iterable[int] = (0,)
-) -> ReportTable | None:
-    """Tabulate things, one in each row; None without any."""
+) -> ReportTable:
+    """Tabulate things, one in each row."""
     rows: list[list[Cell]] = [[cell(each) for _, cell in columns] for each in things]
     header = tuple(heading for heading, _ in columns)
-    return ReportTable(key, title, "", header, rows, frozenset(text_columns), caption) if rows else None
+    return ReportTable(key, title, "", header, rows, frozenset(text_columns), caption)
 
 
 def _markdown(cells: Sequence[Cell]) -> str:

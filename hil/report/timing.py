@@ -5,7 +5,7 @@ from hil.report.material import Material, run_name
 from hil.report.report_table import NONE, Cell, ReportTable
 
 
-def timing_table(material: Material) -> ReportTable | None:
+def timing_table(material: Material) -> ReportTable:
     """Tabulate the punctuality of SYNC and answers, by motion."""
     by_recording = {run.recording: (run, run.timing) for run in material.result.runs if run.timing is not None}
     rows: list[list[Cell]] = []
@@ -19,8 +19,6 @@ def timing_table(material: Material) -> ReportTable | None:
             first = spread is timing.lateness
             tail = [*counts, NONE if load is None else f"{100.0 * load:.1f}"] if first else [""] * 5
             rows.append([name if first else "", what, *cells, *tail])
-    if not rows:
-        return None
     refused = sorted(
         {
             f"{measure.name} ({measure.detail})"

@@ -20,7 +20,7 @@ from hil.report.against.numbers import (
 from hil.report.against.settings import Setting, differing, settings_table
 from hil.report.material import Material, run_name
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, moment_text, render
+from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, moment_text, render
 from hil.report.report_table import Mark, number
 from hil.report.style import Drawing
 from hil.results.ate import AteResult
@@ -73,18 +73,12 @@ def write_against(directory: Path, old_directory: Path, *, is_interactive: bool 
         aftermath=(*new.aftermath, *(f"Old result: {text}" for text in old.aftermath)),
         origin=origin_of(new),
     )
-    return render(
-        directory / AGAINST_FILE,
-        head,
-        verdict(content.numbers, settings),
-        sections,
-        cards=content.cards,
-        provenance=[
-            ("New", f"{directory}, {moment_text(new.bench.started_utc)}"),
-            ("Old", f"{old_directory}, {moment_text(old.bench.started_utc)}"),
-        ],
-        is_interactive=is_interactive,
-    )
+    provenance = [
+        (name, f"{folder}, {moment_text(each.bench.started_utc)}")
+        for name, folder, each in (("New", directory, new), ("Old", old_directory, old))
+    ]
+    page = Page(head, verdict(content.numbers, settings), sections, content.cards, provenance)
+    return render(directory / AGAINST_FILE, page, is_interactive=is_interactive)
 
 
 def _measured(directory: Path) -> MeasuredResult:

@@ -51,14 +51,12 @@ def parameters(result: PlantResult) -> ReportTable | None:
     )  # fmt: skip
 
 
-def modes(result: PlantResult) -> ReportTable | None:
+def modes(result: PlantResult) -> ReportTable:
     """Table of an arm's modes; None if it rings with one."""
     rows: list[list[Cell]] = []
     for mode in result.modes:
         values = (mode.antiresonance_hz, mode.resonance_hz, mode.damping, mode.inertia_kg_m2, mode.tip_part)
         rows.append(["–" if each is None else " ± ".join(value_and_error(each.value, each.standard_error)) for each in values])
-    if not rows:
-        return None
     return ReportTable(
         "modes", "Modes", "", ("Dip, Hz", "Peak, Hz", "ζ", "Inertia, kg·m²", "Part of the tip's motion"), rows, frozenset(),
         "Modes of the arm with this motor held, the lowest first. Their inertias add up to the inertia about the joint, their "
@@ -66,14 +64,12 @@ def modes(result: PlantResult) -> ReportTable | None:
     )  # fmt: skip
 
 
-def checks(result: PlantResult) -> ReportTable | None:
+def checks(result: PlantResult) -> ReportTable:
     """Table of the checks, with the value and the limit of each."""
     rows: list[list[Cell]] = []
     for check in result.checks:
         needed = f"{check.needed:.3g} {check.unit}".strip()
         rows.append([check.name, f"{check.value:.3g} {check.unit}".strip(), needed, Mark(check.holds)])
-    if not rows:
-        return None
     return ReportTable("checks", "Checks", "", ("Check", "Found", "Limit", "Holds"), rows, frozenset({0, 3}))
 
 

@@ -256,7 +256,7 @@ def orders(material: RecordedMaterial) -> ReportTable | None:
     )
 
 
-def stretches(material: RecordedMaterial) -> ReportTable | None:
+def stretches(material: RecordedMaterial) -> ReportTable:
     """Table of the stretches."""
     rows: list[list[Cell]] = []
     shown = _shown_orders(material)

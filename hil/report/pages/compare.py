@@ -9,9 +9,8 @@ from hil.report.figures import shapers as figures_shapers
 from hil.report.figures.compare import ComparedMotion, peaks
 from hil.report.material import POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
-from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, filled_sections, versions_text
-from hil.report.report_table import Mark, ReportTable
-from hil.report.style import Drawing
+from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, filled_sections, versions_text
+from hil.report.report_table import Mark
 from hil.report.tables import compare as tables_compare
 from hil.report.tables.compare import case_name, cases
 from hil.report.tables.directions import directions as direction_table
@@ -58,7 +57,7 @@ def _notes(materials: dict[str, Material | None]) -> list[str]:
 def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> list[Section]:
     """All chapters for which there is data."""
     several = len(result.robots) > 1
-    chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
+    chapters: list[tuple[str, str, list[Item]]] = [
         (
             "side-by-side",
             "Side by side",
@@ -70,7 +69,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
         ),
     ]
     for experiment, axis in cases(result):
-        items: list[Drawing | ReportTable | None] = [tables_compare.experiment(result, experiment, axis)]
+        items: list[Item] = [tables_compare.experiment(result, experiment, axis)]
         for robot in result.robots:
             material = materials[robot.directory]
             if material is None:
@@ -87,10 +86,10 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
     chapters.append(("robot", "True values of the robot", [tables_compare.revealed(result)]))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
-    return filled_sections(chapters)
+    return filled_sections(*chapters)
 
 
-def _shaped(motion: ComparedMotion) -> list[Drawing | ReportTable | None]:
+def _shaped(motion: ComparedMotion) -> list[Item]:
     """Return tables and figures of the shapers for one motion.
 
     Their table, the tip after a stop, and the residual over the frequency.
@@ -98,9 +97,7 @@ def _shaped(motion: ComparedMotion) -> list[Drawing | ReportTable | None]:
     material, experiment, axis = motion.material, motion.experiment, motion.axis
     key, case = motion.key, f"{motion.title[0].upper()}{motion.title[1:]}"
     runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
-    made: list[Drawing | ReportTable | None] = [
-        shaper_table(runs, f"shapers-{key}", f"{case}: remaining vibration and cost of the shapers")
-    ]
+    made: list[Item] = [shaper_table(runs, f"shapers-{key}", f"{case}: remaining vibration and cost of the shapers")]
     if axis is not None and experiment == POINT_TO_POINT:
         made.append(figures_shapers.after_stop(material, axis, experiment, f"stop-{key}", f"{case}: the tip after the stop"))
     made.append(figures_shapers.residuals(runs, f"residual-{key}", f"{case}: remaining vibration at other frequencies"))

@@ -24,7 +24,7 @@ from hil.report.figures import (
 from hil.report.figures.notch import NotchFigures
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
+from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.plotted_run import key_end, shown_runs
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
 from hil.report.report_table import number as number_text
@@ -73,7 +73,7 @@ def heading(material: Material) -> str:
 def sections(material: Material) -> list[Section]:
     """Return all chapters with data: results first, then explanations."""
     driven = sorted({run.axis for run in material.result.runs if run.axis is not None and run.experiment != POINT_TO_POINT})
-    chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
+    return filled_sections(
         (
             "verification",
             _tip_title(material),
@@ -121,8 +121,7 @@ def sections(material: Material) -> list[Section]:
                 timing_table(material),
             ],
         ),
-    ]
-    return filled_sections(chapters)
+    )
 
 
 def _tip_title(material: Material) -> str:
@@ -134,7 +133,7 @@ def _tip_title(material: Material) -> str:
     return "Tip with and without the notch" if acted == {"notch"} else "Tip with and without treatment"
 
 
-def _filters(material: Material, filters: FilterSet, number: int) -> list[Drawing | ReportTable | None]:
+def _filters(material: Material, filters: FilterSet, number: int) -> list[Item]:
     """Table and figures of filters that acted together."""
     figures = NotchFigures(material, filters, number)
     return [
@@ -146,7 +145,7 @@ def _filters(material: Material, filters: FilterSet, number: int) -> list[Drawin
     ]
 
 
-def _stops(material: Material) -> list[Drawing | ReportTable | None]:
+def _stops(material: Material) -> list[Item]:
     """Return table and figures of shapers and stops."""
     runs = material.result.runs
     stopped = sorted({run.axis for run in runs if run.axis is not None and run.experiment == POINT_TO_POINT})
@@ -157,7 +156,7 @@ def _stops(material: Material) -> list[Drawing | ReportTable | None]:
     ]
 
 
-def _trials(material: Material) -> ReportTable | None:
+def _trials(material: Material) -> ReportTable:
     """Trials of the cancellations before the runs."""
     tried = {run.recording: run for run in material.result.runs if run.trial is not None}
     parts = [
@@ -186,7 +185,7 @@ def _part(material: Material, folder: str) -> TourResult | None:
     return None if _moment(result.started_utc) < _moment(material.result.bench.started_utc) else result
 
 
-def _whole_arm(material: Material) -> list[Drawing | ReportTable | None]:
+def _whole_arm(material: Material) -> list[Item]:
     """Numbers, claims and picture of the demo's last part; none without it."""
     result = _part(material, ARM_FOLDER)
     if result is None:
@@ -224,7 +223,7 @@ def _own_robot(material: Material) -> ReportTable | None:
         "href='tour/report.html'>The whole tour</a>."
     ).format(which)
     table = tables_compare.overview(result, "own-robot-table", link)
-    return table if result.tour.failure is None and table is not None else _ended_early(result, "own-robot-table", link)
+    return table if result.tour.failure is None and table else _ended_early(result, "own-robot-table", link)
 
 
 def _moment(text: str) -> datetime.datetime:

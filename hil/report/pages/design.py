@@ -1,6 +1,5 @@
 """The page of a designed notch: one self-contained HTML file."""
 
-from collections.abc import Iterable
 from pathlib import Path
 
 from hil.bench.design import notch_table
@@ -10,9 +9,8 @@ from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
 from hil.report.figures import design as figures_design
 from hil.report.origin import origin_of_design
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
-from hil.report.style import Drawing
 
 
 def write_design_report(outcome: NotchDesignOutcome, path: Path) -> Path:
@@ -30,20 +28,19 @@ def write_design_report(outcome: NotchDesignOutcome, path: Path) -> Path:
         origin=origin_of_design(outcome),
         is_paper=outcome.bench.is_paper,
     )
-    return render(path, head, verdict(outcome), chapters, cards=cards(outcome), provenance=provenance(outcome))
+    return render(path, Page(head, verdict(outcome), chapters, cards(outcome), provenance(outcome)))
 
 
 def sections(outcome: NotchDesignOutcome) -> list[Section]:
     """All chapters."""
-    chapters: list[tuple[str, str, Iterable[Drawing | ReportTable | None]]] = [
+    return filled_sections(
         ("result", "Filter", (filters(outcome), peaks(outcome), requirements(outcome))),
         ("gain", "Gain", (figures_design.families(outcome),)),
         ("stability", "Stability", (figures_design.nyquist(outcome), figures_design.margin_curves(outcome))),
         ("ramp", "On the ramp", (figures_design.ramps(outcome),)),
         ("plants", "Plants", (plants(outcome),)),
         ("arm", "On the arm", (on_the_arm(outcome),)),
-    ]
-    return filled_sections(chapters)
+    )
 
 
 def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
@@ -147,7 +144,7 @@ def requirements(outcome: NotchDesignOutcome) -> ReportTable:
     return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 3, 5, 6}), caption, groups=groups)
 
 
-def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable | None:
+def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable:
     """Margins on the arm by posture, of the best filters."""
     limits = outcome.problem.requirements
     rows: list[list[Cell]] = []
@@ -158,8 +155,6 @@ def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable | None:
         values = (row.sensitivity_peak, row.speed_rps, row.phase_margin_deg, row.gain_margin_db)
         holds = row.sensitivity_peak <= limits.max_sensitivity and row.phase_margin_deg >= limits.phase_margin_deg
         rows.append([row.label, *(number(value, "{:.2f}") for value in values), Mark(holds)])
-    if not rows:
-        return None
     caption = (
         "The arm is frozen in each posture, with this axis' filters at every motor speed. M_s is that of this axis' loop; "
         "brakes or their own loops hold the other motors. Last row: the worst while a filter of another axis acts. "

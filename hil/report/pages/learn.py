@@ -8,9 +8,8 @@ from hil.recording import Recording
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.order_names import symbol
-from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
+from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.report_table import Cell, Columns, Mark, ReportTable, number, tabulate
-from hil.report.style import Drawing
 from hil.report.tables.trial import trial_table
 from hil.results.learning import LearningPass, LearningResult, LearningRun
 
@@ -24,12 +23,12 @@ def page_of(directory: Path, result: LearningResult) -> Page:
 
 def sections(result: LearningResult, directory: Path | None = None) -> list[Section]:
     """Return all chapters with data; figures of recordings need their directory."""
-    learnt: list[Drawing | ReportTable | None] = []
+    learnt: list[Item] = []
     is_paper = result.bench.file.is_paper
     for each in result.learnt:
         learnt += [figures_ate.errors(each.axis, each.ate, is_paper=is_paper)]
         learnt += [figures_ate.waveform(each.axis, each.ate, is_paper=is_paper)]
-    chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
+    return filled_sections(
         ("result", "Transmission error", learnt),
         (
             "passes",
@@ -41,13 +40,12 @@ def sections(result: LearningResult, directory: Path | None = None) -> list[Sect
                 _verdicts(result),
             ],
         ),
-    ]
-    return filled_sections(chapters)
+    )
 
 
-def _order_maps(result: LearningResult, directory: Path) -> list[Drawing | ReportTable | None]:
+def _order_maps(result: LearningResult, directory: Path) -> list[Item]:
     """Return order maps of the first and last pass of each axis."""
-    made: list[Drawing | ReportTable | None] = []
+    made: list[Item] = []
     for axis in result.learnt:
         runs = [run for run in result.runs if run.axis == axis.axis and run.stopped is None]
         shown = [
@@ -60,7 +58,7 @@ def _order_maps(result: LearningResult, directory: Path) -> list[Drawing | Repor
     return made
 
 
-def estimates(result: LearningResult) -> ReportTable | None:
+def estimates(result: LearningResult) -> ReportTable:
     """Table of the estimates after each pass."""
     rows: list[list[Cell]] = []
     orders = sorted({order for axis in result.learnt for each in axis.passes for order in each.values.amplitudes_arcsec()})
@@ -69,8 +67,6 @@ def estimates(result: LearningResult) -> ReportTable | None:
             amplitudes, phases = each.values.amplitudes_arcsec(), each.values.phases_deg()
             values = [number(column.get(order), "{:.3f}") for order in orders for column in (amplitudes, phases)]
             rows.append([f"axis {axis.axis}", str(index), *values, number(1e3 * each.set_point_delay_s, "{:.2f}")])
-    if not rows:
-        return None
     symbols = [
         Markup("{} ({})").format(symbol(letter, order), unit)
         for order in orders
@@ -85,7 +81,7 @@ def estimates(result: LearningResult) -> ReportTable | None:
     return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)
 
 
-def _verdicts(result: LearningResult) -> ReportTable | None:
+def _verdicts(result: LearningResult) -> ReportTable:
     """Table of the verdicts on each order after each pass."""
     parts = [
         (f"axis {axis.axis}, pass {index}", part)
@@ -96,7 +92,7 @@ def _verdicts(result: LearningResult) -> ReportTable | None:
     return trial_table("verdicts", "Each order, against the first pass", parts)
 
 
-def passes(result: LearningResult) -> ReportTable | None:
+def passes(result: LearningResult) -> ReportTable:
     """Table of every pass: the fraction of the cancellation, and the vibration."""
     after = {(axis.axis, index): each for axis in result.learnt for index, each in enumerate(axis.passes, start=1)}
     columns: Columns[tuple[LearningRun, LearningPass | None]] = (

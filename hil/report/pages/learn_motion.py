@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from hil.report.figures import ate as figures_ate
-from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
+from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.report_table import Columns, Mark, ReportTable, number, tabulate
-from hil.report.style import Drawing
 from hil.results.learning import MotionLearningResult, ProbedPart, ProbingRun
 
 RUN_WORDS = {"base": "untreated", "probe": "probing", "applied": "with the cancellation"}
@@ -19,11 +18,9 @@ def page_of(_: Path, result: MotionLearningResult) -> Page:
 
 def sections(result: MotionLearningResult) -> list[Section]:
     """All chapters for which there is data."""
-    drawn: list[Drawing | ReportTable | None] = [parts(result)]
+    drawn: list[Item] = [parts(result)]
     drawn += [figures_ate.errors(each.axis, each.ate, is_paper=result.bench.file.is_paper) for each in result.learnt]
-    table: list[Drawing | ReportTable | None] = [runs(result)]
-    chapters = [("result", "Transmission error", drawn), ("runs", "Runs", table)]
-    return filled_sections(chapters)
+    return filled_sections(("result", "Transmission error", drawn), ("runs", "Runs", [runs(result)]))
 
 
 PARTS: Columns[ProbedPart] = (
@@ -38,7 +35,7 @@ PARTS: Columns[ProbedPart] = (
 )
 
 
-def parts(result: MotionLearningResult) -> ReportTable | None:
+def parts(result: MotionLearningResult) -> ReportTable:
     """Table of the estimates of each order of each axis."""
     caption = (
         "Standard errors include the noise by which equal runs differ, and the motion's own vibration, which is the same in "
@@ -64,7 +61,7 @@ RUNS: Columns[ProbingRun] = (
 )
 
 
-def runs(result: MotionLearningResult) -> ReportTable | None:
+def runs(result: MotionLearningResult) -> ReportTable:
     """Tabulate every run: cancelled error, and the tip."""
     probe = "some arcsec" if result.probe_arcsec is None else f"{result.probe_arcsec:.1f} arcsec"
     caption = (

@@ -6,7 +6,7 @@ from hil.logs.explain import Explanation
 from hil.logs.findings.finding import Finding, Severity
 from hil.report import style
 from hil.report.figures.log import finding_picture
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
 
 MOST_PICTURES = 40
@@ -33,7 +33,7 @@ def write_explanation(path: Path, found: Explanation, made_utc: str) -> Path:
         log.path.name, made_utc, heading="A log explained", is_bench=False,
         subtitle=f"{len(log)} frames in {log.duration_s:.3f} s, of {len(found.trace.nodes)} nodes",
     )  # fmt: skip
-    return render(path, head, verdict(found), sections, provenance=[("Log", str(log.path))])
+    return render(path, Page(head, verdict(found), sections, provenance=[("Log", str(log.path))]))
 
 
 def verdict(found: Explanation) -> PageVerdict:

@@ -8,7 +8,7 @@ from hil.passport.watch import FALSE_ALARMS, OrderOrigin, Trend
 from hil.report import style
 from hil.report.figures.passport import order_over_dates
 from hil.report.origin import MEASURED, Origin
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number, value_and_error
 from hil.report.style import Drawing
 
@@ -54,7 +54,7 @@ def write_passport(
         subtitle="Transmission errors over the months",
         origin=Origin("emulated", EMULATED, is_emulated=True) if is_emulated else MEASURED,
     )
-    return render(path, head, verdict(trends), chapters, provenance=[("Passport", str(file))])
+    return render(path, Page(head, verdict(trends), chapters, provenance=[("Passport", str(file))]))
 
 
 def _figures(trends: Sequence[Trend]) -> list[tuple[tuple[str, int], Drawing]]:

@@ -4,8 +4,7 @@ from pathlib import Path
 
 from hil.report.figures import plant as figures_plant
 from hil.report.pages.page import Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
-from hil.report.report_table import ReportTable, value_and_error
-from hil.report.style import Drawing
+from hil.report.report_table import Cell, ReportTable, value_and_error
 from hil.results.plant import PlantResult
 
 
@@ -17,7 +16,7 @@ def page_of(_: Path, result: PlantResult) -> Page:
 
 def sections(result: PlantResult) -> list[Section]:
     """All chapters for which there is data."""
-    chapters: list[tuple[str, str, tuple[Drawing | ReportTable | None, ...]]] = [
+    return filled_sections(
         (
             "plant",
             "Plant",
@@ -26,15 +25,12 @@ def sections(result: PlantResult) -> list[Section]:
         ("arm", "The arm at the tip", (figures_plant.tip(result),)),
         ("slow", "Friction and gravity", (figures_plant.friction(result),)),
         ("limits", "How far these data reach", (_cannot_tell(result), figures_plant.checks(result))),
-    ]
-    return filled_sections(chapters)
+    )
 
 
-def _cannot_tell(result: PlantResult) -> ReportTable | None:
-    lines = result.cannot_tell or ()
-    if not lines:
-        return None
-    return ReportTable("cannot-tell", "What these data cannot tell", "", ("",), [[line] for line in lines], is_prose=True)
+def _cannot_tell(result: PlantResult) -> ReportTable:
+    rows: list[list[Cell]] = [[line] for line in result.cannot_tell or ()]
+    return ReportTable("cannot-tell", "What these data cannot tell", "", ("",), rows, is_prose=True)
 
 
 def verdict(result: PlantResult) -> PageVerdict:

@@ -7,8 +7,6 @@ from hil.counting import counted
 from hil.report.figures import recorded_ate as figures
 from hil.report.figures.recorded_ate import RecordedMaterial
 from hil.report.pages.page import Page, PageHead, PageVerdict, Section, filled_sections, versions_text
-from hil.report.report_table import ReportTable
-from hil.report.style import Drawing
 from hil.results.recorded_ate import RecordedAteResult
 
 
@@ -27,12 +25,11 @@ def page_of(directory: Path, result: RecordedAteResult) -> Page:
 
 def sections(material: RecordedMaterial) -> list[Section]:
     """All chapters for which there is data."""
-    chapters: tuple[tuple[str, str, tuple[Drawing | ReportTable | None, ...]], ...] = (
+    return filled_sections(
         ("result", "Transmission error", (figures.spectrum(material), figures.orders(material))),
         ("evidence", "Signal and fit", (figures.fit(material), figures.speed_map(material))),
         ("change", "From part to part", (figures.change(material), figures.stretches(material))),
     )
-    return filled_sections(chapters)
 
 
 def verdict(material: RecordedMaterial) -> PageVerdict:

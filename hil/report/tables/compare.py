@@ -104,7 +104,7 @@ def _peak(row: ComparisonRow | None) -> Cell:
     return Mark(row.within_spec, f"{row.tip_peak_mm:.3f}")
 
 
-def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTable | None:
+def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTable:
     """Table of one experiment, with a row per robot and treatment."""
     robot: Columns[tuple[str, ComparisonRow]] = (("robot", lambda row: row[0]),) if len(result.robots) > 1 else ()
     columns: Columns[tuple[str, ComparisonRow]] = (
@@ -154,7 +154,7 @@ def _trial(row: ComparisonRow) -> Cell:
     return NONE if row.trial is None else Mark(None if row.trial == "accepted in part" else row.trial == "accepted", row.trial)
 
 
-def left_out(result: TreatmentTable) -> ReportTable | None:
+def left_out(result: TreatmentTable) -> ReportTable:
     """Tabulate runs that were not made or not judged, by reason."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for robot in result.robots:
@@ -163,15 +163,13 @@ def left_out(result: TreatmentTable) -> ReportTable | None:
             if reason:
                 where = "line motion" if row.axis is None else f"axis {row.axis}"
                 reasons.setdefault((robot.name, reason), []).append(f"{treatment_words(row)} ({where})")
-    if not reasons:
-        return None
     rows: list[list[Cell]] = [[name, "; ".join(names), reason] for (name, reason), names in reasons.items()]
     return ReportTable(
         "left-out", "Runs left out or not judged", "", ("robot", "what", "why"), rows, frozenset({0, 1, 2}), is_prose=True
     )
 
 
-def compliances(result: TreatmentTable) -> ReportTable | None:
+def compliances(result: TreatmentTable) -> ReportTable:
     """Table of the motor's compliance by axis and treatment."""
     rows: list[list[Cell]] = []
     several = len(result.robots) > 1
@@ -186,8 +184,6 @@ def compliances(result: TreatmentTable) -> ReportTable | None:
                 number(each.slow, "{:.4f}"), factors[0], number(each.peak, "{:.4f}"), factors[1],
                 number(each.peak_hz, "{:.1f}"),
             ])  # fmt: skip
-    if not rows:
-        return None
     head = ("robot",) if several else ()
     header = (*head, "axis", "treatment", "at 1 Hz (rad/(N·m))", "", "largest (rad/(N·m))", "", "at (Hz)")
     return ReportTable(

@@ -27,15 +27,13 @@ def peaks_mm(entries: Sequence[RunEntry], treatment: str) -> dict[Direction, flo
     return {}
 
 
-def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportTable | None:
+def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportTable:
     """Tabulate the tip's peaks by direction, with a column per treatment.
 
     Directions are x, y, z and the worst; None if no run has a vector.
     """
     runs, limit_mm = material.result.runs, material.bench.specification.tip_mm
     names = [name for name in dict.fromkeys(run.treatment for run in runs) if peaks_mm(runs, name)]
-    if not names:
-        return None
     peaks = {name: peaks_mm(runs, name) for name in names}
     rows: list[list[Cell]] = []
     for direction in DIRECTIONS:
@@ -47,7 +45,7 @@ def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportT
     return ReportTable(key, title, "", header, rows, frozenset(range(len(header))), caption)
 
 
-def directions(material: Material, key: str = "directions") -> ReportTable | None:
+def directions(material: Material, key: str = "directions") -> ReportTable:
     """Tabulate peaks, root mean squares and areas of every window."""
     columns: Columns[tuple[RunEntry, Direction, DirectionMetrics]] = (
         ("Run", lambda row: run_name(row[0]) if row[1] == "x" else ""),

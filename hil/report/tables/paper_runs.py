@@ -13,7 +13,7 @@ from hil.results.acted import FilterSet
 from hil.results.runs import RunEntry
 
 
-def claims(material: Material) -> ReportTable | None:
+def claims(material: Material) -> ReportTable:
     """The paper's claims beside the bench's numbers, grouped by axis."""
     by_group: dict[str, list[list[Cell]]] = {}
     for claim in material.result.paper:
@@ -22,8 +22,6 @@ def claims(material: Material) -> ReportTable | None:
         words = claim.claim.removeprefix(f"{group.lower()}: ").removeprefix(f"{group.lower()}, ")
         numbers = number(claim.paper, "{:.4g}"), number(claim.bench, "{:.4g}")
         by_group.setdefault(group, []).append([words, claim.source, *numbers, claim.unit, Mark(claim.holds)])
-    if not by_group:
-        return None
     rows: list[list[Cell]] = []
     groups = {}
     for group, own in by_group.items():
@@ -37,10 +35,8 @@ def claims(material: Material) -> ReportTable | None:
 _AXIS = re.compile(r"\baxis (\d+)")
 
 
-def resonances(material: Material) -> ReportTable | None:
+def resonances(material: Material) -> ReportTable:
     """Table of the resonances, beside the paper's Table 1."""
-    if not material.f_al_hz:
-        return None
     rows: list[list[Cell]] = []
     is_paper = material.bench.is_paper
     for axis, f_al in material.f_al_hz.items():
@@ -67,10 +63,8 @@ def resonances(material: Material) -> ReportTable | None:
     )
 
 
-def transmission_errors(material: Material) -> ReportTable | None:
+def transmission_errors(material: Material) -> ReportTable:
     """Table of the transmission errors, beside the paper's Table 2."""
-    if not material.model_axes:
-        return None
     rows: list[list[Cell]] = []
     is_paper = material.bench.is_paper
     for axis in material.model_axes:
@@ -110,7 +104,7 @@ def transmission_errors(material: Material) -> ReportTable | None:
     )
 
 
-def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable | None:
+def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable:
     """Tabulate filters with their margins at the worst speed.
 
     Beside the paper's Table 3.
@@ -129,8 +123,6 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
             own = (notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, notch.order, notch.start_rps, notch.end_rps)
             cells = [_both(paper[i] if paper is not None and notch.order == paper.order else None, own[i]) for i in range(6)]
             rows.append([f"axis {axis}", *cells, *_margin_cells(worst)])
-    if not rows:
-        return None
     header = (
         "",
         Markup("ω<sub>d</sub>/2π (Hz)"),
@@ -199,7 +191,7 @@ def _both(paper: float | None, bench: float) -> str:
     return f"{bench:g} ({paper:g})"
 
 
-def runs(material: Material) -> ReportTable | None:
+def runs(material: Material) -> ReportTable:
     """Every window of every run with its numbers."""
     columns: Columns[RunEntry] = (
         ("Run", _name),
@@ -243,7 +235,7 @@ def _name(run: RunEntry) -> str:
     return f"{what}, {treatment_name(run.treatment)}, {run.loop}-closed" + (" (stopped early)" if run.stopped else "")
 
 
-def motions(material: Material) -> ReportTable | None:
+def motions(material: Material) -> ReportTable:
     """Every motion once: load of the bus, and duration."""
     columns: Columns[RunEntry] = (
         ("Motion", _name),

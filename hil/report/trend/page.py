@@ -9,7 +9,7 @@ from markupsafe import Markup
 from hil.report import style
 from hil.report.material import run_name, treatment_name
 from hil.report.origin import MEASURED, Origin
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number, with_error
 from hil.report.style import Drawing
 from hil.report.trend.figures import lateness_us, motion_figure
@@ -51,7 +51,7 @@ def write_trend(folder: Path, gathered: GatheredRuns) -> Path:
         origin=Origin("emulated", band, is_emulated=True) if emulated else MEASURED,
         is_bench=False,
     )
-    return render(folder / TREND_FILE, head, verdict(gathered), sections)
+    return render(folder / TREND_FILE, Page(head, verdict(gathered), sections))
 
 
 def _drawings(runs: Sequence[TrendRun]) -> list[tuple[str, Drawing]]:
