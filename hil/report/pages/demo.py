@@ -14,8 +14,6 @@ from hil.report.figures import (
     arm_along_line,
     arm_swinging,
     directions,
-    following,
-    identification,
     model,
     order_map,
     shapers,
@@ -35,7 +33,6 @@ from hil.report.tables.directions import directions as direction_table
 from hil.report.tables.directions import side_by_side
 from hil.report.tables.shapers import shapers as shaper_table
 from hil.report.tables.trial import trial_table
-from hil.report.timing import timing_table
 from hil.results.acted import FilterSet
 from hil.results.comparison import TourResult
 from hil.results.files import ResultFileError, load_result
@@ -101,7 +98,7 @@ def sections(material: Material) -> list[Section]:
                 model.resonances(material),
                 tables.transmission_errors(material),
                 model.transmission_errors(material),
-                *(identification.identification(material, axis) for axis in driven),
+                *(model.identification(material, axis) for axis in driven),
             ],
         ),
         (
@@ -116,9 +113,9 @@ def sections(material: Material) -> list[Section]:
                 tables.runs(material),
                 direction_table(material),
                 _trials(material),
-                following.following(material),
+                suppression.following(material),
                 tables.motions(material),
-                timing_table(material),
+                tables.timing_table(material),
             ],
         ),
     )

@@ -6,7 +6,7 @@ import pytest
 
 from hil.report.material import Material
 from hil.report.pages.demo import verdict
-from hil.report.timing import timing_table
+from hil.report.tables.paper_runs import timing_table
 from hil.report.writer import write_report_of
 from hil.results.runs import ExperimentsResult, RunTiming
 from tests.hil.results.made import measured_bench, run_entry, written
