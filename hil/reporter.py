@@ -1,10 +1,13 @@
-"""Reporter of a bench's progress: protocol, and a silent one."""
+"""Reporter of a bench's progress."""
 
-from typing import Final, Protocol
+from typing import Final
 
 
-class Reporter(Protocol):
-    """Listener of a measurement or a computation, called from its thread."""
+class Reporter:
+    """Listener of a measurement or a computation, called from its thread.
+
+    This one shows nothing; it is the base of those that show some of it.
+    """
 
     def run(self, title: str) -> None:
         """Show that a run of an experiment begins."""
@@ -19,17 +22,4 @@ class Reporter(Protocol):
         """Show the progress of the present motion or search, 0 to 1."""
 
 
-class SilentReporter:
-    """Reporter that shows nothing; base of those that show some of it."""
-
-    def run(self, title: str) -> None:
-        """Show nothing."""
-
-    def step(self, sentence: str) -> None:
-        """Show nothing."""
-
-    def progress(self, fraction: float) -> None:
-        """Show nothing."""
-
-
-SILENT: Final[Reporter] = SilentReporter()
+SILENT: Final = Reporter()

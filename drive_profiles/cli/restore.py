@@ -125,7 +125,7 @@ def restore(
 def _snapshot(request: TransactionRequest, path: Path, node: int | None) -> None:
     from drive_profiles.device.target import catalogue_of
     from drive_profiles.upload import journal
-    from drive_profiles.upload.snapshot import as_set
+    from drive_profiles.upload.journal import as_set
 
     path = _newest(path, node)
     statement = journal.read(path)

@@ -247,7 +247,8 @@ class SdoPort:
             code = error.code
         line.send(request_id, transfer.abort(address, code))
         self._behind = True
-        raise self._silent(f"the {'write' if writes else 'read'} of {_said(address, name)}", wait_s)
+        said = f"{address[0]:04X}h:{address[1]:X}" + (f" ({name})" if name else "")
+        raise self._silent(f"the {'write' if writes else 'read'} of {said}", wait_s)
 
     def _answer(self, own: bytes, wait_s: float, *, writes: bool, is_segment: bool) -> bytes | None:
         """Return the next answer to our request; None if none comes in time, or others' only."""
@@ -300,7 +301,3 @@ class SdoPort:
         if len(answer) == LENGTH and answer[0] >> 5 == _DOWNLOAD_ANSWER and answer[1:4] not in self._written:
             index, subindex = _OBJECT.unpack(answer[1:4])
             self.strays.add((index, subindex))
-
-
-def _said(address: ObjectAddress, name: str) -> str:
-    return f"{address[0]:04X}h:{address[1]:X}" + (f" ({name})" if name else "")

@@ -262,7 +262,7 @@ class Profile(Table):
         Raises:
             ValueError: It does not come out whole.
         """
-        identity = self.identity
+        identity, own = self.identity, product.model_dump(include=set(Identity.model_fields))
         stated: dict[str, Any] = {name: getattr(self, name) for name in type(self).model_fields}
         stated |= product.facts
         stated |= {
@@ -270,13 +270,7 @@ class Profile(Table):
             "identity": Identity(
                 vendor_id=identity.vendor_id,
                 product=product.name,
-                product_code=product.product_code,
-                min_revision=product.min_revision,
-                max_revision=product.max_revision,
-                revision=product.revision,
-                device_type=identity.device_type if product.device_type is None else product.device_type,
-                source=product.source,
-                evidence=product.evidence,
+                **own | {"device_type": identity.device_type if product.device_type is None else product.device_type},
             ),
             "quirks": (*self.quirks, *product.quirks),
             "parameters": product.parameters_of(self.parameters),

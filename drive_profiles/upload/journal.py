@@ -1,4 +1,4 @@
-"""The journal of an upload on disk.
+"""The journal of an upload on disk, and its snapshot as a parameter set.
 
 It holds a snapshot to go back to, and a record that shows what a killed upload has done.
 
@@ -19,9 +19,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from drive_profiles.errors import FileError, Problem
+from drive_profiles.errors import FileError, Problem, RefusedError
+from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
 from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically
+from drive_profiles.parameter_set.commands import is_command
+from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet, item_of
+from drive_profiles.standard.cia301 import type_of_length
 from drive_profiles.standard.object_address import ObjectAddress, address_text, object_address
 
 MAX_SNAPSHOT_BYTES = 8 << 20
@@ -245,3 +249,42 @@ def _text(value: object) -> str:
 
 def _line(content: dict[str, Any]) -> bytes:
     return json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
+
+
+def as_set(snapshot: UploadSnapshot, catalogue: Catalogue) -> ParameterSet:
+    """Make a parameter set of the values that the drive held.
+
+    The values are raw, the objects named by address.
+
+    Raises:
+        RefusedError: The snapshot has nothing that could be written back, or bytes that are not a value of their object's type.
+    """
+    table: dict[str, Item] = {}
+    reasons: list[str] = []
+    for address, data in snapshot.old.items():
+        entry = catalogue.get(address)
+        if is_command(address, catalogue.profile) or (
+            entry is not None and not entry.is_writable
+        ):  # read for its PDO's sake, never written
+            continue
+        data_type = (entry.data_type if entry else None) or type_of_length(len(data))
+        try:
+            key, table_item = item_of(CatalogueEntry(address, snapshot.names.get(address, ""), data_type), data, None)
+        except ValueError as error:
+            reasons.append(f"{address_text(address)}: the drive's previous value cannot be restored: {error}")
+            continue
+        table[key] = table_item
+    if reasons:
+        raise RefusedError(*reasons)
+    if not table:
+        raise RefusedError("the snapshot holds nothing that can be restored")
+    identity = snapshot.identity
+    header = Header(
+        profile=snapshot.profile,
+        vendor_id=identity.get("vendor_id"),
+        product_code=identity.get("product_code"),
+        revision=identity.get("revision"),
+        serial_number=identity.get("serial_number"),
+    )
+    # one class for all: a snapshot goes back to the very device that it is of, which the serial number in the header decides
+    return ParameterSet(header=header, commissioning=table)

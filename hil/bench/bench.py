@@ -18,7 +18,6 @@ from hil.arm.kinematics import Kinematics
 from hil.arm.line import moved_axes
 from hil.arm.tables import ArmTable
 from hil.arm.urdf import with_links
-from hil.bench.motor import MotorTable
 from hil.bench.sensors import AccelerometerTable, LoadEncoderTable, NodeId, ProfileText
 from hil.control.notch import NOTCHES
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, TwoInertia
@@ -36,6 +35,23 @@ from hil.robot_tables import (
     Positive,
     TransmissionErrorTable,
 )
+
+Count = Annotated[int, Field(ge=1, le=1000)]
+
+
+class MotorTable(Table):
+    """Poles and slots of a motor, from its data sheet.
+
+    They determine the orders that the motor itself can cause.
+
+    Attributes:
+        pole_pairs: Pole pairs p; None if they are not known.
+        slots: Slots of the stator; None if they are not known.
+    """
+
+    pole_pairs: Count | None = None
+    slots: Count | None = None
+
 
 AS_FOUND: Final = "as found"
 """Value of `control` where the drive keeps the gains that it has: its maker's tool has set them, and nobody else can."""

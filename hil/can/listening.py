@@ -8,9 +8,10 @@ import contextlib
 import socket
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,43 +38,13 @@ MOST_WAITING = 200_000
 """Messages that may wait to be taken; those beyond are lost, and counted."""
 
 
-class Listener(Protocol):
-    """One bus, listened to.
+class Listener(ABC):
+    """One bus, listened to by a thread that keeps its messages.
 
     Attributes:
         address: Address of the bus; a local bus adds its bit rate.
         lost: Messages that were not taken in time.
     """
-
-    address: Address
-    lost: int
-
-    def take(self) -> ReceivedFrames:
-        """The frames that have come since; shape (n,).
-
-        Raises:
-            BusLostError: The bus is gone, and everything that came before has been taken.
-        """
-        ...
-
-    def close(self) -> None:
-        """Leave the bus; a second call does nothing."""
-        ...
-
-
-def open_listener(address: Address) -> Listener:
-    """Listen at an address.
-
-    Raises:
-        BusUnavailableError: The bus does not exist, or cannot be used.
-    """
-    if address.interface == LOCAL:
-        return LocalListener(address)
-    return CanListener(address) if address.interface == SOCKETCAN else AdapterListener(address)
-
-
-class _Listening:
-    """Base of the listeners: a thread and its messages."""
 
     def __init__(self, address: Address) -> None:
         self.address = address
@@ -83,13 +54,27 @@ class _Listening:
         self._is_closed = False
         self._thread = threading.Thread(target=self._run, name=f"listening on {address}", daemon=True)
 
+    @abstractmethod
+    def take(self) -> ReceivedFrames:
+        """The frames that have come since; shape (n,).
+
+        Raises:
+            BusLostError: The bus is gone, and everything that came before has been taken.
+        """
+
+    def close(self) -> None:
+        """Leave the bus; a second call does nothing."""
+        self._is_closed = True
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_S)
+
+    @abstractmethod
     def _read(self) -> Any:
         """Return the next message; None if none comes within a moment.
 
         Raises:
             OSError: The bus is gone.
         """
-        raise NotImplementedError
 
     @staticmethod
     def _gathered(read: Callable[[int], T]) -> T | None:
@@ -128,7 +113,7 @@ class _Listening:
         return messages
 
 
-class LocalListener(_Listening):
+class LocalListener(Listener):
     """Listener on a local bus.
 
     Its times are those of the bus, which in lock-step are counted in SYNCs.
@@ -182,12 +167,11 @@ class LocalListener(_Listening):
         self._is_closed = True
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_S)
+        super().close()
         self._socket.close()
 
 
-class CanListener(_Listening):
+class CanListener(Listener):
     """Listener on a CAN interface; times are the kernel's."""
 
     def __init__(self, address: Address) -> None:
@@ -216,13 +200,11 @@ class CanListener(_Listening):
 
     def close(self) -> None:
         """Leave the bus."""
-        self._is_closed = True
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_S)
+        super().close()
         self._socket.close()
 
 
-class AdapterListener(_Listening):
+class AdapterListener(Listener):
     """Listener on any python-can bus; times are python-can's."""
 
     def __init__(self, address: Address) -> None:
@@ -256,11 +238,20 @@ class AdapterListener(_Listening):
 
     def close(self) -> None:
         """Leave the bus, and ignore the error of a lost port."""
-        self._is_closed = True
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_S)
+        super().close()
         with contextlib.suppress(self._errors, OSError):
             self._bus.shutdown()
+
+
+def open_listener(address: Address) -> Listener:
+    """Listen at an address.
+
+    Raises:
+        BusUnavailableError: The bus does not exist, or cannot be used.
+    """
+    if address.interface == LOCAL:
+        return LocalListener(address)
+    return CanListener(address) if address.interface == SOCKETCAN else AdapterListener(address)
 
 
 def _heard(

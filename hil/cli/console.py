@@ -10,7 +10,7 @@ import typer
 
 from drive_profiles.cli.console import ToolExitStatus, epilog
 from drive_profiles.cli.entry import interrupted
-from hil.reporter import SilentReporter
+from hil.reporter import Reporter
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -261,7 +261,7 @@ def result_directory(out: Path | None, name: str, *, force: bool) -> Path:
     return base.result_directory(out, name, force=force)
 
 
-class SpokenReporter(SilentReporter):
+class SpokenReporter(Reporter):
     """Reporter that prints each run and each step on standard error."""
 
     def run(self, title: str) -> None:

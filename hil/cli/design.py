@@ -18,7 +18,7 @@ from drive_profiles.cli.console import fail, table
 from drive_profiles.processors import usable_processors
 from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, exit_with, result_directory, say
 from hil.cli.options import AXES, BenchOption, ForceOption, NewOutOption
-from hil.reporter import Reporter, SilentReporter
+from hil.reporter import Reporter
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
@@ -188,7 +188,7 @@ def _design(bench: "Bench", request: "NotchDesignRequest", model: Path | None) -
         return design(bench, request, identified, progress)
 
 
-class _Bar(SilentReporter):
+class _Bar(Reporter):
     """Reporter that moves a bar."""
 
     def __init__(self, move: Callable[[float], None]) -> None:

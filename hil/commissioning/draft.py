@@ -144,14 +144,11 @@ def _sync_lines(address: str, axes: dict[int, FoundNode]) -> list[str]:
         verdict = check(bench, tuple(axes), "drive", period_s, with_notch=False, torque_offset=True)
         if verdict.fits:
             rate = "an ideal bus" if parsed.bitrate is None else f"{parsed.bitrate} bit/s"
-            return [f"sync_period_s = {period_s:g}                 # {_axes_fit(len(axes))} on {rate} (hil plan has the numbers)"]
+            fit = "1 axis fits" if len(axes) == 1 else f"{len(axes)} axes fit"
+            return [f"sync_period_s = {period_s:g}                 # {fit} on {rate} (hil plan has the numbers)"]
         words.append(verdict.sentence)
     rate = "the bit rate is not known; give it in the address, as socketcan:can0@1M" if parsed.bitrate is None else words[-1]
     return [f"sync_period_s = {_ask(rate)}"]
-
-
-def _axes_fit(count: int) -> str:
-    return "1 axis fits" if count == 1 else f"{count} axes fit"
 
 
 def _stand_in(address: str, axes: dict[int, FoundNode]) -> Bench:

@@ -36,7 +36,8 @@ def check_standstill(of: Checked) -> list[CheckEntry]:
         rest = np.zeros(round(STOP_S / held.period_s))
         took_s = held.command(QUICK_STOP, rest.tolist())
         if took_s is None:
-            return [of.passed("quick stop, standing", False, _still_on(STOP_S))]
+            words = f"still in operation {1e3 * STOP_S:.0f} ms after the command (605Ah, 6085h)"
+            return [of.passed("quick stop, standing", False, words)]
         after = held.watch(WATCH_S)
         held.stopped = "quick stop"
         return [
@@ -69,7 +70,3 @@ def _turned(angles_rad: np.ndarray) -> str:
     if not len(angles_rad):
         return "no position came"
     return f"the motor turned by {np.ptp(angles_rad) / math.tau:.4f} rev in {WATCH_S:g} s"
-
-
-def _still_on(duration_s: float) -> str:
-    return f"still in operation {1e3 * duration_s:.0f} ms after the command (605Ah, 6085h)"

@@ -10,9 +10,8 @@ from hil.logs.findings.finding import Finding, Untold
 from hil.logs.findings.orders import order_findings
 from hil.logs.findings.path import path_findings
 from hil.logs.findings.set_points import set_point_findings
-from hil.logs.findings.starving import starving_findings
+from hil.logs.findings.starving import starving_findings, sync_findings
 from hil.logs.findings.states import state_findings
-from hil.logs.findings.sync import sync_findings
 from hil.logs.log import Log
 from hil.logs.trace import Trace
 

@@ -228,10 +228,6 @@ def _is_signed(node: Node, address: ObjectAddress) -> bool:
     return address[0] in SIGNED if kind is None else kind in SIGNED_TYPES
 
 
-def _is_real(node: Node, address: ObjectAddress) -> bool:
-    return _data_type(node, address) in {DataType.REAL32, DataType.REAL64}
-
-
 def _pdos(node: Node) -> Iterable[Pdo]:
     for direction in ("rpdo", "tpdo"):
         for number in range(MOST_PDOS):
@@ -255,5 +251,6 @@ def _entries(node: Node, mapping: int) -> Iterable[MappedNumber]:
         if mapped is None or mapped & 0xFF == 0 or start + (mapped & 0xFF) > 64:
             return
         address, bits = (mapped >> 16 & 0xFFFF, mapped >> 8 & 0xFF), mapped & 0xFF
-        yield MappedNumber(address, start, bits, _is_signed(node, address), bits in {32, 64} and _is_real(node, address))
+        is_real = bits in {32, 64} and _data_type(node, address) in {DataType.REAL32, DataType.REAL64}
+        yield MappedNumber(address, start, bits, _is_signed(node, address), is_real)
         start += bits

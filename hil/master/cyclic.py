@@ -21,7 +21,7 @@ from hil.master.joint_encoder import JointEncoder
 from hil.master.lateness import CycleSchedule
 from hil.master.motion import LoopName
 from hil.master.network import SYNC, Network
-from hil.master.realtime import Clock, MonotonicClock
+from hil.master.realtime import Clock
 from hil.master.sensor import TIP_ELSEWHERE, TipAccelerometer
 from hil.sensor.framing import Vector
 
@@ -181,7 +181,7 @@ class CyclicExchange:
         self.sensor = sensor
         self.with_torque_offset = with_torque_offset and loop == "drive"
         self.was_dropped = False
-        self._clock = clock or MonotonicClock()
+        self._clock = clock or Clock()
         limit_s = 0.5 * period_s if max_lateness_s is None else max_lateness_s
         self.schedule = CycleSchedule(self._clock, period_s, limit_s)
         self.with_notch_state = with_notch_state

@@ -13,7 +13,7 @@ from hil.can.channel import Channel, MessageChannel
 from hil.can.errors_frame import decode as decode_error
 from hil.can.frame import CAN_ERR_FLAG, Frame
 from hil.errors import NoAnswerError, ReadBackError, SdoAbortedError, SharedNodeError
-from hil.master.realtime import Clock, MonotonicClock
+from hil.master.realtime import Clock
 from hil.recording import BusLog, LoggedFrame, LoggedMessage
 
 SYNC = Frame(FunctionCode.SYNC, b"")
@@ -109,7 +109,7 @@ class Network:
         self._lines: dict[int, _Line] = {}
         self._ports: dict[int, _Port] = {}
         self.lock_step_s = 0.0
-        self._clock = clock or MonotonicClock()
+        self._clock = clock or Clock()
         self._start = self._clock.now()
 
     def now(self) -> float:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 29, 30
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
@@ -20,20 +20,8 @@ TIMER_SLACK_NS = 1
 """Time by which the kernel may delay a wake-up to save power; 50 µs by default."""
 
 
-class Clock(Protocol):
-    """The clock of the cyclic path."""
-
-    def now(self) -> float:
-        """Time in s of a clock that is never set."""
-        ...
-
-    def sleep_until(self, deadline_s: float) -> None:
-        """Sleep until this instant of `now`, or return at once after it."""
-        ...
-
-
-class MonotonicClock:
-    """The system's monotonic clock, which setting the date does not change.
+class Clock:
+    """The clock of the cyclic path: the system's monotonic one, which setting the date does not change.
 
     Args:
         spin_s: Time before a deadline at which the loop stops sleeping and polls. It costs that much of a core per period, and

@@ -196,7 +196,7 @@ def sensor_of(table: AccelerometerTable, network: Network, clock: Clock) -> TipA
     if profile.kind != "accelerometer":
         raise NotPossibleError(f"profile {table.profile} is not an accelerometer")
     if table.serial is not None:
-        return SerialSensor(network, AccelerometerReader(table.serial.settings(), clock.now))
+        return SerialSensor(network, AccelerometerReader(table.serial, clock.now))
     if table.node_id is None:
         raise NotPossibleError("the bench has no accelerometer")
     return CanopenSensor(network, table.node_id, profile)

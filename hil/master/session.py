@@ -27,7 +27,7 @@ from hil.master.lateness import WallClockTiming
 from hil.master.motion import FilterUse, LoopName, Motion, RunResult
 from hil.master.network import Network
 from hil.master.node_setup import NodeSetup
-from hil.master.realtime import Clock, MonotonicClock, RealTime, Settings, no_garbage_collection
+from hil.master.realtime import Clock, RealTime, Settings, no_garbage_collection
 from hil.master.request import RunRequest, check_motion
 from hil.master.run import Run, RunLimits
 from hil.master.sensor import sensor_of
@@ -76,7 +76,7 @@ class Session:
         self.bench = bench
         self.log = log
         self.progress = progress
-        self.clock = clock or MonotonicClock(bench.bus.real_time.spin_s)
+        self.clock = clock or Clock(bench.bus.real_time.spin_s)
         self.network = Network(channel, log, bench.bus.answer_timeout_s, bench.bus.sync_period_s, self.clock)
         self.axes = {number: DriveAxis(self.network, number, table) for number, table in sorted(bench.axis.items())}
         self.network.fault_texts = {axis.node: axis.profile.fault_texts for axis in self.axes.values()}

@@ -1,28 +1,81 @@
 """Reading of results and model files into a passport, each run once."""
 
+import cmath
 import datetime
 import hashlib
 import json
+import math
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from drive_profiles.errors import FileError
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError, LearntBy, load_identified
 from hil.control.order_keys import amplitude_key, phase_key
+from hil.design.ate.identification import Agreement
 from hil.errors import NotPossibleError
-from hil.passport.sides import sides_of_passes, sides_of_stretches
-from hil.passport.store import MOST_ORDERS, MOST_TEXT, OrderLine, PassportRun
+from hil.passport.store import MOST_ORDERS, MOST_TEXT, OrderLine, OrderSides, PassportRun
 from hil.results.ate import AteResult
 from hil.results.base import RESULT_FILE
 from hil.results.files import ResultFileError, load_any
 from hil.results.learning import LearningResult, MotionLearningResult
-from hil.results.recorded_ate import RecordedAteResult
+from hil.results.recorded_ate import OrderEntry, RecordedAteResult, RecordedStretch
+
+_AMPLITUDE = re.compile(r"a(\d+(?:\.\d+)?)_arcsec")
+
+
+def sides_of_passes(agreement: Sequence[Agreement]) -> tuple[OrderSides, ...]:
+    """Orders of an identification by direction, from its ramps."""
+    by_name = {each.name: each for each in agreement}
+    made = []
+    for name, amplitude in by_name.items():
+        found = _AMPLITUDE.fullmatch(name)
+        phase = by_name.get(f"phi{found[1]}_deg") if found else None
+        if found and phase is not None:
+            turn = math.remainder(phase.forward - phase.backward, 360.0)
+            made.append(OrderSides(float(found[1]), amplitude.forward, amplitude.backward, amplitude.sigma, turn, phase.sigma))
+    return tuple(made)
+
+
+def sides_of_stretches(stretches: Sequence[RecordedStretch]) -> tuple[OrderSides, ...]:
+    """Return the orders of recordings in either direction.
+
+    From stretches in both directions; the error includes the scatter of stretches in one direction.
+    """
+    values: dict[float, dict[int, list[OrderEntry]]] = {}
+    for stretch in stretches:
+        for entry in stretch.values:
+            values.setdefault(entry.order, {}).setdefault(stretch.direction, []).append(entry)
+    made = []
+    for order, ways in sorted(values.items()):
+        if set(ways) == {-1, 1}:
+            (one, one_error), (other, other_error) = (_mean(ways[way]) for way in (1, -1))
+            error = math.hypot(one_error, other_error)
+            least = min(abs(one), abs(other))
+            turn = math.degrees(cmath.phase(one / other)) if least > 0.0 else 0.0
+            if error > 0.0 and least > 0.0:
+                sigmas = abs(math.radians(turn)) * least / error
+                made.append(OrderSides(order, abs(one), abs(other), abs(abs(one) - abs(other)) / error, turn, sigmas))
+    return tuple(made)
+
+
+def _mean(entries: Sequence[OrderEntry]) -> tuple[complex, float]:
+    """Return the mean of A e^{jφ} and its standard error.
+
+    The error is that of its real or imaginary part.
+    """
+    points = np.array([each.a_arcsec * cmath.exp(1j * math.radians(each.phi_deg)) for each in entries])
+    own = float(np.mean([each.a_error_arcsec**2 for each in entries]))
+    scatter = float(np.var(points, ddof=1)) / 2.0 if len(points) > 1 else 0.0
+    return complex(np.mean(points)), math.sqrt(max(own, scatter) / len(points))
+
 
 MOST_FOUND_FILES = 20_000
 """Most files below the folders that are looked at."""

@@ -4,7 +4,7 @@ import math
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
 from typing import TypeVar
 
@@ -50,10 +50,6 @@ CREATE TABLE side (
 CREATE TRIGGER side_stays BEFORE DELETE ON side BEGIN SELECT RAISE(ABORT, 'a passport keeps every run'); END;
 CREATE TRIGGER side_is_fixed BEFORE UPDATE ON side BEGIN SELECT RAISE(ABORT, 'a passport changes no run'); END;
 """
-_RUN_COLUMNS = (
-    "robot", "axis", "measured_utc", "learnt_by", "note", "temperature_c", "load_kg", "direction", "top_rps", "emulated",
-    "source", "joint_low_deg", "joint_high_deg", "pole_pairs", "slots", "seen_by",
-)  # fmt: skip
 _STEPS = (_TABLES, _TO_VERSION_2)
 """Steps that make a passport of each version from the one before it."""
 
@@ -149,6 +145,9 @@ class PassportRun:
     sides: tuple[OrderSides, ...] = field(default=())
 
 
+_RUN_COLUMNS = tuple(each.name for each in fields(PassportRun) if each.name not in {"content", "lines", "sides"})
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
     """The file, with its tables; made if it is missing.
@@ -232,18 +231,9 @@ def _put(connection: sqlite3.Connection, run: PassportRun) -> None:
     names = ", ".join(row)
     sql = f"INSERT OR IGNORE INTO run ({names}) VALUES ({', '.join('?' * len(row))})"  # noqa: S608 - names of this file alone
     if connection.execute(sql, tuple(row.values())).rowcount == 1:
-        lines = [
-            (run.content, float(each.order), each.a_arcsec, each.a_error_arcsec, each.phi_deg, each.phi_error_deg)
-            for each in run.lines
-        ]
+        lines = [(run.content, *astuple(each)) for each in run.lines]
         connection.executemany("INSERT INTO line VALUES (?, ?, ?, ?, ?, ?)", lines)
-    sides = [
-        (
-            run.content, float(each.order), each.a_forward_arcsec, each.a_backward_arcsec, each.a_sigmas, each.phi_turn_deg,
-            each.phi_sigmas,
-        )
-        for each in run.sides
-    ]  # fmt: skip
+    sides = [(run.content, *astuple(each)) for each in run.sides]
     connection.executemany("INSERT OR IGNORE INTO side VALUES (?, ?, ?, ?, ?, ?, ?)", sides)
 
 

@@ -1,16 +1,15 @@
 """A recording for a fit: angles unwrapped, SI units, complete rows."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.recordings.angles import angle_rad
 from hil.recordings.errors import RecordingFileError
 from hil.recordings.layout import Column, Said, choose_columns
-from hil.recordings.opening import open_source
-from hil.recordings.source import complete_rows
+from hil.recordings.source import Source, complete_rows
 from hil.recordings.units import Role
 
 Real = NDArray[np.float64]
@@ -109,3 +108,81 @@ def _running(path: Path, column: Column, stamps: Real) -> Real:
             "few digits, or doubled stamps",
         )
     return time
+
+
+def open_source(path: Path, description: Path | None = None, node_id: int | None = None) -> Source:
+    """A recording, by the suffix of its name.
+
+    Args:
+        path: The file.
+        description: What decodes frames of a bus: EDS, DCF, XDD or DBC file.
+        node_id: Node-ID of the drive that has sent them.
+
+    Raises:
+        RecordingFileError: The format is not known, or the file cannot be read.
+        MissingPackageError: The format needs a package that is not installed.
+    """
+    if not path.is_file():
+        raise RecordingFileError(path, "there is no such file")
+    if path.stat().st_size == 0:
+        raise RecordingFileError(path, "the file is empty; check that the recording was stopped and copied whole")
+    name = path.name.lower()
+    if name.endswith((".csv", ".csv.gz", ".txt", ".tsv")):
+        from hil.recordings.delimited import DelimitedFile  # noqa: PLC0415 - a reader is loaded where it is needed
+
+        return DelimitedFile(path)
+    if name.endswith((".parquet", ".pq")):
+        from hil.recordings.parquet import ParquetFile  # noqa: PLC0415
+
+        return ParquetFile(path)
+    if name.endswith((".mf4", ".mdf")):
+        from hil.recordings.mdf import MdfFile  # noqa: PLC0415
+
+        return MdfFile(path)
+    if name.endswith((".log", ".blf", ".asc")):
+        from hil.recordings.frames import FrameFile  # noqa: PLC0415
+
+        return FrameFile(path, description, node_id)
+    raise RecordingFileError(path, "unknown format; expected .csv, .csv.gz, .tsv, .parquet, .mf4, .log, .blf or .asc")
+
+
+LARGEST_STEP = 0.35
+"""Largest step between two samples, in revolutions, from which the direction is still known where an angle begins anew."""
+JUMP = 0.5
+"""Step between two samples, in revolutions, that no motor makes: the angle has begun anew there."""
+
+
+def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
+    """Unwrap an angle in rad, and count its wraps.
+
+    Args:
+        path: The file, for errors.
+        column: The column.
+        values: Its numbers; shape (n,).
+
+    Raises:
+        RecordingFileError: A jump is not a whole revolution, or the angle turns too far from sample to sample.
+    """
+    unit = column.unit
+    turned = values / unit.per_rev
+    steps = np.diff(turned)
+    jumps = np.flatnonzero(np.abs(steps) > JUMP)
+    if len(jumps):
+        span = float(np.ptp(turned))
+        if span > 1.0 + LARGEST_STEP:
+            row = int(jumps[0])
+            raise RecordingFileError(
+                path,
+                f"{column.name!r} jumps by {steps[row]:.3g} revolutions from row {row + 1} to {row + 2} while its "
+                f"values span {span:.3g}; it does not wrap after one revolution, so the jump cannot be undone",
+            )
+        turned = np.unwrap(turned, period=1.0)
+    step = float(np.max(np.abs(np.diff(turned)))) if len(turned) > 1 else 0.0
+    if len(jumps) and step > LARGEST_STEP:
+        row = int(np.argmax(np.abs(np.diff(turned))))
+        raise RecordingFileError(
+            path,
+            f"{column.name!r} wraps after each revolution and turns by {step:.2f} rev from row {row + 1} to {row + 2}; at most "
+            f"{LARGEST_STEP:g} rev shows the direction: record more often, or without the wrap",
+        )
+    return np.asarray(turned * math.copysign(2.0 * math.pi, unit.factor)), len(jumps)

@@ -2,8 +2,9 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 NONE = "–"
 
@@ -26,6 +27,9 @@ class Mark:
 
 
 Cell = str | Mark
+T = TypeVar("T")
+Columns = Sequence[tuple[str, Callable[[T], Cell]]]
+"""Columns of a table: heading, and cell of a thing."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,10 @@ class ReportTable:
     is_prose: bool = False
     groups: Mapping[int, str] = field(default_factory=dict)
 
+    def __bool__(self) -> bool:
+        """False without a row: no page shows it."""
+        return bool(self.rows)
+
     def markdown(self) -> str:
         """Return the table as Markdown, with headings as rows."""
         lines = [_markdown(self.header), f"|{'---|' * len(self.header)}"]
@@ -64,6 +72,15 @@ class ReportTable:
                 lines.append(f"| **{self.groups[index]}** |{' |' * (len(self.header) - 1)}")
             lines.append(_markdown(row))
         return "\n".join(lines)
+
+
+def tabulate(
+    key: str, title: str, columns: Columns[T], things: Iterable[T], caption: str = "", text_columns: Iterable[int] = (0,)
+) -> ReportTable:
+    """Tabulate things, one in each row."""
+    rows: list[list[Cell]] = [[cell(each) for _, cell in columns] for each in things]
+    header = tuple(heading for heading, _ in columns)
+    return ReportTable(key, title, "", header, rows, frozenset(text_columns), caption)
 
 
 def _markdown(cells: Sequence[Cell]) -> str:

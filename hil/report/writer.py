@@ -48,12 +48,4 @@ def write_report_of(directory: Path, *, is_interactive: bool = False) -> Path:
         raise ResultFileError(directory / RESULT_FILE, f"a result of the kind {result.kind!r} has no report of its own")
     with style.styled():
         page = page_of(directory, result)
-    return render(
-        directory / "report.html",
-        page.head,
-        page.verdict,
-        page.sections,
-        cards=page.cards,
-        provenance=page.provenance,
-        is_interactive=is_interactive,
-    )
+    return render(directory / "report.html", page, is_interactive=is_interactive)

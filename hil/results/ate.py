@@ -7,7 +7,7 @@ from pydantic import Field
 from hil.bench.model import IdentifiedError
 from hil.design.ate.identification import Agreement
 from hil.design.ate.model import Arm, OtherMode, Sensing
-from hil.results.base import MeasuredResult, ResultPart
+from hil.results.base import MadeRun, MeasuredResult, ResultPart
 from hil.results.runs import RunTiming
 
 
@@ -32,7 +32,7 @@ class KnownArm(ResultPart):
         return () if self.start is None else self.start.others
 
 
-class AteRun(ResultPart):
+class AteRun(MadeRun):
     """One pass as it was run.
 
     Attributes:
@@ -44,14 +44,9 @@ class AteRun(ResultPart):
         low_rev: Lower turning point of the motor, absolute.
         high_rev: Upper turning point of the motor, absolute.
         sync_period_s: SYNC period.
-        cycles: SYNCs of the motion.
-        missed_cycles: Cycles that lack an answer.
         sensor_missed: Cycles that lack the accelerometer.
         motion_s: Duration of the motion in the bench's time.
-        wall_s: Duration of the whole run on the wall clock.
-        recording: Path of the CSV file, from the result's directory.
         timing: Punctuality of the cycles; None in lock-step.
-        stopped: Reason of a stop.
     """
 
     acceleration_rps_s: float
@@ -62,14 +57,9 @@ class AteRun(ResultPart):
     low_rev: float
     high_rev: float
     sync_period_s: float
-    cycles: int
-    missed_cycles: int
     sensor_missed: int
     motion_s: float
-    wall_s: float
-    recording: str
     timing: RunTiming | None = None
-    stopped: str | None = None
 
 
 class AteFit(ResultPart):

@@ -81,6 +81,24 @@ class ResultPart(_Written):
     model_config = ConfigDict(frozen=True)
 
 
+class MadeRun(ResultPart):
+    """A run as it was made.
+
+    Attributes:
+        cycles: SYNCs of the motion.
+        missed_cycles: Cycles that lack an answer.
+        wall_s: Duration of the whole run on the wall clock.
+        recording: Path of the CSV file, from the result's directory.
+        stopped: Reason why the run was stopped.
+    """
+
+    cycles: int
+    missed_cycles: int
+    wall_s: float
+    recording: str
+    stopped: str | None = None
+
+
 class MeasuredBench(ResultPart):
     """Bench of a measurement: its file, bus, instant and versions.
 

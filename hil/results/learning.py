@@ -5,12 +5,12 @@ from typing import Literal
 from pydantic import Field
 
 from hil.bench.model import IdentifiedError
-from hil.results.base import MeasuredResult, ResultPart
+from hil.results.base import MadeRun, MeasuredResult, ResultPart
 from hil.results.runs import TrialPart
 from hil.robot_tables import TransmissionErrorTable
 
 
-class LearningRun(ResultPart):
+class LearningRun(MadeRun):
     """One pass as it was run.
 
     Attributes:
@@ -18,22 +18,12 @@ class LearningRun(ResultPart):
         number: Number of the pass, from 1.
         acceleration_rps_s: Acceleration of the ramps.
         end_rps: Speed at the end of the ramps.
-        cycles: SYNCs of the motion.
-        missed_cycles: Cycles that lack an answer.
-        wall_s: Duration of the whole run on the wall clock.
-        recording: Path of the CSV file, from the result's directory.
-        stopped: Reason of a stop.
     """
 
     axis: int
     number: int
     acceleration_rps_s: float
     end_rps: float
-    cycles: int
-    missed_cycles: int
-    wall_s: float
-    recording: str
-    stopped: str | None = None
 
 
 class LearningPass(ResultPart):
@@ -96,33 +86,23 @@ class LearningResult(MeasuredResult):
         self.not_learnt = text
 
 
-class ProbingRun(ResultPart):
+class ProbingRun(MadeRun):
     """One run of a motion on which something is learnt.
 
     Attributes:
         number: Number of the run, from 1.
         what: `base` without any cancellation, `probe` with small known ones, `applied` with the learnt one.
-        cycles: SYNCs of the motion.
-        missed_cycles: Cycles that lack an answer.
-        wall_s: Duration of the whole run on the wall clock.
-        recording: Path of the CSV file, from the result's directory.
         tip_peak_mm: Largest displacement of the tip in the band, in any direction; None if the run was not read.
         tip_rms_mm: Root mean square of it, all directions together.
         is_kept: True for the run whose cancellation is kept.
-        stopped: Reason of a stop.
         pace: Multiple of the motion's time in which it was run.
     """
 
     number: int
     what: Literal["base", "probe", "applied"]
-    cycles: int
-    missed_cycles: int
-    wall_s: float
-    recording: str
     tip_peak_mm: float | None = None
     tip_rms_mm: float | None = None
     is_kept: bool = False
-    stopped: str | None = None
     pace: float = 1.0
 
 

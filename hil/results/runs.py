@@ -14,7 +14,7 @@ from hil.control.shapers import SwingingMode
 from hil.master.lateness import Percentiles
 from hil.master.realtime import Measure
 from hil.results.acted import ActedFilter, CancelledOrder, SourceFile
-from hil.results.base import MeasuredResult, ResultPart
+from hil.results.base import MadeRun, MeasuredResult, ResultPart
 from hil.results.following import FollowingEntry
 
 
@@ -226,7 +226,7 @@ class RingingMode(ResultPart):
     error_mm: float
 
 
-class RunEntry(ResultPart):
+class RunEntry(MadeRun):
     """One run in one window.
 
     A ramp has several windows, each with the order that meets the resonance there.
@@ -245,15 +245,10 @@ class RunEntry(ResultPart):
         spectrum_peak_hz: Frequency of the largest amplitude.
         spectrum_area: Area of the spectrum, m/s²·Hz.
         within_spec: True if the tip keeps the specification; None if the run was not judged.
-        cycles: SYNCs of the motion.
-        missed_cycles: Cycles that lack an answer.
-        wall_s: Duration of the whole run on the wall clock.
         motion_s: Duration of the motion in the bench's time.
-        recording: Path of the CSV file, from the result's directory.
         bus_errors: Error reports of the CAN controller, with their counts.
         discarded_positions: Number of implausible positions that were discarded.
         timing: Punctuality of the cycles; None in lock-step.
-        stopped: Reason why the run was stopped.
         invalid: Reason why the run cannot be judged.
         trial: Trial of the cancellation before the run.
         filter_trial: Trial of designed filters before the run.
@@ -293,15 +288,10 @@ class RunEntry(ResultPart):
     spectrum_peak_hz: float | None
     spectrum_area: float | None
     within_spec: bool | None
-    cycles: int
-    missed_cycles: int
-    wall_s: float
     motion_s: float
-    recording: str
     bus_errors: dict[str, int] | None = None
     discarded_positions: int | None = None
     timing: RunTiming | None = None
-    stopped: str | None = None
     invalid: str | None = None
     trial: CancellationTrial | None = None
     filter_trial: FilterTrial | None = None

@@ -10,10 +10,10 @@ import tempfile
 from types import TracebackType
 from typing import Self
 
+from hil.emulator import end
 from hil.errors import NotPossibleError
 
 SCOPE_START_S = 60.0
-SCOPE_END_S = 10.0
 
 
 class ScopeProcess:
@@ -71,14 +71,6 @@ class ScopeProcess:
 
     def __exit__(self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None) -> None:
         """End the process."""
-        if self._process is None:
-            return
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
-        try:
-            self._process.wait(SCOPE_END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._process = None
+        if self._process is not None:
+            end(self._process)
+            self._process = None

@@ -2,7 +2,6 @@
 
 from collections import deque
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +19,8 @@ MOST_EVENTS = 500
 TWO_PI = 2.0 * np.pi
 
 
-class PageSource(Protocol):
-    """Rows for a page.
+class BusSource:
+    """Rows of a bus, for a page.
 
     Attributes:
         title: Title of the page.
@@ -32,22 +31,6 @@ class PageSource(Protocol):
         event_count: Number of events since the beginning.
         ended: Why no more rows come; "" while they do.
     """
-
-    title: str
-    is_live: bool
-    past: Past
-    signals: tuple[Signal, ...]
-    events: deque[HeardEvent]
-    event_count: int
-    ended: str
-
-    def poll(self) -> None:
-        """Take new rows."""
-        ...
-
-
-class BusSource:
-    """Rows of a bus."""
 
     is_live = True
 
@@ -91,7 +74,7 @@ class BusSource:
 
 
 class RecordedSource:
-    """Rows of one recorded run."""
+    """Rows of one recorded run, with the attributes of `BusSource`."""
 
     is_live = False
 
@@ -115,6 +98,9 @@ class RecordedSource:
 
     def poll(self) -> None:
         """Nothing comes any more."""
+
+
+PageSource = BusSource | RecordedSource
 
 
 def signals_of(recording: Recording) -> dict[Signal, Real]:

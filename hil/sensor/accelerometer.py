@@ -5,13 +5,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import serial
 
 from hil.errors import HilError
-from hil.sensor.clock import MAX_SAMPLES, AtSync, SampleClock, SampleHistory
-from hil.sensor.framing import Framing, Sample, Vector
+from hil.sensor.clock import MAX_SAMPLES, SampleClock, SampleHistory
+from hil.sensor.framing import Sample, Vector
+from hil.sensor.table import SerialTable
 
 OPEN_TIMEOUT_S = 2.0
 """Time that the first sample may take."""
@@ -31,33 +31,6 @@ class SerialAccelerometerError(HilError):
         super().__init__(f"accelerometer on {port}: {what}" + (f"; {remedy}" if remedy else ""))
 
 
-@dataclass(frozen=True)
-class SerialSettings:
-    """Port, framing and timing of the sensor.
-
-    `hil.sensor.table` reads them from a file.
-
-    Attributes:
-        port: Device of the serial port.
-        baud_rate: Bit rate in bit/s, with 8 data bits, no parity, one stop bit.
-        framing: Layout of the samples in the stream.
-        rate_hz: Samples per second.
-        delay_s: Time from the acceleration to the first bit on the line: half the filter's length, and that of a USB converter.
-        at_sync: Choice of the sample that belongs to a SYNC.
-        max_age_s: Largest age of a sample at the SYNC; older ones do not count.
-        counter_modulo: Count at which the sensor's counter starts again; None if it sends none.
-    """
-
-    port: str
-    baud_rate: int
-    framing: Framing
-    rate_hz: float
-    delay_s: float = 0.0
-    at_sync: AtSync = "latest"
-    max_age_s: float = 0.05
-    counter_modulo: int | None = None
-
-
 class AccelerometerReader:
     """Reader of the sensor, from `open` to `close`.
 
@@ -73,13 +46,14 @@ class AccelerometerReader:
         overruns: Samples that newer ones have replaced before they were read.
     """
 
-    def __init__(self, settings: SerialSettings, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, settings: SerialTable, now: Callable[[], float] = time.monotonic) -> None:
         """Prepare the reader; `open` opens the port."""
         self.settings = settings
         self._now = now
         self.overruns = 0
-        self._decoder = settings.framing.decoder()
-        self._clock = SampleClock(settings.rate_hz, settings.counter_modulo)
+        self._framing = settings.layout()
+        self._decoder = self._framing.decoder()
+        self._clock = SampleClock(settings.sample_rate_hz, settings.modulo())
         self._history = SampleHistory()
         self._queue: deque[tuple[float, Sample]] = deque(maxlen=MAX_SAMPLES)
         self._first = threading.Event()
@@ -145,7 +119,7 @@ class AccelerometerReader:
 
     def _run(self, port: serial.Serial) -> None:
         settings, decoder, queue = self.settings, self._decoder, self._queue
-        frame_bytes = settings.framing.frame_bytes
+        frame_bytes = self._framing.frame_bytes
         byte_s = BITS_PER_BYTE / settings.baud_rate
         while not self._end.is_set():
             try:

@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from drive_profiles.files.toml import Table
-from hil.sensor.accelerometer import SerialSettings
 from hil.sensor.clock import AtSync
 from hil.sensor.framing import COUNTER, BinaryFraming, Checksum, Fields, Framing, LineFraming
 
@@ -31,7 +30,7 @@ class SerialTable(Table):
         checksum: Kind of checksum in each frame.
         counter_modulo: Count at which the counter starts again; the default for binary frames follows from its type.
         sample_rate_hz: Sampling rate of the sensor.
-        delay_s: Time from the acceleration to the first bit on the line.
+        delay_s: Time from the acceleration to the first bit on the line: half the filter's length, and that of a USB converter.
         at_sync: Measurement of a SYNC: the newest sample by then, or interpolated if the next one has arrived already.
         max_age_s: Largest age of a sample; with an older one the sensor counts as silent.
         separator: Text between the numbers of a line; a comma unless it is given.
@@ -73,20 +72,14 @@ class SerialTable(Table):
             raise ValueError(f"framing {self.framing!r} has no {given[0]}")
         if 0.0 in self.scale_m_s2:
             raise ValueError("scale_m_s2 has a 0; expected three factors other than 0")
-        self._framing()
-        self._modulo()
+        self.layout()
+        self.modulo()
         if self.max_age_s < 2.0 / self.sample_rate_hz:
             raise ValueError(f"max_age_s {self.max_age_s:g} is less than two samples at sample_rate_hz {self.sample_rate_hz:g}")
         return self
 
-    def settings(self) -> SerialSettings:
-        """The settings for the reader."""
-        return SerialSettings(
-            self.port, self.baud_rate, self._framing(), self.sample_rate_hz, self.delay_s, self.at_sync, self.max_age_s,
-            self._modulo(),
-        )  # fmt: skip
-
-    def _framing(self) -> Framing:
+    def layout(self) -> Framing:
+        """Return the layout of the samples in the stream."""
         fields = Fields(self.fields, self.scale_m_s2, self.range_m_s2)
         if self.framing == "line":
             return LineFraming(fields, self.separator or ",", self.prefix or "", self.checksum)
@@ -104,7 +97,7 @@ class SerialTable(Table):
             )
         return framing
 
-    def _modulo(self) -> int | None:
+    def modulo(self) -> int | None:
         """Return the count at which the counter starts again.
 
         That of a binary frame follows from its type.

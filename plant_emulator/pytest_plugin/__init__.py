@@ -171,10 +171,10 @@ def hil_serve_local_bus(pytestconfig: pytest.Config) -> Iterator[Callable[..., "
 
     `hil_serve_local_bus("--seed", "2", robot="robot.toml")` takes the options of `plant-emulator serve`.
     """
-    from plant_emulator.pytest_plugin.served import LocalBusServers  # noqa: PLC0415
+    from plant_emulator.pytest_plugin.served import local_bus_servers  # noqa: PLC0415
 
-    with LocalBusServers(pytestconfig) as served:
-        yield served.start
+    with local_bus_servers(pytestconfig) as start:
+        yield start
 
 
 # -- the master --------------------------------------------------------------------------------------------------------

@@ -1,9 +1,16 @@
-"""One enabled drive, controlled by a test."""
+"""One enabled drive, controlled by a test.
+
+The sender of its cycles is the test itself in virtual time, and a separate thread by the wall clock.
+"""
 
 import math
-from collections.abc import Iterator
+import queue
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -20,8 +27,91 @@ from hil.master.motion import Motion
 from hil.master.request import check_motion
 from hil.master.run import APPROACH_RAMP_S, REST_S, Run, RunLimits, RunStopError
 from hil.recording import Recording
-from plant_emulator.pytest_plugin.keeper import Keeper, keeper_for
 from plant_emulator.pytest_plugin.master import BenchSession
+
+T = TypeVar("T")
+
+SWITCH_INTERVAL_S = 0.2e-3
+"""Time that a computing test may keep the thread that owes a cycle; Python's own 5 ms are cycles."""
+KEEPER_TIMEOUT_S = 30.0
+"""Time that the thread that owes cycles may take to end."""
+
+
+class Keeper:
+    """Executor of actions on the bus, one at a time; in virtual time.
+
+    Virtual time passes by cycles only, so nothing is done between them.
+
+    Attributes:
+        idle: What is called between the actions as long as it returns True, where time passes by itself.
+    """
+
+    idle: Callable[[], bool] | None = None
+
+    def call(self, action: Callable[[], T]) -> T:
+        """Do something on the bus and wait for it."""
+        return action()
+
+    def close(self) -> None:
+        """Perform no more actions."""
+
+
+class WallKeeper(Keeper):
+    """Keeper with a thread that owns the bus.
+
+    A drive whose master is silent stops, so the thread sends cycles while the test does other work.
+    """
+
+    def __init__(self) -> None:
+        """Start the thread."""
+        self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]] | None] = queue.SimpleQueue()
+        self._error: BaseException | None = None
+        self._before_s = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        self._thread = threading.Thread(target=self._work, name="hil-bench", daemon=True)
+        self._thread.start()
+
+    def call(self, action: Callable[[], T]) -> T:
+        """Perform an action between two cycles, and wait for its result.
+
+        Raises:
+            BaseException: The action raises it, or an idle cycle has raised it before.
+        """
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+        done: Future[T] = Future()
+        self._jobs.put((action, done))
+        return done.result()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._jobs.put(None)
+        self._thread.join(KEEPER_TIMEOUT_S)
+        sys.setswitchinterval(self._before_s)
+
+    def _work(self) -> None:
+        while True:
+            try:
+                job = self._jobs.get(block=self.idle is None)
+            except queue.Empty:
+                self._idle()
+                continue
+            if job is None:
+                return
+            action, done = job
+            try:
+                done.set_result(action())
+            except BaseException as error:  # noqa: BLE001 - whoever waits for it gets it
+                done.set_exception(error)
+
+    def _idle(self) -> None:
+        try:
+            if self.idle is not None and not self.idle():
+                self.idle = None
+        except BaseException as error:  # noqa: BLE001 - the next call gets it
+            self.idle, self._error = None, error
+
 
 MAX_RECORDED = 1 << 15
 """Cycles that are recorded for the case of a failure: the first 65 s at 2 ms."""
@@ -241,7 +331,7 @@ def enabled(session: BenchSession, number: int) -> Iterator[EnabledDrive]:
         pytest.fail(f"the bench has no axis {number}; it has {', '.join(map(str, session.axes))}", pytrace=False)
     if session.held is not None:
         raise NotPossibleError("one drive is enabled already")
-    keeper = keeper_for(is_lock_step=session.network.channel.is_lock_step)
+    keeper = Keeper() if session.network.channel.is_lock_step else WallKeeper()
     bus = ExitStack()  # what only the thread that owns the bus may undo
     problems: list[str | None] = []
     try:

@@ -1,9 +1,9 @@
 """Emulated robots as processes, each on a socket of its own."""
 
 import subprocess
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Self
 
 import pytest
 
@@ -31,34 +31,26 @@ class ServedBus:
         return self.address
 
 
-class LocalBusServers:
-    """Servers of local buses, which a `with` statement starts and ends."""
+@contextmanager
+def local_bus_servers(config: pytest.Config) -> Iterator[Callable[..., ServedBus]]:
+    """Yield a starter of servers of local buses; at the end, all of them end and their sockets are removed."""
+    own_robot: str = config.getoption("hil_robot") or "reference"
+    bitrate = bit_rate(config)
 
-    def __init__(self, config: pytest.Config) -> None:
-        """Keep the options of pytest; nothing is started."""
-        self._robot: str = config.getoption("hil_robot") or "reference"
-        self._bitrate = bit_rate(config)
-        self._emulators = ExitStack()
-
-    def __enter__(self) -> Self:
-        """Return the servers; nothing is started yet."""
-        return self
-
-    def start(self, *options: str, robot: str | None = None) -> ServedBus:
+    def start(*options: str, robot: str | None = None) -> ServedBus:
         """Start one and wait until it serves.
 
         Args:
             options: More of `plant-emulator serve`.
             robot: Robot file; `--hil-robot` of pytest unless it is given.
         """
-        emulator = EmulatorProcess(robot or self._robot, self._bitrate, *options)
+        emulator = EmulatorProcess(robot or own_robot, bitrate, *options)
         try:
-            self._emulators.enter_context(emulator)
+            emulators.enter_context(emulator)
         except BusUnavailableError as error:
             pytest.fail(error.reason, pytrace=False)
         assert emulator.process is not None  # noqa: S101 - it has been started
-        return ServedBus(emulator.process, Path(emulator.address.channel), self._bitrate)
+        return ServedBus(emulator.process, Path(emulator.address.channel), bitrate)
 
-    def __exit__(self, *_: object) -> None:
-        """End all of them and remove their sockets."""
-        self._emulators.close()
+    with ExitStack() as emulators:
+        yield start

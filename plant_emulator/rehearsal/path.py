@@ -25,7 +25,7 @@ from plant_emulator.rehearsal.gear import ALL_AROUND_RAD
 from plant_emulator.rehearsal.over_bus import StepsOverBus
 from plant_emulator.rehearsal.probes import probe
 from plant_emulator.rehearsal.record import TREATMENTS, PathRecord, StepRecord
-from plant_emulator.rehearsal.steps import Note, PathFiles, Steps, StepsInProcess
+from plant_emulator.rehearsal.steps import Note, PathFiles, StepsInProcess
 from plant_emulator.rehearsal.survey import Survey
 from plant_emulator.rehearsal.without import PathEnd, tip_without
 from plant_emulator.robots.robot import Robot
@@ -43,6 +43,8 @@ RUNS: dict[str, tuple[TreatmentName, tuple[str, ...]]] = {
     "cancellation_learnt": ("cancellation-learnt", ("learn",)),
 }
 """Runs of the path: treatment, and the steps that must be done before."""
+Steps = StepsInProcess | StepsOverBus
+"""Steps of the path, each by the product."""
 
 
 @dataclass(frozen=True)

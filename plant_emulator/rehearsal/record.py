@@ -260,9 +260,5 @@ class PathRecord:
         return cells
 
 
-def _columns() -> tuple[str, ...]:
-    return tuple(PathRecord(name="", seed=0, axis=0).row())
-
-
-COLUMNS = _columns()
+COLUMNS = tuple(PathRecord(name="", seed=0, axis=0).row())
 """Names of the columns of a row, in their order."""

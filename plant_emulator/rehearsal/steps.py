@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple, Protocol
+from typing import ClassVar, NamedTuple
 
 from hil.bench.bench import Bench
 from hil.bench.design import load_designs, update_designs
@@ -92,30 +92,6 @@ class PathFiles:
         """Return all knowledge of the robot."""
         designs = load_designs(self.designs) if self.designs.exists() else None
         return Knowledge(self.identified(), designs, load_identified(self.learnt) if is_learnt else None)
-
-
-class Steps(Protocol):
-    """Steps of the path, each by the product."""
-
-    def plant(self) -> Note:
-        """Identify the plant."""
-        ...
-
-    def ate(self) -> Note:
-        """Identify the ATE."""
-        ...
-
-    def design(self) -> Note:
-        """Design a notch."""
-        ...
-
-    def run(self, treatment: TreatmentName, *, is_learnt: bool) -> "RunNote":
-        """Run the user's motion."""
-        ...
-
-    def learn(self) -> Note:
-        """Learn the ATE."""
-        ...
 
 
 class StepsInProcess:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drive_profiles.version import version_text
 from hil.report import style
-from hil.report.pages.page import PageVerdict, filled_sections
+from hil.report.pages.page import PageVerdict, Section
 from hil.report.report_table import ReportTable
 from plant_emulator.studies.figure import distribution_and_influences
 from plant_emulator.studies.summary import Summary
@@ -24,10 +24,10 @@ def write_page(path: Path, studies: Sequence[tuple[Summary, Sequence[ReportTable
         OSError: The page cannot be written.
     """
     with style.styled():
-        chapters = filled_sections(
-            (summary.study.name, summary.title[0].upper() + summary.title[1:], [distribution_and_influences(summary), *tables])
-            for summary, tables in studies
-        )
+        chapters = [
+            Section(each.study.name, each.title[0].upper() + each.title[1:], (distribution_and_influences(each), *tables))
+            for each, tables in studies
+        ]
     summaries = [summary for summary, _ in studies]
     study = summaries[0].study
     words = ("Robustness", f"robot “{study.robot.name}”", "Simulated plants that differ from the robot file in their unknowns")

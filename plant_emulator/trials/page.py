@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from hil.report.origin import Origin
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section, render
 from hil.report.report_table import ReportTable
 
 EMULATED = Origin("emulated", "Emulated robots: nothing on this page was measured on a real one.", is_emulated=True)
@@ -30,7 +30,7 @@ def write_page(
     """
     heading, subject, subtitle = words
     head = PageHead(subject, heading=heading, subtitle=subtitle, origin=EMULATED, is_bench=False)
-    return render(path, head, verdict, chapters, provenance=[*provenance])
+    return render(path, Page(head, verdict, chapters, provenance=provenance))
 
 
 def as_markdown(chapters: Iterable[Section]) -> str:

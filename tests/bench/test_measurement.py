@@ -24,7 +24,7 @@ from hil.experiments.plant.on_bus import run_identify_plant
 from hil.experiments.runner import run_experiments
 from hil.master.session import Session
 from hil.recording import Recording
-from hil.reporter import SILENT, Reporter, SilentReporter
+from hil.reporter import SILENT, Reporter
 from hil.results.files import load_any
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import load_robot
@@ -125,7 +125,7 @@ def test_a_bus_that_is_too_full_is_refused_before_anything_is_sent(kind: str, ri
     assert not (tmp_path / "result.json").exists(), kind
 
 
-class Disturber(SilentReporter):
+class Disturber(Reporter):
     """Does something when a fifth of a motion is over."""
 
     def __init__(self, disturb: Callable[[], None]) -> None:

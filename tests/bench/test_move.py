@@ -19,7 +19,7 @@ from hil.experiments.position_before import position_before
 from hil.master.session import Session
 from hil.master.whereabouts import rev_text
 from hil.recording import BusLog
-from hil.reporter import SilentReporter
+from hil.reporter import Reporter
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
@@ -173,7 +173,7 @@ def test_from_its_very_limit_an_axis_can_be_moved_back_under_its_load(bench: Ben
 def test_ctrl_c_stops_a_move_as_it_stops_a_run_and_says_how_to_go_on(bench: Bench, channel: InProcessChannel) -> None:
     planned = plan_move(bench, MoveRequest(2, to_rev=FULL_TURNS), channel=channel)
 
-    class CtrlC(SilentReporter):
+    class CtrlC(Reporter):
         def progress(self, fraction: float) -> None:
             if fraction > 0.3:
                 signal.raise_signal(signal.SIGINT)
@@ -318,7 +318,7 @@ def test_back_is_where_the_axis_was_before_the_last_motion_even_if_the_master_wa
     planned = plan_move(bench, MoveRequest(2, to_rev=1.0), channel=channel)
     seen: list[float] = []
 
-    class Watching(SilentReporter):
+    class Watching(Reporter):
         def progress(self, fraction: float) -> None:
             if fraction > 0.5 and not seen:
                 seen.append(position_before(on_channel, 2, tmp_path).counts)

@@ -32,7 +32,7 @@ from hil.errors import NOT_DISABLED, not_restored_words
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
 from hil.robot_tables import Control
-from plant_emulator.pytest_plugin.served import LocalBusServers, ServedBus
+from plant_emulator.pytest_plugin.served import ServedBus, local_bus_servers
 
 REFERENCE = (Path(__file__).parents[2] / "hil" / "bench" / "reference.toml").read_text()
 # 50 s of motion, over more turns than the reference bench allows: time to interfere
@@ -233,8 +233,8 @@ def test_a_stream_socket_carries_the_same_run(tmp_path: Path, hil_serve_local_bu
 @pytest.fixture(scope="module")
 def sniffed_bus(pytestconfig: pytest.Config) -> Iterator[tuple[ServedBus, Sniffer]]:
     """A bus on which nothing has been sent, and who listens on it."""
-    with LocalBusServers(pytestconfig) as served:
-        hil_local_bus = served.start()
+    with local_bus_servers(pytestconfig) as start:
+        hil_local_bus = start()
         sniffer = Sniffer(hil_local_bus)
         yield hil_local_bus, sniffer
         sniffer.close()

@@ -24,8 +24,6 @@ from hil.cli.options import OptionalBenchOption
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drive_profiles.address import Address
-    from hil.bench.bench import Bench
     from hil.scope.server import ScopeServer
 
 SCOPE_EPILOG = epilog(
@@ -145,7 +143,8 @@ def _show_bus(
     listener = open_listener(address)
     try:
         decoder = SignalDecoder(bench, known, listener.address.bitrate)
-        source = BusSource(listener, decoder, _title(bench, listener.address))
+        title = str(listener.address) if bench is None else f"{bench.name} on {listener.address}"
+        source = BusSource(listener, decoder, title)
         if asked:
             ask_nodes(address, asked)
         _run(lambda: ScopeServer(lambda name: None if name else source, (), port), until_stdin_closes=until_stdin_closes)
@@ -153,10 +152,6 @@ def _show_bus(
         listener.close()
     if source.lost:
         say(f"{source.lost} messages of the bus came too fast, and are not shown")
-
-
-def _title(bench: "Bench | None", address: "Address") -> str:
-    return str(address) if bench is None else f"{bench.name} on {address}"
 
 
 def _run(made: "Callable[[], ScopeServer]", *, until_stdin_closes: bool) -> None:

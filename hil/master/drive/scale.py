@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from drive_profiles.errors import DriveProfileError
 from drive_profiles.family.profile import Profile
@@ -60,26 +60,7 @@ class Questions:
         return int(decode(kind, data))
 
 
-class StatedScale(Protocol):
-    """Units of a drive in a bench file; None for unstated ones."""
-
-    @property
-    def encoder_counts_per_rev(self) -> int | None:
-        """Position units per motor revolution."""
-        ...
-
-    @property
-    def rated_torque_nm(self) -> float | None:
-        """Torque of which torques are per mille."""
-        ...
-
-    @property
-    def torque_constant_nm_a(self) -> float | None:
-        """Torque per ampere, for a drive that reports a current."""
-        ...
-
-
-def read_scaling(asked: Questions, number: int, table: StatedScale, profile: Profile) -> Scaling | None:
+def read_scaling(asked: Questions, number: int, table: AxisTable | NothingStated, profile: Profile) -> Scaling | None:
     """Read the units of a drive.
 
     Args:
@@ -165,7 +146,7 @@ def check_load_encoder(asked: Questions, number: int, table: AxisTable, profile:
         )
 
 
-def _counts_per_rev(asked: Questions, number: int, table: StatedScale, profile: Profile) -> int | None:
+def _counts_per_rev(asked: Questions, number: int, table: AxisTable | NothingStated, profile: Profile) -> int | None:
     """Position units per motor revolution."""
     facts, stated, key = profile.encoder, table.encoder_counts_per_rev, f"axis.{number}.encoder_counts_per_rev"
     if facts is None or facts.increments is None:
@@ -192,7 +173,7 @@ def _counts_per_rev(asked: Questions, number: int, table: StatedScale, profile: 
     return stated if found is None else found
 
 
-def _rated_torque_nm(asked: Questions, number: int, table: StatedScale, profile: Profile) -> float | None:
+def _rated_torque_nm(asked: Questions, number: int, table: AxisTable | NothingStated, profile: Profile) -> float | None:
     """Torque of which torques are per mille."""
     facts, stated, key = profile.torque, table.rated_torque_nm, f"axis.{number}.rated_torque_nm"
     if facts is not None and facts.current_step_a is not None and _reports_a_current(profile):

@@ -1,12 +1,20 @@
-"""Page of two results side by side."""
+"""Page of two results side by side: their settings, then their figures.
 
-from collections.abc import Sequence
+Settings are the bench file with gains, filters and model, the request, and the versions.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import numpy as np
+from matplotlib.axes import Axes
+
+from hil.control.order_keys import amplitude_key
 from hil.errors import NotPossibleError
+from hil.recording import Recording
 from hil.report import style
-from hil.report.against import figures
 from hil.report.against.alike import PairedRuns, RunPair, check_robot, paired_runs
 from hil.report.against.numbers import (
     NumberPair,
@@ -17,19 +25,44 @@ from hil.report.against.numbers import (
     plant_numbers,
     run_numbers,
 )
-from hil.report.against.settings import Setting, differing, settings_table
-from hil.report.material import Material, run_name
+from hil.report.figures.order_map import ramp_map
+from hil.report.material import CONSTANT_ACCELERATION, Material, run_name
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, moment_text, render
-from hil.report.report_table import Mark, number
-from hil.report.style import Drawing
+from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, moment_text, render
+from hil.report.plotted_run import (
+    PlottedRun,
+    draw_vibration,
+    finish_vibration,
+    limit_words,
+    plotted_run,
+    shade_line,
+    shade_speeds,
+    shown_acceleration,
+    smooth_spectrum,
+)
+from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
+from hil.report.style import Drawing, Real
 from hil.results.ate import AteResult
 from hil.results.base import RESULT_FILE, MeasuredResult
 from hil.results.files import load_any
-from hil.results.plant import PlantResult
+from hil.results.plant import FrequencyResponseEntry, PlantResult
 from hil.results.runs import ExperimentsResult
 
 AGAINST_FILE = "against.html"
+
+
+MOST_DIFFERING = 200
+"""Most settings that are shown."""
+GROUPS = ("Control", "Model", "Bench file", "Request", "Bus and versions")
+
+
+class Setting(NamedTuple):
+    """A setting that differs: its group, its key, both values as text."""
+
+    group: str
+    key: str
+    old: str
+    new: str
 
 
 @dataclass(frozen=True)
@@ -73,18 +106,12 @@ def write_against(directory: Path, old_directory: Path, *, is_interactive: bool 
         aftermath=(*new.aftermath, *(f"Old result: {text}" for text in old.aftermath)),
         origin=origin_of(new),
     )
-    return render(
-        directory / AGAINST_FILE,
-        head,
-        verdict(content.numbers, settings),
-        sections,
-        cards=content.cards,
-        provenance=[
-            ("New", f"{directory}, {moment_text(new.bench.started_utc)}"),
-            ("Old", f"{old_directory}, {moment_text(old.bench.started_utc)}"),
-        ],
-        is_interactive=is_interactive,
-    )
+    provenance = [
+        (name, f"{folder}, {moment_text(each.bench.started_utc)}")
+        for name, folder, each in (("New", directory, new), ("Old", old_directory, old))
+    ]
+    page = Page(head, verdict(content.numbers, settings), sections, content.cards, provenance)
+    return render(directory / AGAINST_FILE, page, is_interactive=is_interactive)
 
 
 def _measured(directory: Path) -> MeasuredResult:
@@ -100,10 +127,10 @@ def _measured(directory: Path) -> MeasuredResult:
 def _content(new: MeasuredResult, old: MeasuredResult, directory: Path, old_directory: Path) -> _Content:
     """What results of one kind have in common."""
     if isinstance(new, AteResult) and isinstance(old, AteResult):
-        drawings = [each for each in (figures.error_figure(new, old),) if each is not None]
+        drawings = [each for each in (error_figure(new, old),) if each is not None]
         return _Content(list(error_numbers(new, old)), drawings, [], _not_identified(new.ate, old.ate))
     if isinstance(new, PlantResult) and isinstance(old, PlantResult):
-        drawings = [each for each in (figures.response_figure(new, old),) if each is not None]
+        drawings = [each for each in (response_figure(new, old),) if each is not None]
         return _Content(list(plant_numbers(new, old)), drawings, [], _not_identified(new.parameters, old.parameters))
     return _of_runs(Material(directory), Material(old_directory))
 
@@ -114,7 +141,7 @@ def _of_runs(new: Material, old: Material) -> _Content:
     for pair in paired.pairs:
         if pair.new.recording not in seen:
             seen.add(pair.new.recording)
-            drawings.append(figures.tip_figure(new, old, pair, len(seen)))
+            drawings.append(tip_figure(new, old, pair, len(seen)))
     numbers = [*run_numbers(paired.pairs), *model_numbers(new, old)]
     notes = (*new.notes, *(f"Old: {note}" for note in old.notes), *_left(paired), *_early(paired.pairs))
     cards = [_card(pair, new.bench.specification.tip_mm) for pair in paired.pairs]
@@ -173,3 +200,194 @@ def verdict(numbers: Sequence[NumberPair], settings: Sequence[Setting]) -> PageV
     told = f"{len(certain)} of {len(with_error)} numbers that have a standard error differ by more than chance"
     headline = f"{count}; {told if with_error else 'no number has a standard error in both'}"
     return PageVerdict("open", "▲", headline, tuple(details))
+
+
+SPECTRUM_TO_HZ = 50.0
+OLD, NEW = style.WITHOUT, style.WITH
+SIDES = (("old", style.AXIS_LINES[1], -0.08), ("new", style.AXIS_LINES[0], 0.08))
+"""Names, looks and shifts beside an order of the two results."""
+
+
+def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Drawing | None:
+    """Draw the tip of two runs over time, and its spectrum.
+
+    For a ramp, the lower panel shows orders instead of the spectrum. None without both recordings.
+    """
+    runs = [plotted_run(old, pair.old, "old", OLD), plotted_run(new, pair.new, "new", NEW)]
+    drawn = [run for run in runs if run is not None]
+    if len(drawn) < 2:
+        return None
+    axis, key = pair.new.axis, f"tip-{number}"
+    figure, panels = style.panels(2, 1, 5.2, height_ratios=(3, 2))
+    top, below = panels[:, 0]
+    for run in drawn:
+        draw_vibration(top, run, new.band_hz(axis))
+    recording = drawn[-1].recording
+    if axis is None:
+        shade_line(new, top, recording)
+    elif pair.new.experiment == CONSTANT_ACCELERATION:
+        shade_speeds(new, axis, recording, top, with_names=False)
+    top.set_xlim(float(recording.time_s[0]), float(recording.time_s[-1]))
+    finish_vibration(new, top, new.f_al(axis))
+    is_ramp = axis is not None and pair.new.experiment == CONSTANT_ACCELERATION
+    below_words = _draw_orders(below, drawn, axis) if is_ramp and axis is not None else _draw_spectra(below, drawn)
+    style.legend_above(figure, top)
+    band = new.band_hz(axis)
+    limit = "" if axis is None else f" {limit_words(new, axis)}"
+    name = pair_name(pair)
+    return Drawing(
+        key,
+        f"{name[0].upper()}{name[1:]}: the tip, old and new",
+        "",
+        "measured",
+        f"Above: tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase, each from the beginning of "
+        f"its recording.{limit} Below: {below_words}",
+        style.to_svg(figure, key, is_zoomable=True),
+    )
+
+
+def _draw_orders(panel: Axes, drawn: list[PlottedRun], axis: int) -> str:
+    for run in drawn:
+        found = order_amplitudes(run.recording, axis)
+        if found is not None:
+            panel.plot(*found, **run.look)
+    panel.set(xlabel="Order k (per turn of the motor)", ylabel="Amplitude (m/s²)")
+    panel.set_ylim(0.0, None)
+    return "the largest amplitude of each order while the motor speeds up, in windows of two turns."
+
+
+def order_amplitudes(recording: Recording, axis: int) -> tuple[Real, Real] | None:
+    """Return orders and their largest amplitudes on a ramp, in m/s².
+
+    Both of shape (n,); None if the motor turns too little.
+    """
+    found = ramp_map(recording, axis)
+    if found is None:
+        return None
+    seen = ~np.all(np.isnan(found.amplitude), axis=0)
+    return found.orders[seen], np.nanmax(found.amplitude[:, seen], axis=0)
+
+
+def _draw_spectra(panel: Axes, drawn: list[PlottedRun]) -> str:
+    for run in drawn:
+        panel.plot(*smooth_spectrum(shown_acceleration(run), run.recording.period_s, SPECTRUM_TO_HZ), **run.look)
+    panel.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, SPECTRUM_TO_HZ))
+    panel.set_ylim(0.0, None)
+    return "Hann spectrum of the whole recording."
+
+
+def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
+    """Draw the amplitudes of two transmission errors by order."""
+    if new.ate is None or old.ate is None:
+        return None
+    figure, panels = style.panels(1, 1, 2.8)
+    panel = panels[0, 0]
+    for (name, look, shift), part in zip(SIDES, (old.ate, new.ate), strict=True):
+        values = part.values.amplitudes_arcsec()
+        errors = [part.standard_error.get(amplitude_key(order), 0.0) for order in values]
+        abscissa = np.array([float(order) for order in values]) + shift
+        points: style.Line = {**look, "linestyle": "", "elinewidth": 0.9, "capsize": 2.0}
+        panel.errorbar(abscissa, list(values.values()), errors, label=name, **points)
+    panel.set(xlabel="Order k", ylabel="Amplitude A_k (arcsec)")
+    panel.set_ylim(0.0, None)
+    style.legend_above(figure, panel)
+    words = "Discs: new; squares: old; bars: standard errors."
+    return Drawing(
+        "errors-by-order", "Transmission error by order", "", "measured", words, style.to_svg(figure, "errors-by-order")
+    )
+
+
+def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:
+    """Draw the motor angle per torque of two identifications."""
+    if new.response is None or old.response is None:
+        return None
+    figure, panels = style.panels(2, 1, 4.6, sharex=True, height_ratios=(3, 2))
+    gain, phase = panels[:, 0]
+    for name, response, look in (("old", old.response, OLD), ("new", new.response, NEW)):
+        frequency, value = _complex(response)
+        gain.semilogx(frequency, style.decibel(value), label=name, **look)
+        phase.semilogx(frequency, np.degrees(np.unwrap(np.angle(value))), **look)
+    gain.set_ylabel(r"$|\theta_m/\tau|$ (dB re 1 rad/N·m)")
+    phase.set(xlabel="Frequency (Hz)", ylabel="Phase (°)")
+    style.legend_above(figure, gain)
+    words = "Frequency response of each result at its excited frequencies."
+    svg = style.to_svg(figure, "responses", is_zoomable=True)
+    return Drawing("responses", "Motor angle per torque", "", "measured", words, svg)
+
+
+def _complex(response: FrequencyResponseEntry) -> tuple[Real, style.Panels]:
+    return np.asarray(response.frequency_hz), np.asarray(response.real) + 1j * np.asarray(response.imaginary)
+
+
+def differing(new: MeasuredResult, old: MeasuredResult) -> list[Setting]:
+    """Return the settings that differ, by groups.
+
+    A setting of one result alone has a dash for the other.
+    """
+    own, other = dict(_settings(new)), dict(_settings(old))
+    found = [
+        Setting(_group(key), key, _text(other.get(key)), _text(own.get(key)))
+        for key in dict.fromkeys((*own, *other))
+        if own.get(key) != other.get(key)
+    ]
+    return sorted(found, key=lambda each: GROUPS.index(each.group))
+
+
+def settings_table(found: list[Setting]) -> ReportTable:
+    """Table of the settings that differ."""
+    rows: list[list[Cell]] = []
+    groups: dict[int, str] = {}
+    for setting in found[:MOST_DIFFERING]:
+        if setting.group not in groups.values():
+            groups[len(rows)] = setting.group
+        rows.append([f"`{setting.key}`", setting.old, setting.new])
+    more = len(found) - MOST_DIFFERING
+    caption = f"{more} more are not shown." if more > 0 else "" if found else "No setting differs."
+    header = ("Setting", "old", "new")
+    return ReportTable("settings", "Settings that differ", "", header, rows, frozenset({0, 1, 2}), caption, True, groups)
+
+
+def _settings(result: MeasuredResult) -> Iterator[tuple[str, Any]]:
+    bench = result.bench
+    yield from _flat(bench.file.model_dump(mode="json"), "")
+    if isinstance(result, PlantResult):
+        yield from _flat(result.request.model_dump(mode="json"), "request.")
+    if isinstance(result, AteResult):
+        yield from _flat(result.known_before.model_dump(mode="json"), "request.known_before.")
+        yield "request.sensorless", result.sensorless
+    yield "run.bus", bench.bus
+    yield "run.clock", bench.clock
+    yield from _flat(dict(bench.versions), "run.versions.")
+
+
+def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yield the single values in a value, with their dotted keys.
+
+    Places in a list count from 1.
+    """
+    if isinstance(value, dict):
+        parts = [(str(key), each) for key, each in value.items()]
+    elif isinstance(value, list | tuple) and any(isinstance(each, dict | list | tuple) for each in value):
+        parts = [(str(place), each) for place, each in enumerate(value, 1)]
+    else:
+        yield path.removesuffix("."), value
+        return
+    for key, each in parts:
+        yield from _flat(each, f"{path}{key}.")
+
+
+def _group(key: str) -> str:
+    parts = key.split(".")
+    if parts[0] in {"request", "run"}:
+        return "Request" if parts[0] == "request" else "Bus and versions"
+    if parts[0] == "axis" and len(parts) > 2:
+        return {"control": "Control", "notch": "Control", "model": "Model"}.get(parts[2], "Bench file")
+    return "Bench file"
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return NONE
+    if isinstance(value, float):
+        return f"{value:.10g}".replace("-", "−")
+    return ", ".join(map(_text, value)) if isinstance(value, list | tuple) else str(value)

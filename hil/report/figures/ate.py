@@ -432,10 +432,8 @@ def agreement(material: AteMaterial) -> ReportTable | None:
     )
 
 
-def passes(material: AteMaterial) -> ReportTable | None:
+def passes(material: AteMaterial) -> ReportTable:
     """Table of every pass, and the standard errors after it."""
-    if not material.result.passes:
-        return None
     history = material.result.history or ()
     part = material.part
     orders = [] if part is None else list(part.values.amplitudes_arcsec())

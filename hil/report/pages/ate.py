@@ -7,8 +7,7 @@ from hil.recording import Recording
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.ate import AteMaterial
 from hil.report.figures.order_map import MarkedResonance, order_maps
-from hil.report.pages.page import Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
-from hil.report.report_table import ReportTable
+from hil.report.pages.page import Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.style import Drawing
 from hil.results.ate import AteResult
 
@@ -23,7 +22,7 @@ def page_of(directory: Path, result: AteResult) -> Page:
 
 def sections(material: AteMaterial) -> list[Section]:
     """All chapters for which there is data."""
-    chapters: list[tuple[str, str, tuple[Drawing | ReportTable | None, ...]]] = [
+    return filled_sections(
         ("result", "Transmission error", _result(material)),
         (
             "evidence",
@@ -41,8 +40,7 @@ def sections(material: AteMaterial) -> list[Section]:
             (figures_ate.arm(material), figures_ate.arm_twice(material), figures_ate.agreement(material)),
         ),
         ("runs", "Runs", (figures_ate.passes(material),)),
-    ]
-    return filled_sections(chapters)
+    )
 
 
 def _order_maps(material: AteMaterial) -> Drawing | None:
@@ -60,7 +58,7 @@ def _order_maps(material: AteMaterial) -> Drawing | None:
     return order_maps(f"orders-{material.axis}", title, runs, material.axis, resonance)
 
 
-def _result(material: AteMaterial) -> tuple[Drawing | ReportTable | None, ...]:
+def _result(material: AteMaterial) -> tuple[Item, ...]:
     axis, part, is_paper = material.axis, material.part, material.is_paper
     return (
         figures_ate.errors(axis, part, is_sensorless=material.is_sensorless, is_paper=is_paper),

@@ -14,8 +14,6 @@ from hil.report.figures import (
     arm_along_line,
     arm_swinging,
     directions,
-    following,
-    identification,
     model,
     order_map,
     shapers,
@@ -24,7 +22,7 @@ from hil.report.figures import (
 from hil.report.figures.notch import NotchFigures
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
+from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.plotted_run import key_end, shown_runs
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
 from hil.report.report_table import number as number_text
@@ -35,7 +33,6 @@ from hil.report.tables.directions import directions as direction_table
 from hil.report.tables.directions import side_by_side
 from hil.report.tables.shapers import shapers as shaper_table
 from hil.report.tables.trial import trial_table
-from hil.report.timing import timing_table
 from hil.results.acted import FilterSet
 from hil.results.comparison import TourResult
 from hil.results.files import ResultFileError, load_result
@@ -73,7 +70,7 @@ def heading(material: Material) -> str:
 def sections(material: Material) -> list[Section]:
     """Return all chapters with data: results first, then explanations."""
     driven = sorted({run.axis for run in material.result.runs if run.axis is not None and run.experiment != POINT_TO_POINT})
-    chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
+    return filled_sections(
         (
             "verification",
             _tip_title(material),
@@ -101,7 +98,7 @@ def sections(material: Material) -> list[Section]:
                 model.resonances(material),
                 tables.transmission_errors(material),
                 model.transmission_errors(material),
-                *(identification.identification(material, axis) for axis in driven),
+                *(model.identification(material, axis) for axis in driven),
             ],
         ),
         (
@@ -116,13 +113,12 @@ def sections(material: Material) -> list[Section]:
                 tables.runs(material),
                 direction_table(material),
                 _trials(material),
-                following.following(material),
+                suppression.following(material),
                 tables.motions(material),
-                timing_table(material),
+                tables.timing_table(material),
             ],
         ),
-    ]
-    return filled_sections(chapters)
+    )
 
 
 def _tip_title(material: Material) -> str:
@@ -134,7 +130,7 @@ def _tip_title(material: Material) -> str:
     return "Tip with and without the notch" if acted == {"notch"} else "Tip with and without treatment"
 
 
-def _filters(material: Material, filters: FilterSet, number: int) -> list[Drawing | ReportTable | None]:
+def _filters(material: Material, filters: FilterSet, number: int) -> list[Item]:
     """Table and figures of filters that acted together."""
     figures = NotchFigures(material, filters, number)
     return [
@@ -146,7 +142,7 @@ def _filters(material: Material, filters: FilterSet, number: int) -> list[Drawin
     ]
 
 
-def _stops(material: Material) -> list[Drawing | ReportTable | None]:
+def _stops(material: Material) -> list[Item]:
     """Return table and figures of shapers and stops."""
     runs = material.result.runs
     stopped = sorted({run.axis for run in runs if run.axis is not None and run.experiment == POINT_TO_POINT})
@@ -157,7 +153,7 @@ def _stops(material: Material) -> list[Drawing | ReportTable | None]:
     ]
 
 
-def _trials(material: Material) -> ReportTable | None:
+def _trials(material: Material) -> ReportTable:
     """Trials of the cancellations before the runs."""
     tried = {run.recording: run for run in material.result.runs if run.trial is not None}
     parts = [
@@ -186,7 +182,7 @@ def _part(material: Material, folder: str) -> TourResult | None:
     return None if _moment(result.started_utc) < _moment(material.result.bench.started_utc) else result
 
 
-def _whole_arm(material: Material) -> list[Drawing | ReportTable | None]:
+def _whole_arm(material: Material) -> list[Item]:
     """Numbers, claims and picture of the demo's last part; none without it."""
     result = _part(material, ARM_FOLDER)
     if result is None:
@@ -224,7 +220,7 @@ def _own_robot(material: Material) -> ReportTable | None:
         "href='tour/report.html'>The whole tour</a>."
     ).format(which)
     table = tables_compare.overview(result, "own-robot-table", link)
-    return table if result.tour.failure is None and table is not None else _ended_early(result, "own-robot-table", link)
+    return table if result.tour.failure is None and table else _ended_early(result, "own-robot-table", link)
 
 
 def _moment(text: str) -> datetime.datetime:

@@ -1,18 +1,38 @@
-"""The page of a designed notch: one self-contained HTML file."""
+"""The page of a designed notch, its margins, and the tip on ramps: one self-contained HTML file; Figs. 11 and 12."""
 
-from collections.abc import Iterable
+import math
 from pathlib import Path
 
+import numpy as np
+from matplotlib.axes import Axes
+
+from hil.analysis import tip_displacement_mm
 from hil.bench.design import notch_table
+from hil.control.angles import ARCSEC
+from hil.design.frequency import acceleration_bound
 from hil.design.notch_design import VERDICT_STEPS, NotchVerdict
+from hil.design.ramp import follow
+from hil.design.speed_margins import FINE_BAND
 from hil.design.uncertainty import plants_words
+from hil.experiments.judge import scale_at
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
-from hil.report.figures import design as figures_design
+from hil.report.figures.notch import (
+    FAMILY,
+    FEW,
+    colour_bar,
+    draw_critical_point,
+    draw_family,
+    draw_margins,
+    draw_required_margins,
+    draw_worst,
+    on_the_line_db,
+    speed_norm,
+)
 from hil.report.origin import origin_of_design
-from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, filled_sections, render
+from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
-from hil.report.style import Drawing
+from hil.report.style import Drawing, Real
 
 
 def write_design_report(outcome: NotchDesignOutcome, path: Path) -> Path:
@@ -30,20 +50,19 @@ def write_design_report(outcome: NotchDesignOutcome, path: Path) -> Path:
         origin=origin_of_design(outcome),
         is_paper=outcome.bench.is_paper,
     )
-    return render(path, head, verdict(outcome), chapters, cards=cards(outcome), provenance=provenance(outcome))
+    return render(path, Page(head, verdict(outcome), chapters, cards(outcome), provenance(outcome)))
 
 
 def sections(outcome: NotchDesignOutcome) -> list[Section]:
     """All chapters."""
-    chapters: list[tuple[str, str, Iterable[Drawing | ReportTable | None]]] = [
+    return filled_sections(
         ("result", "Filter", (filters(outcome), peaks(outcome), requirements(outcome))),
-        ("gain", "Gain", (figures_design.families(outcome),)),
-        ("stability", "Stability", (figures_design.nyquist(outcome), figures_design.margin_curves(outcome))),
-        ("ramp", "On the ramp", (figures_design.ramps(outcome),)),
+        ("gain", "Gain", (families(outcome),)),
+        ("stability", "Stability", (nyquist(outcome), margin_curves(outcome))),
+        ("ramp", "On the ramp", (ramps(outcome),)),
         ("plants", "Plants", (plants(outcome),)),
         ("arm", "On the arm", (on_the_arm(outcome),)),
-    ]
-    return filled_sections(chapters)
+    )
 
 
 def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
@@ -147,7 +166,7 @@ def requirements(outcome: NotchDesignOutcome) -> ReportTable:
     return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 3, 5, 6}), caption, groups=groups)
 
 
-def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable | None:
+def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable:
     """Margins on the arm by posture, of the best filters."""
     limits = outcome.problem.requirements
     rows: list[list[Cell]] = []
@@ -158,8 +177,6 @@ def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable | None:
         values = (row.sensitivity_peak, row.speed_rps, row.phase_margin_deg, row.gain_margin_db)
         holds = row.sensitivity_peak <= limits.max_sensitivity and row.phase_margin_deg >= limits.phase_margin_deg
         rows.append([row.label, *(number(value, "{:.2f}") for value in values), Mark(holds)])
-    if not rows:
-        return None
     caption = (
         "The arm is frozen in each posture, with this axis' filters at every motor speed. M_s is that of this axis' loop; "
         "brakes or their own loops hold the other motors. Last row: the worst while a filter of another axis acts. "
@@ -213,3 +230,201 @@ def provenance(outcome: NotchDesignOutcome) -> list[tuple[str, str]]:
             ("Search", f"{', '.join(request.shapes)}; {effort.evaluations * len(request.shapes)} evaluations, seed {effort.seed}")
         )
     return lines
+
+
+SHOWN_FREQUENCIES = (0.34, 2.2)
+"""Band of the figures in units of f_al."""
+
+GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "linewidth": 1.2}
+
+
+def verdicts(outcome: NotchDesignOutcome) -> list[tuple[str, NotchVerdict, style.Line]]:
+    """Return the verdicts to draw, with name and line style.
+
+    A designed set without filters is left out: it is the loop without filter again.
+    """
+    drawn: list[tuple[str, NotchVerdict, style.Line]] = [("no filter", outcome.none, style.WITHOUT)]
+    if outcome.given is not None:
+        drawn.append(("given filter", outcome.given, GIVEN))
+    if outcome.designed is not None and outcome.designed.notches:
+        drawn.append(("designed filter", outcome.designed, style.WITH))
+    return drawn
+
+
+def families(outcome: NotchDesignOutcome) -> Drawing | None:
+    """Draw |F_n| and |G_al| from f_s to f_e; Figs. 9 and 11.
+
+    And |G_al| on the line ω = 2π k f_m, for each filter.
+    """
+    best = outcome.best
+    own = [notch for notch in best.notches if notch.order in outcome.request.orders]
+    if not own:
+        return None
+    figure, panels = style.panels(3, len(own), 7.6, sharey="row", height_ratios=(2, 3, 3))
+    norm = speed_norm(own)
+    shown = _shown_hz(outcome)
+    frequency = np.linspace(*shown, 1601)
+    loop = outcome.loop(best.notches)
+    for column, notch in enumerate(own):
+        gain, arm, line = panels[:, column]
+        bound = _bound(outcome, notch.order, frequency)
+        draw_family(gain, arm, loop, notch, norm, frequency)
+        arm.plot(frequency, bound, **style.CONSTRAINT)
+        bare = outcome.loop().acceleration_per_transmission_error(frequency)
+        arm.plot(frequency, style.decibel(bare), **style.WITHOUT)
+        _on_the_line(outcome, line, notch.order)
+        gain.set_title(f"k = {notch.order}")
+        for panel in (gain, arm):
+            panel.set(xlim=shown, xlabel="Frequency (Hz)")
+        line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
+    for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB)"), strict=True):
+        panel.set_ylabel(name)
+    style.legend_above(figure, panels[2, 0])
+    colour_bar(figure, panels[:2], norm, shrink=0.6)
+    return Drawing(
+        "families",
+        "Gain of the filter and of G_al",
+        "Figs. 9 and 11",
+        "computed",
+        f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong), for the nominal plant. Middle: dots mark each "
+        "curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; dashed: without "
+        "a filter. Bottom: these dots for all speeds as one curve.",
+        style.to_svg(figure, "families", is_zoomable=True),
+    )
+
+
+def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
+    low_hz, high_hz = _shown_hz(outcome)
+    speeds = np.linspace(0.25 * low_hz / order, min(outcome.problem.speed_limit_rps, high_hz / order), 361)
+    line = order * speeds
+    for name, verdict, look in verdicts(outcome):
+        panel.plot(line, on_the_line_db(outcome.loop(verdict.notches), order, speeds), label=name, **look)
+    panel.plot(line, _bound(outcome, order, line), label="constraint (5)", **style.CONSTRAINT)
+    panel.set_xlim(low_hz, high_hz)
+    panel.set_ylim(bottom=style.decibel(np.array([(2.0 * math.pi * low_hz) ** 2]))[0] - 3.0)
+
+
+def _shown_hz(outcome: NotchDesignOutcome) -> tuple[float, float]:
+    """Band of the figures: the resonance and the filters' frequencies around it."""
+    return SHOWN_FREQUENCIES[0] * outcome.f_al_hz, SHOWN_FREQUENCIES[1] * outcome.f_al_hz
+
+
+def _bound(outcome: NotchDesignOutcome, order: int, frequency: Real) -> Real:
+    problem = outcome.problem
+    amplitude = problem.members[0].error.amplitude_arcsec[order] * ARCSEC
+    limit = 1e-3 * problem.requirements.tip_mm
+    return style.decibel(acceleration_bound(frequency, amplitude, problem.lever_m, limit))
+
+
+def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
+    """Draw the open loop from f_s to f_e; Fig. 12.
+
+    Whole and near −1, with the circle of the allowed M_s.
+    """
+    best = outcome.best
+    if not best.notches:
+        return None
+    figure, panels = style.panels(1, 2, 4.4)
+    norm = speed_norm(best.notches)
+    loop = outcome.loop(best.notches)
+    grid = np.unique(
+        np.concatenate(
+            [
+                np.geomspace(1.0, 0.49 / loop.period_s, 700),
+                np.linspace(FINE_BAND[0] * outcome.f_al_hz, FINE_BAND[1] * outcome.f_al_hz, 1400),
+            ]
+        )
+    )
+    low, high = min(n.start_rps for n in best.notches), max(n.end_rps for n in best.notches)
+    for speed in np.linspace(low, high, 2 * FAMILY):
+        response = loop.open_loop(grid, float(speed))
+        for panel in panels[0]:
+            panel.plot(response.real, response.imag, color=style.SPEED_COLOURS(norm(speed)), linewidth=0.6)
+    allowed = outcome.problem.requirements.max_sensitivity
+    worst_rps = max(best.margins, key=lambda speed: best.margins[speed].sensitivity_peak)
+    worst = best.margins[worst_rps].sensitivity_peak
+    response = loop.open_loop(grid, float(worst_rps))
+    for panel in panels[0]:
+        draw_worst(panel, response, f"worst speed, {worst_rps:.2f} rev/s")
+    for panel in panels[0]:
+        draw_critical_point(
+            panel,
+            (1.0 / allowed, f"$M_s$ = {allowed:g}, allowed", style.CONSTRAINT),
+            (1.0 / worst, f"$M_s$ = {worst:.2f}, nominal plant", style.MODEL),
+        )
+    panels[0, 0].set(xlim=(-5.0, 5.0), ylim=(-5.0, 4.0), ylabel="Imaginary part (–)")
+    panels[0, 1].set(xlim=(-1.9, 0.3), ylim=(-1.2, 0.8), title="near −1")
+    style.legend_above(figure, panels[0, 0])
+    colour_bar(figure, panels, norm, shrink=0.6)
+    return Drawing(
+        "nyquist",
+        "Open loop with the filter",
+        "Fig. 12",
+        "computed",
+        "Nyquist diagrams of L(jω) for the nominal plant. The filters are frozen at motor speeds from f_s (faint) to f_e "
+        f"(strong); the loop is sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay. "
+        "Cross: −1. No curve may enter the dashed circle of the allowed M_s.",
+        style.to_svg(figure, "nyquist", is_zoomable=True),
+    )
+
+
+def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
+    """Draw M_s, gain and phase margin over motor speed, with requirements."""
+    figure, panels = style.panels(1, 3, 2.6, sharex=True)
+    requirements = outcome.problem.requirements
+    for name, verdict, look in verdicts(outcome):
+        draw_margins(panels[0], verdict.margins, label=name, **look)
+    draw_required_margins(panels[0], requirements, outcome.problem.speed_limit_rps, "asked")
+    limits = (requirements.max_sensitivity, requirements.gain_margin_db, requirements.phase_margin_deg)
+    for column, (panel, limit) in enumerate(zip(panels[0], limits, strict=True)):
+        bottom, top = panel.get_ylim()
+        panel.set_ylim(1.0 if column == 0 else 0.0, max(top, 1.1 * limit) if column else max(top, limit + 0.1, bottom + 0.2))
+    style.legend_above(figure, panels[0, 0])
+    return Drawing(
+        "margins",
+        "Margins at every motor speed",
+        "with Fig. 12",
+        "computed",
+        "Nominal plant, filters frozen at each speed from rest to the speed limit; a switched filter also counts as active "
+        "within its hysteresis. Dotted: the requirements. Their table lists the worst of all plants.",
+        style.to_svg(figure, "margins", is_zoomable=True),
+    )
+
+
+def ramps(outcome: NotchDesignOutcome) -> Drawing:
+    """Draw the simulated tip on the ramp over the motor speed."""
+    figure, panels = style.panels(1, 2, 3.0, sharey=True)
+    problem, limit = outcome.problem, outcome.problem.requirements.tip_mm
+    scale = scale_at(outcome.bench, outcome.request.axis, outcome.f_al_hz)
+    low = 0.8 * min(problem.window_rps(order)[0] for order in outcome.orders)
+    for name, verdict, look in verdicts(outcome):
+        motion = follow(
+            outcome.loop(verdict.notches),
+            problem.members[0].error,
+            problem.ramps[0].reference_rad,
+            load_nm=(problem.friction_nm + problem.gravity_nm, 0.0),
+        )
+        tip = tip_displacement_mm(problem.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, scale)
+        top = int(np.argmax(motion.motor_speed_rps))
+        for panel, rows in zip(panels[0], (slice(0, top), slice(top, None)), strict=True):
+            inside = motion.motor_speed_rps[rows] >= low
+            panel.plot(motion.motor_speed_rps[rows][inside], tip[rows][inside], label=name, **{**look, "linewidth": 0.9})
+    for panel, title in zip(panels[0], ("speed rising", "speed falling"), strict=True):
+        for sign in (-1.0, 1.0):
+            panel.axhline(sign * limit, **style.LIMIT)
+        for order in outcome.orders:
+            panel.axvspan(*problem.window_rps(order), color=style.SHADE, zorder=0)
+        panel.set(title=title, xlabel="Motor speed $f_m$ (rev/s)")
+    panels[0, 1].invert_xaxis()
+    panels[0, 0].set_ylabel("Tip displacement (mm)")
+    style.legend_above(figure, panels[0, 0])
+    return Drawing(
+        "ramps",
+        "Tip on the ramp, predicted",
+        "Figs. 13 and 14",
+        "computed",
+        "Simulated ramps up and down with the bench file's constant acceleration, the nominal plant and the law at its sampling "
+        f"time: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: the judged speeds; dotted: "
+        "the specification. The filter does better at constant speed: on a ramp it has no time to settle.",
+        style.to_svg(figure, "ramps", is_zoomable=True),
+    )

@@ -8,9 +8,8 @@ from hil.recording import Recording
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.order_names import symbol
-from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
-from hil.report.report_table import Cell, Mark, ReportTable, number
-from hil.report.style import Drawing
+from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
+from hil.report.report_table import Cell, Columns, Mark, ReportTable, number, tabulate
 from hil.report.tables.trial import trial_table
 from hil.results.learning import LearningPass, LearningResult, LearningRun
 
@@ -24,12 +23,12 @@ def page_of(directory: Path, result: LearningResult) -> Page:
 
 def sections(result: LearningResult, directory: Path | None = None) -> list[Section]:
     """Return all chapters with data; figures of recordings need their directory."""
-    learnt: list[Drawing | ReportTable | None] = []
+    learnt: list[Item] = []
     is_paper = result.bench.file.is_paper
     for each in result.learnt:
         learnt += [figures_ate.errors(each.axis, each.ate, is_paper=is_paper)]
         learnt += [figures_ate.waveform(each.axis, each.ate, is_paper=is_paper)]
-    chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
+    return filled_sections(
         ("result", "Transmission error", learnt),
         (
             "passes",
@@ -41,13 +40,12 @@ def sections(result: LearningResult, directory: Path | None = None) -> list[Sect
                 _verdicts(result),
             ],
         ),
-    ]
-    return filled_sections(chapters)
+    )
 
 
-def _order_maps(result: LearningResult, directory: Path) -> list[Drawing | ReportTable | None]:
+def _order_maps(result: LearningResult, directory: Path) -> list[Item]:
     """Return order maps of the first and last pass of each axis."""
-    made: list[Drawing | ReportTable | None] = []
+    made: list[Item] = []
     for axis in result.learnt:
         runs = [run for run in result.runs if run.axis == axis.axis and run.stopped is None]
         shown = [
@@ -60,7 +58,7 @@ def _order_maps(result: LearningResult, directory: Path) -> list[Drawing | Repor
     return made
 
 
-def estimates(result: LearningResult) -> ReportTable | None:
+def estimates(result: LearningResult) -> ReportTable:
     """Table of the estimates after each pass."""
     rows: list[list[Cell]] = []
     orders = sorted({order for axis in result.learnt for each in axis.passes for order in each.values.amplitudes_arcsec()})
@@ -69,8 +67,6 @@ def estimates(result: LearningResult) -> ReportTable | None:
             amplitudes, phases = each.values.amplitudes_arcsec(), each.values.phases_deg()
             values = [number(column.get(order), "{:.3f}") for order in orders for column in (amplitudes, phases)]
             rows.append([f"axis {axis.axis}", str(index), *values, number(1e3 * each.set_point_delay_s, "{:.2f}")])
-    if not rows:
-        return None
     symbols = [
         Markup("{} ({})").format(symbol(letter, order), unit)
         for order in orders
@@ -85,7 +81,7 @@ def estimates(result: LearningResult) -> ReportTable | None:
     return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)
 
 
-def _verdicts(result: LearningResult) -> ReportTable | None:
+def _verdicts(result: LearningResult) -> ReportTable:
     """Table of the verdicts on each order after each pass."""
     parts = [
         (f"axis {axis.axis}, pass {index}", part)
@@ -96,42 +92,26 @@ def _verdicts(result: LearningResult) -> ReportTable | None:
     return trial_table("verdicts", "Each order, against the first pass", parts)
 
 
-def passes(result: LearningResult) -> ReportTable | None:
+def passes(result: LearningResult) -> ReportTable:
     """Table of every pass: the fraction of the cancellation, and the vibration."""
-    if not result.runs:
-        return None
-    estimate_after = {(axis.axis, index): each for axis in result.learnt for index, each in enumerate(axis.passes, start=1)}
-    rows = [_pass(run, estimate_after.get((run.axis, run.number))) for run in result.runs]
-    header = (
-        "",
-        "Pass",
-        "Cancellation (%)",
-        "Vibration (m/s²)",
-        "Acceleration (rev/s²)",
-        "Top speed (rev/s)",
-        "Cycles",
-        "Missed",
-        "Recording",
+    after = {(axis.axis, index): each for axis in result.learnt for index, each in enumerate(axis.passes, start=1)}
+    columns: Columns[tuple[LearningRun, LearningPass | None]] = (
+        ("", lambda row: f"axis {row[0].axis}"),
+        ("Pass", lambda row: str(row[0].number)),
+        ("Cancellation (%)", lambda row: number(None if row[1] is None else 100.0 * row[1].gain, "{:.0f}")),
+        ("Vibration (m/s²)", lambda row: number(None if row[1] is None else row[1].vibration_m_s2, "{:.4f}")),
+        ("Acceleration (rev/s²)", lambda row: number(row[0].acceleration_rps_s, "{:.2f}")),
+        ("Top speed (rev/s)", lambda row: number(row[0].end_rps, "{:.2f}")),
+        ("Cycles", lambda row: str(row[0].cycles)),
+        ("Missed", lambda row: str(row[0].missed_cycles)),
+        ("Recording", lambda row: row[0].recording if row[0].stopped is None else "stopped"),
     )
     caption = (
         "Pass 1 has no cancellation, pass 2 half of the cancellation, later passes all of it. Vibration: root mean "
         "square of the tip's vertical acceleration, around f_al, at the speeds that excite the arm."
     )
-    return ReportTable("passes", "Passes", "", header, rows, frozenset({0, 8}), caption)
-
-
-def _pass(run: LearningRun, after: LearningPass | None) -> list[Cell]:
-    return [
-        f"axis {run.axis}",
-        str(run.number),
-        number(None if after is None else 100.0 * after.gain, "{:.0f}"),
-        number(None if after is None else after.vibration_m_s2, "{:.4f}"),
-        number(run.acceleration_rps_s, "{:.2f}"),
-        number(run.end_rps, "{:.2f}"),
-        str(run.cycles),
-        str(run.missed_cycles),
-        run.recording if run.stopped is None else "stopped",
-    ]
+    rows = [(run, after.get((run.axis, run.number))) for run in result.runs]
+    return tabulate("passes", "Passes", columns, rows, caption, (0, 8))
 
 
 def verdict(result: LearningResult) -> PageVerdict:

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from hil.report.figures import ate as figures_ate
-from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
-from hil.report.report_table import Cell, Mark, ReportTable, number
-from hil.report.style import Drawing
+from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
+from hil.report.report_table import Columns, Mark, ReportTable, number, tabulate
 from hil.results.learning import MotionLearningResult, ProbedPart, ProbingRun
 
 RUN_WORDS = {"base": "untreated", "probe": "probing", "applied": "with the cancellation"}
@@ -19,65 +18,57 @@ def page_of(_: Path, result: MotionLearningResult) -> Page:
 
 def sections(result: MotionLearningResult) -> list[Section]:
     """All chapters for which there is data."""
-    drawn: list[Drawing | ReportTable | None] = [parts(result)]
+    drawn: list[Item] = [parts(result)]
     drawn += [figures_ate.errors(each.axis, each.ate, is_paper=result.bench.file.is_paper) for each in result.learnt]
-    table: list[Drawing | ReportTable | None] = [runs(result)]
-    chapters = [("result", "Transmission error", drawn), ("runs", "Runs", table)]
-    return filled_sections(chapters)
+    return filled_sections(("result", "Transmission error", drawn), ("runs", "Runs", [runs(result)]))
 
 
-def parts(result: MotionLearningResult) -> ReportTable | None:
+PARTS: Columns[ProbedPart] = (
+    ("", lambda part: f"axis {part.axis}"),
+    ("Order", lambda part: f"{part.order:g}"),
+    ("A (arcsec)", lambda part: number(part.a_arcsec, "{:.2f}")),
+    ("±", lambda part: number(part.a_error_arcsec, "{:.2f}")),
+    ("φ (°)", lambda part: number(part.phi_deg, "{:.1f}")),
+    ("±", lambda part: number(part.phi_error_deg, "{:.1f}")),
+    ("Seen (%)", lambda part: number(100.0 * part.seen_fraction, "{:.0f}")),
+    ("", lambda part: part.outcome),
+)
+
+
+def parts(result: MotionLearningResult) -> ReportTable:
     """Table of the estimates of each order of each axis."""
-    if not result.parts:
-        return None
-    header = ("", "Order", "A (arcsec)", "±", "φ (°)", "±", "Seen (%)", "")
     caption = (
         "Standard errors include the noise by which equal runs differ, and the motion's own vibration, which is the same in "
         "every run. Seen: how much of the order these runs show. An order that is not reached, not seen or not significant "
         "stays at 0."
     )
-    return ReportTable(
-        "parts", "Each order of each axis", "", header, [_part(each) for each in result.parts], frozenset({0, 7}), caption
-    )
+    return tabulate("parts", "Each order of each axis", PARTS, result.parts, caption, (0, 7))
 
 
-def _part(part: ProbedPart) -> list[Cell]:
-    return [
-        f"axis {part.axis}",
-        f"{part.order:g}",
-        number(part.a_arcsec, "{:.2f}"),
-        number(part.a_error_arcsec, "{:.2f}"),
-        number(part.phi_deg, "{:.1f}"),
-        number(part.phi_error_deg, "{:.1f}"),
-        number(100.0 * part.seen_fraction, "{:.0f}"),
-        part.outcome,
-    ]
+RUNS: Columns[ProbingRun] = (
+    ("Run", lambda run: str(run.number)),
+    (
+        "",
+        lambda run: (
+            RUN_WORDS[run.what] + ("" if run.pace == 1.0 else f", {run.pace:g} × the time") + (", kept" if run.is_kept else "")
+        ),
+    ),
+    ("Tip's peak (mm)", lambda run: number(run.tip_peak_mm, "{:.4f}")),
+    ("Root mean square (mm)", lambda run: number(run.tip_rms_mm, "{:.4f}")),
+    ("Cycles", lambda run: str(run.cycles)),
+    ("Missed", lambda run: str(run.missed_cycles)),
+    ("Recording", lambda run: run.recording if run.stopped is None else "stopped"),
+)
 
 
-def runs(result: MotionLearningResult) -> ReportTable | None:
+def runs(result: MotionLearningResult) -> ReportTable:
     """Tabulate every run: cancelled error, and the tip."""
-    if not result.runs:
-        return None
-    header = ("Run", "", "Tip's peak (mm)", "Root mean square (mm)", "Cycles", "Missed", "Recording")
     probe = "some arcsec" if result.probe_arcsec is None else f"{result.probe_arcsec:.1f} arcsec"
     caption = (
         f"A probing run cancels {probe} of every order of every axis at one of four phases, which change from run to run. Tip: "
         "length of its displacement vector in the band, in the judged part of the motion."
     )
-    rows = [_run(each) for each in result.runs]
-    return ReportTable("probing", "Runs of the motion", "", header, rows, frozenset({1, 6}), caption)
-
-
-def _run(run: ProbingRun) -> list[Cell]:
-    return [
-        str(run.number),
-        RUN_WORDS[run.what] + ("" if run.pace == 1.0 else f", {run.pace:g} × the time") + (", kept" if run.is_kept else ""),
-        number(run.tip_peak_mm, "{:.4f}"),
-        number(run.tip_rms_mm, "{:.4f}"),
-        str(run.cycles),
-        str(run.missed_cycles),
-        run.recording if run.stopped is None else "stopped",
-    ]
+    return tabulate("probing", "Runs of the motion", RUNS, result.runs, caption, (1, 6))
 
 
 def verdict(result: MotionLearningResult) -> PageVerdict:

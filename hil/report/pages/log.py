@@ -1,13 +1,13 @@
-"""The page of a log that was explained."""
+"""The page of a log that was explained, with a picture of each finding."""
 
 from pathlib import Path
 
 from hil.logs.explain import Explanation
 from hil.logs.findings.finding import Finding, Severity
 from hil.report import style
-from hil.report.figures.log import finding_picture
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
+from hil.report.style import Drawing
 
 MOST_PICTURES = 40
 _MARKS = {Severity.FAULT: Mark(False, "fault"), Severity.WARNING: Mark(None, "warning"), Severity.NOTE: Mark(None, "note")}
@@ -33,7 +33,7 @@ def write_explanation(path: Path, found: Explanation, made_utc: str) -> Path:
         log.path.name, made_utc, heading="A log explained", is_bench=False,
         subtitle=f"{len(log)} frames in {log.duration_s:.3f} s, of {len(found.trace.nodes)} nodes",
     )  # fmt: skip
-    return render(path, head, verdict(found), sections, provenance=[("Log", str(log.path))])
+    return render(path, Page(head, verdict(found), sections, provenance=[("Log", str(log.path))]))
 
 
 def verdict(found: Explanation) -> PageVerdict:
@@ -75,3 +75,29 @@ def _nodes(found: Explanation) -> ReportTable:
             )
     header = ("node", "PDO", "identifier", "transmission type", "objects", "frames")
     return ReportTable("process-data", "Process data", "", header, rows, frozenset({1, 2, 4}))
+
+
+def finding_picture(finding: Finding, number: int) -> Drawing | None:
+    """Draw the numbers behind a finding; None without any.
+
+    Args:
+        finding: The finding.
+        number: Its number on the page, from 1.
+    """
+    picture = finding.picture
+    if picture is None or not len(picture.x):
+        return None
+    key = f"finding-{number}"
+    figure, panels = style.panels(1, 1, 2.2)
+    panel = panels[0, 0]
+    mode = {"linewidth": 0.9} if picture.is_line else {"linestyle": "", "marker": ".", "markersize": 2.5}
+    panel.plot(picture.x, picture.y, color=style.BLUE, **mode)
+    for stamp in finding.stamps_s:
+        panel.axvline(stamp, color=style.VERMILLION, linewidth=0.7, alpha=0.6)
+    for name, value in picture.limits:
+        panel.axhline(value, **style.MARK)
+        panel.annotate(name, (1.0, value), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize="small")
+    panel.set(xlabel=picture.x_label, ylabel=picture.y_label)
+    said = f"{finding.words[:1].upper()}{finding.words[1:]}"
+    words = f"{said}. Vertical lines: the first {len(finding.stamps_s)} of {finding.count} occurrences."
+    return Drawing(key, f"{number}. {finding.kind}", "", "measured", words, style.to_svg(figure, key))

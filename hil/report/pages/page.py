@@ -2,8 +2,8 @@
 
 import datetime
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -70,13 +70,17 @@ class Section:
     items: tuple[Drawing | ReportTable, ...]
 
 
-def filled_sections(chapters: Iterable[tuple[str, str, Iterable[Drawing | ReportTable | None]]]) -> list[Section]:
+Item = Drawing | ReportTable | None
+"""A figure or table, or None without data for it."""
+
+
+def filled_sections(*chapters: tuple[str, str, Iterable[Item]]) -> list[Section]:
     """Return the chapters that have something to show.
 
     Args:
-        chapters: Anchor, title and items of each; None stands for an item without data.
+        chapters: Anchor, title and items of each; those without data are left out.
     """
-    filled = (Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters)
+    filled = (Section(key, title, tuple(filter(None, items))) for key, title, items in chapters)
     return [section for section in filled if section.items]
 
 
@@ -133,13 +137,21 @@ class Card:
 
 @dataclass(frozen=True)
 class Page:
-    """Content of a page, as `render` takes it."""
+    """Content of a page.
+
+    Attributes:
+        head: Title, bench and notes.
+        verdict: Result in a sentence, at the top.
+        sections: Chapters in the order in which they are read.
+        cards: Numbers before and after, below the verdict.
+        provenance: Names and texts on place, time and versions of the runs.
+    """
 
     head: PageHead
     verdict: PageVerdict
-    sections: list[Section]
-    cards: list[Card] = field(default_factory=list)
-    provenance: list[tuple[str, str]] = field(default_factory=list)
+    sections: Sequence[Section]
+    cards: Sequence[Card] = ()
+    provenance: Sequence[tuple[str, str]] = ()
 
 
 _SYMBOL = re.compile(r"(?<!\w)([A-Za-zα-ωΑ-Ω])_([A-Za-z0-9]+)(?!\w)")
@@ -198,25 +210,12 @@ def versions_text(versions: Mapping[str, str]) -> str:
     return ", ".join(f"{name} {version}" for name, version in versions.items())
 
 
-def render(
-    path: Path,
-    head: PageHead,
-    verdict: PageVerdict,
-    sections: list[Section],
-    *,
-    cards: list[Card] | None = None,
-    provenance: list[tuple[str, str]] | None = None,
-    is_interactive: bool = False,
-) -> Path:
+def render(path: Path, page: Page, *, is_interactive: bool = False) -> Path:
     """Write a page: one file, no network, no scripts unless interactive.
 
     Args:
         path: File to write.
-        head: Title, bench and notes.
-        verdict: Result in a sentence, at the top.
-        sections: Chapters in the order in which they are read.
-        cards: Numbers before and after, below the verdict.
-        provenance: Names and texts on place, time and versions of the runs.
+        page: Its content.
         is_interactive: True if its figures can be zoomed, as far as they have what that takes.
 
     Returns:
@@ -226,29 +225,22 @@ def render(
         NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: The page cannot be written.
     """
-    page = (
-        _environment()
-        .get_template("report.html.j2")
-        .render(
-            head=head,
-            verdict=verdict,
-            cards=cards or [],
-            sections=sections,
-            provenance=provenance or [],
-            interactive=_interactive(sections) if is_interactive else None,
-            citation=CITATION,
-            palette=Markup(palette.css(":root")),  # noqa: S704 - of constants
-            is_drawing=lambda item: isinstance(item, Drawing),
-            is_tall=_is_tall,
-            is_mark=lambda cell: isinstance(cell, Mark),
-        )
+    template = _environment().get_template("report.html.j2")
+    text = template.render(
+        vars(page),
+        interactive=_interactive(page.sections) if is_interactive else None,
+        citation=CITATION,
+        palette=Markup(palette.css(":root")),  # noqa: S704 - of constants
+        is_drawing=lambda item: isinstance(item, Drawing),
+        is_tall=_is_tall,
+        is_mark=lambda cell: isinstance(cell, Mark),
     )
     with naming(path):
-        path.write_text(page, encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
     return path
 
 
-def _interactive(sections: list[Section]) -> InteractiveParts | None:
+def _interactive(sections: Iterable[Section]) -> InteractiveParts | None:
     """Return the parts of an interactive page."""
     drawings = [item for section in sections for item in section.items if isinstance(item, Drawing)]
     figures = {each.key: each.zoom for each in drawings if each.zoom is not None}

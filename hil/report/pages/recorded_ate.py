@@ -1,15 +1,78 @@
-"""The page of a transmission error from recordings: one self-contained HTML file."""
+"""The page of a transmission error from recordings, with its figures: one self-contained HTML file."""
 
+import math
+from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from hil.bench.model import values_in_words
+from hil.control.order_keys import amplitude_key, phase_key
 from hil.counting import counted
-from hil.report.figures import recorded_ate as figures
-from hil.report.figures.recorded_ate import RecordedMaterial
+from hil.recording import load_columns
+from hil.report import style
+from hil.report.figures.order_map import LEVELS, draw_colour_scale, level_colours
+from hil.report.order_names import BY_ORDER, symbol
 from hil.report.pages.page import Page, PageHead, PageVerdict, Section, filled_sections, versions_text
-from hil.report.report_table import ReportTable
-from hil.report.style import Drawing
-from hil.results.recorded_ate import RecordedAteResult
+from hil.report.report_table import Cell, ReportTable, number, value_and_error
+from hil.report.style import Drawing, Real
+from hil.results.files import load_result
+from hil.results.recorded_ate import SIGNAL_UNIT, Form, OrderEntry, RecordedAteResult, RecordedStretch
+
+NAMED_PEAKS = 6
+MOST_BINS = 16
+LEAST_SPEED_RANGE = 0.15
+"""Range of the speeds, by the highest, from which a map over the speed says anything."""
+DRAWN_TURNS = 12.0
+"""Revolutions of a stretch that are drawn: of more the waves could not be told apart."""
+TURNS = {1: "forwards", -1: "backwards"}
+
+
+_THROUGH = {False: "", True: ", in arcsec of the joint, through the arm to the sensor"}
+_SIGNAL: dict[Form, str] = {
+    "two encoders": "joint angle minus motor angle over N",
+    "tip acceleration": "acceleration without that of the motor's own motion, up to three times the arm's resonance,",
+    "motor torque": "torque without that of the motor's own motion, up to three times the arm's resonance,",
+}
+
+
+class RecordedMaterial:
+    """Material of the page: result.json and the three curves beside it."""
+
+    def __init__(self, directory: Path) -> None:
+        """Read result.json.
+
+        Raises:
+            OSError: The file cannot be read.
+            ResultFileError: The file is not the result of an identification from recordings.
+        """
+        self.directory = directory
+        self.result = load_result(directory, RecordedAteResult, "an identification from recordings")
+
+    @property
+    def unit(self) -> str:
+        """Unit of map and fit."""
+        return SIGNAL_UNIT[self.result.form]
+
+    @property
+    def is_sensed(self) -> bool:
+        """True for a sensor behind the arm."""
+        return self.result.form != "two encoders"
+
+    @cached_property
+    def scan(self) -> dict[str, Real]:
+        """Columns of scan.csv."""
+        return load_columns(self.directory / "scan.csv")
+
+    @cached_property
+    def map(self) -> dict[str, Real]:
+        """Columns of map.csv."""
+        return load_columns(self.directory / "map.csv")
+
+    @cached_property
+    def fit(self) -> dict[str, Real]:
+        """Columns of fit.csv."""
+        return load_columns(self.directory / "fit.csv")
 
 
 def page_of(directory: Path, result: RecordedAteResult) -> Page:
@@ -27,12 +90,11 @@ def page_of(directory: Path, result: RecordedAteResult) -> Page:
 
 def sections(material: RecordedMaterial) -> list[Section]:
     """All chapters for which there is data."""
-    chapters: tuple[tuple[str, str, tuple[Drawing | ReportTable | None, ...]], ...] = (
-        ("result", "Transmission error", (figures.spectrum(material), figures.orders(material))),
-        ("evidence", "Signal and fit", (figures.fit(material), figures.speed_map(material))),
-        ("change", "From part to part", (figures.change(material), figures.stretches(material))),
+    return filled_sections(
+        ("result", "Transmission error", (spectrum(material), orders(material))),
+        ("evidence", "Signal and fit", (fit(material), speed_map(material))),
+        ("change", "From part to part", (change(material), stretches(material))),
     )
-    return filled_sections(chapters)
 
 
 def verdict(material: RecordedMaterial) -> PageVerdict:
@@ -63,3 +125,233 @@ def provenance(material: RecordedMaterial) -> list[tuple[str, str]]:
         lines.append(("Plant", result.plant))
     lines.append(("Versions", versions_text(result.versions)))
     return lines
+
+
+def spectrum(material: RecordedMaterial) -> Drawing | None:
+    """Figure of the blind scan with its floor and false-alarm level."""
+    entry = material.result.scan
+    if entry is None:
+        return None
+    curve, key = material.scan, f"order-spectrum-axis{material.result.axis}"
+    figure, panels = style.panels(1, 1, 3.0)
+    panel = panels[0, 0]
+    panel.plot(curve["order"], curve["amplitude"], label="amplitude", **style.MEASURED)
+    panel.plot(curve["order"], curve["floor"], label="floor", **{**style.MARK, "linewidth": 1.2})
+    panel.plot(curve["order"], curve["level"], label=f"false alarm in {100 * entry.false_alarm:g} % of scans", **style.LIMIT)
+    top = 1.18 * float(np.max(curve["amplitude"]))
+    for peak in entry.peaks[:NAMED_PEAKS]:
+        panel.annotate(
+            f"{peak.order:.2f}",
+            (peak.order, peak.amplitude),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=7.5,
+            bbox=style.NAME_GROUND,
+        )
+    panel.set(xlim=(float(curve["order"][0]), float(curve["order"][-1])), ylim=(0.0, top))
+    panel.set_xticks(range(1, 11))
+    panel.set_xlabel("Order k (per motor revolution)")
+    panel.set_ylabel(f"Amplitude ({entry.unit})")
+    style.legend_above(figure, panel)
+    return Drawing(
+        key,
+        f"Order spectrum of axis {material.result.axis}",
+        "",
+        "measured",
+        "Amplitude of each order in a scan of all orders, each fitted by itself, together with the slow part"
+        f"{_THROUGH[material.is_sensed]}. Dotted: the floor, which is the median of the neighbours, and the level that noise "
+        "alone reaches anywhere in the scan with the given probability. The side lobes of an order come from the small number "
+        "of revolutions.",
+        style.to_svg(figure, key),
+    )
+
+
+def speed_map(material: RecordedMaterial) -> Drawing | None:
+    """Draw the amplitude over speed and order."""
+    table = material.map
+    speeds = np.unique(table["speed_rps"])
+    if len(speeds) < 3 or float(speeds[-1] - speeds[0]) < LEAST_SPEED_RANGE * float(speeds[-1]):
+        return None
+    orders = np.unique(table["order"])
+    edges = np.linspace(float(speeds[0]), float(speeds[-1]), min(MOST_BINS, len(speeds)) + 1)
+    place = np.clip(np.searchsorted(edges, table["speed_rps"], side="right") - 1, 0, len(edges) - 2)
+    row = np.searchsorted(orders, table["order"])
+    total, count = np.zeros((len(edges) - 1, len(orders))), np.zeros((len(edges) - 1, len(orders)))
+    np.add.at(total, (place, row), table["amplitude"] ** 2)
+    np.add.at(count, (place, row), 1.0)
+    there = count[:, 0] > 0
+    centres = (0.5 * (edges[1:] + edges[:-1]))[there]
+    if len(centres) < 2:
+        return None
+    amplitude = np.sqrt(total[there] / count[there])
+    key = f"order-map-axis{material.result.axis}"
+    levels = np.linspace(0.0, float(np.max(amplitude)), LEVELS + 1)
+    figure, panels = style.panels(1, 1, 3.4)
+    panel = panels[0, 0]
+    panel.contourf(centres, orders, amplitude.T, levels=levels, colors=level_colours())
+    panel.plot(centres, np.full(len(centres), float(orders[0])), "|", color=style.BLACK, markersize=7, clip_on=False)
+    panel.set(xlim=(float(centres[0]), float(centres[-1])), ylim=(float(orders[0]), float(orders[-1])))
+    panel.set_yticks(range(1, 11))
+    panel.set_xlabel("Motor speed (rev/s)")
+    panel.set_ylabel("Order k (per motor revolution)")
+    draw_colour_scale(figure, panels, levels, f"Amplitude ({material.unit})", aspect=30)
+    return Drawing(
+        key,
+        f"Orders of axis {material.result.axis} over the speed",
+        "",
+        "measured",
+        "Amplitude over motor speed and order, in windows of 2.5 revolutions. Ticks at the bottom: speeds with data; between "
+        "them the colours are interpolated. An order of the gear stays at its height at every speed"
+        f"{', strongest where it passes the resonance of the arm' if material.is_sensed else ''}; a line of a fixed frequency "
+        "falls as the speed rises.",
+        style.to_svg(figure, key),
+    )
+
+
+def fit(material: RecordedMaterial) -> Drawing | None:
+    """Draw the longest stretch: signal, slow part, error and residual."""
+    if not material.result.stretches:
+        return None
+    columns = material.fit
+    longest = max(np.unique(columns["stretch"]), key=lambda each: float(np.ptp(columns["turns"][columns["stretch"] == each])))
+    rows = columns["stretch"] == longest
+    turns = np.abs(columns["turns"][rows] - columns["turns"][rows][0])
+    middle = 0.5 * float(turns[-1])
+    shown = np.abs(turns - middle) <= 0.5 * DRAWN_TURNS
+    whole, slow = columns["signal"][rows], columns["slow"][rows]
+    error, rest = columns["error"][rows], columns["residual"][rows]
+    key = f"recorded-fit-axis{material.result.axis}"
+    figure, panels = style.panels(3, 1, 5.6, height_ratios=(4, 4, 2))
+    level = float(np.mean(whole))
+    panels[0, 0].plot(turns, whole - level, label="recorded", **style.MEASURED)
+    panels[0, 0].plot(turns, slow - level, label="slow part", **style.MODEL)
+    panels[1, 0].plot(turns[shown], (whole - slow)[shown], label="recorded − slow part", **style.BROAD)
+    panels[1, 0].plot(turns[shown], error[shown], label="transmission error", **{**style.MODEL, "linestyle": "-"})
+    style.residual(panels[2, 0], turns[shown], rest[shown], material.unit, "recorded − fit")
+    for panel in panels[:, 0]:
+        panel.set_ylabel(material.unit)
+        panel.margins(x=0.0)
+    panels[2, 0].set_xlabel("Motor revolutions from the beginning of the stretch")
+    style.legend_above(figure, panels[0, 0], panels[1, 0])
+    stretch = material.result.stretches[int(longest)]
+    return Drawing(
+        key,
+        f"The longest stretch of axis {material.result.axis}",
+        "",
+        "measured and computed",
+        f"{stretch.turns:.1f} revolutions of the motor {TURNS[stretch.direction]}, about {stretch.speed_rps:.1f} rev/s. Above: "
+        f"the {_SIGNAL[material.result.form]} with its slow part, a polynomial of degree {stretch.degree}, chosen by "
+        "cross-validation. Below: the signal less its slow part, the fitted orders, and the residual.",
+        style.to_svg(figure, key),
+    )
+
+
+def change(material: RecordedMaterial) -> Drawing | None:
+    """Draw A_k and φ_k from part to part with two standard errors."""
+    parts, part = material.result.parts, material.result.ate
+    if len(parts) < 2 or part is None:
+        return None
+    orders = _shown_orders(material)
+    key = f"change-axis{material.result.axis}"
+    figure, panels = style.panels(2, 1, 4.2, sharex=True)
+    for place, order in enumerate(orders):
+        look = {**style.AXIS_LINES[place % len(style.AXIS_LINES)], "linewidth": 0.9, "capsize": 2.0, "label": f"order {order:g}"}
+        values = [_of(each, order) for each in parts]
+        where = np.arange(len(parts)) + 0.08 * (place - 0.5 * (len(orders) - 1))
+        panels[0, 0].errorbar(where, [each.a_arcsec for each in values], [2 * each.a_error_arcsec for each in values], **look)
+        mean = part.values.phases_deg().get(order, 0.0)
+        turned = [(each.phi_deg - mean + 180.0) % 360.0 - 180.0 for each in values]
+        panels[1, 0].errorbar(where, turned, [min(180.0, 2 * each.phi_error_deg) for each in values], **look)
+    panels[0, 0].set_ylim(bottom=0.0)
+    panels[0, 0].set_ylabel("A_k (arcsec)".replace("A_k", "$A_k$"))
+    panels[1, 0].set_ylabel("$φ_k$ from its mean (°)")
+    panels[1, 0].axhline(0.0, **style.MARK)
+    names = [f"{_file_name(material, each)}\n{each.from_s:.1f} … {each.to_s:.1f} s" for each in parts]
+    panels[1, 0].set_xticks(
+        range(len(parts)), names, fontsize=6.5 if len(parts) < 8 else 5.5, rotation=0 if len(parts) < 7 else 40
+    )
+    style.legend_above(figure, panels[0, 0])
+    return Drawing(
+        key,
+        f"Transmission error of axis {material.result.axis}, part by part",
+        "",
+        "measured",
+        "Amplitudes and phases of the orders that exceed their noise, in parts of the stretches, with two standard errors. A "
+        "feed-forward with one phase leaves 2 sin(Δ/2) of an order whose phase differs by Δ: half of it at 30°.",
+        style.to_svg(figure, key),
+    )
+
+
+def orders(material: RecordedMaterial) -> ReportTable | None:
+    """Table of A_k and φ_k with their standard errors."""
+    part = material.result.ate
+    if part is None:
+        return None
+    rows: list[list[Cell]] = []
+    amplitudes, phases = part.values.amplitudes_arcsec(), part.values.phases_deg()
+    changes = {each.order: each for each in material.result.changes}
+    for order in amplitudes:
+        for letter, values, name, unit in (("A", amplitudes, amplitude_key, "arcsec"), ("φ", phases, phase_key, "°")):
+            error = part.standard_error.get(name(order), 0.0)
+            value, width = value_and_error(values[order], error)
+            seen = changes.get(order)
+            words = "" if seen is None or letter == "A" else "changes" if seen.is_seen else "noise explains it"
+            rows.append([symbol(letter, order), unit, value, width, words])
+    return ReportTable(
+        "orders",
+        f"Transmission error of axis {material.result.axis}",
+        "",
+        ("Parameter", "Unit", "Identified", "Standard error", "From part to part"),
+        rows,
+        frozenset({0, 1, 4}),
+        "The standard error is that of the mean of all stretches; it includes the choice of the slow part and the "
+        "correlation of neighbouring samples. Phases count from the zero of the recorded motor encoder.",
+    )
+
+
+def stretches(material: RecordedMaterial) -> ReportTable:
+    """Table of the stretches."""
+    rows: list[list[Cell]] = []
+    shown = _shown_orders(material)
+    for each in material.result.stretches:
+        cells: list[Cell] = [
+            _file_name(material, each), TURNS[each.direction], number(each.turns, "{:.1f}"), number(each.speed_rps, "{:.2f}"),
+            f"{each.from_s:.1f} … {each.to_s:.1f}", number(each.degree, "{:d}"),
+        ]  # fmt: skip
+        for order in shown:
+            value = _of(each, order)
+            cells += [" ± ".join(value_and_error(value.a_arcsec, value.a_error_arcsec))]
+            cells += [" ± ".join(value_and_error(value.phi_deg, value.phi_error_deg))]
+        rows.append(cells)
+    header = ("Recording", "Way", "Turns", "Speed (rev/s)", "From, to (s)", "Degree")
+    names = [f"{letter}_{order:g} ({unit})" for order in shown for _, letter, unit in BY_ORDER]
+    return ReportTable(
+        "stretches", "Stretches", "", (*header, *names), rows, frozenset({0, 1}),
+        "A stretch is a motion one way without a stop. Degree: that of the slow part.",
+    )  # fmt: skip
+
+
+def _shown_orders(material: RecordedMaterial) -> list[float]:
+    """Return the largest orders above their noise, four at most.
+
+    If none is above its noise, the largest of all.
+    """
+    part = material.result.ate
+    if part is None:
+        return []
+    amplitudes = part.values.amplitudes_arcsec()
+    strong = [
+        order for order, size in amplitudes.items() if size >= 3.0 * part.standard_error.get(amplitude_key(order), math.inf)
+    ]
+    largest = sorted(strong or amplitudes, key=lambda order: -amplitudes[order])[:4]
+    return sorted(largest)
+
+
+def _of(stretch: RecordedStretch, order: float) -> OrderEntry:
+    return next(each for each in stretch.values if each.order == order)
+
+
+def _file_name(material: RecordedMaterial, stretch: RecordedStretch) -> str:
+    return Path(material.result.files[stretch.file].path).name.split(".")[0]

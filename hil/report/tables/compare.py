@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from markupsafe import Markup
 
 from hil.experiments.treatment import TITLES
-from hil.report.report_table import NONE, Cell, Mark, ReportTable, number, with_error
+from hil.report.report_table import NONE, Cell, Columns, Mark, ReportTable, number, tabulate, with_error
 from hil.results.comparison import AxisCompliance, ComparisonRow, TourResult, TreatmentTable
 
 
@@ -104,52 +104,38 @@ def _peak(row: ComparisonRow | None) -> Cell:
     return Mark(row.within_spec, f"{row.tip_peak_mm:.3f}")
 
 
-def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTable | None:
+def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTable:
     """Table of one experiment, with a row per robot and treatment."""
-    several, rows = len(result.robots) > 1, list[list[Cell]]()
-    for robot in result.robots:
-        for row in _in_order(robot.rows, name, axis):
-            rows.append([*([robot.name] if several else []), *_cells(row)])
-    if not rows:
-        return None
-    head = ("robot",) if several else ()
-    header = (
-        *head,
-        "treatment",
-        "closed in",
-        "tip peak (mm)",
-        "on the whole ramp (mm)",
-        "change",
-        "spectrum area (m/s²·Hz)",
-        "change",
-        "specification",
-        "trial",
-        "compliance at 1 Hz",
-        "largest",
+    robot: Columns[tuple[str, ComparisonRow]] = (("robot", lambda row: row[0]),) if len(result.robots) > 1 else ()
+    columns: Columns[tuple[str, ComparisonRow]] = (
+        *robot,
+        ("treatment", lambda row: TITLES.get(row[1].treatment, row[1].treatment)),
+        ("closed in", lambda row: row[1].loop),
+        ("tip peak (mm)", lambda row: number(row[1].tip_peak_mm, "{:.4f}")),
+        ("on the whole ramp (mm)", lambda row: number(row[1].ramp_peak_mm, "{:.4f}")),
+        ("change", lambda row: change(row[1].tip_peak_change_pct)),
+        ("spectrum area (m/s²·Hz)", lambda row: number(row[1].spectrum_area, "{:.3f}")),
+        ("change", lambda row: change(row[1].spectrum_area_change_pct)),
+        ("specification", lambda row: _within(row[1])),
+        ("trial", lambda row: _trial(row[1])),
+        ("compliance at 1 Hz", lambda row: NONE if row[1].compliance is None else f"× {row[1].compliance.slow:.2f}"),
+        ("largest", lambda row: NONE if row[1].compliance is None else f"× {row[1].compliance.peak:.2f}"),
     )
-    left = len(head)
-    return ReportTable(
-        f"table-{key_of(name, axis)}",
-        f"{case_name(name, axis).capitalize()}: every treatment",
-        "",
-        header,
-        rows,
-        frozenset({*range(left + 2), left + 7, left + 8}),
+    rows = [(each.name, row) for each in result.robots for row in _in_order(each.rows, name, axis)]
+    host = (
+        " The fixed notch runs only on the host, which closes the loop over the bus with a sample of delay. It is compared with "
+        "no treatment there."
+    )
+    caption = (
         "Tip peak: in the judged window. Whole ramp: except the jerks at its ends. Area: in the judged window of the untreated "
         "run. Changes are relative to no treatment, with the loop closed in the same place. Trial: a cancellation's own "
         "check at the tip before it is used. Compliance: how many times further the motor yields to a disturbing torque than "
         "without the treatment. Its columns hold for 1 Hz, and for the frequency from 0.1 to 30 Hz at which it yields most. It "
-        "is that of the worst moved axis at the worst speed, and comes from the model." + _host_words(rows, left),
+        "is that of the worst moved axis at the worst speed, and comes from the model."
+        + (host if any(row.loop == "host" for _, row in rows) else "")
     )
-
-
-def _host_words(rows: list[list[Cell]], left: int) -> str:
-    if not any(row[left + 1] == "host" for row in rows):
-        return ""
-    return (
-        " The fixed notch runs only on the host, which closes the loop over the bus with a sample of delay. It is compared with "
-        "no treatment there."
-    )
+    left, title = len(robot), f"{case_name(name, axis).capitalize()}: every treatment"
+    return tabulate(f"table-{key_of(name, axis)}", title, columns, rows, caption, (*range(left + 2), left + 7, left + 8))
 
 
 def _in_order(rows: Iterable[ComparisonRow], name: str, axis: int | None) -> list[ComparisonRow]:
@@ -158,33 +144,17 @@ def _in_order(rows: Iterable[ComparisonRow], name: str, axis: int | None) -> lis
     return sorted(own, key=lambda row: row.left_out is not None)
 
 
-def _cells(row: ComparisonRow) -> list[Cell]:
-    factors = row.compliance
-    factor_cells = [NONE, NONE] if factors is None else [f"× {factors.slow:.2f}", f"× {factors.peak:.2f}"]
-    if row.left_out is not None:
-        within = Mark(None, "left out")
-    elif row.not_judged is not None:
-        within = Mark(None, "not judged")
-    else:
-        within = Mark(row.within_spec, "within" if row.within_spec else "outside")
-    trial: Cell = (
-        NONE if row.trial is None else Mark(None if row.trial == "accepted in part" else row.trial == "accepted", row.trial)
-    )
-    return [
-        TITLES.get(row.treatment, row.treatment),
-        row.loop,
-        number(row.tip_peak_mm, "{:.4f}"),
-        number(row.ramp_peak_mm, "{:.4f}"),
-        change(row.tip_peak_change_pct),
-        number(row.spectrum_area, "{:.3f}"),
-        change(row.spectrum_area_change_pct),
-        within,
-        trial,
-        *factor_cells,
-    ]
+def _within(row: ComparisonRow) -> Mark:
+    if row.left_out is not None or row.not_judged is not None:
+        return Mark(None, "not judged" if row.left_out is None else "left out")
+    return Mark(row.within_spec, "within" if row.within_spec else "outside")
 
 
-def left_out(result: TreatmentTable) -> ReportTable | None:
+def _trial(row: ComparisonRow) -> Cell:
+    return NONE if row.trial is None else Mark(None if row.trial == "accepted in part" else row.trial == "accepted", row.trial)
+
+
+def left_out(result: TreatmentTable) -> ReportTable:
     """Tabulate runs that were not made or not judged, by reason."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for robot in result.robots:
@@ -193,15 +163,13 @@ def left_out(result: TreatmentTable) -> ReportTable | None:
             if reason:
                 where = "line motion" if row.axis is None else f"axis {row.axis}"
                 reasons.setdefault((robot.name, reason), []).append(f"{treatment_words(row)} ({where})")
-    if not reasons:
-        return None
     rows: list[list[Cell]] = [[name, "; ".join(names), reason] for (name, reason), names in reasons.items()]
     return ReportTable(
         "left-out", "Runs left out or not judged", "", ("robot", "what", "why"), rows, frozenset({0, 1, 2}), is_prose=True
     )
 
 
-def compliances(result: TreatmentTable) -> ReportTable | None:
+def compliances(result: TreatmentTable) -> ReportTable:
     """Table of the motor's compliance by axis and treatment."""
     rows: list[list[Cell]] = []
     several = len(result.robots) > 1
@@ -216,8 +184,6 @@ def compliances(result: TreatmentTable) -> ReportTable | None:
                 number(each.slow, "{:.4f}"), factors[0], number(each.peak, "{:.4f}"), factors[1],
                 number(each.peak_hz, "{:.1f}"),
             ])  # fmt: skip
-    if not rows:
-        return None
     head = ("robot",) if several else ()
     header = (*head, "axis", "treatment", "at 1 Hz (rad/(N·m))", "", "largest (rad/(N·m))", "", "at (Hz)")
     return ReportTable(

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from hil.analysis import DIRECTIONS, Direction, DirectionMetrics
 from hil.experiments.treatment import TITLES
 from hil.report.material import Material, run_name
-from hil.report.report_table import Cell, Mark, ReportTable, number
+from hil.report.report_table import Cell, Columns, Mark, ReportTable, number, tabulate
 from hil.results.runs import RunEntry
 
 ALONG: tuple[Direction, ...] = ("x", "y", "z")
@@ -27,15 +27,13 @@ def peaks_mm(entries: Sequence[RunEntry], treatment: str) -> dict[Direction, flo
     return {}
 
 
-def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportTable | None:
+def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportTable:
     """Tabulate the tip's peaks by direction, with a column per treatment.
 
     Directions are x, y, z and the worst; None if no run has a vector.
     """
     runs, limit_mm = material.result.runs, material.bench.specification.tip_mm
     names = [name for name in dict.fromkeys(run.treatment for run in runs) if peaks_mm(runs, name)]
-    if not names:
-        return None
     peaks = {name: peaks_mm(runs, name) for name in names}
     rows: list[list[Cell]] = []
     for direction in DIRECTIONS:
@@ -47,35 +45,27 @@ def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportT
     return ReportTable(key, title, "", header, rows, frozenset(range(len(header))), caption)
 
 
-def directions(material: Material, key: str = "directions") -> ReportTable | None:
+def directions(material: Material, key: str = "directions") -> ReportTable:
     """Tabulate peaks, root mean squares and areas of every window."""
-    entries = [(run, run.directions) for run in material.result.runs if run.directions is not None]
-    if not entries:
-        return None
-    rows: list[list[Cell]] = []
-    for run, found in entries:
-        rows += [[run_name(run) if name == "x" else "", *_cells(name, found[name])] for name in DIRECTIONS]
-    header = ("Run", "Direction", "Tip peak (mm)", "Tip rms (mm)", "Spectrum peak (m/s²)", "at (Hz)", "Spectrum area (m/s²·Hz)")
-    return ReportTable(
-        key,
-        "The tip along x, y and z",
-        "",
-        header,
-        rows,
-        frozenset({0, 1}),
+    columns: Columns[tuple[RunEntry, Direction, DirectionMetrics]] = (
+        ("Run", lambda row: run_name(row[0]) if row[1] == "x" else ""),
+        ("Direction", lambda row: row[1] + (_unit(row[2]) if row[1] == "worst" else "")),
+        ("Tip peak (mm)", lambda row: number(row[2].tip_peak_mm, "{:.4f}")),
+        ("Tip rms (mm)", lambda row: number(row[2].tip_rms_mm, "{:.4f}")),
+        ("Spectrum peak (m/s²)", lambda row: number(row[2].spectrum_peak_m_s2, "{:.4f}")),
+        ("at (Hz)", lambda row: number(row[2].spectrum_peak_hz, "{:.2f}")),
+        ("Spectrum area (m/s²·Hz)", lambda row: number(row[2].spectrum_area, "{:.3f}")),
+    )
+    rows = [
+        (run, name, run.directions[name]) for run in material.result.runs if run.directions is not None for name in DIRECTIONS
+    ]
+    caption = (
         "Displacement of the tip in the base frame: the acceleration in the band of the vibration, integrated twice. The worst "
         "direction is that of the largest displacement, and determines the verdict. Its area and root mean square are those of "
-        "all directions together. Areas: from 0.2 f_al to 50 Hz.",
+        "all directions together. Areas: from 0.2 f_al to 50 Hz."
     )
+    return tabulate(key, "The tip along x, y and z", columns, rows, caption, (0, 1))
 
 
-def _cells(name: str, metrics: DirectionMetrics) -> list[Cell]:
-    unit = "" if metrics.unit is None else " ({:.2f}, {:.2f}, {:.2f})".format(*metrics.unit).replace("-", "−")
-    return [
-        f"worst{unit}" if name == "worst" else name,
-        number(metrics.tip_peak_mm, "{:.4f}"),
-        number(metrics.tip_rms_mm, "{:.4f}"),
-        number(metrics.spectrum_peak_m_s2, "{:.4f}"),
-        number(metrics.spectrum_peak_hz, "{:.2f}"),
-        number(metrics.spectrum_area, "{:.3f}"),
-    ]
+def _unit(metrics: DirectionMetrics) -> str:
+    return "" if metrics.unit is None else " ({:.2f}, {:.2f}, {:.2f})".format(*metrics.unit).replace("-", "−")

@@ -14,7 +14,7 @@ from hil.results.runs import RunEntry
 
 def shapers(
     runs: Sequence[RunEntry], key: str = "shapers", title: str = "Remaining vibration and cost of shapers"
-) -> ReportTable | None:
+) -> ReportTable:
     """Tabulate runs with a shaper beside runs without.
 
     Of the same motion; None without shapers.
@@ -33,8 +33,6 @@ def shapers(
             f"{1e3 * made.delay_s:.0f}", *(f"{100.0 * part:.1f}" for part in parts), error, number(run.tip_peak_mm, "{:.4f}"),
             change_db(plain.get((run.experiment, run.axis, run.loop)), run.tip_peak_mm),
         ])  # fmt: skip
-    if not rows:
-        return None
     header = (
         "shaper", "motion", "fitted to", "longer by (ms)", "late by (ms)", "left at −10 % (%)", "as fitted (%)", "at +10 % (%)",
         "path error (mm)", "tip (mm)", "against nothing",

@@ -8,7 +8,7 @@ from hil.results.runs import TrialPart
 HEADER = ("", "Order", "Expected fall (%)", "Fall (%)", "± (%)", "Remaining (%)", "± (%)", "Factor", "Change of φ (°)", "Verdict")
 
 
-def trial_table(key: str, title: str, parts: Iterable[tuple[str, TrialPart]]) -> ReportTable | None:
+def trial_table(key: str, title: str, parts: Iterable[tuple[str, TrialPart]]) -> ReportTable:
     """Table of the verdicts of one or more trials; None without any.
 
     Args:
@@ -17,8 +17,6 @@ def trial_table(key: str, title: str, parts: Iterable[tuple[str, TrialPart]]) ->
         parts: Runs by their names, with the verdicts of their trials.
     """
     rows = [_row(name, part) for name, part in parts]
-    if not rows:
-        return None
     caption = (
         "A cancellation is tried in part, on all axes and on each alone, then in full. Each order of each axis is judged by its "
         "own amplitude at the tip. Only accepted orders are used: a refused one is wrong, and one that is not judged has too "

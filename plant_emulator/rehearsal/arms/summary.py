@@ -54,7 +54,7 @@ def arm_claims(rows: Sequence[Row]) -> list[RehearsalClaim]:
 
 def arm_sections(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> list[Section]:
     """Return the chapters of the page."""
-    return filled_sections((("result", "Result", [claims(found), arm_tips(rows)]),))
+    return filled_sections(("result", "Result", [claims(found), arm_tips(rows)]))
 
 
 def arm_tips(rows: Sequence[Row]) -> ReportTable:

@@ -38,14 +38,14 @@ def write_page(path: Path, rows: Sequence[Row], found: Sequence[RehearsalClaim],
 def sections(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> list[Section]:
     """Return all chapters with data."""
     with style.styled():
-        return filled_sections((
+        return filled_sections(
             ("result", "Result", [tables.claims(found), figures.tips(rows), tables.tips(rows), figures.before_and_after(rows)]),
             ("path", "Steps", [figures.steps(rows), tables.steps(rows), tables.causes(rows), figures.facts(rows)]),
             ("honesty", "Estimates", [figures.errors(rows), tables.estimates(rows)]),
             ("safety", "Never worse", [tables.worse(rows), tables.probes(rows)]),
             ("time", "Cost", [figures.cost(rows), tables.cost(rows)]),
             ("which", "Robots", [tables.robots(rows)]),
-        ))  # fmt: skip
+        )
 
 
 def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict:

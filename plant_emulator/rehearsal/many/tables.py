@@ -29,7 +29,7 @@ def claims(found: Sequence[RehearsalClaim]) -> ReportTable:
     return ReportTable("claims", "Requirements", "", header, rows, frozenset({0, 1, 2, 3}), is_prose=True)
 
 
-def tips(rows: Sequence[Row]) -> ReportTable | None:
+def tips(rows: Sequence[Row]) -> ReportTable:
     """Return percentiles of the worst order's true tip, by treatment.
 
     They are in mm.
@@ -48,8 +48,6 @@ def tips(rows: Sequence[Row]) -> ReportTable | None:
             if values:
                 name = "at the path's end" if treatment == "end" else TREATMENT_NAMES[treatment]
                 cells.append(_spread(name, values, "{:.2g}"))
-    if not cells:
-        return None
     caption = "Peak of the tip's displacement in the worst order's window, in mm, on a quiet sensor; accepted treatments only."
     return ReportTable("tip-table", "True tip (mm)", "", SPREAD_HEADER, cells, frozenset({0}), caption, groups=groups)
 
@@ -73,12 +71,10 @@ def steps(rows: Sequence[Row]) -> ReportTable:
     return ReportTable("steps-table", "How each step ended", "", header, cells, groups=groups)
 
 
-def causes(rows: Sequence[Row]) -> ReportTable | None:
+def causes(rows: Sequence[Row]) -> ReportTable:
     """Return the refusals that ended paths, by cause."""
     found = refusals(rows)
     unrefused = sum(not is_quiet(row) and main_refusal(row) is None for row in rows)
-    if not found and not unrefused:
-        return None
     cells: list[list[Cell]] = []
     for cause, count in Counter(each.cause for each in found).most_common():
         own = [each for each in found if each.cause == cause]
@@ -96,7 +92,7 @@ def causes(rows: Sequence[Row]) -> ReportTable | None:
     return ReportTable("causes", "Refusals by cause", "", header, cells, frozenset({0, 3, 4}), caption, is_prose=True)
 
 
-def estimates(rows: Sequence[Row]) -> ReportTable | None:
+def estimates(rows: Sequence[Row]) -> ReportTable:
     """Return each quantity's deviations from the truth.
 
     Their expectation by the standard error is beside them.
@@ -109,18 +105,14 @@ def estimates(rows: Sequence[Row]) -> ReportTable | None:
         far = f"{100.0 * each.far / each.count:.2g} %"
         worst = f"{number_text(each.worst_z, '{:+.1f}')} (seed {each.worst_seed})"
         cells.append([QUANTITY_NAMES[each.name], str(each.count), off, number_text(each.rms_z, "{:.2f}"), far, worst])
-    if not cells:
-        return None
     header = ("Quantity", "Robots", "Median deviation", "rms of z", f"|z| > {FAR_Z:g}", "Largest z")
     caption = "z: estimate minus truth, in the tools' standard errors."
     return ReportTable("estimates", "Truth and estimate", "", header, cells, frozenset({0}), caption)
 
 
-def worse(rows: Sequence[Row]) -> ReportTable | None:
+def worse(rows: Sequence[Row]) -> ReportTable:
     """Return the robots that an accepted treatment made worse."""
     found = [row for row in rows if text(row, "worse")]
-    if not found:
-        return None
     cells: list[list[Cell]] = []
     for row in found[:MOST_LISTED]:
         before = tips_mm(row, "none")
@@ -135,7 +127,7 @@ def worse(rows: Sequence[Row]) -> ReportTable | None:
     return ReportTable("worse", f"Made worse: {len(found)}", "", header, cells, frozenset({0, 1, 2}), is_prose=True)
 
 
-def probes(rows: Sequence[Row]) -> ReportTable | None:
+def probes(rows: Sequence[Row]) -> ReportTable:
     """Return the trial of wrong corrections.
 
     The table has the number tried, the number accepted, and their effect.
@@ -149,14 +141,12 @@ def probes(rows: Sequence[Row]) -> ReportTable | None:
         worst = max(numbers(let_in, f"probe_{name}_worst_ratio"), default=None)
         seeds = ", ".join(_seed(row) for row in let_in[:8]) + (" …" if len(let_in) > 8 else "")
         cells.append([_probe(name), str(len(tried)), str(len(let_in)), number_text(worst, "× {:.2f}"), seeds or NONE])
-    if not cells:
-        return None
     header = ("Correction", "Tried", "Accepted", "Tip, at worst", "Seeds")
     caption = "Each was given to the trial in place of the right one. Tip: of the worst order, relative to no treatment."
     return ReportTable("probes", "Wrong corrections", "", header, cells, frozenset({0, 4}), caption)
 
 
-def cost(rows: Sequence[Row]) -> ReportTable | None:
+def cost(rows: Sequence[Row]) -> ReportTable:
     """Return the processor time by step."""
     cells: list[list[Cell]] = []
     columns = {f"{step}_cpu_s": STEP_NAMES[step] for step in STEPS} | {"cpu_s": "whole path", "survey_cpu_s": "the truth"}
@@ -165,17 +155,15 @@ def cost(rows: Sequence[Row]) -> ReportTable | None:
         if values:
             cells.append(_spread(name, values, "{:.1f}"))
     caption = "In seconds. The truth: measuring the true tip and trying wrong corrections, which the path does not include."
-    return ReportTable("cost", "Processor time (s)", "", SPREAD_HEADER, cells, frozenset({0}), caption) if cells else None
+    return ReportTable("cost", "Processor time (s)", "", SPREAD_HEADER, cells, frozenset({0}), caption)
 
 
-def robots(rows: Sequence[Row]) -> ReportTable | None:
+def robots(rows: Sequence[Row]) -> ReportTable:
     """Return the robots that miss the goal, one by one.
 
     Those with an internal error come first.
     """
     found = sorted((row for row in rows if not is_quiet(row)), key=lambda row: (row.get("walk") == WALKED, row["seed"]))
-    if not found:
-        return None
     cells: list[list[Cell]] = []
     for row in found[:MOST_LISTED]:
         refusal = main_refusal(row)

@@ -14,8 +14,7 @@ from drive_profiles.files.toml import loads
 from drive_profiles.parameter_set.parameters import ParameterSet
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.units import Scaling
-from drive_profiles.upload.journal import Journal, UploadSnapshot, read
-from drive_profiles.upload.snapshot import as_set
+from drive_profiles.upload.journal import Journal, UploadSnapshot, as_set, read
 
 DRIVE = Catalogue(Profile.load("emulated_drive"))
 SCALING = Scaling(131072, 7.1)

@@ -9,8 +9,8 @@ from drive_profiles.parameter_set.parameters import Item, ParameterSet
 from drive_profiles.standard.cia402 import State
 from drive_profiles.upload import fleet, journal
 from drive_profiles.upload.interrupt import InterruptWindow
+from drive_profiles.upload.journal import as_set
 from drive_profiles.upload.result import UploadOptions
-from drive_profiles.upload.snapshot import as_set
 from drive_profiles.upload.upload import Upload
 from plant_emulator.drive.state_machine import Power
 from tests.drive_profiles.profiles import ALL_DRIVES

@@ -11,7 +11,7 @@ from hil.can.frame import Frame
 from hil.errors import NodeError, NotPossibleError, WrongIdentityError
 from hil.master.cyclic import CyclicExchange
 from hil.master.network import Network
-from hil.master.realtime import MonotonicClock
+from hil.master.realtime import Clock
 from hil.master.sensor import DIGITS_OBJECT, UNIT_OBJECT, CanopenSensor, SerialSensor, TipAccelerometer, sensor_of
 from hil.recording import BusLog
 from hil.sensor.accelerometer import AccelerometerReader, SerialAccelerometerError
@@ -32,7 +32,7 @@ def network() -> Network:
 
 @pytest.fixture
 def on_bus(network: Network) -> TipAccelerometer:
-    return sensor_of(load_bench("reference").accelerometer, network, MonotonicClock())
+    return sensor_of(load_bench("reference").accelerometer, network, Clock())
 
 
 class Reader:
@@ -46,7 +46,7 @@ class Reader:
 
 
 def test_a_node_and_a_serial_port_are_two_sensors_of_one_protocol(network: Network, on_bus: TipAccelerometer) -> None:
-    serial = sensor_of(AccelerometerTable(serial=SERIAL), network, MonotonicClock())
+    serial = sensor_of(AccelerometerTable(serial=SERIAL), network, Clock())
     assert (type(on_bus), type(serial)) == (CanopenSensor, SerialSensor)
     assert (on_bus.nodes, serial.nodes) == ((NODE,), ())
     assert serial.configure().can_id is None
@@ -95,13 +95,13 @@ def test_a_node_that_measures_something_else_is_refused(
 def test_another_device_at_its_node_is_refused(network: Network) -> None:
     table = load_bench("reference").accelerometer.model_copy(update={"node_id": 2})
     with pytest.raises(WrongIdentityError, match="node 2"):
-        sensor_of(table, network, MonotonicClock()).open()
+        sensor_of(table, network, Clock()).open()
 
 
 def test_a_profile_of_another_kind_of_device_is_refused(network: Network) -> None:
     table = load_bench("reference").accelerometer.model_copy(update={"profile": "emulated_drive"})
     with pytest.raises(NotPossibleError, match="emulated_drive is not an accelerometer"):
-        sensor_of(table, network, MonotonicClock())
+        sensor_of(table, network, Clock())
 
 
 def test_a_serial_sensor_that_is_silent_leaves_its_last_value_and_the_next_run_begins_without(network: Network) -> None:
@@ -120,4 +120,4 @@ def test_a_serial_sensor_that_is_silent_leaves_its_last_value_and_the_next_run_b
 
 def test_a_serial_sensor_is_refused_where_time_is_counted_in_syncs(network: Network) -> None:
     with pytest.raises(SerialAccelerometerError, match="counts time in SYNCs"):
-        SerialSensor(network, AccelerometerReader(SERIAL.settings())).open()
+        SerialSensor(network, AccelerometerReader(SERIAL)).open()

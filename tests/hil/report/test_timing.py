@@ -6,7 +6,7 @@ import pytest
 
 from hil.report.material import Material
 from hil.report.pages.demo import verdict
-from hil.report.timing import timing_table
+from hil.report.tables.paper_runs import timing_table
 from hil.report.writer import write_report_of
 from hil.results.runs import ExperimentsResult, RunTiming
 from tests.hil.results.made import measured_bench, run_entry, written
@@ -46,4 +46,4 @@ def test_a_run_that_is_not_judged_is_not_said_to_be_outside(directory: Path) -> 
 
 def test_in_lock_step_there_is_no_table(directory: Path) -> None:
     written(directory, ExperimentsResult(bench=measured_bench(), runs=[RUN]))
-    assert timing_table(Material(directory)) is None
+    assert timing_table(Material(directory)).rows == []

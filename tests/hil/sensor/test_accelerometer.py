@@ -239,11 +239,11 @@ def table(text):
 
 
 def test_both_tables_are_read():
-    line, binary = table(LINE_TOML).settings(), table(BINARY_TOML).settings()
-    assert line.framing == LINE or line.framing.fields.range_m_s2 == 1000.0
-    assert isinstance(binary.framing, BinaryFraming)
-    assert binary.framing.frame_bytes == 12
-    assert (line.counter_modulo, binary.counter_modulo) == (65536, 65536)
+    line, binary = table(LINE_TOML), table(BINARY_TOML)
+    assert line.layout() == LINE or line.layout().fields.range_m_s2 == 1000.0
+    assert isinstance(binary.layout(), BinaryFraming)
+    assert binary.layout().frame_bytes == 12
+    assert (line.modulo(), binary.modulo()) == (65536, 65536)
 
 
 @pytest.mark.parametrize(
@@ -283,7 +283,7 @@ def bench(accelerometer):
 def test_a_bench_has_a_node_or_a_serial_port():
     assert bench("[accelerometer]\nnode_id = 16\n").accelerometer.node_id == 16
     serial = bench("[accelerometer.serial]\n" + LINE_TOML).accelerometer
-    assert serial.serial.settings().rate_hz == 1000.0
+    assert serial.serial.sample_rate_hz == 1000.0
     assert serial.node_id is None
     for table in (LINE_TOML, BINARY_TOML):
         whole = bench("[accelerometer.serial]\n" + table)
@@ -336,7 +336,7 @@ class Sensor:
 @contextlib.contextmanager
 def reading(toml, terminal, **changes):
     text = toml.replace("PORT", terminal if isinstance(terminal, str) else terminal.path)
-    reader = AccelerometerReader(table(text).model_copy(update=changes).settings())
+    reader = AccelerometerReader(table(text).model_copy(update=changes))
     reader.open(is_lock_step=False)
     try:
         yield reader
@@ -392,7 +392,7 @@ def test_the_value_at_a_sync_is_the_one_of_that_instant(monkeypatch, late_s):
     """A frame a millisecond, handed over up to so late; x is the time at which it was written."""
     port, random, arrived_s = ScriptedPort(), Random(1), 0.0
     monkeypatch.setattr(accelerometer.serial, "Serial", lambda *_, **__: port)
-    reader = AccelerometerReader(table(BINARY_TOML).settings(), lambda: port.now_s)
+    reader = AccelerometerReader(table(BINARY_TOML), lambda: port.now_s)
     line_s = 12 * 10 / 460_800
     for number in range(1, 701):
         arrived_s = max(arrived_s, 1e-3 * number + line_s + random.uniform(0.0, late_s))
@@ -459,7 +459,7 @@ def test_what_cannot_be_read_is_refused_with_the_reason(terminal, port, written,
 
 
 def test_a_bus_in_lock_step_is_refused(terminal):
-    reader = AccelerometerReader(table(BINARY_TOML).settings())
+    reader = AccelerometerReader(table(BINARY_TOML))
     with pytest.raises(SerialAccelerometerError, match="this bus counts time in SYNCs"):
         reader.open(is_lock_step=True)
     reader.close()

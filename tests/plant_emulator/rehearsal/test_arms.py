@@ -14,9 +14,8 @@ from hil.experiments.motions import line_motion
 from hil.master.session import Session
 from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.arms.conditions import NAMES, conditions_of, with_payload
-from plant_emulator.rehearsal.arms.path import REFERENCE_SEED, arm_of, run_arm_seed
+from plant_emulator.rehearsal.arms.path import REFERENCE_SEED, LineTip, TrueLine, arm_of, run_arm_seed, true_line
 from plant_emulator.rehearsal.arms.summary import arm_claims, arm_tips
-from plant_emulator.rehearsal.arms.survey import LineTip, TrueLine, true_line
 from plant_emulator.rehearsal.many.rows import WALKED
 from plant_emulator.trials.rows import Row
 

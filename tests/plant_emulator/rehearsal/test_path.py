@@ -7,7 +7,7 @@ import pytest
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
 from hil.errors import HilError, InterruptedRunError
-from hil.reporter import SilentReporter
+from hil.reporter import Reporter
 from plant_emulator.rehearsal import path
 from plant_emulator.rehearsal.estimates import facts_of, sensor_delay_s
 from plant_emulator.rehearsal.path import PathOptions, run_path
@@ -24,7 +24,7 @@ def bench_of(robot):
     return loads(blank_bench(robot), Bench)
 
 
-class Heard(SilentReporter):
+class Heard(Reporter):
     """Steps that were told."""
 
     def __init__(self):

@@ -10,11 +10,11 @@ from drive_profiles.eds.description import load
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
 from hil.bench.bench import load_bench
-from hil.export.scale import NodeUnits
+from hil.export.decoded import NodeUnits
 from hil.logs.nodes import Node, described_node
 from hil.master.drive.needs import Need
 from hil.master.drive.overheard import OverheardQuestions
-from hil.scope.scales import scales_of
+from hil.scope.readers import scales_of
 
 EDS = Path(drive_profiles.__file__).parent / "vendors" / "emulated_drive.eds"
 COUNTS, RATED_MNM = 4096, 2000

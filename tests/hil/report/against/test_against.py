@@ -12,7 +12,7 @@ from hil.cli.main import app
 from hil.errors import NotPossibleError
 from hil.report.against.alike import check_robot, paired_runs
 from hil.report.against.numbers import NumberPair, numbers_table, run_numbers
-from hil.report.against.settings import differing, settings_table
+from hil.report.against.page import differing, settings_table
 from hil.results.ate import AteResult, KnownArm, Sensing
 from hil.results.learning import LearningResult
 from hil.results.runs import ExperimentsResult

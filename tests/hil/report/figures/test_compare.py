@@ -3,7 +3,7 @@
 import pytest
 
 from hil.report import style
-from hil.report.figures import compare
+from hil.report.pages import compare
 
 
 @pytest.mark.parametrize(

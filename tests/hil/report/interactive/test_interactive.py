@@ -13,7 +13,7 @@ from hil.cli.main import app
 from hil.errors import NotPossibleError
 from hil.report import palette, style
 from hil.report.interactive import parts
-from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section, render
 from hil.report.writer import write_report_of
 from hil.results.learning import LearningResult
 from tests.hil.report.browser import CHROMIUM, Browser
@@ -38,7 +38,7 @@ def small(path, *, is_interactive):
         svg = style.to_svg(figure, "one", is_zoomable=True)
     drawing = style.Drawing("one", "A figure", "", "measured", "Words.", svg)
     verdict = PageVerdict("good", "✔", "Well", ())
-    render(path, PageHead("bench"), verdict, [Section("all", "All", (drawing,))], is_interactive=is_interactive)
+    render(path, Page(PageHead("bench"), verdict, [Section("all", "All", (drawing,))]), is_interactive=is_interactive)
     return path.read_text(encoding="utf-8")
 
 

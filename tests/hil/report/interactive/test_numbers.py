@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil.report import style
-from hil.report.interactive import numbers
+from hil.report.interactive import parts
 from hil.report.zoomable import ZoomFigure, plain
 
 
@@ -24,7 +24,7 @@ def zoomed(draw, **options):
 
 
 def curves(figure):
-    (panel,) = json.loads(numbers.numbers_json({"key": figure}))["key"]
+    (panel,) = json.loads(parts.numbers_json({"key": figure}))["key"]
     return panel["curves"]
 
 
@@ -32,7 +32,7 @@ def test_a_spike_of_one_sample_is_kept_whatever_is_left_out():
     x = np.arange(1_000_000, dtype=np.float64)
     y = np.zeros(len(x))
     y[123_457], y[777_777] = 5.0, -7.0
-    shown_x, shown_y = numbers.envelope(x, y, 1000)
+    shown_x, shown_y = parts.envelope(x, y, 1000)
     assert len(shown_x) == 2000
     assert np.all(np.diff(shown_x) >= 0.0)
     assert (shown_y.max(), shown_y.min()) == (5.0, -7.0)
@@ -44,7 +44,7 @@ def test_columns_without_a_value_leave_a_gap_and_others_their_extremes():
     y = np.sin(np.arange(10_000) / 50.0)
     y[2000:3000] = np.nan
     y[5001] = np.nan
-    x, found = numbers.envelope(np.arange(10_000.0), y, 100)
+    x, found = parts.envelope(np.arange(10_000.0), y, 100)
     assert np.isnan(found[(x > 2100) & (x < 2900)]).all()
     assert not np.isnan(found[(x < 1900) | (x > 3100)]).any()
     assert np.nanmax(found) == np.nanmax(y)
@@ -67,9 +67,9 @@ def test_many_curves_share_the_bound_of_the_page():
             style.plot_thin(panel, x, np.random.default_rng(1).normal(size=len(x)), **style.WITH)
 
     figure = zoomed(draw)
-    assert numbers.columns_for([figure]) < numbers.MOST_COLUMNS
-    assert sum(len(decoded(curve["x"])) for curve in curves(figure)) <= numbers.MOST_OF_PAGE
-    assert len(numbers.numbers_json({"key": figure})) < 11 * numbers.MOST_OF_PAGE
+    assert parts.columns_for([figure]) < parts.MOST_COLUMNS
+    assert sum(len(decoded(curve["x"])) for curve in curves(figure)) <= parts.MOST_OF_PAGE
+    assert len(parts.numbers_json({"key": figure})) < 11 * parts.MOST_OF_PAGE
 
 
 def test_lines_across_a_panel_are_lines_and_not_curves():
@@ -90,13 +90,13 @@ def test_equal_figures_give_equal_text_that_ends_no_script():
     def draw(panel):
         panel.plot([0.0, 1.0], [0.0, 2.0], label="</script><b>", **style.WITH)
 
-    texts = {numbers.numbers_json({"key": zoomed(draw)}) for _ in range(2)}
+    texts = {parts.numbers_json({"key": zoomed(draw)}) for _ in range(2)}
     assert len(texts) == 1
     assert "<" not in texts.pop()
 
 
 def test_no_figure_has_no_numbers():
-    assert numbers.numbers_json({"key": ZoomFigure({})}) == '{"key":[]}'
+    assert parts.numbers_json({"key": ZoomFigure({})}) == '{"key":[]}'
 
 
 def test_formulae_become_letters():

@@ -4,10 +4,9 @@ import shutil
 
 import pytest
 
-from hil.report.figures.compare import OVERLAID
 from hil.report.material import Material
 from hil.report.pages import demo as page
-from hil.report.pages.compare import verdict
+from hil.report.pages.compare import OVERLAID, verdict
 from hil.report.pages.page import typeset
 from hil.report.writer import write_report_of
 from hil.results.comparison import ComplianceFactors, TourNotch

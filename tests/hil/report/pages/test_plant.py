@@ -7,7 +7,7 @@ import pytest
 
 from hil.design.estimation import EstimatedParameter
 from hil.report import style
-from hil.report.figures import plant
+from hil.report.pages import plant
 from hil.report.pages.page import typeset
 from hil.report.pages.plant import verdict
 from hil.report.report_table import value_and_error
