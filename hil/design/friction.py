@@ -17,8 +17,8 @@ LAW_LEFT_OPEN, SAME_SPEED = 3e-3, 0.1
 """Deviation of friction from any law, over Coulomb friction, and speeds, as a logarithm, at which it is the same, whatever angle
 and direction: one at which the transmission error shakes the arm costs a torque of its own.
 
-The rms of z of τ_C is 0.63 with it on the drawn robots 10700 to 10764, and 0.64 on 10800 to 10844; with 1.5e-3, 0.87 and 0.72, but
-then one of fifty others (50750) was 5.9 standard errors off."""
+The rms of z of τ_C is 0.63 with it on the drawn robots 10700 to 10764, and 0.64 on 10800 to 10844; with 1.5e-3, 0.87 and 0.72,
+but then one of fifty others (50750) was 5.9 standard errors off."""
 GRAVITY_LEFT_OPEN = 3e-4
 """Relative error of the gravity moment below which no fit is trusted.
 
