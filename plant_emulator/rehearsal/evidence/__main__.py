@@ -48,10 +48,6 @@ def _main(given: argparse.Namespace) -> None:
     sys.stdout.write(f"{errors_table(rows, before).markdown()}\n")
 
 
-if __name__ == "__main__":
-    _main(_given())
-
-
 def errors_table(rows: Sequence[Row], before: Sequence[Row] = ()) -> ReportTable:
     """Return the statistics of every quantity, by kind of robot.
 
@@ -75,3 +71,7 @@ def _cells(each: QuantityStatistics) -> list[str]:
     off = "–" if each.median_off is None else f"{each.median_off:.2g}"
     worst = f"{each.worst_z:+.1f}: {each.worst_seed}"
     return [str(each.count), f"{each.rms_z:.2f}", f"{each.mean_z:+.2f}", str(each.far), f"{each.median_error:.2g}", off, worst]
+
+
+if __name__ == "__main__":
+    _main(_given())
