@@ -169,18 +169,20 @@ def _with_stribeck(arm: Real, speed: Real, torque: Real, reduction_ratio: float)
         values = np.linalg.lstsq(matrix / scale, torque, rcond=None)[0] / scale
         found.append((values, matrix, torque - matrix @ values, inverse(matrix.T @ matrix)))
     free = max(1, len(torque) - 6)
-    power = min(float(np.sum(left**2)) for _, _, left, _ in found) / free
+    least = min(float(np.sum(left**2)) for _, _, left, _ in found)
+    power = least / free
     without = found[0][0]
     off_law = (LAW_LEFT_OPEN * float(without[0])) ** 2
     fits = []
     for values, matrix, left, square in found:
-        mean, weight = values, math.exp(-0.5 * min(1400.0, (float(np.sum(left**2)) / (power + off_law) - free)))
+        excess = (float(np.sum(left**2)) - least) / (power + off_law + np.finfo(float).tiny)
+        mean, weight = values, math.exp(-0.5 * min(1400.0, excess))
         residual = math.sqrt(float(np.sum(left**2)) / free)
         # each turn has its own noise, all turns of a speed the same deviation from the law
         by_law = np.array([square @ (matrix.T @ (sign * (level == each))) for each in np.unique(level)]).T
         covariance = square * power + off_law * by_law @ by_law.T
         if len(values) > len(without):
-            mean, covariance, part = _with_positive_last(values, covariance, abs(float(without[0])))
+            mean, covariance, part = _with_positive_last(values, covariance, max(abs(float(without[0])), np.finfo(float).tiny))
             weight *= part / len(STRIBECK_RAD_S)
         fits.append(_Fit(mean[:4], covariance[:4, :4], weight + 1e-300, residual, matrix @ values))
     return fits

@@ -76,3 +76,11 @@ def test_what_friction_does_beside_its_law_at_a_speed_is_in_its_error_and_not_in
     (once, gravity_once), (often, gravity_often) = found(1), found(6)
     assert often > 0.7 * once
     assert gravity_often < gravity_once
+
+
+def test_a_motor_without_friction_has_none() -> None:
+    angle = np.arange(0.0, 60.0, 0.01)
+    stretches = [SlowStretch(sign * speed * angle, np.zeros(len(angle))) for speed in (2.0, 5.0, 15.0) for sign in (1.0, -1.0)]
+    found = fit_friction(stretches, 0.01, 100.0)
+    assert found.coulomb_nm.value == pytest.approx(0.0, abs=1e-12)
+    assert found.coulomb_nm.standard_error == pytest.approx(0.0, abs=1e-12)
