@@ -5,13 +5,12 @@ It is sans IO: frames and time go in, frames come out.
 
 from collections.abc import Callable, Collection, Iterable
 from operator import itemgetter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.frame import Frame
-from plant_emulator.core import CORE
 from plant_emulator.drive.drive import Drive
 from plant_emulator.image.image import Node, ProcessImage
 from plant_emulator.motion.axes import Axes, live, tip_sensor
@@ -27,17 +26,8 @@ FREE_STEP_NS = 1_000_000
 _SYNC = int(FunctionCode.SYNC)
 _IDENTIFIER = itemgetter(0)
 """Identifier of a frame."""
-_UNKNOWN, _NEVER = -1, (1 << 63) - 1
+_UNKNOWN, _NEVER = -1, 1 << 63
 """Instead of an instant: one comparison, ``now < wakes_at``, shows that listeners are known and no deadline has passed."""
-
-
-class Timer(Protocol):
-    """What acts by itself at some instant."""
-
-    @property
-    def due(self) -> int | None:
-        """The next such instant; None if there is none."""
-        ...
 
 
 class World:
@@ -54,7 +44,7 @@ class World:
     A node whose controller is bus-off neither receives nor sends until it has recovered or been power-cycled.
 
     Attributes:
-        course: Its record in C: the time, and what cycles need.
+        now: The world's time in ns.
         axes: The mechanics.
         drives: Drives by axis number.
         accelerometer: The node at the tip.
@@ -73,6 +63,7 @@ class World:
             ValueError: There is no such node.
         """
         self.robot = robot
+        self.now = 0
         self.axes = Axes(robot)
         self.drives = {number: Drive(self.axes, number) for number in self.axes.numbers}
         setting = robot.accelerometer
@@ -89,19 +80,19 @@ class World:
         self.on_power_cycle: Callable[[int], None] = lambda port: None
         self._off: set[int] = set()
         self._slaves = [node.slave for node in self._nodes]
-        self._timers: list[Timer] = [*self._slaves]
         self._periods = [node.slave.dictionary.cell(0x1006) for node in self._nodes]
+        self._control_period_ns = round(1e9 * robot.control_period_s)
+        self._mechanics_ns = 0
         self._period_ns = round(1e9 * robot.sync_period_s)
         self._wakes = live(self.axes.motion, "wake")
+        self._wakes_at = _UNKNOWN
         self._pending_ns = 0
         self._nodes_on: list[tuple[int, Slave]] = [(port, node.slave) for port, node in self._ports.items()]
         self._listeners: dict[int, list[tuple[int, Slave]]] = {}
         self._watches = False
         self._image = ProcessImage(self.axes, self.accelerometer, self._sensor, self.measure)
-        self.course = course = CORE.new("course")
-        course.image, course.mechanics = self._image.shared, self.axes.shared
-        course.wakes_at, course.synced, course.control_period = _UNKNOWN, _UNKNOWN, round(1e9 * robot.control_period_s)
         self._is_laid_out = self._is_looked_at = self._can_be_plain = self._is_plain = False
+        self._plain_period_ns = 0
         for slave in self._slaves:
             slave.on_routes, slave.on_due = self._forget_listeners, self._forget_due
             slave.dictionary.on_hook = self._forget_layout
@@ -109,23 +100,22 @@ class World:
             drive.on_change = self._forget_states
 
     def _forget_due(self) -> None:
-        self.course.wakes_at = _UNKNOWN
+        self._wakes_at = _UNKNOWN
 
     def _forget_listeners(self) -> None:
         self._listeners.clear()
-        self._forget_layout()
+        self._is_laid_out = False
         self._watches = any(slave.waits_for_changes for slave in self._slaves)
 
     def _forget_layout(self) -> None:
         self._is_laid_out = False
-        self._forget_states()
 
     def _forget_states(self) -> None:
-        self._is_looked_at, self.course.is_plain = False, 0
+        self._is_looked_at = False
 
     def power_on(self) -> list[Frame]:
         """Start all nodes; return their boot-up frames."""
-        self._forget_due()
+        self._wakes_at = _UNKNOWN
         return _by_priority(frame for node in self._nodes for frame in node.power_on(self.now))
 
     def power_cycle(self, node_id: int) -> list[Frame]:
@@ -139,7 +129,7 @@ class World:
         Raises:
             ValueError: There is no such node.
         """
-        self._forget_due()
+        self._wakes_at = _UNKNOWN
         node = self._node(node_id)
         port = next(port for port, each in self._ports.items() if each is node)
         self._switch(port, is_off=False)
@@ -250,10 +240,10 @@ class World:
 
         They are those that listen to its identifier. After a deadline all nodes get it, since the deadline is served first.
         """
-        self._forget_states()
+        self._is_looked_at = False
         due = self.due
         if due is not None and due <= self.now:
-            self._forget_due()
+            self._wakes_at = _UNKNOWN
             return self._nodes_on
         found = self._listeners.get(can_id)
         if found is None:
@@ -289,11 +279,11 @@ class World:
             Records of the answers. None if the slaves must hear the frames one by one, since a drive does more than follow its
             set-points, a node has a deadline, or a frame is another one; then nothing has changed.
         """
-        if self._pending_ns or not self._only_follows() or self._image.delay_ns > self.course.period:
+        if self._pending_ns or not self._only_follows() or self._image.delay_ns > self._plain_period_ns:
             return None
         answers = self._image.synchronise(message, self.now)
         if answers is not None:
-            self._pending_ns = int(self.course.period)
+            self._pending_ns = self._plain_period_ns
         return answers
 
     def hear_all(self, message: bytes) -> bytes | None:
@@ -323,10 +313,7 @@ class World:
             nodes = [node for port, node in self._ports.items() if port not in self._off and node.slave.listens(_SYNC)]
             self._is_laid_out, self._can_be_plain = True, self._image.lay_out(nodes)
         self._is_looked_at, self._is_plain = True, self._can_be_plain and self._image.look()
-        course, image, period = self.course, self._image, self.period_ns
-        self.axes.make_room(1 + period // course.control_period)
-        course.period = period
-        course.is_plain = self._is_plain and not (self._watches or image.samples_objects or image.delay_ns > period)
+        self._plain_period_ns = self.period_ns
 
     def measure(self) -> tuple[float, float, float]:
         """Draw a sample of the accelerometer, in m/s².
@@ -336,25 +323,9 @@ class World:
         return self._sensor.sample(self.axes.sensed_acceleration())
 
     def finish_period(self) -> list[Frame]:
-        """Let the period of the last SYNC pass; after a cycle of `run_course`, return the frames that it leaves to the nodes."""
-        course = self.course
-        if course.synced >= 0:
-            self._image.pass_to(course.synced)
-            course.synced = _UNKNOWN
-        if course.has_woken:
-            course.has_woken = 0
-            return [frame for _, frame in self._observed(self._update(), is_due=False)]
+        """Let the period of the last SYNC pass."""
         pending, self._pending_ns = self._pending_ns, 0
         return self.advance(self.now + pending) if pending else []
-
-    @property
-    def now(self) -> int:
-        """The world's time in ns."""
-        return int(self.course.now)
-
-    @now.setter
-    def now(self, instant: int) -> None:
-        self.course.now = instant
 
     @property
     def due(self) -> int | None:
@@ -362,14 +333,13 @@ class World:
 
         It is None if only a frame or a motion can wake a node.
         """
-        course = self.course
-        wakes_at: int = course.wakes_at
+        wakes_at = self._wakes_at
         if wakes_at == _UNKNOWN:
-            wakes_at = min((due for timer in self._timers if (due := timer.due) is not None), default=_NEVER)
-            course.wakes_at = wakes_at
+            wakes_at = min((due for slave in self._slaves if (due := slave.due) is not None), default=_NEVER)
+            self._wakes_at = wakes_at
         if wakes_at == _NEVER:
             return None
-        return max(wakes_at, self.now)
+        return wakes_at if wakes_at > self.now else self.now
 
     def move(self, until: int) -> list[tuple[int, Frame]]:
         """Let time pass to an instant that is not beyond `due`.
@@ -379,10 +349,9 @@ class World:
         Raises:
             ValueError: `until` lies before now.
         """
-        course = self.course
-        if until < course.now:
-            raise ValueError(f"the world's time is {course.now} ns and does not go back to {until} ns")
-        periods = (until - course.mechanics_now) // course.control_period
+        if until < self.now:
+            raise ValueError(f"the world's time is {self.now} ns and does not go back to {until} ns")
+        periods = (until - self._mechanics_ns) // self._control_period_ns
         due = self.due
         self.now = until
         is_due = due is not None and due <= until
@@ -391,22 +360,17 @@ class World:
         frames: list[tuple[int, Frame]] = []
         if periods > 0:
             self.axes.advance(periods)
-            course.mechanics_now += periods * course.control_period
+            self._mechanics_ns += periods * self._control_period_ns
             frames = self._update()
-        return self._observed(frames, is_due=is_due)
-
-    def _observed(self, frames: list[tuple[int, Frame]], *, is_due: bool) -> list[tuple[int, Frame]]:
-        """Return frames of drives, with those of nodes that are due, but for nodes that are off the bus."""
-        until = self.now
-        if is_due or self._watches or self.course.wakes_at == _UNKNOWN:
+        if is_due or self._watches or self._wakes_at == _UNKNOWN:
             late = [(port, node) for port, node in self._ports.items() if _is_due(node.slave, until)]
             if late:
-                self._forget_states()
+                self._is_looked_at = False
                 # lowest identifier first, as a bus would let them pass
                 frames += sorted(
                     ((port, frame) for port, node in late for frame in node.advance(until)), key=lambda sent: sent[1].can_id
                 )
-            self._forget_due()
+            self._wakes_at = _UNKNOWN
         if self._off:
             return [sent for sent in frames if sent[0] not in self._off]
         return frames
@@ -418,7 +382,7 @@ class World:
             return []  # drives that only follow observe nothing else
         waiting = [(port, drive) for port, drive in self._drives if wakes[drive.row] or drive.needs_update]
         if waiting:
-            self._forget_states()
+            self._is_looked_at = False
         return [(port, frame) for port, drive in waiting for frame in drive.update(self.now)]
 
     def advance(self, until: int) -> list[Frame]:

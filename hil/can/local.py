@@ -67,18 +67,6 @@ def connect_local(address: Address) -> socket.socket:
     raise BusUnavailableError(address, f"{reason}; start it with: plant-emulator serve --bus {address}")
 
 
-def direct_line(carry: int, medium: int) -> Any:
-    """Return a `struct line` to a medium of this process.
-
-    Args:
-        carry: Address of the function that carries a message.
-        medium: Address of the record that it takes.
-    """
-    line = CORE.new("line")
-    line.carry, line.medium = CORE.borrowed(carry, line.carry), CORE.borrowed(medium, line.medium)
-    return line
-
-
 def wait_at_most(sock: socket.socket, timeout_s: float) -> None:
     """Limit the time of every read of a blocking socket.
 

@@ -5,17 +5,14 @@ The channel leads straight into a medium, so its user controls every cycle.
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 from drive_profiles.address import LOCAL, Address
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.channel import OneByOne
 from hil.can.errors import BusLostError
 from hil.can.frame import Frame, frames_of, pack
-from hil.can.local import direct_line
 from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
 from plant_emulator.bus.medium import Instant, Medium
-from plant_emulator.core import CORE
 from plant_emulator.world import World
 
 
@@ -45,7 +42,7 @@ class InProcessChannel(OneByOne):
         world: The world behind the bus.
         medium: The medium between world and client.
         is_logged: True if a measurement on it writes a log of its frames.
-        line: The core's record of the medium, by which a cycle needs no Python; None where a frame is logged, or has a medium.
+        syncs: Number of SYNCs so far.
         heard: Called with each frame of the bus and the time of its end, the client's own included.
         on_sync: Called with the number of each SYNC before the world receives it; a test interferes here.
         passes: Frames to the client for which it is false are lost.
@@ -56,6 +53,7 @@ class InProcessChannel(OneByOne):
     is_lock_step = True
     waits = False
     overflows = 0
+    line = None
 
     def __init__(self, world: World, medium: Medium | None = None, *, bitrate: int | None = None, is_logged: bool = True) -> None:
         """Join the bus and power the nodes on.
@@ -72,8 +70,7 @@ class InProcessChannel(OneByOne):
         self.medium: Medium = Instant(world) if medium is None else medium
         self.medium.join(FIRST_CLIENT)
         self.address = Address(LOCAL, "in-process", self.medium.bitrate or bitrate)
-        self._line = direct_line(CORE.address(CORE.call.run_course), CORE.address(world.course))
-        self.line: Any = self._line if medium is None and not is_logged else None
+        self.syncs = 0
         self.heard: Callable[[Frame, int], None] = _nobody
         self.on_sync: Callable[[int], None] = _nothing
         self.passes: Callable[[Frame], bool] = _all
@@ -85,13 +82,8 @@ class InProcessChannel(OneByOne):
         self._has_stranger = False
 
     @property
-    def syncs(self) -> int:
-        """Number of SYNCs so far."""
-        return int(self._line.syncs)
-
-    @property
     def sent(self) -> list[Frame]:
-        """Frames that the client has sent, the latest `MAX_SENT` of them and of the messages; not those on the `line`."""
+        """Frames that the client has sent, the latest `MAX_SENT` of them and of the messages."""
         return [frame for each in self._sent for frame in (frames_of(each) if isinstance(each, bytes) else (each,))]
 
     @property
@@ -100,10 +92,8 @@ class InProcessChannel(OneByOne):
 
         The clock is the client's, nobody looks at single frames, and none waits to be read.
         """
-        if self.world.course.has_woken:
-            self._finish()
         has_listener = self.heard is not _nobody or self.passes is not _all or self.on_sync is not _nothing
-        return self._has_clock and not self._queue and not has_listener and not self.lost
+        return self._has_clock and not self._queue and not has_listener
 
     def send_message(self, records: bytes) -> None:
         """Put the records of a cycle on the bus; the last is SYNC.
@@ -116,10 +106,10 @@ class InProcessChannel(OneByOne):
         if answers is None:
             self.send_all(frames_of(records))
             return
-        self._line.syncs += 1
+        self.syncs += 1
         self._sent.append(records)
         self._answers = answers
-        self._finish()
+        self._deliver(self.medium.finish_cycle())
 
     def receive_message(self, timeout_s: float) -> bytes:
         """Return the records of the next message; empty if none comes.
@@ -142,7 +132,6 @@ class InProcessChannel(OneByOne):
         The other participant stays on the bus: on a bus with bit times a frame without an answer waits in its queue for the
         next SYNC.
         """
-        self._finish()
         if not self._has_stranger:
             self._has_stranger = True
             self.medium.join(STRANGER)
@@ -164,12 +153,11 @@ class InProcessChannel(OneByOne):
             BusLostError: `lost` is set.
         """
         self._check()
-        self._finish()
         self._sent.append(frame)
         if frame.can_id != FunctionCode.SYNC:
             self._deliver(self.medium.frame(FIRST_CLIENT, frame))
             return
-        self._line.syncs += 1
+        self.syncs += 1
         self.on_sync(self.syncs)
         self._check()
         if not self._has_clock:
@@ -187,7 +175,6 @@ class InProcessChannel(OneByOne):
             BusLostError: `lost` is set.
         """
         self._check()
-        self._finish()
         if not self._queue:
             self._deliver(self.medium.idle())
         return self._queue.popleft() if self._queue else None
@@ -211,10 +198,6 @@ class InProcessChannel(OneByOne):
     def _check(self) -> None:
         if self.lost:
             raise BusLostError(self.address, "pulled")
-
-    def _finish(self) -> None:
-        """Finish the cycle, if one is under way."""
-        self._deliver(self.medium.finish_cycle())
 
     def _deliver(self, heard: list[HeardFrame]) -> None:
         for frame, port, end_ns in heard:

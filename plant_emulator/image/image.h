@@ -82,7 +82,6 @@ struct image {
     const struct mapped *told;  /* objects of the TPDOs */
     integer shown;
     uint8_t *answer; /* records of all TPDOs in the order of their identifiers; heads are there */
-    integer answer_bytes;
 };
 
 /* What synchronise has done: all; nothing, since a frame or a drive is not plain; nothing, since the noise is used up. */
@@ -98,25 +97,5 @@ integer is_plain(const struct image *image, const uint8_t *message, integer reco
  *
  * message holds records of RPDOs and, last, of SYNC. What is not DONE has changed nothing. */
 integer synchronise(const struct image *image, const uint8_t *message, integer records);
-
-/* A world's time in ns, and what its cycles need. */
-struct course {
-    const struct image *image;
-    const struct mechanics *mechanics;
-    integer now;
-    integer mechanics_now; /* control periods have passed up to then */
-    integer wakes_at;      /* next instant at which a node acts by itself; below 0 if it is not known */
-    integer control_period;
-    integer period;    /* that a SYNC is worth */
-    integer is_plain;  /* 1 if every node only follows its set-points, and answers within the period; the owner sees to it */
-    integer has_woken; /* 1 if a drive has something to look at since the last cycle */
-    integer synced;    /* instant of the last SYNC that the nodes do not know of; below 0 if there is none */
-};
-
-/* Run a cycle of a struct course: one SYNC, as in synchronise, and the period behind it. A struct line of the master calls it.
- *
- * Returns the bytes of the answers, copied to room for them; or -1, and nothing has changed, if a node must hear the frames, or
- * acts by itself before the period is over. */
-integer run_course(void *medium, const uint8_t *message, integer size, uint8_t *room);
 
 #endif

@@ -161,24 +161,18 @@ class Axes:
         self._previous_speed, self._target_speed = live(motion, "previous_speed_rad_s"), live(motion, "target_speed_rad_s")
         self._control_period_s = self.robot.control_period_s
 
-    @property
-    def shared(self) -> Any:
-        """Its record in C."""
-        return self._shared
-
     def row(self, number: int) -> int:
         """Row of an axis."""
         return self.numbers.index(number)
 
     def advance(self, periods: int) -> None:
         """Advance everything by some control periods."""
-        self.make_room(periods)
+        if periods > self._has_room_for:
+            self._make_room(periods)
         CORE.call.advance_all(self._shared, periods)
 
-    def make_room(self, periods: int) -> None:
+    def _make_room(self, periods: int) -> None:
         """Make room for the arms' states and the tip after each of so many control periods."""
-        if periods <= self._has_room_for:
-            return
         self._has_room_for = periods
         self._room = CORE.pointer(np.empty((periods, len(self.numbers), 3))), CORE.pointer(np.empty((periods, 3)))
         self._shared.trace, self._shared.tips = self._room
@@ -196,7 +190,7 @@ class Axes:
         samples = len(set_points)
         trace, tips = np.zeros((samples, len(rows), CORE.call.TRACE_COLUMNS)), np.zeros((2, samples, 3))
         given = CORE.pointer(np.array(rows, np.int64), "int64_t"), len(rows), CORE.pointer(np.array(set_points, np.float64))
-        self.make_room(periods)
+        self._make_room(periods)
         CORE.call.follow(self._shared, periods, samples, *given, *map(CORE.pointer, (trace, *tips)))
         counts, arm, torque = np.moveaxis(trace, 2, 0)
         return FollowedRun(counts.astype(np.int64), arm, torque, *tips)

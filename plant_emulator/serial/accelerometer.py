@@ -108,9 +108,14 @@ class MeasuredWorld(World):
 
     def __init__(self, robot: Robot, sensor: EmulatedSerialAccelerometer) -> None:
         """Build the nodes."""
-        super().__init__(robot)
         self._serial = sensor
-        self._timers.append(sensor)
+        super().__init__(robot)
+
+    @property
+    def due(self) -> int:
+        """Next instant at which a node acts or a sample is due."""
+        due, sample = super().due, max(self.now, self._serial.due)
+        return sample if due is None else min(due, sample)
 
     def move(self, until: int) -> list[tuple[int, Frame]]:
         """Let time pass, and take the sample that is due.

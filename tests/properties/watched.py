@@ -343,7 +343,7 @@ class WatchedWorld:
         """Let time pass, control period by control period where it is short."""
         world = self.world
         until = world.now + nanoseconds
-        tick_ns = world.course.control_period
+        tick_ns = world._control_period_ns
         is_fine = nanoseconds <= FINE_NS
         while world.now < until:
             if is_fine:
