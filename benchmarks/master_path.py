@@ -109,7 +109,7 @@ def rate(cycle: Callable[[], object]) -> float:
 
 
 def ours(channel: Channel, count: int) -> Contender:
-    """A cycle of the shipped master: `Run.step`, which exchanges, checks the axes and closes their loops."""
+    """A cycle of the shipped master: `Run.follow`, which exchanges, checks the axes and closes their loops."""
     bench = bench_of(1)
     network = Network(channel, BusLog(None), 1.0, PERIOD_S)
     table = bench.axis[SINGLE]  # an echo jumps: its limits are checked, and far away
@@ -122,11 +122,11 @@ def ours(channel: Channel, count: int) -> Contender:
     supervisor = Supervisor(network, bench.bus.model_copy(update={"heartbeat_s": SILENCE_S}))
     supervisor.begin(axis.number for axis in axes)
     rest = Motion(tuple(axis.number for axis in axes), PERIOD_S * np.arange(2), np.zeros((2, count)), starts_at_home=True)
-    bank, references = ServoBank([law.config for law in laws(count)], PERIOD_S), [0.0] * count
-    run = Run(rest, axes, exchange, RunLimits.of(bench), supervisor, references, bank=bank)
+    bank, references = ServoBank([law.config for law in laws(count)], PERIOD_S), np.zeros((1, count))
+    run = Run(rest, axes, exchange, RunLimits.of(bench), supervisor, [0.0] * count, bank=bank)
 
     def cycle() -> None:
-        run.step(references, 0)
+        run.follow(references, 0)
         if exchange.missing_answers:
             raise RuntimeError("a node has not answered")
 

@@ -114,7 +114,7 @@ def in_process(case: Case, keep: Callable[[Recording], object] = forget) -> Call
     """A run with everything in one process, to be repeated."""
     count, period_s, loop, bitrate, duration_s = case
     world = World(robot_of(count, period_s))
-    channel = InProcessChannel(world, medium_for(world, bitrate))
+    channel = InProcessChannel(world, None if bitrate is None else medium_for(world, bitrate), is_logged=False)
     return lambda: run(channel, count, period_s, loop, duration_s, keep)
 
 

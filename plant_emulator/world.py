@@ -11,6 +11,7 @@ import numpy as np
 
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.frame import Frame
+from plant_emulator.core import CORE
 from plant_emulator.drive.drive import Drive
 from plant_emulator.image.image import Node, ProcessImage
 from plant_emulator.motion.axes import Axes, live, tip_sensor
@@ -26,7 +27,7 @@ FREE_STEP_NS = 1_000_000
 _SYNC = int(FunctionCode.SYNC)
 _IDENTIFIER = itemgetter(0)
 """Identifier of a frame."""
-_UNKNOWN, _NEVER = -1, 1 << 63
+_UNKNOWN, _NEVER = -1, (1 << 63) - 1
 """Instead of an instant: one comparison, ``now < wakes_at``, shows that listeners are known and no deadline has passed."""
 
 
@@ -48,6 +49,7 @@ class World:
         axes: The mechanics.
         drives: Drives by axis number.
         accelerometer: The node at the tip.
+        course: The core's record for cycles that need no Python.
         on_power_cycle: Called with the port of a node that gets its supply back.
     """
 
@@ -93,6 +95,9 @@ class World:
         self._image = ProcessImage(self.axes, self.accelerometer, self._sensor, self.measure)
         self._is_laid_out = self._is_looked_at = self._can_be_plain = self._is_plain = False
         self._plain_period_ns = 0
+        self.course = CORE.new("course")
+        self.course.image, self.course.mechanics = self._image.shared, self.axes.shared
+        self.course.control_period = self._control_period_ns
         for slave in self._slaves:
             slave.on_routes, slave.on_due = self._forget_listeners, self._forget_due
             slave.dictionary.on_hook = self._forget_layout
@@ -286,6 +291,30 @@ class World:
             self._pending_ns = self._plain_period_ns
         return answers
 
+    def open_course(self) -> None:
+        """Let the core run cycles by itself: prepare `course`.
+
+        It carries a message as long as `exchange` would take it, and no node acts by itself within its period.
+        """
+        course, image = self.course, self._image
+        is_open = not self._pending_ns and self._only_follows() and image.is_whole and image.delay_ns <= self._plain_period_ns
+        course.is_open, course.synced = is_open, _UNKNOWN
+        if not is_open:
+            return
+        image.draw()
+        due, course.period = self.due, self._plain_period_ns
+        self.axes.make_room(1 + self._plain_period_ns // self._control_period_ns)
+        course.now, course.mechanics_now, course.wakes_at = self.now, self._mechanics_ns, _NEVER if due is None else due
+
+    def close_course(self) -> list[Frame]:
+        """Take over what the core has done; return the frames that drives send for it."""
+        course = self.course
+        if course.synced == _UNKNOWN:
+            return []
+        self._image.pass_to(course.synced)
+        self.now, self._mechanics_ns = course.now, course.mechanics_now
+        return [] if course.is_open else [frame for _, frame in self._observed(self._update(), is_due=False)]
+
     def hear_all(self, message: bytes) -> bytes | None:
         """Do as `exchange` does, without a period that becomes pending, and not if an answer comes late."""
         return self._image.synchronise(message, self.now) if self._only_follows() and not self._image.delay_ns else None
@@ -362,6 +391,11 @@ class World:
             self.axes.advance(periods)
             self._mechanics_ns += periods * self._control_period_ns
             frames = self._update()
+        return self._observed(frames, is_due=is_due)
+
+    def _observed(self, frames: list[tuple[int, Frame]], *, is_due: bool) -> list[tuple[int, Frame]]:
+        """Return frames of drives, with those of nodes that are due, but for nodes that are off the bus."""
+        until = self.now
         if is_due or self._watches or self._wakes_at == _UNKNOWN:
             late = [(port, node) for port, node in self._ports.items() if _is_due(node.slave, until)]
             if late:

@@ -100,6 +100,14 @@ class MessageChannel(Protocol):
         """The core's `struct line`, if it can exchange messages itself; else None."""
         ...
 
+    def open_line(self) -> None:
+        """Prepare the line for cycles that the core exchanges by itself."""
+        ...
+
+    def close_line(self) -> None:
+        """Take over what has happened on the line since."""
+        ...
+
     @property
     def takes_messages(self) -> bool:
         """True if it does so now: no frame of an earlier message may still be unread."""

@@ -1,12 +1,20 @@
 #include "line.h"
 
+/* Let a medium of this process carry a message. */
+static integer carried(struct line *line, const uint8_t *records, integer size, uint8_t *room)
+{
+    const integer received = line->carry(line->medium, records, size, room);
+    line->syncs += received >= 0;
+    return received < 0 ? NOT_SENT : received;
+}
+
 #ifdef _WIN32
 
 /* There is no local bus on Windows, where drive-profiles alone runs. */
 integer exchange_message(struct line *line, const uint8_t *records, integer size, real timeout_s, uint8_t *room)
 {
-    (void)line, (void)records, (void)size, (void)timeout_s, (void)room;
-    return NOT_SENT;
+    (void)timeout_s;
+    return line->carry ? carried(line, records, size, room) : NOT_SENT;
 }
 
 #else
@@ -20,6 +28,9 @@ enum { COUNT_AT = DATA_AT + 2, COUNT_BYTES = 4 };
 
 integer exchange_message(struct line *line, const uint8_t *records, integer size, real timeout_s, uint8_t *room)
 {
+    if (line->carry) {
+        return carried(line, records, size, room);
+    }
     const int handle = (int)line->socket;
     if (line->timeout_s != timeout_s || send(handle, records, (size_t)size, MSG_DONTWAIT) < 0) {
         return NOT_SENT;

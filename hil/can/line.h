@@ -12,8 +12,10 @@
 /* Bytes of a record, where its length and its data begin, and the most records of a message. */
 enum { RECORD_BYTES = 16, LENGTH_AT = 4, DATA_AT = 8, MOST_RECORDS = 64 };
 
-/* The socket, and what its user knows of the clock. */
+/* The socket, or the medium of this process that carries messages; and what its user knows of the clock. */
 struct line {
+    integer (*carry)(void *medium, const uint8_t *records, integer size, uint8_t *room); /* null: the socket does */
+    void *medium;
     integer socket;
     real timeout_s;                    /* of the socket; below 0 if it has none */
     integer syncs;                     /* that were sent */
@@ -26,8 +28,9 @@ enum { NOT_SENT = -3, NOT_RECEIVED, NOT_TAKEN, TAKEN };
 
 /* Send a message whose last record is SYNC, and receive the next one, into room for MOST_RECORDS.
  *
- * It waits for nothing but the answer. Returns the bytes that have come, without the record of the clock at their end; 0 after
- * the time-out; NOT_SENT, also if the socket has another time-out; NOT_RECEIVED if a signal or an error ends the waiting. */
+ * It waits for nothing but the answer, which `carry` has at once; or it returns a number below 0, and has sent nothing. Returns
+ * the bytes that have come, without the record of the clock at their end; 0 after the time-out; NOT_SENT, also if the socket has
+ * another time-out; NOT_RECEIVED if a signal or an error ends the waiting. */
 integer exchange_message(struct line *line, const uint8_t *records, integer size, real timeout_s, uint8_t *room);
 
 #endif

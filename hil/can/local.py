@@ -98,6 +98,18 @@ def arrival_ns(ancillary: Sequence[tuple[int, int, bytes]]) -> int | None:
     return None
 
 
+def direct_line(carry: int, medium: int) -> Any:
+    """Return a `struct line` to a medium of this process.
+
+    Args:
+        carry: Address of the function that carries a message.
+        medium: Address of the record that it takes; the caller keeps it.
+    """
+    line = CORE.new("line")
+    line.carry, line.medium = CORE.borrowed(carry, line.carry), CORE.borrowed(medium, line.medium)
+    return line
+
+
 @contextmanager
 def one_core(sock: socket.socket) -> Iterator[None]:
     """Context in which both ends of a lock-step socket stay on one core.
@@ -194,6 +206,12 @@ class LocalChannel(RawChannel):
         frames = [frame, *self._early]
         self._early.clear()
         return frames
+
+    def open_line(self) -> None:
+        """Do nothing: the line is the socket."""
+
+    def close_line(self) -> None:
+        """Do nothing: the bus itself knows what has happened."""
 
     @property
     def takes_messages(self) -> bool:

@@ -111,7 +111,7 @@ class HeldAxis(Run):
             UnsafeRequestError: They accelerate by more than the limit; none of them is sent.
         """
         check_set_points(self.slot.axis.number, self.slot.axis.table.limits, angles_rad, self.period_s)
-        return self._guarded(lambda: self._follow((self.start_rad + angles_rad).tolist()))
+        return self._guarded(lambda: self._follow(np.reshape(self.start_rad + angles_rad, (-1, 1))))
 
     def rest(self, duration_s: float) -> bool:
         """Hold the start; False if something has stopped it."""
@@ -215,10 +215,11 @@ class HeldAxis(Run):
         recording = with_load_encoders(self._bench, self.recording(), self._standing_rad)
         return with_tip(self._bench, recording, self._standing_rad)
 
-    def _follow(self, references: list[float]) -> None:
-        for reference in references:
-            row = self.table.rows
-            self.step([reference], row if row < self._longest else None)
+    def _follow(self, references: Real) -> None:
+        row = self.table.rows
+        recorded = self._longest - row
+        self.follow(references[:recorded], row)
+        self.follow(references[recorded:])
 
     def _guarded(self, action: Callable[[], None]) -> bool:
         """Do something that a reason to stop may end.

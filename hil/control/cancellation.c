@@ -129,15 +129,14 @@ void cancellation_step(
     }
 }
 
-void cancel(
-    const struct cancellation_config *configs, struct cancellation_state *states, const real *waves, const real *table,
-    integer count, integer wave_count, integer speeds, real period_s, real *values)
+void cancel(const struct cancellation *all, real *values)
 {
+    const integer count = all->count, wave_count = all->wave_count;
     for (integer row = 0; row < count; row++) {
         real own[2] = {values[row], values[count + row]};
         cancellation_step(
-            &configs[row], &states[row], waves + 3 * wave_count * row, table + WAVE_COLUMNS * speeds * wave_count * row,
-            wave_count, speeds, period_s, own);
+            &all->configs[row], &all->states[row], all->waves + 3 * wave_count * row,
+            all->table + WAVE_COLUMNS * all->speeds * wave_count * row, wave_count, all->speeds, all->period_s, own);
         values[row] = own[0];
         values[count + row] = own[1];
     }

@@ -76,11 +76,20 @@ void cancellation_step(
     const struct cancellation_config *config, struct cancellation_state *state, const real *waves, const real *table,
     integer wave_count, integer speeds, real period_s, real values[2]);
 
-/* cancellation_step for every axis. waves and table hold those of each axis, one behind the other; values has a row of angles
- * and a row of torques, which become the additions. */
-void cancel(
-    const struct cancellation_config *configs, struct cancellation_state *states, const real *waves, const real *table,
-    integer count, integer wave_count, integer speeds, real period_s, real *values);
+/* The cancellations of some axes: waves and table hold those of each axis, one behind the other. */
+struct cancellation {
+    const struct cancellation_config *configs;
+    struct cancellation_state *states;
+    const real *waves;
+    const real *table;
+    integer count; /* of axes */
+    integer wave_count;
+    integer speeds;
+    real period_s;
+};
+
+/* cancellation_step for every axis. values has a row of angles and a row of torques, which become the additions. */
+void cancel(const struct cancellation *all, real *values);
 
 /* One sample inside a drive, which knows angle and speed: additions to set-point in rad, speed in rad/s and torque in N m.
  *

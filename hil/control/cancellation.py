@@ -110,7 +110,11 @@ def _turns(table: CancellationTable | None) -> tuple[tuple[float, ...], Real, Re
 
 
 class CancellationLaw:
-    """Cancellations of several axes with their states."""
+    """Cancellations of several axes with their states.
+
+    Attributes:
+        data: The core's record of all of them; it must not outlive the law.
+    """
 
     def __init__(
         self,
@@ -158,11 +162,14 @@ class CancellationLaw:
                 self._write(row, table)
         self._config["load_lowpass_hz"] = LOAD_LOWPASS_HZ
         self._values = np.zeros((2, len(tables)))
-        self._shared = (
+        self._values_by = CORE.pointer(self._values)
+        self.data = CORE.new("cancellation")
+        self._kept = (
             CORE.pointer(self._config, "cancellation_config"), CORE.pointer(self._state, "cancellation_state"),
-            CORE.pointer(self._waves), CORE.pointer(self._table), len(tables), count, points, period_s,
-            CORE.pointer(self._values),
+            CORE.pointer(self._waves), CORE.pointer(self._table),
         )  # fmt: skip
+        self.data.configs, self.data.states, self.data.waves, self.data.table = self._kept
+        self.data.count, self.data.wave_count, self.data.speeds, self.data.period_s = len(tables), count, points, period_s
 
     def _write(self, row: int, table: CancellationTable) -> None:
         columns, given = len(table.waves), np.shape(table.reference)[1]
@@ -220,6 +227,6 @@ class CancellationLaw:
         """
         values = self._values
         values[0], values[1] = angles_rad, 0.0 if torques_nm is None else torques_nm
-        CORE.call.cancel(*self._shared)
+        CORE.call.cancel(self.data, self._values_by)
         references, torques = values.tolist()
         return references, torques

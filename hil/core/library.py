@@ -105,6 +105,19 @@ class Library:
             raise ValueError(f"array of shape {array.shape} is read-only or not contiguous; give a contiguous copy of it")
         return self._ffi.from_buffer(f"{name}[]" if name in _NUMBERS else f"struct {name}[]", array)
 
+    def address(self, pointer: Any) -> int:
+        """Address of a function or a record, for another core's `borrowed`."""
+        return int(self._ffi.cast("uintptr_t", pointer))
+
+    def borrowed(self, address: int, like: Any) -> Any:
+        """Return a pointer to what belongs to another core.
+
+        Args:
+            address: Its address there; the caller keeps it alive.
+            like: A pointer of the wanted type.
+        """
+        return self._ffi.cast(self._ffi.typeof(like), address)
+
     def integers(self, count: int) -> Any:
         """Room for whole numbers, all zero."""
         return self._ffi.new("int64_t[]", count)

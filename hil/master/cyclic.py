@@ -44,7 +44,7 @@ _NOT_SENT: int = CORE.call.NOT_SENT
 _NOT_TAKEN: int = CORE.call.NOT_TAKEN
 _pack_commands, _count_answers = CORE.call.pack_commands, CORE.call.count_answers
 _await_answers, _take_answer = CORE.call.await_answers, CORE.call.take_answer
-_run_cycle, _take_cycle = CORE.call.run_cycle, CORE.call.take_cycle
+_begin_cycle, _run_cycles, _take_cycle = CORE.call.begin_cycle, CORE.call.run_cycles, CORE.call.take_cycle
 
 
 def _number(name: str) -> Any:
@@ -127,8 +127,8 @@ class CyclicExchange:
         cycles: Cycles since the start.
         was_dropped: True if the last cycle was too late to be sent; the slots then hold the data of the one before.
         schedule: Deadlines and statistics of the run's cycles; a lock-step bus has none, so nothing is counted there.
-        run: The record of the run that a cycle belongs to.
-        row: Row of the recording, -1 for none, where the exchange shall end the cycle if it can; else `NOT_ENDED` of `run.h`.
+        run: The record of the run that the cycles belong to.
+        stretch: The record of the cycles to come, `stretch` of `run.h`; a single one that is not ended, unless a run says more.
     """
 
     missing_answers: int = _number("missing_answers")
@@ -196,7 +196,8 @@ class CyclicExchange:
         self.data.message = self._received_data
         if network is not None and network.messages is not None and network.messages.line is not None:
             self.data.line, self.data.timeout_s = network.messages.line, network.timeout_s
-        self.run, self.row = CORE.NULL, CORE.call.NOT_ENDED
+        self.run, self.stretch = CORE.NULL, CORE.new("stretch")
+        self.stretch.count, self.stretch.row, self.stretch.period_s = 1, CORE.call.NOT_ENDED, period_s
         self.expect({})
 
     @property
@@ -283,30 +284,40 @@ class CyclicExchange:
         return refused
 
     def exchange(self) -> int | None:
-        """Run one cycle: RPDOs, SYNC, then answers until their time is over.
+        """Run the cycles of the stretch: RPDOs, SYNC, then answers until their time is over.
 
         In lock-step an answer may take as long as the bench file's time-out. Otherwise the cycle ends on its schedule,
         and a late answer counts as the newest one in the next cycle. A cycle that is too late is not sent at all: see
         `CycleSchedule`.
 
-        Return what `end_cycle` of `run.h` has found if the core has ended the cycle, and None if it has not.
+        Where a cycle is one message each way, and no log is kept, several may pass; otherwise one does.
+
+        Return what `run_cycles` of `run.h` has found if the core has ended the last cycle, and None if it has not.
         """
-        network, messages = self.network, self.network.messages
+        network, messages, stretch = self.network, self.network.messages, self.stretch
         if messages is not None and messages.takes_messages and self._fits_message and not self._may_be_behind:
-            found: int = _run_cycle(self.data, self.run, self.row)
-            if found < 0:
-                return self._go_on(found, messages)
-            if network.log.is_on:
+            is_logged, stretch.now_s = network.log.is_on, network.lock_step_s
+            if is_logged:
+                stretch.count = 1
+            messages.open_line()
+            found: int = _run_cycles(self.data, self.run, stretch)
+            messages.close_line()
+            if is_logged and stretch.done:
                 network.log_message(self._message, is_received=False)
-            network.lock_step_s += network.period_s
-            if network.log.is_on:
+            network.lock_step_s = stretch.now_s
+            if is_logged and stretch.done:
                 network.log_message(self._taken, is_received=True)
-            return found
+            return self._go_on(found, messages) if found < 0 else found
+        stretch.done = 0
+        refused: int = _begin_cycle(self.run, stretch)
+        if refused:
+            return refused
         if network.channel.is_lock_step:
             network.sync_with(self.commands())
             self._take_frames(network.receive_all(network.timeout_s))
         else:
             self._exchange_on_schedule()
+        stretch.done = 1
         return None
 
     def saw(self, frame: Frame) -> None:
@@ -325,13 +336,16 @@ class CyclicExchange:
             answer = bytes(self._received[: self.data.message_bytes])
         else:
             answer = messages.receive_message(network.timeout_s)
-        found = _take_cycle(self.data, self.run, self.row, answer, len(answer))
+        stretch = self.stretch
+        row = stretch.row if stretch.row < 0 else stretch.row + stretch.done
+        found = _take_cycle(self.data, self.run, row, answer, len(answer))
         if found >= 0:
             network.log_message(answer, is_received=True)
-            return found
-        messages.put_back(answer)
-        self._take_frames(network.receive_all(network.timeout_s) if answer else [])
-        return None
+        else:
+            messages.put_back(answer)
+            self._take_frames(network.receive_all(network.timeout_s) if answer else [])
+        stretch.done += 1
+        return found if found >= 0 else None
 
     def _take_frames(self, frames: list[Frame]) -> None:
         """Take the frames of a cycle, and those that it still waits for."""

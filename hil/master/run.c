@@ -150,7 +150,27 @@ integer take_cycle(struct exchange *e, struct run *run, integer row, const uint8
     return row == NOT_ENDED ? TAKEN : end_cycle(run, row, 0);
 }
 
-integer run_cycle(struct exchange *e, struct run *run, integer row)
+integer begin_cycle(struct run *run, const struct stretch *stretch)
+{
+    if (!stretch->reference) {
+        return IN_ORDER;
+    }
+    const integer count = run->exchange->axis_count, first = stretch->done * count;
+    for (integer row = 0; row < count; row++) {
+        run->values[REFERENCE_ROW * count + row] = stretch->reference[first + row];
+    }
+    if (run->cancellation) {
+        for (integer i = 0; i < 2 * count; i++) {
+            run->values[ADDITION_ROW * count + i] = run->values[POSITION_ROW * count + i];
+        }
+        cancel(run->cancellation, run->values + ADDITION_ROW * count);
+    }
+    const real *torque_nm = stretch->torque_offset_nm ? stretch->torque_offset_nm + first : 0;
+    return run->laws ? IN_ORDER : set_targets(run, torque_nm, stretch->has_additions);
+}
+
+/* Run one cycle in one message each way. */
+static integer run_cycle(struct exchange *e, struct run *run, integer row)
 {
     pack_commands(e);
     if (!e->line) {
@@ -162,4 +182,23 @@ integer run_cycle(struct exchange *e, struct run *run, integer row)
     }
     e->message_bytes = reached;
     return take_cycle(e, run, row, e->message, reached);
+}
+
+integer run_cycles(struct exchange *e, struct run *run, struct stretch *stretch)
+{
+    integer found;
+    stretch->done = 0;
+    do {
+        found = begin_cycle(run, stretch);
+        if (found != IN_ORDER) {
+            return found;
+        }
+        found = run_cycle(e, run, stretch->row < 0 ? stretch->row : stretch->row + stretch->done);
+        if (found < 0) {
+            return found;
+        }
+        stretch->now_s += stretch->period_s;
+        stretch->done++;
+    } while (found == IN_ORDER && stretch->done < stretch->count && stretch->now_s < stretch->until_s);
+    return found;
 }

@@ -4,6 +4,7 @@
 
 #include "cyclic.h"
 #include "guard.h"
+#include "hil/control/cancellation.h"
 #include "hil/control/servo.h"
 
 /* Set-points that are refused, beside what is wrong with an axis: a position or a torque that its object cannot hold, and a
@@ -37,7 +38,8 @@ struct run {
     real period_s;
     real *rows; /* of the recording */
     integer columns;
-    integer refused; /* index of the axis with which something is wrong */
+    const struct cancellation *cancellation; /* whose additions belong to the set-points; null without one */
+    integer refused;                         /* index of the axis with which something is wrong */
     real value;      /* what is refused of it */
 };
 
@@ -66,7 +68,28 @@ enum { NOT_ENDED = -2 };
  * Returns NOT_TAKEN if the message is another, or the tip is measured elsewhere; else TAKEN, or what end_cycle returns. */
 integer take_cycle(struct exchange *e, struct run *run, integer row, const uint8_t *message, integer size);
 
-/* Run a cycle in one message each way, as far as that goes: see exchange_message and take_cycle. */
-integer run_cycle(struct exchange *e, struct run *run, integer row);
+/* Cycles to come, and how far they have come. */
+struct stretch {
+    integer count;         /* of cycles */
+    integer row;           /* of the recording, in which the first ends; -1 without one; NOT_ENDED */
+    const real *reference; /* a row of set-points for each cycle; null: the targets are set */
+    const real *torque_offset_nm; /* a row of torque offsets for each; null: none */
+    integer has_additions; /* 1 if set-points have additions: those of one cycle, unless the run's cancellation makes them */
+    real now_s;            /* the bench's time */
+    real period_s;         /* that a cycle is worth */
+    real until_s;          /* no second cycle begins from then on */
+    integer done;          /* cycles that have ended */
+};
+
+/* Set the targets of the next cycle of a stretch. The host's loops, where it closes them, set them at the end of the last cycle.
+ *
+ * Returns what set_targets returns. */
+integer begin_cycle(struct run *run, const struct stretch *stretch);
+
+/* Run the next cycles, each in one message each way, as far as that goes: see begin_cycle, exchange_message and take_cycle.
+ *
+ * Returns IN_ORDER after a last cycle in order; what begin_cycle refuses, or end_cycle has found, after which no cycle
+ * follows; or a number below 0: how far the cycle behind those that are done has come. */
+integer run_cycles(struct exchange *e, struct run *run, struct stretch *stretch);
 
 #endif

@@ -5,7 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -25,10 +25,10 @@ from hil.master.last_positions import LastPositions
 from hil.master.lateness import duration_text
 from hil.master.motion import Motion
 from hil.master.run_table import RunTable
-from hil.master.set_point_adder import Sensed, SensingAdder, SetPointAdder
+from hil.master.set_point_adder import CompiledAdder, Sensed, SensingAdder, SetPointAdder
 from hil.master.supervision import Supervisor
 from hil.master.whereabouts import Whereabouts, stop_text
-from hil.recording import Recording
+from hil.recording import Real, Recording
 
 ENABLE_TIMEOUT_S = 2.0
 STOP_TIMEOUT_S = 2.0
@@ -39,8 +39,10 @@ REST_S = 0.1
 ADDED_UP_TO = 0.99
 """Fraction of an axis' speed limit up to which set-points with additions go: a drive rounds to its counts."""
 
-_set_targets, _end_cycle = CORE.call.set_targets, CORE.call.end_cycle
+_end_cycle = CORE.call.end_cycle
 _NOT_ENDED: int = CORE.call.NOT_ENDED
+ROWS_A_REPORT = 256
+"""Rows of the motion between two reports of its progress."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,7 @@ class Run:
         self._holding: dict[int, float] = {}
         self._began_rad: list[float] = []
         self._listener, self._sensor_missed = adder if isinstance(adder, SensingAdder) else None, 0
+        self._stepped = None if isinstance(adder, CompiledAdder) else adder
         self._bus_errors = Counter(supervisor.network.bus_errors)
 
     def _lay_out(self) -> None:
@@ -138,6 +141,9 @@ class Run:
             data.laws, data.loop, data.period_s = self.bank.laws, self.bank.values, self.bank.period_s
         data.rows, data.columns = self._rows, self.table.values.shape[1]
         self.exchange.run = data
+        self.exchange.stretch.has_additions = self.adder is not None
+        if isinstance(self.adder, CompiledAdder):
+            data.cancellation = self.adder.data
 
     # -- the sequence --------------------------------------------------------------------------------------------------
 
@@ -240,12 +246,11 @@ class Run:
         stated = [axis.table.limits.acceleration_rps_s for axis in self.axes]
         least = min((each for each in stated if each is not None), default=None)
         smooth = Smooth.way(distance, self.limits.approach_rps, APPROACH_RAMP_S, least)
-        for fraction in smooth.position(sample_times(smooth.duration_s, self.period_s)):
-            self.step([a + float(fraction) * (b - a) for a, b in zip(start, end, strict=True)])
+        fraction = np.asarray(smooth.position(sample_times(smooth.duration_s, self.period_s)))
+        self.follow(np.array(start) + fraction[:, np.newaxis] * (np.array(end) - np.array(start)))
 
     def _hold(self, where: list[float], duration_s: float) -> None:
-        for _ in range(round(duration_s / self.period_s)):
-            self.step(where)
+        self.follow(np.tile(where, (round(duration_s / self.period_s), 1)))
 
     def _record(self) -> None:
         """Run and record the motion, one row per SYNC."""
@@ -253,10 +258,9 @@ class Run:
         angles = self.motion.motor_angle_rad + np.asarray(self.starts)
         count = len(angles)
         try:
-            for row, references in enumerate(angles.tolist()):
-                self.step(references, row)
-                if row % 256 == 0:
-                    self.progress(row / count)
+            for row in range(0, count, ROWS_A_REPORT):
+                self.progress(row / count)
+                self.follow(angles[row : row + ROWS_A_REPORT], row)
         finally:
             self.missed = self.exchange.missed_cycles - before
             self.sensor_missed = self.exchange.sensor_missed - sensor_before
@@ -265,53 +269,67 @@ class Run:
 
     # -- one cycle -----------------------------------------------------------------------------------------------------
 
-    def step(self, references: list[float], row: int | None = None) -> None:
-        """Run one cycle: set-points out, answers in, limits checked.
+    def follow(self, references: Real, row: int | None = None) -> None:
+        """Run cycles: set-points out, answers in, limits checked.
 
-        It is recorded if a row is given. Host-closed, the laws run on the values just received, and their torques are
-        sent with the next cycle.
+        They are recorded from a row on, if one is given. Host-closed, the laws run on the values just received, and their
+        torques are sent with the next cycle.
+
+        Args:
+            references: Motor angles, a row for each cycle; shape (cycles, axes).
+            row: Row of the motion for the first.
+
+        Raises:
+            RunStopError: A node, an axis, the user or the master gives a reason to stop.
+            ValueError: A row is not one of all axes.
+            IndexError: The motion does not have these rows.
         """
-        table = self.table
-        if row is not None and not 0 <= row < table.room:
-            raise IndexError(f"row {row} of a motion of {table.room} rows")
-        place = -1 if row is None else row
-        self._references[self._all] = references
-        if self.bank is None:
-            self._set_points(references, row)
-        self.exchange.row = place
+        rows = np.ascontiguousarray(references, np.float64)
+        count, at = len(rows), 0
+        if rows.shape != (count, len(self.axes)):
+            raise ValueError(f"set-points of shape {rows.shape}; expected a row of {len(self.axes)} for each cycle")
+        if row is not None and not 0 <= row <= self.table.room - count:
+            raise IndexError(f"rows {row} to {row + count - 1} of a motion of {self.table.room} rows")
+        angles = CORE.pointer(rows) if count else CORE.NULL
+        while at < count:
+            place = None if row is None else row + at
+            if self._stepped is not None:
+                self._add(self._stepped, rows[at].tolist(), place)
+            at += self._go(angles + at * len(self.axes), count - at, place)
+
+    def _go(self, angles: Any, count: int, row: int | None) -> int:
+        """Run at least one of some cycles; return their number."""
+        stretch, offsets = self.exchange.stretch, self._motion_offsets
+        stretch.reference, stretch.count = angles, count if self._stepped is None else 1
+        stretch.torque_offset_nm = CORE.NULL if offsets is None or row is None else offsets + row * len(self.axes)
+        stretch.row = place = -1 if row is None else row
+        stretch.done = 0
         try:
             found = self._cycle()
         finally:
-            self.exchange.row = _NOT_ENDED
+            done = int(stretch.done)
+            stretch.reference, stretch.count, stretch.row = CORE.NULL, 1, _NOT_ENDED
+            if row is not None:
+                self.table.rows = row + done
         if found is None:
-            found = _end_cycle(self.data, place, self.exchange.was_dropped)
-        if row is not None:
-            table.rows = row + 1
+            found = _end_cycle(self.data, place if row is None else place + done - 1, self.exchange.was_dropped)
         if found:
             raise RunStopError(self._own_fault() or self.supervisor.fault() or self._with_bus_errors(self._words(found)))
         reason = self.supervisor.fault()
         if reason is not None:
             raise RunStopError(self._own_fault() or reason)
+        return done
 
-    def _set_points(self, references: list[float], row: int | None) -> None:
-        """Set the set-points of the next cycle, drive-closed.
+    def _add(self, adder: SetPointAdder, references: list[float], row: int | None) -> None:
+        """Ask for the additions to the next cycle's set-points.
 
-        In the drives' units, with additions. Set-points with additions stay within the speed of each axis, and the next
-        cycles make up for the rest: a SYNC that waits for another frame delays the measurement of an angle by some
-        tenths of a millisecond, and the addition then has a step.
-
-        Raises:
-            RunStopError: A torque offset is beyond the limit of its axis.
+        Set-points with additions stay within the speed of each axis, and the next cycles make up for the rest: a SYNC that
+        waits for another frame delays the measurement of an angle by some tenths of a millisecond, and the addition then has
+        a step.
         """
-        offsets = self._motion_offsets
-        torques = CORE.NULL if offsets is None or row is None else offsets + row * len(self.axes)
-        if self.adder is not None:
-            self._tell(row)
-            positions, felt = self._values[CORE.call.POSITION_ROW :].tolist()
-            self._additions[self._all], self._offsets[self._all] = self.adder.step(references, positions, felt)
-        found = _set_targets(self.data, torques, self.adder is not None)
-        if found:
-            raise RunStopError(self._words(found))
+        self._tell(row)
+        positions, felt = self._values[CORE.call.POSITION_ROW :].tolist()
+        self._additions[self._all], self._offsets[self._all] = adder.step(references, positions, felt)
 
     def _words(self, found: int) -> str:
         """Return what the core has found in a cycle, in words.
@@ -342,7 +360,7 @@ class Run:
         self._listener.sense(Sensed(exchange.tip_m_s2 if has_measured else None, row, load_rad))
 
     def _cycle(self) -> int | None:
-        """Run one cycle, and return what the exchange does.
+        """Run the exchange's next cycles, and return what it does.
 
         Stop after too many late cycles in a row.
         """

@@ -1,7 +1,7 @@
 """Additions to a run's set-points from the measured motor angles."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 
 class SetPointAdder(Protocol):
@@ -44,6 +44,20 @@ class Sensed(NamedTuple):
     tip_m_s2: tuple[float, float, float] | None
     row: int | None
     load_rad: tuple[float, ...] | None = None
+
+
+@runtime_checkable
+class CompiledAdder(SetPointAdder, Protocol):
+    """A `SetPointAdder` whose `step` the core does by itself.
+
+    Attributes:
+        data: Record `cancellation` of `cancellation.h`, with which it does so.
+    """
+
+    @property
+    def data(self) -> Any:
+        """See the attributes."""
+        ...
 
 
 @runtime_checkable

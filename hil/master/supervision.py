@@ -51,9 +51,13 @@ class Supervisor:
         return frame
 
     def cycle(self, exchange: CyclicExchange) -> int | None:
-        """Run one cycle, after the master's heartbeat if it is due; return what the exchange does."""
+        """Run the exchange's next cycles, after the master's heartbeat if it is due; return what the exchange does.
+
+        They end where the heartbeat is due again, or those of the nodes must be looked at.
+        """
         if self.network.now() >= self._heartbeat_due_s and not self.is_silent:
             exchange.saw(self.send_heartbeat())
+        exchange.stretch.until_s = self._silent_until_s if self.is_silent else min(self._heartbeat_due_s, self._silent_until_s)
         return exchange.exchange()
 
     def fault(self) -> str | None:

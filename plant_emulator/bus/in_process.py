@@ -5,14 +5,17 @@ The channel leads straight into a medium, so its user controls every cycle.
 
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 from drive_profiles.address import LOCAL, Address
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.channel import OneByOne
 from hil.can.errors import BusLostError
 from hil.can.frame import Frame, frames_of, pack
+from hil.can.local import direct_line
 from plant_emulator.bus.heard import FIRST_CLIENT, HeardFrame
-from plant_emulator.bus.medium import Instant, Medium
+from plant_emulator.bus.medium import NODES, Instant, Medium
+from plant_emulator.core import CORE
 from plant_emulator.world import World
 
 
@@ -43,6 +46,7 @@ class InProcessChannel(OneByOne):
         medium: The medium between world and client.
         is_logged: True if a measurement on it writes a log of its frames.
         syncs: Number of SYNCs so far.
+        line: The core's record of the medium, by which cycles need no Python; None where frames are logged, or have a medium.
         heard: Called with each frame of the bus and the time of its end, the client's own included.
         on_sync: Called with the number of each SYNC before the world receives it; a test interferes here.
         passes: Frames to the client for which it is false are lost.
@@ -53,7 +57,6 @@ class InProcessChannel(OneByOne):
     is_lock_step = True
     waits = False
     overflows = 0
-    line = None
 
     def __init__(self, world: World, medium: Medium | None = None, *, bitrate: int | None = None, is_logged: bool = True) -> None:
         """Join the bus and power the nodes on.
@@ -71,6 +74,8 @@ class InProcessChannel(OneByOne):
         self.medium.join(FIRST_CLIENT)
         self.address = Address(LOCAL, "in-process", self.medium.bitrate or bitrate)
         self.syncs = 0
+        has_line = medium is None and not is_logged
+        self.line: Any = direct_line(CORE.address(CORE.call.run_course), CORE.address(world.course)) if has_line else None
         self.heard: Callable[[Frame, int], None] = _nobody
         self.on_sync: Callable[[int], None] = _nothing
         self.passes: Callable[[Frame], bool] = _all
@@ -83,8 +88,20 @@ class InProcessChannel(OneByOne):
 
     @property
     def sent(self) -> list[Frame]:
-        """Frames that the client has sent, the latest `MAX_SENT` of them and of the messages."""
+        """Frames that the client has sent, the latest `MAX_SENT` of them and of the messages; not those on the `line`."""
         return [frame for each in self._sent for frame in (frames_of(each) if isinstance(each, bytes) else (each,))]
+
+    def open_line(self) -> None:
+        """Prepare the line for cycles that the core exchanges by itself."""
+        if self.line is not None:
+            self.line.syncs = self.syncs
+            self.world.open_course()
+
+    def close_line(self) -> None:
+        """Take over what has happened on the line since."""
+        if self.line is not None:
+            self.syncs = int(self.line.syncs)
+            self._deliver([HeardFrame(frame, NODES, self.world.now) for frame in self.world.close_course()])
 
     @property
     def takes_messages(self) -> bool:

@@ -216,3 +216,28 @@ integer synchronise(const struct image *image, const uint8_t *message, integer r
     }
     return DONE;
 }
+
+integer run_course(void *medium, const uint8_t *message, integer size, uint8_t *room)
+{
+    struct course *course = medium;
+    const struct image *image = course->image;
+    const struct mechanics *mechanics = course->mechanics;
+    const integer until = course->now + course->period;
+    if (!course->is_open || course->wakes_at <= until || synchronise(image, message, size / RECORD_BYTES) != DONE) {
+        return -1;
+    }
+    for (integer i = 0; i < image->answer_bytes; i++) {
+        room[i] = image->answer[i];
+    }
+    course->synced = course->now;
+    course->now = until;
+    const integer periods = (until - course->mechanics_now) / course->control_period;
+    if (periods > 0) {
+        advance_all(mechanics, periods);
+        course->mechanics_now += periods * course->control_period;
+        for (integer row = 0; row < mechanics->count; row++) {
+            course->is_open = course->is_open && !mechanics->axes[row].motion.wake;
+        }
+    }
+    return image->answer_bytes;
+}

@@ -82,6 +82,7 @@ struct image {
     const struct mapped *told;  /* objects of the TPDOs */
     integer shown;
     uint8_t *answer; /* records of all TPDOs in the order of their identifiers; heads are there */
+    integer answer_bytes;
 };
 
 /* What synchronise has done: all; nothing, since a frame or a drive is not plain; nothing, since the noise is used up. */
@@ -97,5 +98,24 @@ integer is_plain(const struct image *image, const uint8_t *message, integer reco
  *
  * message holds records of RPDOs and, last, of SYNC. What is not DONE has changed nothing. */
 integer synchronise(const struct image *image, const uint8_t *message, integer records);
+
+/* A stretch of a world's time, in ns, in which cycles need no Python. */
+struct course {
+    const struct image *image;
+    const struct mechanics *mechanics;
+    integer is_open; /* 1 while every node only follows its set-points and answers within the period, and no drive has woken */
+    integer now;
+    integer mechanics_now; /* control periods have passed up to then */
+    integer wakes_at;      /* next instant at which a node acts by itself */
+    integer control_period;
+    integer period; /* that a SYNC is worth */
+    integer synced; /* instant of the last SYNC */
+};
+
+/* Run a cycle of a struct course: one SYNC, as in synchronise, and the period behind it. A struct line of the master leads here.
+ *
+ * Returns the bytes of the answers, copied to room for them; or -1, and nothing has changed, if a node must hear the frames, or
+ * acts by itself before the period is over. */
+integer run_course(void *medium, const uint8_t *message, integer size, uint8_t *room);
 
 #endif

@@ -46,6 +46,7 @@ class ProcessImage:
     """The process data of all drives and the accelerometer, in C.
 
     Attributes:
+        shared: Its record.
         slaves: The nodes for which it acts: those that listen to SYNC.
         ports: Node-IDs of the senders of the TPDOs, in the order of their identifiers.
         is_in_order: True if a bus sends all TPDOs in the order of their identifiers: these are all different, and those of each
@@ -76,7 +77,7 @@ class ProcessImage:
         self._idle: list[Drive] = []
         self._sampled: list[tuple[Tpdo, int]] = []
         self._answer = bytearray()
-        self._shared = shared = CORE.new("image")
+        self.shared = shared = CORE.new("image")
         self._axes = CORE.pointer(axes.rows, "axis"), CORE.pointer(axes.processes, "process")
         shared.axes, shared.processes = self._axes
         shared.count, shared.period_s, shared.sensed = len(axes.numbers), axes.robot.control_period_s, axes.sensed
@@ -142,13 +143,14 @@ class ProcessImage:
             row["head"], row["first"], row["count"] = np.frombuffer(record, np.uint8), first, count
         rows = np.array([drive.row for drive in self._drives] or [0], np.int64)
         lists = [np.array([*objects] or [Mapped(0, 0, 0)], np.int64) for objects in (taken, told)]
-        shared, answer = self._shared, np.frombuffer(self._answer or bytearray(1), np.uint8)
+        shared, answer = self.shared, np.frombuffer(self._answer or bytearray(1), np.uint8)
         kept = (
             CORE.pointer(rpdos, "received"), CORE.pointer(rows, "int64_t"), CORE.pointer(answer, "uint8_t"),
             *(CORE.pointer(each.view(CORE.dtype("mapped"))[:, 0], "mapped") for each in lists),
         )  # fmt: skip
         shared.received, shared.rows, shared.answer, shared.taken, shared.told = kept
         shared.rpdos, shared.drives, shared.shown = len(received), len(self._drives), len(told)
+        shared.answer_bytes = len(self._answer)
         self._kept = [*kept]
 
     def _shown(self, node: Node, cell: Cell) -> tuple[int, int] | None:
@@ -168,9 +170,14 @@ class ProcessImage:
         is_own = self._accelerometer.measure == self._measure
         return is_plain and is_own and all(slave.is_settled for slave in self.slaves)
 
+    @property
+    def is_whole(self) -> bool:
+        """True if C knows all objects of the TPDOs."""
+        return not self._sampled
+
     def takes(self, message: bytes) -> bool:
         """Return True if `synchronise` takes these records now."""
-        return bool(CORE.call.is_plain(self._shared, message, len(message) // RECORD.size))
+        return bool(CORE.call.is_plain(self.shared, message, len(message) // RECORD.size))
 
     def synchronise(self, message: bytes, now: int) -> bytes | None:
         """Process the records of RPDOs and of a SYNC behind them.
@@ -183,15 +190,23 @@ class ProcessImage:
             Records of the TPDOs in the order of their identifiers. None if a record or a drive needs the slaves; then nothing has
             changed.
         """
-        self._sensor.draw()
-        if CORE.call.synchronise(self._shared, message, len(message) // RECORD.size) != CORE.call.DONE:
+        self.draw()
+        if CORE.call.synchronise(self.shared, message, len(message) // RECORD.size) != CORE.call.DONE:
             return None
         for tpdo, place in self._sampled:
             data = tpdo.sample()
             self._answer[place : place + len(data)] = data
+        self.pass_to(now)
+        return bytes(self._answer)
+
+    def draw(self) -> None:
+        """Draw noise for SYNCs to come, if it is used up."""
+        self._sensor.draw()
+
+    def pass_to(self, now: int) -> None:
+        """Let the slaves note the time of a SYNC."""
         for slave in self.slaves:
             slave.pass_to(now)
-        return bytes(self._answer)
 
 
 def _placed(objects: Iterable[tuple[int, int, Cell]], place: int) -> list[Mapped]:

@@ -97,6 +97,7 @@ class Axes:
         notch_state: `NOTCH_STATE` array, shape (n_axes, NOTCHES).
         processes: `PROCESS` array, shape (n_axes,): the drives' values as PDOs bring them.
         tip: The tip that the axes move.
+        shared: All that the compiled periods work on.
         arm: The arm whose links couple the axes; None if each turns an inertia of its own.
     """
 
@@ -139,13 +140,13 @@ class Axes:
         self._response = response_of(robot)
         self._axes = CORE.pointer(rows, "axis")
         self._prepared = CORE.pointer(np.zeros(count, CORE.dtype("prepared")), "prepared")
-        self._shared, self._has_room_for = CORE.new("mechanics"), 0
+        self.shared, self._has_room_for = CORE.new("mechanics"), 0
         self._share()
         self._bind()
 
     def _share(self) -> None:
         """Give C the arrays."""
-        shared = self._shared
+        shared = self.shared
         shared.axes, shared.prepared, shared.count, shared.tip = self._axes, self._prepared, len(self.numbers), self.tip.shared
         shared.period_s, shared.substeps = self.robot.control_period_s, self.robot.plant_substeps
         if self.arm is not None:
@@ -167,15 +168,16 @@ class Axes:
 
     def advance(self, periods: int) -> None:
         """Advance everything by some control periods."""
-        if periods > self._has_room_for:
-            self._make_room(periods)
-        CORE.call.advance_all(self._shared, periods)
+        self.make_room(periods)
+        CORE.call.advance_all(self.shared, periods)
 
-    def _make_room(self, periods: int) -> None:
+    def make_room(self, periods: int) -> None:
         """Make room for the arms' states and the tip after each of so many control periods."""
+        if periods <= self._has_room_for:
+            return
         self._has_room_for = periods
         self._room = CORE.pointer(np.empty((periods, len(self.numbers), 3))), CORE.pointer(np.empty((periods, 3)))
-        self._shared.trace, self._shared.tips = self._room
+        self.shared.trace, self.shared.tips = self._room
 
     def follow(self, rows: Sequence[int], set_points: Real, periods: int) -> FollowedRun:
         """Give some axes in cyclic position mode one set-point after the other.
@@ -190,8 +192,8 @@ class Axes:
         samples = len(set_points)
         trace, tips = np.zeros((samples, len(rows), CORE.call.TRACE_COLUMNS)), np.zeros((2, samples, 3))
         given = CORE.pointer(np.array(rows, np.int64), "int64_t"), len(rows), CORE.pointer(np.array(set_points, np.float64))
-        self._make_room(periods)
-        CORE.call.follow(self._shared, periods, samples, *given, *map(CORE.pointer, (trace, *tips)))
+        self.make_room(periods)
+        CORE.call.follow(self.shared, periods, samples, *given, *map(CORE.pointer, (trace, *tips)))
         counts, arm, torque = np.moveaxis(trace, 2, 0)
         return FollowedRun(counts.astype(np.int64), arm, torque, *tips)
 
@@ -270,14 +272,14 @@ class Axes:
 
         One that is fixed to a link of an arm gives what it feels there, along its own axes.
         """
-        CORE.call.sense_now(self._shared, self.tip.now_by)
+        CORE.call.sense_now(self.shared, self.tip.now_by)
         x, y, z = self.tip.now.tolist()
         return x, y, z
 
     @property
     def sensed(self) -> Any:
         """Pointer to what `sensed_acceleration` reads; null if that is the tip's acceleration of the instant."""
-        return self._shared.sensed
+        return self.shared.sensed
 
 
 def tip_of(robot: Robot) -> MovedTip:

@@ -120,10 +120,10 @@ MAX_RECORDED = 1 << 15
 class HeldRun(Run):
     """A run that follows the test's commands instead of a motion."""
 
-    def follow(self, reference: float) -> None:
+    def step(self, reference: float) -> None:
         """Run one cycle with a set-point."""
         rows = self.table.rows
-        self.step([reference], rows if rows < MAX_RECORDED else None)
+        self.follow(np.array([[reference]]), rows if rows < MAX_RECORDED else None)
 
 
 class EnabledDrive:
@@ -283,7 +283,7 @@ class EnabledDrive:
         try:
             for reference in references:
                 self._reference = reference
-                self._run.follow(reference)
+                self._run.step(reference)
         except RunStopError as stop:
             self._stopped = self._run.stop(stop.reason)
         except ChannelError as error:

@@ -130,7 +130,7 @@ class Survey:
 @contextmanager
 def session_on(robot: Robot, bench: Bench) -> Iterator[Session]:
     """Open a session on a robot of its own."""
-    with Session(bench, InProcessChannel(World(robot), bitrate=robot.bus.bitrate), BusLog(None)) as session:
+    with Session(bench, InProcessChannel(World(robot), bitrate=robot.bus.bitrate, is_logged=False), BusLog(None)) as session:
         session.bring_up()
         yield session
 

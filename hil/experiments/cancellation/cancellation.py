@@ -9,6 +9,7 @@ trusted before its trial at the tip: `hil.experiments.cancellation.trial`.
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
@@ -42,7 +43,7 @@ FOLLOWING_PART = 0.05
 class CancellationAdder:
     """Set-point adder of a cancellation.
 
-    It is a `hil.master.set_point_adder.SetPointAdder`; each run needs a new one.
+    It is a `hil.master.set_point_adder.CompiledAdder`; each run needs a new one.
 
     Attributes:
         uses_torque: True if torque offsets (60B2h) are mapped.
@@ -51,6 +52,11 @@ class CancellationAdder:
 
     uses_torque: bool
     laws: CancellationLaw
+
+    @property
+    def data(self) -> Any:
+        """The core's record of the laws."""
+        return self.laws.data
 
     def step(
         self, references_rad: Sequence[float], positions_rad: Sequence[float], torques_nm: Sequence[float]

@@ -91,10 +91,13 @@ def test_any_number_goes_through_the_cancellation(rows, step_rps, lowpass_hz):
     configs, states = np.zeros(1, CANCELLATION_CONFIG), np.zeros(1, CANCELLATION_STATE)
     configs["step_rps"], configs["speed_lowpass_hz"], configs["torque_step_nm"] = step_rps, lowpass_hz, 0.01
     waves, table, values = np.ones((1, 2, 3)), np.ones((1, 2, 4, WAVE_COLUMNS)), np.zeros((2, 1))
-    shared = CORE.pointer(configs, "cancellation_config"), CORE.pointer(states, "cancellation_state")
+    shared, given = CORE.new("cancellation"), [CORE.pointer(each) for each in (waves, table)]
+    shared.configs, shared.states = CORE.pointer(configs, "cancellation_config"), CORE.pointer(states, "cancellation_state")
+    shared.waves, shared.table = given
+    shared.count, shared.wave_count, shared.speeds, shared.period_s = 1, 2, 4, 1e-3
     for row in rows:
         values[:, 0] = row
-        CORE.call.cancel(*shared, CORE.pointer(waves), CORE.pointer(table), 1, 2, 4, 1e-3, CORE.pointer(values))
+        CORE.call.cancel(shared, CORE.pointer(values))
 
 
 @pytest.mark.ci

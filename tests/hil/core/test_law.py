@@ -97,13 +97,16 @@ def test_the_cancellation_is_that_of_the_specification_to_the_last_bit(seed):
     lines, table = source.uniform(-3.0, 3.0, (axes, waves, 3)), source.uniform(-1.0, 1.0, (axes, waves, speeds, WAVE_COLUMNS))
     spec = [plain(each) for each in configs], [plain(each) for each in states]
     values = np.zeros((2, axes))
-    shared = (CORE.pointer(configs, "cancellation_config"), CORE.pointer(states, "cancellation_state"), CORE.pointer(lines))
+    shared, given = CORE.new("cancellation"), [CORE.pointer(each) for each in (lines, table)]
+    shared.configs, shared.states = CORE.pointer(configs, "cancellation_config"), CORE.pointer(states, "cancellation_state")
+    shared.waves, shared.table = given
+    shared.count, shared.wave_count, shared.speeds, shared.period_s = axes, waves, speeds, period_s
     angle = np.zeros(axes)
     for _ in range(200):
         angle += period_s * 2.0 * math.pi * source.uniform(-8.0, 8.0, axes)
         values[:] = angle, source.uniform(-1.0, 1.0, axes)
         given_to = values.tolist()
-        CORE.call.cancel(*shared, CORE.pointer(table), axes, waves, speeds, period_s, CORE.pointer(values))
+        CORE.call.cancel(shared, CORE.pointer(values))
         for row in range(axes):
             expected = law.cancellation_step(
                 spec[0][row], spec[1][row], lines[row].tolist(), table[row].tolist(), period_s, given_to[0][row], given_to[1][row]

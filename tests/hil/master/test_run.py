@@ -72,10 +72,15 @@ class Rig:
         self.run = Run(motion, axes, self.exchange, LIMITS, supervisor, [0.0] * COUNT, adder=adder, bank=bank)
 
     def bring(self):
+        refused = CORE.call.begin_cycle(self.run.data, self.exchange.stretch)
+        if refused:
+            return refused
         CORE.call.await_answers(self.exchange.data)
         for frame in self.frames:
             assert self.exchange.take(frame)
         CORE.call.count_answers(self.exchange.data)
+        self.exchange.stretch.done = 1
+        return None
 
     def answer(self, row, word, counts, per_mille, notch_hz=0.0):
         data = word.to_bytes(2, "little") + counts.to_bytes(4, "little", signed=True)
@@ -91,7 +96,7 @@ class Rig:
     def send(self, references, row=None):
         """The set-points of a cycle; answers that stop the run are of no interest."""
         try:
-            self.run.step(references, row)
+            self.run.follow([references], row)
         except RunStopError as stop:
             if "torque offset" in stop.reason:
                 raise specification.RefusedError from None
@@ -196,7 +201,7 @@ def test_a_cycle_checks_and_records_as_its_specification(loop, cycles):
         else:
             found = specification.check(axes, guards, SCALINGS, references)
         try:
-            rig.run.step(references, number)
+            rig.run.follow([references], number)
             stopped = None
         except RunStopError as stop:
             stopped = stop.reason
@@ -217,8 +222,8 @@ def test_an_adder_is_told_what_was_measured_last():
     rig = Rig(adder=adder)
     for row in range(COUNT):
         rig.answer(row, 0x0637, 10 * row, row)
-    rig.run.step([0.0] * COUNT)
-    rig.run.step([0.0] * COUNT)
+    rig.run.follow([[0.0] * COUNT])
+    rig.run.follow([[0.0] * COUNT])
     references, positions, torques = adder.told[-1]
     assert references == [0.0] * COUNT
     assert positions == [each.position_rad(10 * row) for row, each in enumerate(SCALINGS)]
@@ -229,10 +234,10 @@ def test_set_points_of_other_than_all_axes_are_refused():
     rig = Rig()
     for references in ([0.0] * (COUNT - 1), [0.0] * (COUNT + 1)):
         with pytest.raises(ValueError, match="3"):
-            rig.run.step(references)
+            rig.run.follow([references])
 
 
 @pytest.mark.parametrize("row", [-1, 64])
 def test_a_row_that_the_motion_has_not_is_refused(row):
-    with pytest.raises(IndexError, match=f"row {row} of a motion of 64 rows"):
-        Rig().run.step([0.0] * COUNT, row)
+    with pytest.raises(IndexError, match=f"rows {row} to {row} of a motion of 64 rows"):
+        Rig().run.follow([[0.0] * COUNT], row)

@@ -1,6 +1,7 @@
 """What the master watches beside the cycle, on a network whose time the test owns."""
 
 from collections import Counter, deque
+from types import SimpleNamespace
 
 import pytest
 
@@ -37,6 +38,7 @@ class Exchange:
     def __init__(self) -> None:
         self.cycles = 0
         self.seen: list[Frame] = []
+        self.stretch = SimpleNamespace(until_s=0.0)
 
     def exchange(self) -> None:
         self.cycles += 1

@@ -35,11 +35,11 @@ def short(bench):
 
 
 def sessions(robot, bench):
-    """The same robot twice: frame by frame, and in messages."""
+    """The same robot three times: frame by frame, in messages, and in cycles of C alone."""
     by_frames, in_messages = InProcessChannel(World(robot)), InProcessChannel(World(robot))
     by_frames.heard = lambda frame, end_ns: None  # somebody looks at every frame
-    yield Session(bench, by_frames, BusLog(None))
-    yield Session(bench, in_messages, BusLog(None))
+    for channel in (by_frames, in_messages, InProcessChannel(World(robot), is_logged=False)):
+        yield Session(bench, channel, BusLog(None))
 
 
 def recorded(robot, bench, motion, filters="none", *, loop="drive", cancels=False, runs=1):
@@ -56,13 +56,14 @@ def recorded(robot, bench, motion, filters="none", *, loop="drive", cancels=Fals
 
 
 def assert_same(results):
-    over_bus, direct = results
+    over_bus, *others = results
     assert over_bus.stopped is None
-    assert direct.stopped is None
-    assert list(direct.recording.columns) == list(over_bus.recording.columns)
-    for name, column in over_bus.recording.columns.items():
-        np.testing.assert_array_equal(direct.recording.columns[name], column, err_msg=name)
-    assert replace(direct, recording=None, wall_s=0.0) == replace(over_bus, recording=None, wall_s=0.0)
+    for direct in others:
+        assert direct.stopped is None
+        assert list(direct.recording.columns) == list(over_bus.recording.columns)
+        for name, column in over_bus.recording.columns.items():
+            np.testing.assert_array_equal(direct.recording.columns[name], column, err_msg=name)
+        assert replace(direct, recording=None, wall_s=0.0) == replace(over_bus, recording=None, wall_s=0.0)
 
 
 @pytest.mark.slow
@@ -108,11 +109,22 @@ def test_a_limit_that_is_broken_stops_a_run_without_frames_in_the_words_of_the_d
     limits = bench.axis[2].limits.model_copy(update={"following_error_rev": 0.05, "following_error_timeout_s": 0.02})
     table = bench.axis[2].model_copy(update={"limits": limits})
     bench = bench.model_copy(update={"axis": {**bench.axis, 2: table}})
-    over_bus, direct = recorded(robot, bench, constant_acceleration(bench, 2, 0.002))
-    assert direct.stopped is not None
-    assert direct.stopped.reason == over_bus.stopped.reason
-    assert direct.stopped.all_disabled
-    assert direct.cycles == over_bus.cycles
+    over_bus, *others = recorded(robot, bench, constant_acceleration(bench, 2, 0.002))
+    for direct in others:
+        assert direct.stopped is not None
+        assert direct.stopped.reason == over_bus.stopped.reason
+        assert direct.stopped.all_disabled
+        assert direct.cycles == over_bus.cycles
+
+
+def test_cycles_of_c_alone_leave_few_to_python(monkeypatch):
+    bench, robot, messages = short(load_bench("reference")), load_robot("reference"), []
+    send = InProcessChannel.send_message
+    monkeypatch.setattr(InProcessChannel, "send_message", lambda self, records: (messages.append(self), send(self, records)))
+    *_, by_messages, alone = recorded(robot, bench, constant_acceleration(bench, 2, 0.002))
+    assert by_messages.cycles == alone.cycles
+    logged = sum(channel.is_logged for channel in messages)
+    assert len(messages) - logged < 0.1 * logged
 
 
 def test_a_loop_of_the_host_goes_frame_by_frame_and_is_the_same():
