@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import functools
 import gc
 import inspect
 import io
@@ -13,7 +15,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, Any, NoReturn, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -233,13 +235,44 @@ _declared: defaultdict[str, list[tuple[Callable[..., None], str | None, dict[str
 
 
 def command(name: str | None = None, **settings: Any) -> Callable[[_Command], _Command]:
-    """Return a decorator that declares a command of its module, for `mount`."""
+    """Return a decorator that declares a command of its module, for `mount`.
+
+    A parameter that is a dataclass stands for its fields: the required ones at its place, the others after all parameters.
+    """
 
     def declare(function: _Command) -> _Command:
-        _declared[function.__module__].append((function, name, settings))
+        _declared[function.__module__].append((_with_fields(function), name, settings))
         return function
 
     return declare
+
+
+def _with_fields(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that takes the fields of a dataclass as options of their own."""
+    parameters: list[inspect.Parameter] = []
+    behind: list[inspect.Parameter] = []
+    groups: dict[str, tuple[Any, list[str]]] = {}
+    for each in inspect.signature(function, eval_str=True).parameters.values():
+        group: Any = each.annotation
+        if not dataclasses.is_dataclass(group):
+            parameters.append(each.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+            continue
+        hints = get_type_hints(group, include_extras=True)
+        groups[each.name] = group, [field.name for field in dataclasses.fields(group)]
+        for field in dataclasses.fields(group):
+            is_required = field.default is dataclasses.MISSING
+            default = inspect.Parameter.empty if is_required else field.default
+            option = inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hints[field.name])
+            (parameters if is_required else behind).append(option)
+
+    @functools.wraps(function)
+    def flat(**values: Any) -> None:
+        made = {name: group(**{field: values.pop(field) for field in fields}) for name, (group, fields) in groups.items()}
+        function(**made, **values)
+
+    flat.__dict__["__signature__"] = inspect.Signature([*parameters, *behind])
+    flat.__annotations__ = {each.name: each.annotation for each in (*parameters, *behind)}
+    return flat if groups else function
 
 
 def mount(app: typer.Typer, *modules: ModuleType) -> None:

@@ -162,6 +162,14 @@ def device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path
     return Device(port, catalogue_of(names[0] if names else None, eds_file, node), bus.nmt)
 
 
+def any_device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path | None = None) -> Device:
+    """Open the device at a node; one without a fitting profile has the standard's objects."""
+    try:
+        return device_at(bus, node, profile, eds_file)
+    except NodeError:  # no profile is of it, or several are
+        return Device(bus.port(node), Catalogue(), bus.nmt)
+
+
 def _who(identity: DeviceIdentity) -> str:
     revision = "" if identity.revision is None else f", revision 0x{identity.revision:08X}"
     return f"vendor 0x{identity.vendor_id or 0:08X}, product 0x{identity.product_code or 0:08X}{revision}"
