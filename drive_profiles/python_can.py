@@ -32,19 +32,13 @@ class _NotYet(MetaPathFinder):
 
 
 def postpone_mf4() -> None:
-    """Let this process import python-can without asammdf.
-
-    A program that does so calls `with_mf4` before it opens an MF4 file.
-    """
+    """Import python-can without asammdf, until `with_mf4` opens MF4 files."""
     if not any(isinstance(finder, _NotYet) for finder in sys.meta_path):
         sys.meta_path.insert(0, _NotYet())
 
 
 def with_mf4() -> None:
-    """Load python-can's readers and writers of MF4 files.
-
-    Without asammdf they still report that it is missing.
-    """
+    """Load python-can's MF4 readers and writers; without asammdf they say so."""
     readers: Any = importlib.import_module(READERS)
     if readers.asammdf is not None:
         return

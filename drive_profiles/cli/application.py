@@ -38,20 +38,14 @@ READER_GONE = 141
 
 
 def described(text: str) -> tuple[str, tuple[str, ...]]:
-    """Split a command's help into its description and its examples.
-
-    Each line below `Example:` or `Examples:` is an example.
-    """
+    """Split a command's help into its description, and the examples below `Examples:`."""
     description, *rest = _EXAMPLES.split(inspect.cleandoc(text), maxsplit=1)
     lines = "".join(rest).splitlines()
     return description.rstrip(), tuple(line.strip() for line in lines if line.strip())
 
 
 def folded(command: str, width: int) -> list[str]:
-    r"""Fold a command for the shell.
-
-    Every line but the last ends with a backslash, and each option stays on one line with its value.
-    """
+    r"""Fold a command for the shell; each option stays with its value."""
     parts: list[str] = []
     for word in _WORD.findall(command):
         if parts and not word.startswith("-"):
@@ -77,19 +71,13 @@ def _without_types(left: str) -> str:
 
 
 class _Help:
-    """Help of a command or a group.
-
-    Prose and options are wrapped, examples are not; exit statuses come last.
-    """
+    """Help of a command or a group, whose examples are not wrapped."""
 
     help: str | None
     epilog: str | None
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help, with names such as `fixed-notch` unbroken.
-
-        A name on one line can be copied and searched for.
-        """
+        """Write the help, with names such as `fixed-notch` unbroken, to copy them."""
         write_rows = formatter.write_dl
         formatter.write_dl = lambda rows, *sizes: write_rows(
             [(_without_types(left), right.replace("-", _UNBROKEN)) for left, right in rows], *sizes
@@ -145,10 +133,7 @@ class ToolGroup(_Help, TyperGroup):
     """Tool, or group of its commands, whose summaries are whole sentences."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; end quietly if the output's reader is gone.
-
-        click would end with 1.
-        """
+        """Run the command; end quietly if the output's reader is gone."""
         try:
             with _interruptible():
                 return super().invoke(ctx)
@@ -286,10 +271,7 @@ def mount(app: typer.Typer, *modules: ModuleType) -> None:
 
 
 def _leave(status: int) -> NoReturn:
-    """End the process at once.
-
-    The interpreter's own end would handle signals again and change the status.
-    """
+    """End the process at once; a usual end would handle signals again."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()

@@ -82,10 +82,7 @@ def diff(
 
 
 def _between_files(left: Path, right: Path, profile: str | None, eds: Path | None, node: int | None) -> list[Difference]:
-    """Return the differences between two sets in files.
-
-    The files may have any format; objects are compared by address and bytes, if these are known.
-    """
+    """Return the differences between two sets in files, of any format."""
     from drive_profiles.cli.sets import catalogue_for
     from drive_profiles.errors import ProfileNotFoundError
     from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
@@ -109,10 +106,7 @@ def _between_files(left: Path, right: Path, profile: str | None, eds: Path | Non
 
 
 def _against_drive(path: Path, drive: DriveOptions) -> list[Difference]:
-    """Return the differences between a parameter set and a drive.
-
-    The drive's values may be outside the limits.
-    """
+    """Return the differences between a parameter set and a drive, without limits."""
     from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.errors import NodeError
@@ -137,10 +131,7 @@ def _against_drive(path: Path, drive: DriveOptions) -> list[Difference]:
 
 
 def _against_defaults(drive: DriveOptions, eds_file: Path) -> list[Difference]:
-    """Return the differences between an EDS's defaults and a drive.
-
-    Objects that only the maker writes are left out.
-    """
+    """Return the differences between an EDS's defaults and a drive."""
     from drive_profiles import eds as front_end
     from drive_profiles.eds.export import entries
     from drive_profiles.errors import DriveProfileError, NoAnswerError, RefusedError

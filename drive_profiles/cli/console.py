@@ -22,10 +22,7 @@ from drive_profiles.upload.interrupt import InterruptWindow
 
 
 class ToolExitStatus(IntEnum):
-    """Exit statuses of one tool.
-
-    Each member has its number and its sentence in the help.
-    """
+    """Exit statuses of one tool, each with its sentence in the help."""
 
     sentence: str
 
@@ -54,12 +51,7 @@ class ExitStatus(ToolExitStatus):
 
 
 def epilog(statuses: Iterable[ToolExitStatus], own: Mapping[ToolExitStatus, str] | None = None) -> str:
-    """Return the exit statuses of a command for its help.
-
-    Args:
-        statuses: The exit statuses of the command.
-        own: Sentences that replace the tool's for this command.
-    """
+    """Return a command's exit statuses for its help, some with own sentences."""
     sentences = own or {}
     return f"Exit status: {'; '.join(f'{status:d} {sentences.get(status, status.sentence)}' for status in statuses)}."
 
@@ -107,10 +99,7 @@ STORE_EPILOG = epilog(
 def exit_on_error(*, writes: bool = False) -> Iterator[None]:
     """Turn the package's errors into a message and an exit status.
 
-    Errors that the user can mend give no traceback.
-
-    Args:
-        writes: True for a command that writes to a drive; from its first write on, `Interrupts` holds the signals.
+    From the first write of a command that `writes` on, `Interrupts` holds the signals.
     """
     from drive_profiles.address import AddressError  # noqa: PLC0415
     from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError  # noqa: PLC0415
@@ -139,16 +128,7 @@ def print_json(document: Any) -> None:
 
 
 def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, err: bool = False) -> None:
-    """Print a table in aligned columns.
-
-    It is as wide as the terminal; without a terminal its width is not limited.
-
-    Args:
-        title: Title above the table; empty for none.
-        header: Names of the columns.
-        rows: Cells, row by row.
-        err: Print on standard error.
-    """
+    """Print a table in aligned columns, as wide as a terminal is."""
     if title:
         typer.echo(f"\n{title}", err=err)
     for line in lines(header, rows, terminal_width(err=err)):
@@ -227,11 +207,7 @@ class Interrupts:
     is_held_to_the_end: ClassVar[bool] = False
 
     def __init__(self, *, is_last: bool = True) -> None:
-        """Prepare to hold signals.
-
-        Args:
-            is_last: The command ends with this context; False if more follows, which a signal may end.
-        """
+        """Prepare to hold signals, to the end if nothing follows this context."""
         self.window = InterruptWindow()
         self._is_last = is_last
         self._before: dict[signal.Signals, Any] = {}
@@ -251,12 +227,7 @@ class Interrupts:
         self._before.clear()
 
     def hold(self, in_time: str, too_late: str) -> None:
-        """Hold signals from now on.
-
-        Args:
-            in_time: Line that is printed when one comes while the window is open.
-            too_late: Line that is printed when one comes after that.
-        """
+        """Hold signals; each prints the first line, or too late the second."""
         self._messages = {True: f"\n{in_time}\n".encode(), False: f"\n{too_late}\n".encode()}
         for number in self.SIGNALS:
             if signal.getsignal(number) is not signal.SIG_IGN:  # nohup stays nohup

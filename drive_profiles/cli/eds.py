@@ -183,10 +183,7 @@ def _load(path: Path, node_id: int | None) -> Description:
 
 
 def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, ...]:
-    """Return the problems of a file just made.
-
-    They are faults of the device, not of the file's form.
-    """
+    """Return the problems of a file just made: faults of the device."""
     from drive_profiles.eds import loads
     from drive_profiles.errors import FileError
 

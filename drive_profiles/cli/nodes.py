@@ -305,14 +305,7 @@ def _with_one(
 ) -> None:
     """Choose one node, print its address, and act on it.
 
-    Args:
-        bus: The bus.
-        identity: Text of `--identity`.
-        unconfigured: Choose by fast scan.
-        only: Choose the only node of the bus.
-        timeout_s: Time to an answer.
-        change: What is done with the chosen node.
-        taken: Node-ID that must be free.
+    `taken` is a node-ID that must be free.
     """
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.lss import Lss

@@ -326,10 +326,7 @@ def get(
 def _got(
     device: Device, entries: list[CatalogueEntry]
 ) -> tuple[list[tuple[CatalogueEntry, bytes, float | str]], list[tuple[CatalogueEntry, DriveProfileError]]]:
-    """Read objects; return those read and those that failed.
-
-    The read ones have bytes and value, the failed ones the reason.
-    """
+    """Read objects; return those read, with bytes and value, and the failures."""
     from drive_profiles.errors import BusError, DriveProfileError
 
     values: list[tuple[CatalogueEntry, bytes, float | str]] = []

@@ -112,12 +112,7 @@ def _upload(bus: SdoBus, node: int, wanted: ParameterSet | Path, request: Transa
 
 
 def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> None:
-    """Print the changes as a table.
-
-    With `--json` it goes to standard error, since standard output has the document of the results.
-
-    Before a question or a result the table is short, so that the following text does not push it out of sight.
-    """
+    """Print the changes as a table, short before a question."""
     rows: list[tuple[str, ...]] = []
     documents: list[dict[str, Any]] = []
     for item in uploads:
@@ -138,10 +133,7 @@ def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> Non
 
 
 def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, float | str, str, DataType | None]:
-    """Return the value now, new value, unit and type of a write.
-
-    They are in the parameter's unit even if the line is raw, as in a snapshot.
-    """
+    """Return value now, new value, unit and type of a write."""
     from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
 
     known = device.catalogue.get(write.address)
@@ -157,10 +149,7 @@ def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, fl
 
 
 def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> None:
-    """Print the result of each upload.
-
-    If a drive's state is not known, the next command is printed, too.
-    """
+    """Print each result, and the next command if one is uncertain."""
     if request.on.as_json:
         print_json(
             [{**asdict(outcome), "journal": None if outcome.journal is None else str(outcome.journal)} for outcome in outcomes]

@@ -202,10 +202,7 @@ def _as_set(pairs: list[tuple[str, str]], catalogue: Any, type_name: str | None)
 
 
 def _number(text: str, key: str, data_type: Any) -> float | str:
-    """Parse a user's value: decimal, 0x hexadecimal, or text.
-
-    Text is accepted if the object holds text or bytes.
-    """
+    """Parse a user's value: decimal, 0x hexadecimal, or where allowed text."""
     if data_type is not None and not (data_type.is_integer or data_type.is_real or data_type.size):
         return text
     for convert in (lambda t: int(t, 0), float):

@@ -75,11 +75,7 @@ class SdoBus:
     """
 
     def __init__(self, address: str, timeout_s: float = 0.5) -> None:
-        """Open the bus.
-
-        Args:
-            address: ``interface:channel[@bitrate]``, as everywhere.
-            timeout_s: Time that a node may take to answer, s.
+        """Open the bus, whose nodes may take `timeout_s` to answer.
 
         Raises:
             AddressError: `address` is not a bus address.
@@ -126,13 +122,7 @@ class SdoBus:
                 self._bus.shutdown()
 
     def port(self, node: int) -> SdoPort:
-        """Return the SDO client of a node.
-
-        Every call returns the same one.
-
-        Raises:
-            ValueError: The node-ID is not from 1 to 127.
-        """
+        """Return a node's one SDO client; `ValueError` outside 1 to 127."""
         if not 1 <= node <= MAX_NODE_ID:
             raise ValueError(f"node-ID {node}: expected 1 to {MAX_NODE_ID}")
         if node not in self._ports:
@@ -146,10 +136,7 @@ class SdoBus:
         self.send(FunctionCode.NMT, bytes((command, BROADCAST if node == 0 else node)))
 
     def boots(self, node: int) -> int:
-        """Return the number of boot-up messages of a node.
-
-        It counts from the making of the node's port.
-        """
+        """Return the number of boot-up messages since the node's port was made."""
         self.port(node)
         return self._lines[node].boots
 

@@ -74,13 +74,7 @@ class Device:
     """
 
     def __init__(self, port: SdoPort, catalogue: Catalogue, nmt: Callable[[NmtCommand, int], None] | None = None) -> None:
-        """Join port and catalogue; nothing is sent.
-
-        Args:
-            port: SDO client of the node.
-            catalogue: The objects of the device, as profile and EDS describe them.
-            nmt: Function that sends an NMT command to a node; needed for `reset` only.
-        """
+        """Join port and catalogue; `reset` alone needs `nmt`, which sends a command."""
         self.port = port
         self.catalogue = catalogue
         self._nmt = nmt
@@ -124,17 +118,11 @@ class Device:
             raise self._in_words(error) from None
 
     def write(self, address: ObjectAddress, data: bytes, value: object = None, timeout_s: float | None = None) -> None:
-        """Write the bytes of an object, once.
-
-        Args:
-            address: The object.
-            data: Its bytes, little-endian.
-            value: The value as a message shall show it; None: the bytes.
-            timeout_s: Time that the device may take to answer, s; None: the port's.
+        """Write the bytes of an object, once; a message shows `value` instead.
 
         Raises:
             SdoAbortedError: The device refuses; the text is the maker's where the profile has it.
-            NoAnswerError: The device does not answer; whether it has taken the value is not known.
+            NoAnswerError: The device does not answer within `timeout_s`; whether it has taken the value is not known.
         """
         try:
             self.port.write(address, data, self.name_of(address), value, timeout_s, in_blocks=self._may_be_long(address))
@@ -164,12 +152,9 @@ class Device:
         return state_of(int(word))
 
     def check_quiet(self, axes: Collection[int] = (0,)) -> None:
-        """Refuse a drive that is enabled.
+        """Refuse a drive that is enabled: gains are not written under torque.
 
-        Gains are not written while the motor is under torque.
-
-        Args:
-            axes: Axes to check, counted from 0; the objects of axis n are at + 800h n (CiA 402).
+        The objects of axis n, counted from 0, are at + 800h n (CiA 402).
 
         Raises:
             NodeError: The drive is enabled, or its state cannot be read.
@@ -190,12 +175,7 @@ class Device:
                 raise NodeError(self.node, f"it is in state {state.value!r}", "disable it first; nothing is written to it")
 
     def reset(self, within_s: float) -> None:
-        """Reset the node and wait until it answers again.
-
-        The reset acts like a loss of power.
-
-        Args:
-            within_s: Time that the whole may take, s.
+        """Reset the node, like a loss of power; wait until it answers.
 
         Raises:
             NoAnswerError: No boot-up message comes in time, or the node does not answer after it.
@@ -283,10 +263,7 @@ class Device:
         return counts_per_rev(f"node {self.node}, {facts.increments}", increments, revolutions)
 
     def _feed_constant(self) -> dict[str, int]:
-        """Read gear ratio and feed constant (6091h, 6092h).
-
-        The result is empty unless the profile says that they decide the unit of positions.
-        """
+        """Read gear ratio and feed constant (6091h, 6092h), where they decide positions."""
         facts = self.profile.encoder if self.profile else None
         if facts is None:
             return {}
@@ -322,11 +299,8 @@ class Device:
         """Read every value that could be written back, as a parameter set.
 
         Values that the device refuses to give, for which it is silent, or that make no sense, are listed in the header's
-        ``not_read``; so are the objects that the EDS keeps out of a scan or a download (``ObjFlags``).
-
-        Args:
-            classes: Parameter classes to read.
-            progress: Called after each object with the number read and the total.
+        ``not_read``; so are the objects that the EDS keeps out of a scan or a download (``ObjFlags``). `progress` is called after
+        each object with the number read and the total.
 
         Raises:
             NoAnswerError: The device does not answer any more.
@@ -424,10 +398,7 @@ def _ask(port: SdoPort, address: ObjectAddress) -> bytes | None:
 
 
 def _read(port: SdoPort, address: ObjectAddress, name: str = "", *, in_blocks: bool = False) -> bytes:
-    """Read an object, and retry once if there is no answer.
-
-    A retry is safe, because reading changes nothing.
-    """
+    """Read an object, and once more without an answer: reading changes nothing."""
     try:
         return port.read(address, name, in_blocks=in_blocks)
     except NoAnswerError as first:

@@ -14,15 +14,15 @@ from drive_profiles.family.profile import Profile, available
 
 
 def matching(identity: DeviceIdentity) -> list[str]:
-    """Return the labels of the profiles that fit a device.
-
-    Vendor, product and revision must fit; if a profile has no known code, the vendor alone.
-    """
+    """Return the labels of the profiles that fit a device; see `fitting`."""
     return fitting(identity.vendor_id, identity.product_code, identity.revision)
 
 
 def fitting(vendor_id: int | None, product_code: int | None, revision: int | None) -> list[str]:
-    """Return the labels of the profiles that fit 1018h; see `matching`."""
+    """Return the labels of the profiles that fit 1018h.
+
+    Vendor, product and revision must fit; if a profile has no known code, the vendor alone.
+    """
     exact: list[str] = []
     vendor: list[str] = []
     for name in available():
@@ -35,10 +35,7 @@ def fitting(vendor_id: int | None, product_code: int | None, revision: int | Non
 
 
 def fault_texts_of(vendor_id: int | None, product_code: int | None, revision: int | None) -> dict[int, str]:
-    """Return the maker's own error codes in words.
-
-    The numbers of 1018h choose the family; the result is empty if none or several fit.
-    """
+    """Return the error codes, in words, of the one family that fits."""
     families = {label.partition("/")[0] for label in fitting(vendor_id, product_code, revision)}
     return _profile(families.pop()).fault_texts if len(families) == 1 else {}
 
@@ -79,15 +76,8 @@ def catalogue_of(
 ) -> Catalogue:
     """Return the catalogue of a device from profile and EDS.
 
-    Of a family with several products it is that of the device's, by the numbers given, else by those of the EDS; of the first
-    one if neither states them.
-
-    Args:
-        profile: Name or path of a drive profile, or None.
-        eds_file: An EDS, DCF or XDD file, or None.
-        node: Node-ID for ``$NODEID`` in the file.
-        product_code: 1018h:2 of the device, if it is known.
-        revision: 1018h:3 of the device, if it is known.
+    Of a family with several products it is that of the device's, by the numbers of 1018h given, else by those of the EDS; of the
+    first one if neither states them. `node` stands for ``$NODEID`` in the file.
 
     Raises:
         ProfileNotFoundError: There is no such profile.
@@ -114,11 +104,9 @@ def doubt_of_profile(identity: DeviceIdentity, name: str) -> str | None:
 
 
 def _of_product(known: Profile, product_code: int | None, revision: int | None) -> Profile:
-    """Return the profile of the device's product.
+    """Return the profile of the device's product, else the family's.
 
-    The family's own profile is returned if no product code is given or the profile does not know it.
-
-    What is not named can be read by the facts of the first product; an upload refuses it, see `upload.checks`.
+    What is not named is read by the facts of the first product; an upload refuses it, see `upload.checks`.
     """
     if not known.products or product_code is None:
         return known
@@ -129,16 +117,9 @@ def _of_product(known: Profile, product_code: int | None, revision: int | None) 
 
 
 def device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path | None = None) -> Device:
-    """Open the device at a node.
+    """Open the device at a node, by default with its own profile.
 
-    Without a profile, the one that matches the device's identity is taken; where none matches, the EDS alone. Of a family with
-    several products it is the profile of the device's.
-
-    Args:
-        bus: The bus.
-        node: Node-ID of the device.
-        profile: Name or path of a drive profile, or None.
-        eds_file: An EDS, DCF or XDD file of the device, or None.
+    Where none matches the identity, the EDS alone is taken. Of a family with several products it is the device's.
 
     Raises:
         NodeError: The node does not answer, or several profiles match.

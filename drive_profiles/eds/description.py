@@ -87,10 +87,7 @@ class Description:
 
     @property
     def vendor_ids(self) -> tuple[int, ...]:
-        """Vendor-IDs in ``[DeviceInfo]`` and in the default of 1018h:1.
-
-        There are two if the file contradicts itself.
-        """
+        """Vendor-IDs in ``[DeviceInfo]`` and 1018h:1, two if they contradict each other."""
         return self._stated(self.vendor_id, 1)
 
     @property
@@ -116,16 +113,10 @@ class Description:
         commissioning: Mapping[str, str] = types.MappingProxyType({}),
         comments: Sequence[str] = (),
     ) -> bytes:
-        """Return the file with other parameter values.
+        """Return the file with other parameter values; other bytes stay.
 
-        Every other byte stays as it was.
-
-        The result is read again before it is returned, to prove that it holds the values.
-
-        Args:
-            values: New parameter values by index and sub-index.
-            commissioning: Keys of the device's commissioning (CiA 306: ``NodeID``, ``LSS_SerialNumber`` …) with their values.
-            comments: Comments beside them, each a line.
+        The result is read again before it is returned, to prove that it holds the values. `commissioning` has keys of that
+        section (CiA 306: ``NodeID``, ``LSS_SerialNumber`` …) with their values, `comments` lines beside them.
 
         Raises:
             FileError: An object is not in the file, a value is not of its type, or the file is an XDD.
@@ -177,14 +168,9 @@ def loads(
     strict: bool = False,
     file_format: FileFormat | None = None,
 ) -> Description:
-    """Read the description of a device from the bytes of a file.
+    """Read the description from a file's bytes, as `load` does.
 
-    Args:
-        data: Contents of the file.
-        path: Path for messages; its suffix names the format.
-        node_id: Node-ID for ``$NODEID``; it is preferred to that of the file.
-        strict: Refuse a file with any fault.
-        file_format: Format of the file; by suffix and content if not given.
+    The suffix of `path` names the format, unless `file_format` or the content does.
 
     Raises:
         FileError: As for `load`.
@@ -210,10 +196,7 @@ def loads(
 
 
 def _file_format(named: FileFormat | None, *, is_xml: bool, is_dcf: bool) -> FileFormat:
-    """Choose the format of a file by its content and name.
-
-    The content shows whether it is XML; the name, if there is one, decides the rest.
-    """
+    """Choose the format: XML by the content, else by the name."""
     if is_xml:
         return "xdd"
     if named is None or named == "xdd":

@@ -72,10 +72,7 @@ def read_device_info(section: EdsSection | None, builder: Builder) -> None:
 
 
 def read_commissioning(sections: dict[str, EdsSection], builder: Builder) -> tuple[int | None, int | None]:
-    """Return node-ID and bit rate (bit/s) of a DCF.
-
-    Both spellings of the section are read; 0 in the file means unknown.
-    """
+    """Return node-ID and bit rate (bit/s) of a DCF; 0 means unknown."""
     node_id = bit_rate = None
     for identity in COMMISSIONING:
         section = sections.get(identity)
@@ -93,10 +90,7 @@ def read_serial_number(sections: dict[str, EdsSection], builder: Builder) -> int
 
 
 def read_dummies(section: EdsSection | None, builder: Builder) -> None:
-    """Add the dummy data types that fill gaps in an RPDO.
-
-    Each has its own index, as in canopen.
-    """
+    """Add the dummy data types that fill gaps in an RPDO."""
     for key, entry in section.entries.items() if section is not None else ():
         match = re.fullmatch(r"dummy([0-9a-f]{4})", key)
         if match is None or section is None:
@@ -154,10 +148,7 @@ def note_modules(sections: dict[str, EdsSection], findings: Findings) -> None:
 
 
 def add_compact_pdos(section: EdsSection | None, builder: Builder) -> None:
-    """Add the PDO objects that ``CompactPDO`` abbreviates.
-
-    As many are added as the file counts, unless they have sections of their own.
-    """
+    """Add the PDO objects that ``CompactPDO`` abbreviates, unless they have sections."""
     mask = builder.number(section, "CompactPDO") if section is not None and section.get("CompactPDO") else None
     if not mask or section is None:
         return

@@ -48,10 +48,7 @@ def as_text(description: Description, file_format: Literal["eds", "dcf"]) -> str
 
 
 def as_data(description: Description) -> dict[str, Any]:
-    """Return the whole description in JSON's types.
-
-    Bytes become hexadecimal text, numbers stay numbers.
-    """
+    """Return the whole description in JSON's types; bytes are hexadecimal."""
     return {
         **summary(description),
         "objects": [
@@ -123,10 +120,7 @@ def lost(description: Description, file_format: str) -> tuple[Problem, ...]:
 
 
 def _lost_texts(description: Description, *, with_values: bool) -> list[Problem]:
-    """List texts that do not fit on the line of a file.
-
-    They have control characters, or blanks around them.
-    """
+    """List texts with control characters or outer blanks, which no line holds."""
     problems = []
     for _, variable in entries(description.dictionary):
         for attribute in ("default", "value") if with_values else ("default",):

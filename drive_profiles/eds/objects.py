@@ -61,10 +61,6 @@ def parts_of(sections: dict[str, EdsSection], findings: Findings) -> dict[int, O
 class Builder(VariableReader):
     """Builder of canopen's dictionary from the sections of a file.
 
-    Args:
-        findings: List to which repairs and refusals are added.
-        node_id: Node-ID for ``$NODEID``; None if it is not known.
-
     Attributes:
         dictionary: The dictionary as far as it is built.
         sections: The section of every variable that has one, by index and sub-index.
@@ -100,10 +96,7 @@ class Builder(VariableReader):
         return False
 
     def _note_type(self, parts: ObjectSections) -> None:
-        """Note the type behind a type definition.
-
-        The definition states its length in bits or the underlying type.
-        """
+        """Note the type, or its length in bits, behind a type definition."""
         if parts.head is None:
             return
         object_code = self.number(parts.head, "ObjectType")
@@ -141,10 +134,7 @@ class Builder(VariableReader):
             self._compound(container(self.name(head, head.name), parts.index), head, parts)
 
     def _object_code(self, head: EdsSection, parts: ObjectSections) -> int | None:
-        """Return the object code (CiA 301: VAR, ARRAY, RECORD …).
-
-        The result is None if the object cannot be accessed.
-        """
+        """Return the object code (CiA 301); None if it cannot be accessed."""
         entry = head.get("ObjectType")
         object_code = self.number(head, "ObjectType")
         if object_code in _TYPE_OBJECTS or object_code == 0:

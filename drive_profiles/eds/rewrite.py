@@ -18,13 +18,7 @@ from drive_profiles.errors import FileError, Problem
 
 @dataclass(frozen=True, slots=True)
 class ValueLocations:
-    """Locations of the parameter values in a file.
-
-    Attributes:
-        document: The text of the file.
-        sections: The section of every variable that has one, by index and sub-index.
-        compact: The sections of every object with a compact notation, by index.
-    """
+    """Locations of the parameter values in a file, as in `Builder`."""
 
     document: Document
     sections: dict[tuple[int, int], EdsSection]
@@ -46,14 +40,6 @@ def rewritten(
     comments: Sequence[str],
 ) -> bytes:
     """Return the bytes of the file with other parameter values in it.
-
-    Args:
-        path: The file, for messages.
-        locations: Locations of the values in it.
-        dictionary: The objects of the file, for the types of the values.
-        values: New parameter values by index and sub-index.
-        commissioning: Keys of the section of the device's commissioning, with their values.
-        comments: Comments in that section, each a line.
 
     Raises:
         FileError: Some values cannot be written; the error has all of them.
@@ -94,10 +80,7 @@ def rewritten(
 
 
 def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVariable | None:
-    """Return the variable at an address, or None.
-
-    canopen's arrays would invent a variable that the file lacks.
-    """
+    """Return a variable, or None where canopen's arrays would invent one."""
     item = dictionary.indices.get(index)
     if item is None or isinstance(item, ODVariable):
         return item if subindex == 0 else None
@@ -120,10 +103,7 @@ def _set(changes: _Changes, section: EdsSection, key: str, new: Replacement, aft
 
 
 def _set_compact(changes: _Changes, parts: ObjectSections, contents: dict[int, Replacement]) -> None:
-    """Write values into the ``[xxxxValue]`` section of a compact notation.
-
-    A missing section is added.
-    """
+    """Write values into the ``[xxxxValue]`` section of a compact notation."""
     section = parts.lists.get("value")
     if section is None:
         lines = ["", f"[{parts.index:04X}Value]", f"NrOfEntries={len(contents)}"]
@@ -145,10 +125,7 @@ def _set_compact(changes: _Changes, parts: ObjectSections, contents: dict[int, R
 
 
 def _commission(changes: _Changes, document: Document, keys: Mapping[str, str], comments: Sequence[str]) -> None:
-    """Write keys of the commissioning section.
-
-    A missing section is added after that of the device.
-    """
+    """Write keys of the commissioning section, or add it behind the device's."""
     lines = [f"; {comment}" for comment in comments]
     section = next((document.sections[name] for name in COMMISSIONING if name in document.sections), None)
     if section is not None:

@@ -25,10 +25,7 @@ _ACCESS = "ro, wo, rw, rwr, rww or const"
 
 
 class ObjectFlag(IntFlag):
-    """Bits of ``ObjFlags``, which exclude objects from bulk transfers.
-
-    Writing, or reading, such an object together with all others would do harm.
-    """
+    """Bits of ``ObjFlags``, which exclude objects from bulk transfers as harmful."""
 
     REFUSES_WRITE_ON_DOWNLOAD = 1
     REFUSES_READ_ON_SCAN = 2
@@ -135,14 +132,7 @@ class VariableReader:
         self.values[variable.index, variable.subindex] = reading.value
 
     def remark(self, section: EdsSection, entry: EdsEntry, remark: str, expected: str) -> None:
-        """Warn of the value of an entry.
-
-        Args:
-            section: The section of the variable.
-            entry: The line of the value.
-            remark: The fault and its repair.
-            expected: Text that would have been right.
-        """
+        """Warn of the value of an entry, and name what was expected."""
         self.findings.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} {remark}", expected)
 
     def _data_type(self, section: EdsSection) -> int:
@@ -192,10 +182,7 @@ class VariableReader:
             assign(variable, default=reading.value, default_raw=entry.value, relative=reading.relative)
 
     def _limits(self, variable: ODVariable, section: EdsSection) -> None:
-        """Set the limits and warn if the default is outside them.
-
-        Limits that contradict each other are dropped.
-        """
+        """Set the limits, drop contradictory ones, warn of a default outside."""
         data_type = variable.data_type
         low, high = (self._limit(section, key, data_type or 0) for key in ("LowLimit", "HighLimit"))
         if low is not None and high is not None and low > high:

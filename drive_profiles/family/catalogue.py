@@ -84,10 +84,7 @@ class CatalogueEntry:
 
     @property
     def is_verified(self) -> bool:
-        """True if the entry's facts are more than a guess.
-
-        Facts of an EDS that the user gives count as verified.
-        """
+        """True if the facts are more than a guess; an EDS's are."""
         return self.parameter is None or self.parameter.is_verified
 
     @property
@@ -96,10 +93,7 @@ class CatalogueEntry:
         return self.parameter is not None and isinstance(self.parameter.scale, str)
 
     def without_limits(self) -> CatalogueEntry:
-        """Return the same entry without limits.
-
-        It encodes and decodes values that a device holds outside the stated limits.
-        """
+        """Return the entry without limits, for values that a device holds anyhow."""
         free = None if self.parameter is None else self.parameter.model_copy(update={"minimum": None, "maximum": None})
         return replace(self, low=None, high=None, parameter=free)
 
@@ -160,10 +154,6 @@ class Catalogue:
     """The objects of one type of device, by address and by name.
 
     The standard's objects can be found by name too; iteration and length leave them out.
-
-    Args:
-        profile: Drive profile of the family, if it is known.
-        description: EDS of the device, if there is one.
     """
 
     def __init__(self, profile: Profile | None = None, description: Description | None = None) -> None:
@@ -210,10 +200,7 @@ class Catalogue:
         return self._entries.get(address) or self._standard.get(address)
 
     def unit_of(self, entry: CatalogueEntry) -> str:
-        """Return the unit of an object's value, as shown to people.
-
-        Gains have one, too. Files use the unit of the entry instead.
-        """
+        """Return the unit of an object's value, also a gain's, for people."""
         known = entry.unit or (self.profile.unit_of(entry.name) if self.profile and entry.parameter is not None else "")
         return shown.unit(known)
 
@@ -225,11 +212,8 @@ class Catalogue:
     def find(self, text: str, *, whole: bool = False) -> CatalogueEntry:
         """Find an object by ``0x2147:1``, ``2147sub1``, or a name.
 
-        An object that neither profile nor EDS has is found by its address alone. A name must be that of one object only.
-
-        Args:
-            text: Address or name.
-            whole: True: the name must be complete, as in a file; False: a part of it is enough.
+        An object that neither profile nor EDS has is found by its address alone. A name must be that of one object only; a part
+        of it is enough unless it must be `whole`, as in a file.
 
         Raises:
             UnknownObjectError: No object has this name.

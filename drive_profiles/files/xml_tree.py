@@ -54,15 +54,10 @@ class _UnsafeError(Exception):
 
 
 def parse(data: bytes, path: Path, kind: str) -> Element:
-    """Return the root element of an XML file, with its descendants.
-
-    Args:
-        data: The bytes of the file, whose size the caller has bounded.
-        path: The file, for messages.
-        kind: The kind of file that is wanted, with its article, for messages: `an XDD file`.
+    """Return an XML file's root element; its size the caller bounds.
 
     Raises:
-        FileError: It is not XML, or unsafe; with the line.
+        FileError: It is not XML of the `kind` wanted (``an XDD file``), or unsafe; with the line.
     """
     parser = expat.ParserCreate()
     top = Element("", {}, 0)

@@ -21,9 +21,8 @@ from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.files.toml import loads, toml_value
-from drive_profiles.parameter_set import size
 from drive_profiles.parameter_set.concise import from_concise, to_concise
-from drive_profiles.parameter_set.parameters import Header, ParameterSet, Write, from_values
+from drive_profiles.parameter_set.parameters import MAX_BYTES, Header, ParameterSet, Write, check_size, from_values
 from drive_profiles.standard.cia301 import DataType, Value, decode, type_of_length
 from drive_profiles.standard.object_address import ObjectAddress, address_text, object_address
 
@@ -65,15 +64,8 @@ def read(
 ) -> ParameterSet:
     """Read a parameter set of any format, chosen by its suffix.
 
-    Values whose scaling is not known stay raw.
-
-    Args:
-        path: ``.toml``, ``.dcf``, ``.xdc``, ``.cdcf`` or ``.bin``.
-        catalogue: The objects of the device; those that only the DCF has are taken from it.
-        node_id: Node-ID for ``$NODEID``.
-        facts: Facts for the header that the file may not state, such as ``counts_per_rev``.
-        flagged: True: values of a DCF that its ``ObjFlags`` keep out of downloads are taken as well, for a comparison or an
-            upload, which leaves them out itself.
+    Values whose scaling is not known stay raw; `facts` adds to the header what the file may not state. With `flagged` values that
+    a DCF's ``ObjFlags`` keep out of downloads are taken as well, for a comparison or an upload, which leaves them out itself.
 
     Raises:
         FileError: The file cannot be read.
@@ -83,7 +75,7 @@ def read(
     given = {key: value for key, value in (facts or {}).items() if value is not None}
     own = {"profile": catalogue.profile.label} if catalogue.profile else {}
     if suffix in CONCISE:
-        values = _typed(from_concise(read_file(path, "a concise DCF", max_bytes=size.MAX_BYTES)), catalogue)
+        values = _typed(from_concise(read_file(path, "a concise DCF", max_bytes=MAX_BYTES)), catalogue)
         header = Header(**own, **given)  # type: ignore[arg-type]  # by its names
         return _with_header(from_values(catalogue, values, header.scaling_of, undescribed=True), header)
     if suffix not in DEVICE_FILES:
@@ -111,13 +103,8 @@ def write(
 ) -> list[Write]:
     """Write values as a DCF or a concise DCF, by the suffix.
 
-    Args:
-        path: ``.dcf``, ``.cdcf`` or ``.bin``.
-        writes: The objects and their bytes, as `ParameterSet.writes` gives them.
-        device_file: The EDS from which a DCF is made; every other byte of it stays as it is.
-        node_id: Node-ID for ``$NODEID``.
-        force: Replace a file that exists.
-        header: Header of the set, for the commissioning section of a DCF; a concise DCF has no place for it.
+    A DCF is made from an EDS, of which every other byte stays as it is; the header goes into its commissioning section, for which
+    a concise DCF has no place.
 
     Returns:
         Values that are in comments only, which other tools ignore.
@@ -128,7 +115,7 @@ def write(
     """
     if path.suffix.lower() in CONCISE:
         data = to_concise(writes)
-        size.check(data)
+        check_size(data)
         write_atomically(path, data, force=force)
         return []
     if path.suffix.lower() != ".dcf":
@@ -143,7 +130,7 @@ def write(
     if comments:
         data = _COMMENT_LINES.sub(b"", data)  # those of an earlier set
     text = eds.loads(data, device_file, node_id=node_id).rewrite(values, commissioning, comments)
-    size.check(text)
+    check_size(text)
     write_atomically(path, text, force=force)
     return hidden
 
@@ -153,10 +140,7 @@ def _value(each: Write) -> Value:
 
 
 def _stands(each: Write) -> bool:
-    """Return True if the value can be written on a line.
-
-    An empty text cannot, nor one with blanks around it.
-    """
+    """Return True if a line can hold the value."""
     value = _value(each)
     if not isinstance(value, str | bytes):
         return True  # what is wrong with a number is said where it is written
@@ -168,10 +152,7 @@ def _stands(each: Write) -> bool:
 
 
 def _commissioning(header: Header) -> tuple[dict[str, str], list[str]]:
-    """Return keys and comments of the commissioning section.
-
-    The comments are for values without a key.
-    """
+    """Return the commissioning section's keys, and comments for values without one."""
     rate = header.bitrate_bit_s
     keys = {
         "NodeID": None if header.node_id is None else str(header.node_id),

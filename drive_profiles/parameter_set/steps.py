@@ -27,19 +27,13 @@ def pdo_of(address: ObjectAddress) -> int | None:
 
 
 def support(addresses: Iterable[ObjectAddress]) -> set[ObjectAddress]:
-    """Return further objects to read before these can be written.
-
-    They are the COB-ID and the number of mapped objects of each PDO.
-    """
+    """Return COB-ID and number of mapped objects of each PDO, needed too."""
     records = {record for address in addresses if (record := pdo_of(address)) is not None}
     return {needed for record in records for needed in ((record, 1), (record + _MAPPING_OFFSET, 0))}
 
 
 def mapped(goal: Mapping[ObjectAddress, bytes], held: Mapping[ObjectAddress, bytes]) -> list[ObjectAddress]:
-    """Return objects mapped before or after that the goal lacks.
-
-    A device may forget them when the number of mapped objects is written.
-    """
+    """Return mapped objects that the goal lacks; a device may forget them."""
     numbers = {address for address in {**goal, **held} if address[1] == 0 and pdo_of(address) not in {None, address[0]}}
     counts = {address: max([0, *goal.get(address, b""), *held.get(address, b"")]) for address in numbers}
     return [

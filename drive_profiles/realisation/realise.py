@@ -13,11 +13,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from drive_profiles.errors import NotRealisableError
 from drive_profiles.family.capability import FilterSection, NotchFacts
 from drive_profiles.family.profile import Profile
 from drive_profiles.realisation.biquad import Biquad, NotchTarget, Shape, shape_of
 from drive_profiles.realisation.fitting import Fit
-from drive_profiles.realisation.refusal import NotRealisableError
 from drive_profiles.realisation.sections import obstacles, period_of
 
 

@@ -124,10 +124,7 @@ class DataType(IntEnum):
 
     @property
     def struct_format(self) -> str | None:
-        """Format character for `struct`, or None for strings and domains.
-
-        Data on the wire are little-endian.
-        """
+        """Format character for `struct`, or None for strings and domains."""
         return _FORMATS.get(self)
 
     @property

@@ -43,9 +43,7 @@ def prepare(uploads: Sequence[Upload]) -> None:
 def run(uploads: Sequence[Upload], control: UploadControl | None = None) -> list[UploadResult]:
     """Carry out prepared uploads on all drives, or on none.
 
-    Each drive is written, read back and stored; if one fails, all get their former values back.
-
-    At its end the window is closed, so a later interrupt changes nothing.
+    Each drive is written, read back and stored; if one fails, all get their former values back. At its end the window is closed.
 
     Raises:
         DriveProfileError: A journal cannot be written, or a drive cannot store; nothing has been written to any drive.
@@ -99,10 +97,7 @@ def _roll_back(uploads: Sequence[Upload], failures: Mapping[Upload, DriveProfile
 
 
 def _after_reset(uploads: Sequence[Upload]) -> list[UploadResult]:
-    """Reset the drives and read everything again.
-
-    This proves what they have stored.
-    """
+    """Reset the drives and read everything again: what they have stored."""
     failures = _each(uploads, _reset_and_verify)
     outcomes = []
     for upload in uploads:

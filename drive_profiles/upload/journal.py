@@ -99,12 +99,8 @@ _SECOND_NS = 1_000_000_000
 def journal_path(folder: Path, node: int, now_ns: int) -> Path:
     """Return the path of a new journal, stamped after all others.
 
-    The stamp orders the journals even if the clock was set back; `restore` takes the newest.
-
-    Args:
-        folder: Folder of the journals.
-        node: Node-ID.
-        now_ns: Time since 1970 in ns (UTC), read once: second and fraction belong together.
+    The stamp orders the journals even if the clock was set back; `restore` takes the newest. `now_ns` is the time since 1970
+    (UTC), read once: second and fraction belong together.
     """
     newest = max(filter(None, (_stamp_ns(path) for path in folder.glob("*.jsonl"))), default=0)
     second, fraction = divmod(max(now_ns, newest + 1), _SECOND_NS)
