@@ -15,7 +15,7 @@ class DriveProfileError(Exception):
 
 
 class OutOfRangeError(DriveProfileError, ValueError):
-    """A value that the object on the wire cannot hold; it is refused, never clamped."""
+    """A value that the object cannot hold; it is refused, never clamped."""
 
     def __init__(self, what: str, value: object, unit: str, reason: str) -> None:
         self.what, self.value, self.unit, self.reason = what, value, unit, reason
@@ -32,11 +32,7 @@ def beyond(low: float, high: float) -> str:
 class Problem(NamedTuple):
     """One thing wrong in a file.
 
-    Args:
-        line: Line number, from 1; 0 for the file as a whole.
-        key: Dotted key path, empty for a syntax error.
-        message: What is wrong there.
-        expected: What is wanted there instead.
+    Line 0 is the file as a whole; the key is a dotted path, empty for a syntax error; `expected` is wanted there instead.
     """
 
     line: int
@@ -77,7 +73,7 @@ class UnknownProductError(DriveProfileError, ValueError):
 
 
 class UnknownParameterError(DriveProfileError, KeyError):
-    """A profile has no parameter of that name; `close` has similar ones, best first."""
+    """A profile has no such parameter; `close` has similar names, best first."""
 
     def __init__(self, profile: str, name: str, close: tuple[str, ...]) -> None:
         self.profile, self.name, self.close = profile, name, close
@@ -89,7 +85,7 @@ class UnknownParameterError(DriveProfileError, KeyError):
 
 
 class UnknownObjectError(DriveProfileError):
-    """An object that neither profile nor EDS has; `close` has similar names, best first."""
+    """An object that neither profile nor EDS has, and similar names."""
 
     exit_code = 2
 
@@ -102,7 +98,7 @@ class UnknownObjectError(DriveProfileError):
 
 
 class AmbiguousNameError(DriveProfileError):
-    """A name that fits several objects; `candidates` has address and full name of each."""
+    """A name that fits several objects; `candidates` has addresses and names."""
 
     exit_code = 2
 
@@ -126,7 +122,7 @@ class BusError(DriveProfileError):
 
 
 class NodeError(DriveProfileError):
-    """A node that cannot be used as it is, and what the user can do about it."""
+    """A node that cannot be used as it is, with a remedy."""
 
     exit_code = 5
 

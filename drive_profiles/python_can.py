@@ -32,7 +32,10 @@ class _NotYet(MetaPathFinder):
 
 
 def postpone_mf4() -> None:
-    """Import python-can without asammdf, until `with_mf4` opens MF4 files."""
+    """Let this process import python-can without asammdf.
+
+    A program that does so calls `with_mf4` before it opens an MF4 file.
+    """
     if not any(isinstance(finder, _NotYet) for finder in sys.meta_path):
         sys.meta_path.insert(0, _NotYet())
 

@@ -165,14 +165,7 @@ def _interruptible() -> Iterator[None]:
 
 
 class Tool(typer.Typer):
-    """Application of a tool, or a group of its commands.
-
-    Args:
-        name: Name of the tool or group.
-        help: Description.
-        epilog: End of the help: the exit statuses.
-        is_group: True for a group inside of a tool, which has neither completion nor `--version` of its own.
-    """
+    """Application of a tool, or a group of commands inside of one."""
 
     def __init__(self, name: str, help: str, epilog: str | None = None, *, is_group: bool = False) -> None:
         super().__init__(

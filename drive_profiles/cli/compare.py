@@ -106,7 +106,7 @@ def _between_files(left: Path, right: Path, profile: str | None, eds: Path | Non
 
 
 def _against_drive(path: Path, drive: DriveOptions) -> list[Difference]:
-    """Return the differences between a parameter set and a drive, without limits."""
+    """Return the differences between a set and a drive, beyond limits too."""
     from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.errors import NodeError

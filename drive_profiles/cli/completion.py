@@ -83,7 +83,10 @@ def complete_values(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 class AxisCompleter:
-    """Completers of axes, from the bench or robot file, or `SHIPPED`."""
+    """Completers of axes, from the command line's bench or robot file.
+
+    The files of `SHIPPED` are in a folder that each tool has of its own.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

@@ -61,38 +61,24 @@ SAID_EVERY_S = 60.0
 RATE_OVER_S = 600.0
 """Time over which a bar takes the rate: a step may take many seconds, and some many more."""
 
-EPILOG = epilog(status for status in ExitStatus if status is not ExitStatus.INTERNAL)
-"""End of the tool's own help."""
-
 _FILES = (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE)
 _READING = (*_FILES, ExitStatus.BUS, ExitStatus.NODE, ExitStatus.SDO)
 _NOTHING_WRITTEN: dict[ToolExitStatus, str] = {ExitStatus.SDO: "an SDO abort", ExitStatus.INTERRUPTED: "interrupted"}
-
-FILE_EPILOG = epilog((*_FILES, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
-"""End of the help of a command that needs no bus."""
-
-REALISE_EPILOG = epilog((*_FILES, ExitStatus.NOT_REALISABLE, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
-"""End of the help of a command that realises values in a drive family."""
-
 _ANY_STATE: dict[ToolExitStatus, str] = {**_NOTHING_WRITTEN, ExitStatus.NODE: "no answer, or the wrong device"}
 
+# Ends of the help: of the tool, and of commands that need no bus, realise values, read a drive in any state, clear faults of one
+# that is not enabled, compare with a drive, write to it, and let it store.
+EPILOG = epilog(status for status in ExitStatus if status is not ExitStatus.INTERNAL)
+FILE_EPILOG = epilog((*_FILES, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
+REALISE_EPILOG = epilog((*_FILES, ExitStatus.NOT_REALISABLE, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
 READ_EPILOG = epilog((*_READING, ExitStatus.INTERRUPTED), _ANY_STATE)
-"""End of the help of a command that reads a drive, or gives it a command, in any state; it restores nothing."""
-
 CLEAR_EPILOG = epilog((*_READING, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
-"""End of the help of the command that clears faults, which it refuses on a drive that is enabled."""
-
 COMPARE_EPILOG = epilog((*_READING, ExitStatus.DIFFERS, ExitStatus.INTERRUPTED), _ANY_STATE)
-"""End of the help of a command that compares with a drive."""
-
 WRITE_EPILOG = epilog((*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED))
-"""End of the help of a command that writes to a drive."""
-
 STORE_EPILOG = epilog(
     (*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED),
     {**_NOTHING_WRITTEN, ExitStatus.UNKNOWN: "unknown whether the drive has stored its values"},
 )
-"""End of the help of the command that lets a drive store."""
 
 
 @contextlib.contextmanager
@@ -207,7 +193,7 @@ class Interrupts:
     is_held_to_the_end: ClassVar[bool] = False
 
     def __init__(self, *, is_last: bool = True) -> None:
-        """Prepare to hold signals, to the end if nothing follows this context."""
+        """Prepare to hold signals; `is_last`: the command ends with this context."""
         self.window = InterruptWindow()
         self._is_last = is_last
         self._before: dict[signal.Signals, Any] = {}
@@ -227,7 +213,10 @@ class Interrupts:
         self._before.clear()
 
     def hold(self, in_time: str, too_late: str) -> None:
-        """Hold signals; each prints the first line, or too late the second."""
+        """Hold signals from now on.
+
+        One that comes while the window is open prints `in_time`, a later one `too_late`.
+        """
         self._messages = {True: f"\n{in_time}\n".encode(), False: f"\n{too_late}\n".encode()}
         for number in self.SIGNALS:
             if signal.getsignal(number) is not signal.SIG_IGN:  # nohup stays nohup

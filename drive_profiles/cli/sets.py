@@ -66,10 +66,7 @@ def _own_eds(path: Path, eds: Path | None) -> Path | None:
 
 def _matching(header: Header) -> str | None:
     """Return the one profile that fits the header's identity, or None."""
-    from drive_profiles.device.device import DeviceIdentity
-    from drive_profiles.device.target import matching
+    from drive_profiles.device.target import fitting
 
-    if header.vendor_id is None:
-        return None
-    names = matching(DeviceIdentity(0, None, header.vendor_id, header.product_code, header.revision, None))
+    names = [] if header.vendor_id is None else fitting(header.vendor_id, header.product_code, header.revision)
     return names[0] if len(names) == 1 else None

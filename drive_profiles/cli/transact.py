@@ -31,14 +31,7 @@ MAX_ROWS = 20
 
 @dataclass(frozen=True)
 class TransactionRequest:
-    """Request of a command that writes, beside the values.
-
-    Attributes:
-        on: Bus, profile, EDS and form of the result.
-        options: Options of the upload.
-        yes: Do not ask before writing.
-        dry_run: Show what would be written, and write nothing.
-    """
+    """Request of a command that writes, beside the values."""
 
     on: BusOptions
     options: UploadOptions
@@ -112,7 +105,10 @@ def _upload(bus: SdoBus, node: int, wanted: ParameterSet | Path, request: Transa
 
 
 def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> None:
-    """Print the changes as a table, short before a question."""
+    """Print the changes as a table, with `--json` on standard error.
+
+    Before a question or a result the table is short, so that the following text does not push it out of sight.
+    """
     rows: list[tuple[str, ...]] = []
     documents: list[dict[str, Any]] = []
     for item in uploads:

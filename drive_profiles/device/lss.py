@@ -19,7 +19,7 @@ _REMEDY = "check its identity, its supply and its NMT state"
 
 
 class LssAddress(NamedTuple):
-    """The LSS address of a node: all four numbers of 1018h, in their order."""
+    """LSS address of a node: the four numbers of 1018h, in order."""
 
     vendor_id: int
     product_code: int

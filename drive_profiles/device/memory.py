@@ -27,14 +27,7 @@ _NOTHING_DONE = frozenset({
 
 @dataclass(frozen=True)
 class MemoryCommand:
-    """A store or restore command.
-
-    Attributes:
-        name: ``store`` or ``restore``, for messages.
-        written_address: The object, as ``1010:1``.
-        signature: Number that is written to it.
-        wait_s: Time that the drive may take to answer, s.
-    """
+    """A store or restore command: object, signature, and time to its answer."""
 
     name: str
     written_address: str
@@ -97,7 +90,7 @@ def store_command(device: Device) -> MemoryCommand:
 
 
 def restore_command(device: Device) -> MemoryCommand:
-    """Return the command for the factory settings after a reset; `RefusedError` without one."""
+    """Return the factory-settings command, effective after a reset; `RefusedError` without one."""
     facts = _facts(device)
     return _command(device, "restore", facts.restore, facts.restore_signature)
 

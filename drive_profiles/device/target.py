@@ -35,7 +35,7 @@ def fitting(vendor_id: int | None, product_code: int | None, revision: int | Non
 
 
 def fault_texts_of(vendor_id: int | None, product_code: int | None, revision: int | None) -> dict[int, str]:
-    """Return the error codes, in words, of the one family that fits."""
+    """Return the maker's error codes in words, if exactly one family fits."""
     families = {label.partition("/")[0] for label in fitting(vendor_id, product_code, revision)}
     return _profile(families.pop()).fault_texts if len(families) == 1 else {}
 
@@ -55,15 +55,9 @@ def named_profile(identity: DeviceIdentity, name: str) -> Profile:
         NodeError: The profile is of another maker's devices.
         ProfileNotFoundError: There is no such profile.
     """
-    known = Profile.load(name)
-    vendor = known.identity.vendor_id
-    if vendor is not None and identity.vendor_id not in {None, vendor}:
-        raise NodeError(
-            identity.node,
-            f"profile {name} is for vendor-ID 0x{vendor:08X}; the device is another ({_who(identity)})",
-            "name a profile of this device",
-        )
-    return _of_product(known, identity.product_code, identity.revision)
+    if foreign := _foreign(identity, name):
+        raise NodeError(identity.node, foreign, "name a profile of this device")
+    return _of_product(Profile.load(name), identity.product_code, identity.revision)
 
 
 def catalogue_of(
@@ -94,13 +88,15 @@ def catalogue_of(
 
 def doubt_of_profile(identity: DeviceIdentity, name: str) -> str | None:
     """Return a warning if a named profile is of another maker's devices."""
+    foreign = _foreign(identity, name)
+    return foreign and f"node {identity.node}: {foreign}, so its objects may mean something else; check the profile"
+
+
+def _foreign(identity: DeviceIdentity, name: str) -> str | None:
     vendor = Profile.load(name).identity.vendor_id
-    if vendor is None or identity.vendor_id in {None, vendor}:
+    if identity.vendor_id in {None, vendor}:
         return None
-    return (
-        f"node {identity.node}: profile {name} is for vendor-ID 0x{vendor:08X}; the device is another ({_who(identity)}), "
-        "so its objects may mean something else; check the profile"
-    )
+    return f"profile {name} is for vendor-ID 0x{vendor:08X}; the device is another ({_who(identity)})"
 
 
 def _of_product(known: Profile, product_code: int | None, revision: int | None) -> Profile:

@@ -103,6 +103,11 @@ class Description:
         return tuple(dict.fromkeys(each for each in (number, also) if each))
 
     @property
+    def problems(self) -> tuple[Problem, ...]:
+        """All repairs, contradictions and refusals, by line."""
+        return tuple(sorted((*self.warnings, *self.contradictions, *self.refused)))
+
+    @property
     def document(self) -> Document:
         """The text of the file, divided into sections."""
         return self._document or Document(self.path, [], "utf-8", {})
@@ -189,9 +194,8 @@ def loads(
     if named is not None and named != actual:
         findings.warn(0, "", "", f"is named as {named}, but is read as {actual}", "a name that fits")
     description = _described(document, actual, node_id, findings)
-    problems = tuple(sorted((*description.warnings, *description.contradictions, *description.refused)))
-    if strict and problems:
-        raise FileError(path, problems)
+    if strict and description.problems:
+        raise FileError(path, description.problems)
     return description
 
 

@@ -130,8 +130,7 @@ def check_lists(sections: dict[str, EdsSection], parts: dict[int, ObjectSections
         return
     for index, (section, entry) in listed.items():
         if index not in parts:
-            message = f"{quoted(entry.value)} has no section; there is no such object"
-            findings.warn(entry.line, section.name, entry.key, message, f"a section [{index:04X}]")
+            findings.remark(section, entry, "has no section; there is no such object", f"a section [{index:04X}]")
     for index, mine in parts.items():
         if index >= 0x1000 and index not in listed and mine.head is not None:
             findings.warn(
@@ -221,7 +220,7 @@ def _unsigned32(section: EdsSection, key: str, builder: Builder) -> int | None:
         made, result = f"read as 0x{number & MAX_UNSIGNED32:08X}", number & MAX_UNSIGNED32
     else:
         made, result = "taken as unknown", None
-    builder.findings.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} {made}", "0 to 0xFFFFFFFF")
+    builder.findings.remark(section, entry, made, "0 to 0xFFFFFFFF")
     return result
 
 
@@ -263,15 +262,10 @@ def _read_list(section: EdsSection, listed: dict[int, tuple[EdsSection, EdsEntry
         reading = values.number(entry.value)
         index = reading.value
         if not isinstance(index, int) or not 0x1000 <= index <= 0xFFFF:
-            findings.warn(
-                entry.line, section.name, entry.key, f"{quoted(entry.value)} is not an index; ignored", "0x1000 to 0xFFFF"
-            )
+            findings.remark(section, entry, "is not an index; ignored", "0x1000 to 0xFFFF")
             continue
         if index in listed:
-            other = listed[index][1].line
-            findings.warn(
-                entry.line, section.name, entry.key, f"{quoted(entry.value)} listed already, line {other}", "each object once"
-            )
+            findings.remark(section, entry, f"listed already, line {listed[index][1].line}", "each object once")
         listed.setdefault(index, (section, entry))
     said_entry = section.get("SupportedObjects")
     said = values.number(said_entry.value).value if said_entry is not None else None

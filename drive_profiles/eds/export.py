@@ -58,10 +58,14 @@ def as_data(description: Description) -> dict[str, Any]:
         "values": {
             f"{index:04X}:{subindex:02X}": plain(value) for (index, subindex), value in sorted(description.values.items())
         },
-        "warnings": [problem._asdict() for problem in description.warnings],
-        "contradictions": [problem._asdict() for problem in description.contradictions],
-        "refused": [problem._asdict() for problem in description.refused],
+        **findings_data(description),
     }
+
+
+def findings_data(description: Description) -> dict[str, list[dict[str, Any]]]:
+    """Return the problems of the file by their kind, in JSON's types."""
+    kinds = ("warnings", "contradictions", "refused")
+    return {kind: [problem._asdict() for problem in getattr(description, kind)] for kind in kinds}
 
 
 def summary(description: Description) -> dict[str, Any]:

@@ -39,7 +39,7 @@ _MOST_NAMED = 3
 
 
 def with_kept_keys(text: str, description: Description, file_format: Literal["eds", "dcf"]) -> str:
-    """Put the keys into the exporter's text, as its format has them."""
+    """Put the keys that the format has into the exporter's text."""
     written = read(text.encode(), Path("exported"), Findings())
     kept: dict[str, dict[str, str]] = {}
     for name, lines in _kept(description, file_format):

@@ -80,7 +80,7 @@ def rewritten(
 
 
 def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVariable | None:
-    """Return a variable, or None where canopen's arrays would invent one."""
+    """Return the variable at an address; canopen's arrays would invent one."""
     item = dictionary.indices.get(index)
     if item is None or isinstance(item, ODVariable):
         return item if subindex == 0 else None
@@ -125,7 +125,7 @@ def _set_compact(changes: _Changes, parts: ObjectSections, contents: dict[int, R
 
 
 def _commission(changes: _Changes, document: Document, keys: Mapping[str, str], comments: Sequence[str]) -> None:
-    """Write keys of the commissioning section, or add it behind the device's."""
+    """Write keys of the commissioning section, which is added if missing."""
     lines = [f"; {comment}" for comment in comments]
     section = next((document.sections[name] for name in COMMISSIONING if name in document.sections), None)
     if section is not None:

@@ -55,9 +55,7 @@ class EdsEntry(NamedTuple):
 class Replacement(NamedTuple):
     """A value that is written over another.
 
-    Args:
-        value: Text of the value in the file.
-        keeps_comment: True if text after ``#`` or ``;`` is a comment, which stays; in a string it belongs to the value.
+    With `keeps_comment` text after ``#`` or ``;`` is a comment, which stays; in a string it belongs to the value.
     """
 
     value: str
@@ -105,6 +103,10 @@ class Findings:
     def warn(self, line: int, section: str, key: str, message: str, expected: str = "") -> None:
         """Note a repair and what was expected; line 0 is the file."""
         self._add(self.warnings, Problem(line, _key(section, key), message, expected))
+
+    def remark(self, section: EdsSection, entry: EdsEntry, remark: str, expected: str) -> None:
+        """Warn of the value of an entry, and name what was expected."""
+        self.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} {remark}", expected)
 
     def refuse(self, line: int, section: str, key: str, message: str, expected: str = "") -> None:
         """Note an object that is left out of the dictionary, like `warn`."""

@@ -142,7 +142,7 @@ def integer(text: str, data_type: int, node_id: int | None = None) -> ValueReadi
 
 
 def value(text: str, data_type: int, node_id: int | None = None) -> ValueReading:
-    """Read a value; types not in `NAMES` are DOMAIN, see also `integer`."""
+    """Read a value of a type; one not in `NAMES` is DOMAIN."""
     if not text:
         return ValueReading(None)
     if limits_of(data_type) is not None:

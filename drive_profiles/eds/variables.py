@@ -25,7 +25,7 @@ _ACCESS = "ro, wo, rw, rwr, rww or const"
 
 
 class ObjectFlag(IntFlag):
-    """Bits of ``ObjFlags``, which exclude objects from bulk transfers as harmful."""
+    """Bits of ``ObjFlags``: objects that bulk transfers must leave out."""
 
     REFUSES_WRITE_ON_DOWNLOAD = 1
     REFUSES_READ_ON_SCAN = 2
@@ -39,10 +39,6 @@ def assign(item: ODVariable | ODRecord | ODArray, **attributes: object) -> None:
 class VariableReader:
     """Reader that makes variables and collects types and parameter values.
 
-    Args:
-        findings: List to which repairs and refusals are added.
-        node_id: Node-ID for ``$NODEID``; None if it is not known.
-
     Attributes:
         types: Data types beyond those of CiA 301, each with the type that it is made of.
         values: The parameter values, by index and sub-index.
@@ -51,6 +47,7 @@ class VariableReader:
 
     def __init__(self, findings: Findings, node_id: int | None) -> None:
         self.findings = findings
+        self.remark = findings.remark
         self.node_id = node_id
         self.types: dict[int, int] = {}
         self.values: dict[tuple[int, int], Content] = {}
@@ -130,10 +127,6 @@ class VariableReader:
             return
         assign(variable, value=reading.value)
         self.values[variable.index, variable.subindex] = reading.value
-
-    def remark(self, section: EdsSection, entry: EdsEntry, remark: str, expected: str) -> None:
-        """Warn of the value of an entry, and name what was expected."""
-        self.findings.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} {remark}", expected)
 
     def _data_type(self, section: EdsSection) -> int:
         entry = section.get("DataType")

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from drive_profiles.eds import Description
 from drive_profiles.eds.export import entries
@@ -84,16 +84,21 @@ class CatalogueEntry:
 
     @property
     def is_verified(self) -> bool:
-        """True if the facts are more than a guess; an EDS's are."""
+        """True unless the facts are a guess; an EDS's are verified."""
         return self.parameter is None or self.parameter.is_verified
+
+    @property
+    def scale(self) -> Literal["", "counts", "per mille"]:
+        """What decides the value of one step: encoder or rated torque, or ""."""
+        return self.parameter.scale if self.parameter is not None and isinstance(self.parameter.scale, str) else ""
 
     @property
     def needs_scaling(self) -> bool:
         """True if one step's value depends on encoder or rated torque."""
-        return self.parameter is not None and isinstance(self.parameter.scale, str)
+        return bool(self.scale)
 
     def without_limits(self) -> CatalogueEntry:
-        """Return the entry without limits, for values that a device holds anyhow."""
+        """Return the entry without limits, for values that a device already holds."""
         free = None if self.parameter is None else self.parameter.model_copy(update={"minimum": None, "maximum": None})
         return replace(self, low=None, high=None, parameter=free)
 

@@ -200,7 +200,7 @@ class Parameter(Fact):
         return units.to_integer(value, LIMITS[self.data_type], self.written_address, self.unit, 1.0 / per_step)
 
     def _as_read_back(self, limit: float, per_step: float, pick: Callable[[float, float], float]) -> float:
-        """Round a limit as the drive does: 0.01 must pass when read."""
+        """Round a limit as the drive does, so that its value passes."""
         if self.data_type == "REAL32":
             return pick(limit, units.real32(limit / per_step) * per_step)
         nearest = limit if self.type.is_real else round(limit / per_step) * per_step

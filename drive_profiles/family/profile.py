@@ -145,7 +145,7 @@ class Profile(Table):
         return self
 
     def unit_of(self, name: str) -> str:
-        """Return the unit of a parameter's value, a gain's by the loop."""
+        """Return a parameter's unit; a gain's follows from the loop's facts."""
         parameter = self.parameters.get(name)
         if parameter is None or parameter.unit or self.loop is None:
             return "" if parameter is None else parameter.unit
@@ -294,9 +294,7 @@ def available() -> list[str]:
 
 
 def known_name(text: str) -> str:
-    """Return a profile's name; refuse one that the package does not have.
-
-    A path is returned as it is.
+    """Return a profile's name if the package has it, or a path.
 
     Raises:
         ProfileNotFoundError: The package has no such profile.
@@ -308,7 +306,7 @@ def known_name(text: str) -> str:
 
 
 def file_of(text: str, folder: Path) -> Path | None:
-    """Return the file that a profile's path names, or None."""
+    """Return the file that a profile's path names; None for a name."""
     return None if is_name(text) else folder / _split(text)[0]
 
 

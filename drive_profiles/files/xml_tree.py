@@ -20,15 +20,7 @@ MAX_TEXT = 4096
 
 @dataclass(slots=True)
 class Element:
-    """One element of the tree: names without their name space.
-
-    Attributes:
-        tag: Name of the element.
-        attributes: Attributes by name.
-        line: Line on which it begins, from 1.
-        children: Elements inside, in the order of the file.
-        text: Text directly inside.
-    """
+    """One element of the tree: names without their name space."""
 
     tag: str
     attributes: dict[str, str]
@@ -54,7 +46,7 @@ class _UnsafeError(Exception):
 
 
 def parse(data: bytes, path: Path, kind: str) -> Element:
-    """Return an XML file's root element; its size the caller bounds.
+    """Return the root element of an XML file of bounded size.
 
     Raises:
         FileError: It is not XML of the `kind` wanted (``an XDD file``), or unsafe; with the line.

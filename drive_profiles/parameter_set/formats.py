@@ -41,9 +41,7 @@ def is_toml(path: Path) -> bool:
 
 
 def header_of(path: Path) -> Header:
-    """Return the header of a parameter set in any format.
-
-    That of a concise DCF is empty.
+    """Return a set's header in any format; a concise DCF's is empty.
 
     Raises:
         FileError: The file cannot be read.
@@ -140,7 +138,7 @@ def _value(each: Write) -> Value:
 
 
 def _stands(each: Write) -> bool:
-    """Return True if a line can hold the value."""
+    """Return True if a line can hold the value, unlike empty text."""
     value = _value(each)
     if not isinstance(value, str | bytes):
         return True  # what is wrong with a number is said where it is written

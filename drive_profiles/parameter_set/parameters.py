@@ -112,10 +112,8 @@ class Header(Table):
 
     def scaling_of(self, entry: CatalogueEntry) -> Scaling | None:
         """Return the scaling for one object, or None."""
-        scale = entry.parameter.scale if entry.parameter is not None and entry.needs_scaling else None
-        if (self.counts_per_rev if scale == "counts" else self.rated_torque_nm if scale else None) is None:
-            return None
-        return self.scaling()
+        known = {"counts": self.counts_per_rev, "per mille": self.rated_torque_nm}.get(entry.scale)
+        return None if known is None else self.scaling()
 
     def scaling(self) -> Scaling:
         """Return the header's scaling, with 1 for what it lacks."""

@@ -27,13 +27,16 @@ def pdo_of(address: ObjectAddress) -> int | None:
 
 
 def support(addresses: Iterable[ObjectAddress]) -> set[ObjectAddress]:
-    """Return COB-ID and number of mapped objects of each PDO, needed too."""
+    """Return further objects to read before these can be written.
+
+    They are the COB-ID and the number of mapped objects of each PDO.
+    """
     records = {record for address in addresses if (record := pdo_of(address)) is not None}
     return {needed for record in records for needed in ((record, 1), (record + _MAPPING_OFFSET, 0))}
 
 
 def mapped(goal: Mapping[ObjectAddress, bytes], held: Mapping[ObjectAddress, bytes]) -> list[ObjectAddress]:
-    """Return mapped objects that the goal lacks; a device may forget them."""
+    """Return the mapped objects that the goal lacks, which devices may forget."""
     numbers = {address for address in {**goal, **held} if address[1] == 0 and pdo_of(address) not in {None, address[0]}}
     counts = {address: max([0, *goal.get(address, b""), *held.get(address, b"")]) for address in numbers}
     return [

@@ -225,7 +225,7 @@ def biquad_of(zero: Quadratic, pole: Quadratic, period_s: float, rule: Rule = "b
 
 
 def stated(held: Quadratic, period_s: float, rule: Rule) -> Quadratic:
-    """Return the quadratic to state to a drive, whose `shape_of` is ``held``."""
+    """Return the quadratic to state, for which the drive holds ``held``."""
     return quadratic_of(polynomial_of(held, period_s), period_s, rule)
 
 
@@ -243,7 +243,10 @@ def factors(numerator: list[float], denominator: list[float]) -> tuple[Biquad, B
 
 
 def _pairs(coefficients: list[float]) -> tuple[tuple[Polynomial, Polynomial], float]:
-    """Factor order 4 into quadratics in z⁻¹, slowest first, and a factor."""
+    """Factor a polynomial of order 4 into two quadratics.
+
+    They are in z⁻¹, the one with roots nearest to z = 1 first; a constant factor is returned, too.
+    """
     leading = next((n for n, c in enumerate(coefficients) if c != 0.0), len(coefficients) - 1)
     roots = 1.0 + _roots_about_one(np.array(coefficients[leading:]))
     above = sorted((r for r in roots if r.imag > 0.0), key=lambda r: abs(r - 1.0))
@@ -260,7 +263,10 @@ def _pairs(coefficients: list[float]) -> tuple[tuple[Polynomial, Polynomial], fl
 
 
 def _roots_about_one(descending: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return roots in w = z − 1; complex ones exactly paired."""
+    """Return a polynomial's roots, shifted by 1 to w.
+
+    The polynomial is in z = 1 + w; complex roots are exactly paired.
+    """
     shifted = descending.copy()
     for last in range(len(shifted) - 1, 0, -1):  # repeated synthetic division by z − 1
         for n in range(1, last + 1):

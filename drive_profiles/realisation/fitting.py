@@ -51,7 +51,7 @@ class Fit:
             raise NotRealisableError(self.profile.label, (str(error),)) from None
 
     def filter(self, values: dict[str, float]) -> tuple[Biquad, ...]:
-        """Return the filter with these values, at the target's speed."""
+        """Return the filter that the drive runs, evaluated at the target's speed."""
         if self.notch.form != "variable":
             return filter_of(HeldValues(self.profile, values), self.notch, self.section, self.period_s)
         parts, zero_hz = self.section.parts, self.target.zero_hz
@@ -190,7 +190,10 @@ def _coefficients(fit: Fit) -> dict[str, float]:
 
 
 def _gain(fit: Fit, wanted: Biquad) -> float:
-    """Return the smallest power of two, up to 8, that fits all."""
+    """Return the smallest numerator gain at which all coefficients fit.
+
+    It is a power of two, at most 8.
+    """
     for gain in (1.0, 2.0, 4.0, 8.0):
         try:
             for part, c in zip(COEFFICIENTS[:3], wanted, strict=False):

@@ -40,7 +40,7 @@ def held_filter(profile: Profile, values: Mapping[str, float], period_s: float |
 
 
 class HeldValues:
-    """Values, given or factory settings, rounded as a drive's objects hold them."""
+    """Values as a drive's objects hold them, by default the factory settings."""
 
     def __init__(self, profile: Profile, values: Mapping[str, float]) -> None:
         self.profile = profile
@@ -68,7 +68,8 @@ def filter_of(held: HeldValues, notch: NotchFacts, section: FilterSection, perio
     Raises:
         NotRealisableError: As for `held_filter`.
     """
-    refuse(held.profile, obstacles(held.profile, notch, section))
+    if reasons := obstacles(held.profile, notch, section):
+        raise NotRealisableError(held.profile.label, reasons)
     if notch.form == "coefficients":
         return _from_coefficients(held, notch, section)
     zero, pole = _quadratics(held, notch, section)
@@ -79,7 +80,7 @@ def filter_of(held: HeldValues, notch: NotchFacts, section: FilterSection, perio
 
 
 def obstacles(profile: Profile, notch: NotchFacts, section: FilterSection) -> tuple[str, ...]:
-    """Return reasons why a section's filter cannot be computed with any values."""
+    """Return reasons why a section's filter cannot be computed, whatever the values."""
     parts = section.parts
     reasons = [_no_number(n, p) for n in parts.values() if (p := profile.parameter(n)).is_bytes]
     if reasons:
@@ -102,16 +103,6 @@ def obstacles(profile: Profile, notch: NotchFacts, section: FilterSection) -> tu
                     f"{name} is in {actual or 'plain numbers'}: its relation to {unit or 'a plain number'} is not known"
                 )
     return tuple(reasons)
-
-
-def refuse(profile: Profile, reasons: tuple[str, ...]) -> None:
-    """Raise an error if there are reasons.
-
-    Raises:
-        NotRealisableError: `reasons` is not empty.
-    """
-    if reasons:
-        raise NotRealisableError(profile.label, reasons)
 
 
 def period_of(profile: Profile, period_s: float | None) -> float:

@@ -51,13 +51,7 @@ class Event(Enum):
 
 
 class Transition(NamedTuple):
-    """One arrow of the state machine.
-
-    Args:
-        origins: States from which it leads; empty for the start.
-        target: State to which it leads.
-        causes: Commands or events, any one of which causes it.
-    """
+    """One arrow of the state machine; any one of its causes suffices."""
 
     origins: tuple[State, ...]
     target: State
@@ -138,7 +132,10 @@ class DisableOperationOption(IntEnum):
 
 
 class HaltOption(IntEnum):
-    """Halt option code, 605Dh: the braking at the halt bit, still enabled."""
+    """Halt option code, 605Dh: the braking at the halt bit.
+
+    The state stays OPERATION_ENABLED.
+    """
 
     SLOW_DOWN_RAMP = 1
     QUICK_STOP_RAMP = 2
@@ -245,7 +242,10 @@ def status_bits(state: State) -> int:
 
 
 def control_word(command: Command) -> int:
-    """Return a command's control word; FAULT_RESET needs bit 7 clear before."""
+    """Return the control word of a command, all other bits 0.
+
+    The edge of FAULT_RESET needs a word with bit 7 clear before it.
+    """
     return PATTERNS[command][1]
 
 

@@ -78,7 +78,7 @@ def measured(value: float, error: float) -> str:
 
 
 def value(held: float | str, address: ObjectAddress, data_type: DataType | None = None, digits: int = DIGITS) -> str:
-    """Format an object's value; whole hexadecimal ones have their type's digits."""
+    """Format an object's value; hexadecimal ones have all digits of their type."""
     if isinstance(held, str):
         return held
     if isinstance(held, int) and held >= 0 and is_hexadecimal(address):

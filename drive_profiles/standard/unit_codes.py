@@ -83,7 +83,7 @@ def acceleration_units(unit: int, position_unit: int, feed: float) -> float:
 
 
 def _way(what: str, unit: int, numerator: int, position_unit: int, feed: float) -> float:
-    """Return the numerator units, without prefix, per revolution of the shaft."""
+    """Return the numerator's units per revolution of the shaft, without the prefix."""
     if numerator in _PER_TURN:
         return _PER_TURN[numerator]
     prefix, counted, _ = _parts("60A8h", position_unit) if position_unit else (0, INCREMENT, 0)

@@ -41,12 +41,7 @@ def to_integer(value: FloatArray, limits: tuple[int, int], what: str, unit: str,
 def to_integer(value: Any, limits: tuple[int, int], what: str, unit: str, factor: float = 1.0) -> Any:
     """Round ``value · factor`` to the nearest integer, halves to even.
 
-    Args:
-        value: Number or array of any shape, in ``unit``.
-        limits: Smallest and largest integer that the object holds.
-        what: Quantity, for the message.
-        unit: Printable unit of ``value``, for the message.
-        factor: Integers per unit.
+    The limits are those of the object, `factor` has integers per `unit`.
 
     Raises:
         OutOfRangeError: A value is outside the limits, or not finite; the first such element of an array is named.
@@ -165,7 +160,7 @@ class Scaling:
 
     @property
     def counts_are_increments(self) -> bool:
-        """True if positions are increments of the encoder, of the same sign."""
+        """True if positions are increments of the encoder, with the same sign."""
         return self._position == self.encoder_counts_per_rev and not self.polarity & POSITION_REVERSED
 
     @property

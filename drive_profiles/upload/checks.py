@@ -17,8 +17,8 @@ def foreign_device(device: Device, header: Header, identity: DeviceIdentity) -> 
     reasons: list[str] = []
     if profile is not None:
         reasons += _differs("vendor (1018h:1)", identity.vendor_id, (profile.identity.vendor_id,), f"profile {profile.label}")
-    reasons += _differs("vendor", identity.vendor_id, () if header.vendor_id is None else (header.vendor_id,), who)
-    reasons += _differs("product", identity.product_code, () if header.product_code is None else (header.product_code,), who)
+    reasons += _differs("vendor", identity.vendor_id, (header.vendor_id,), who)
+    reasons += _differs("product", identity.product_code, (header.product_code,), who)
     return reasons
 
 
@@ -34,8 +34,7 @@ def identity_refusals(device: Device, header: Header, identity: DeviceIdentity, 
             expected = profile.identity
             what_to_do = ": a [[product]] in a copy of the profile can name it" if profile.products else ""
             reasons.append(f"{error}{what_to_do}")
-        types = () if expected.device_type is None else (expected.device_type,)
-        reasons += _differs("device type (1000h)", identity.device_type, types, who)
+        reasons += _differs("device type (1000h)", identity.device_type, (expected.device_type,), who)
         if not (expected.is_verified and expected.product_code is not None) and not options.allow_unverified:
             reasons.append(
                 f"the identity in {who} is not verified ({expected.source}); give --allow-unverified to write nevertheless"
@@ -144,8 +143,8 @@ def _moving_scale(device: Device, writes: Sequence[Write]) -> list[str]:
     return [f"{named} changes the scaling of {scaled[0].entry}; upload it first, in a set of its own"]
 
 
-def _differs(what: str, actual: int | None, wanted: Iterable[int], who: str) -> list[str]:
-    values = tuple(wanted)
+def _differs(what: str, actual: int | None, wanted: Iterable[int | None], who: str) -> list[str]:
+    values = [each for each in wanted if each is not None]
     if not values or actual in values:
         return []
     shown = " or ".join(f"0x{value:X}" for value in values)

@@ -37,16 +37,9 @@ Answer = Literal["yes", "no", "unknown"]
 
 @dataclass(frozen=True)
 class UploadSnapshot:
-    """Bytes of a drive before an upload, and the wanted bytes.
+    """Bytes of a drive before an upload, and wanted bytes, by address.
 
-    Attributes:
-        node: Node-ID.
-        bus: Address of the bus.
-        identity: 1018h and 1000h as the drive gave them.
-        profile: Name of the drive profile.
-        old: Bytes before, by address.
-        new: Bytes wanted, by address.
-        names: Names of the objects, by address.
+    `identity` has 1018h and 1000h as the drive gave them.
     """
 
     node: int
@@ -176,9 +169,7 @@ class Journal:
 
 
 def read(path: str | Path) -> JournalStatement:
-    """Read a journal, even that of a killed upload.
-
-    An unfinished last line is ignored.
+    """Read a journal, even of a killed upload, without its unfinished line.
 
     Raises:
         FileError: The file is not a journal.

@@ -42,12 +42,9 @@ MAX_PASSES = 3
 
 
 class Upload:
-    """Upload to one drive, step by step.
-
-    `upload.fleet` calls the steps for one or several drives in order.
+    """Upload to one drive, step by step; `upload.fleet` calls the steps.
 
     Attributes:
-        device: The drive.
         identity: Identity that the drive stated; None before `prepare`.
         writes: The objects of the set and their bytes.
         warnings: Warnings to the user, one sentence each.
@@ -123,9 +120,7 @@ class Upload:
             raise NodeError(self.device.node, what, "check the bus")
 
     def still_as_prepared(self) -> None:
-        """Check that device, state and values are as they were.
-
-        The user may have waited long before the confirmation.
+        """Check that nothing has changed since `prepare`; a confirmation may take long.
 
         Raises:
             NodeError: Something has changed; nothing has been written.
@@ -170,9 +165,7 @@ class Upload:
             raise RefusedError(*reasons)
 
     def open_journal(self) -> None:
-        """Write the snapshot to disk.
-
-        Nothing is written to the drive before that.
+        """Write the snapshot to disk before anything goes to the drive.
 
         Raises:
             FileError: The journal cannot be written.
