@@ -14,9 +14,7 @@ SCHEMAS = {
 """Classes of the TOML files that `drive-profiles` reads."""
 
 app = Tool(
-    "drive-profiles",
-    "Drive families as data, and the parameters of real drives: identity, capabilities and values.",
-    EPILOG,
+    "drive-profiles", "Drive families as data, and the parameters of real drives: identity, capabilities and values.", EPILOG
 )
 
 mount(app, profiles, read, watch, nodes, write, compare, convert, eds, realise)

@@ -63,11 +63,7 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
 
 
 @command(epilog=FILE_EPILOG)
-def show(
-    name: ProfileName,
-    *,
-    as_json: JsonOption = False,
-) -> None:
+def show(name: ProfileName, *, as_json: JsonOption = False) -> None:
     """Show one profile with its capabilities and parameters.
 
     Each capability has its reason, each parameter its object and unit.

@@ -74,8 +74,7 @@ def scan(
         table("", header, [_row(identity, names) for identity, names in rows])
     if not rows:
         raise fail(
-            f"no node of {nodes} answers on {bus} within {timeout_s:g} s: check the bit rate and the supply",
-            ExitStatus.NODE,
+            f"no node of {nodes} answers on {bus} within {timeout_s:g} s: check the bit rate and the supply", ExitStatus.NODE
         )
 
 
@@ -300,13 +299,7 @@ def get(
         values, failures = _got(device, entries)
     if drive.as_json:
         documents: list[dict[str, Any]] = [
-            {
-                "object": f"0x{address_text(e.address)}",
-                "name": e.name,
-                "value": in_json(v),
-                "unit": e.unit,
-                "bytes": d.hex(),
-            }
+            {"object": f"0x{address_text(e.address)}", "name": e.name, "value": in_json(v), "unit": e.unit, "bytes": d.hex()}
             for e, d, v in values
         ]
         documents += [{"object": f"0x{address_text(e.address)}", "name": e.name, "error": str(error)} for e, error in failures]

@@ -16,7 +16,7 @@ from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVari
 
 from drive_profiles.eds import values
 from drive_profiles.eds.text import EdsEntry, EdsSection, Findings, quoted
-from drive_profiles.eds.variables import DOMAIN_OBJECT, VariableReader, assign
+from drive_profiles.eds.variables import DOMAIN_OBJECT, VariableReader, assign, made_variable
 
 VAR, ARRAY, RECORD = 0x7, 0x8, 0x9
 _TYPE_OBJECTS = {0x5, 0x6}  # DEFTYPE, DEFSTRUCT: they describe types and cannot be accessed
@@ -217,7 +217,7 @@ class Builder(VariableReader):
 
     def _compact(self, item: ODRecord | ODArray, head: EdsSection, parts: ObjectSections, count: int) -> None:
         """Build an array of like entries from a compact notation."""
-        item.add_member(_entry_count(item.index, count))
+        item.add_member(made_variable("NrOfObjects", item.index, 0, 0x05, "ro", count))  # as in CiA 306-1
         template = self.variable(head, item.index, 1)
         names = self._numbered(parts.lists.get("name"), count)
         contents = self._numbered(parts.lists.get("value"), count)
@@ -249,15 +249,6 @@ class Builder(VariableReader):
             message = f"{'missing' if said is None else said}; there are {len(found)}"
             self.findings.warn(line, section.name, "NrOfEntries", message, str(len(found)))
         return found
-
-
-def _entry_count(index: int, count: int) -> ODVariable:
-    """Return sub-index 0 of a compact notation, as in CiA 306-1."""
-    variable = ODVariable("NrOfObjects", index, 0)
-    variable.data_type = 0x05
-    variable.access_type = "ro"
-    assign(variable, default=count, default_raw=str(count))
-    return variable
 
 
 def _first(parts: ObjectSections) -> tuple[int, str]:

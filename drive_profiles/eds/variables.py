@@ -36,6 +36,15 @@ def assign(item: ODVariable | ODRecord | ODArray, **attributes: object) -> None:
     vars(item).update(attributes)
 
 
+def made_variable(name: str, index: int, subindex: int, data_type: int, access: str, default: int | None = None) -> ODVariable:
+    """Make a variable that the file does not describe itself."""
+    variable = ODVariable(name, index, subindex)
+    variable.data_type, variable.access_type = data_type, access
+    if default is not None:
+        assign(variable, default=default, default_raw=str(default))
+    return variable
+
+
 class VariableReader:
     """Reader that makes variables and collects types and parameter values.
 
@@ -149,11 +158,7 @@ class VariableReader:
         entry = section.get("AccessType")
         if entry is None:
             self.findings.warn(
-                section.line,
-                section.name,
-                "AccessType",
-                "missing; taken as ro, so that no tool writes it",
-                _ACCESS,
+                section.line, section.name, "AccessType", "missing; taken as ro, so that no tool writes it", _ACCESS
             )
             return "ro"
         reading = values.access(entry.value)

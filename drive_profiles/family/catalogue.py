@@ -168,20 +168,12 @@ class Catalogue:
         for entry in _from_eds(description):
             self._entries[entry.address] = entry
         for name, parameter in profile.parameters.items() if profile else ():
-            known = self._entries.get(parameter.address)
+            stated = parameter.address, name, parameter.type, parameter.access, parameter
+            own = CatalogueEntry(*stated, parameter_class=parameter.parameter_class)
+            known = self._entries.get(parameter.address, own)
             # of another type than the profile says, the EDS is of another firmware: its limits are not this object's
-            same = known is not None and known.data_type is parameter.type
-            self._entries[parameter.address] = CatalogueEntry(
-                parameter.address,
-                name,
-                parameter.type,
-                parameter.access,
-                parameter,
-                known.low if known is not None and same else None,
-                known.high if known is not None and same else None,
-                parameter.parameter_class,
-                known.flags if known is not None else 0,
-            )
+            limits = known if known.data_type is parameter.type else own
+            self._entries[own.address] = replace(own, low=limits.low, high=limits.high, flags=known.flags)
         self._entries = dict(sorted(self._entries.items()))
         self._standard = {
             address: CatalogueEntry(address, *facts) for address, facts in OBJECTS.items() if address not in self._entries

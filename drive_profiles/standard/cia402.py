@@ -272,10 +272,7 @@ def commands(control_word: int, previous_control_word: int, state: State | None 
 
 
 def next_state(
-    state: State,
-    control_word: int,
-    previous_control_word: int,
-    quick_stop_option: int = QuickStopOption.QUICK_STOP_RAMP,
+    state: State, control_word: int, previous_control_word: int, quick_stop_option: int = QuickStopOption.QUICK_STOP_RAMP
 ) -> State:
     """Return the state after one control word (6040h): at most one transition.
 

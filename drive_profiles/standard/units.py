@@ -282,10 +282,7 @@ def interpolation_period(period_s: float, index: int | None = None) -> tuple[int
         value, exponent = value * 10 ** (exponent - index), index
     if value > _UNSIGNED8_MAX or exponent < _PERIOD_INDEX[0]:
         raise OutOfRangeError(
-            "interpolation period",
-            period_s,
-            "s",
-            f"is {value} × 10^{exponent} s: 60C2h sub 1 holds 1 to {_UNSIGNED8_MAX}",
+            "interpolation period", period_s, "s", f"is {value} × 10^{exponent} s: 60C2h sub 1 holds 1 to {_UNSIGNED8_MAX}"
         )
     return value, exponent
 
