@@ -12,11 +12,6 @@ from drive_profiles.standard.object_address import WrittenAddress
 
 Positive = Annotated[float, pydantic.Field(gt=0)]
 
-NEEDED_START_HZ = 8.0
-"""Frequency at which the paper's notch begins, k f_s = 2 · 4 rps."""
-NEEDED_ZETA_RN = 0.028
-"""Damping of the zeros of the paper's notch, Table 3."""
-
 
 class Capability(Table):
     """An answer to one question about the device, with its reason.

@@ -15,7 +15,7 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.files import toml as files
 from drive_profiles.parameter_set import parameters
 from drive_profiles.parameter_set.commands import is_command
-from drive_profiles.parameter_set.concise import from_concise, to_concise
+from drive_profiles.parameter_set.formats import from_concise, to_concise
 from drive_profiles.parameter_set.parameters import (
     CLASSES,
     Header,
