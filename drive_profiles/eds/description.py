@@ -82,7 +82,7 @@ class Description:
     flags: dict[tuple[int, int], int] = field(default_factory=dict)
     serial_number: int | None = None
     own_node_id: int | None = None
-    _locations: eds_rewrite.ValueLocations | None = field(default=None, repr=False, compare=False)
+    _builder: Builder | None = field(default=None, repr=False, compare=False)
     _document: Document | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -126,10 +126,10 @@ class Description:
         Raises:
             FileError: An object is not in the file, a value is not of its type, or the file is an XDD.
         """
-        if self._locations is None:
+        if self._builder is None:
             problem = Problem(0, "", "is an XDD file, which is not rewritten", "a DCF: convert it first")
             raise FileError(self.path, (problem,))
-        data = eds_rewrite.rewritten(self.path, self._locations, self.dictionary, values, commissioning, comments)
+        data = eds_rewrite.rewritten(self.document, self._builder, values, commissioning, comments)
         again = loads(data, self.path, node_id=self.node_id, file_format=self.file_format)
         wrong = [key for key, wanted in values.items() if key not in again.values or again.values[key] != wanted]
         if wrong:
@@ -252,5 +252,5 @@ def _described(document: Document, file_format: FileFormat, node_id: int | None,
         serial_number=serial_number,
         own_node_id=file_node_id,
         _document=document,
-        _locations=None if file_format == "xdd" else eds_rewrite.ValueLocations(document, builder.sections, builder.compact),
+        _builder=None if file_format == "xdd" else builder,
     )

@@ -4,25 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from canopen.objectdictionary import ObjectDictionary, ODVariable
 
 from drive_profiles.eds import values as eds_values
 from drive_profiles.eds.device import COMMISSIONING, DEVICE_COMMISSIONING
-from drive_profiles.eds.objects import ObjectSections
+from drive_profiles.eds.objects import Builder, ObjectSections
 from drive_profiles.eds.text import Document, EdsSection, Replacement
 from drive_profiles.eds.variables import Content
 from drive_profiles.errors import FileError, Problem
-
-
-@dataclass(frozen=True, slots=True)
-class ValueLocations:
-    """Locations of the parameter values in a file, as in `Builder`."""
-
-    document: Document
-    sections: dict[tuple[int, int], EdsSection]
-    compact: dict[int, ObjectSections]
 
 
 @dataclass(slots=True)
@@ -32,9 +22,8 @@ class _Changes:
 
 
 def rewritten(
-    path: Path,
-    locations: ValueLocations,
-    dictionary: ObjectDictionary,
+    document: Document,
+    builder: Builder,
     values: Mapping[tuple[int, int], Content],
     commissioning: Mapping[str, str],
     comments: Sequence[str],
@@ -49,9 +38,9 @@ def rewritten(
     compact: dict[int, dict[int, Replacement]] = {}
     for (index, subindex), value in sorted(values.items()):
         key = f"{index:04X}:{subindex:02X}"
-        variable = _variable(dictionary, index, subindex)
-        section = locations.sections.get((index, subindex))
-        if variable is None or (section is None and (index not in locations.compact or subindex == 0)):
+        variable = _variable(builder.dictionary, index, subindex)
+        section = builder.sections.get((index, subindex))
+        if variable is None or (section is None and (index not in builder.compact or subindex == 0)):
             problems.append(Problem(0, key, "is not an object with a section in this file", "an object that can be written"))
             continue
         data_type = variable.data_type or eds_values.DOMAIN
@@ -66,17 +55,17 @@ def rewritten(
         else:
             compact.setdefault(index, {})[subindex] = written
     for index, contents in compact.items():
-        _set_compact(changes, locations.compact[index], contents)
-    _commission(changes, locations.document, commissioning, comments)
+        _set_compact(changes, builder.compact[index], contents)
+    _commission(changes, document, commissioning, comments)
     if problems:
-        raise FileError(path, tuple(problems))
+        raise FileError(document.path, tuple(problems))
     try:
-        return locations.document.rewritten(changes.replace, changes.insert)
+        return document.rewritten(changes.replace, changes.insert)
     except UnicodeEncodeError as error:
         problem = Problem(
             0, "", f"has no {error.object[error.start]!r} in its encoding, {error.encoding}", "characters that it has"
         )
-        raise FileError(path, (problem,)) from error
+        raise FileError(document.path, (problem,)) from error
 
 
 def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVariable | None:
