@@ -42,7 +42,7 @@ class Problem(NamedTuple):
 
 
 class FileError(DriveProfileError):
-    """A file that cannot be used, with all its problems, sorted by line."""
+    """A file that cannot be used, with its problems sorted by line."""
 
     def __init__(self, path: Path, problems: tuple[Problem, ...]) -> None:
         self.path, self.problems = path, problems
@@ -172,7 +172,7 @@ class SdoAbortedError(DriveProfileError):
 
 
 class NotRealisableError(DriveProfileError):
-    """A design that a drive cannot hold, or that lacks facts: refused with all reasons."""
+    """A design that a drive cannot hold, or that lacks facts."""
 
     exit_code = 9
 

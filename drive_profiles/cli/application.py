@@ -226,7 +226,7 @@ def command(name: str | None = None, **settings: Any) -> Callable[[_Command], _C
 
 
 def _with_fields(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that takes the fields of a dataclass as options of their own."""
+    """Return a command with an option for each field of a dataclass."""
     parameters: list[inspect.Parameter] = []
     behind: list[inspect.Parameter] = []
     groups: dict[str, tuple[Any, list[str]]] = {}

@@ -1,4 +1,4 @@
-"""Commands that show the faults of nodes, and give them services of CiA 301 (NMT) and CiA 305 (LSS)."""
+"""Commands on nodes: their faults, network management (CiA 301), and LSS (CiA 305)."""
 
 # ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
 

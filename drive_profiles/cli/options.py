@@ -112,7 +112,7 @@ class DriveOptions(BusOptions):
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[Device]:
-        """Open the bus, and the drive at the node; see `device_at` for the errors."""
+        """Open the bus and the drive at the node, as `device_at` does."""
         from drive_profiles.device.bus import SdoBus
         from drive_profiles.device.target import device_at
 

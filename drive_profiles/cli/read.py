@@ -339,7 +339,7 @@ def _got(
 
 
 def decoded(entry: CatalogueEntry, data: bytes, scaling_of: Callable[[list[CatalogueEntry]], Scaling | None]) -> float | str:
-    """Return the value of an object; bytes that are no value as text, with the reason."""
+    """Return an object's value; bytes that are no value become text."""
     try:
         return entry.decoded(data, scaling_of([entry]))
     except ValueError as error:

@@ -82,7 +82,7 @@ def watch(
 def _readings(
     device: Device, entries: list[CatalogueEntry], every_s: float, count: int | None, for_s: float | None
 ) -> Iterator[tuple[float, list[float | str]]]:
-    """Yield time since the first reading, and values; a late one skips those missed."""
+    """Yield time and values of each reading; missed readings are skipped."""
     scaling = device.scaling(entries)
     start, made = time.monotonic(), 0
     while count is None or made < count:

@@ -84,7 +84,7 @@ class MemoryCommand:
 
 
 def store_command(device: Device) -> MemoryCommand:
-    """Return the command that stores the device's values; `RefusedError` if it has none."""
+    """Return the command that stores the device's values; `RefusedError` without one."""
     facts = _facts(device)
     return _command(device, "store", facts.object, facts.signature)
 

@@ -140,7 +140,7 @@ def device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path
 
 
 def any_device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path | None = None) -> Device:
-    """Open the device at a node; one without a fitting profile has the standard's objects."""
+    """Open a device, without a fitting profile by the standard's objects alone."""
     try:
         return device_at(bus, node, profile, eds_file)
     except NodeError:  # no profile is of it, or several are

@@ -89,7 +89,7 @@ class CatalogueEntry:
 
     @property
     def scale(self) -> Literal["", "counts", "per mille"]:
-        """What decides the value of one step: encoder or rated torque, or ""."""
+        """Quantity that decides the value of one step, or ""."""
         return self.parameter.scale if self.parameter is not None and isinstance(self.parameter.scale, str) else ""
 
     @property

@@ -43,7 +43,7 @@ MAX_BYTES = 4 << 20
 
 
 def check_size(data: bytes) -> None:
-    """Refuse, as a `RefusedError`, the bytes of a file that no reader would take."""
+    """Refuse (`RefusedError`) the bytes of a file that no reader would take."""
     if len(data) > MAX_BYTES:
         raise RefusedError(
             f"the set would be a file of {len(data)} bytes; expected at most {MAX_BYTES >> 20} MiB, the largest that is read; "
