@@ -32,13 +32,7 @@ class AddressError(ValueError):
     """A bus address that cannot be used."""
 
     def __init__(self, text: str, origin: str = "", why: str = NO_ADDRESS) -> None:
-        """Compose the message.
-
-        Args:
-            text: The refused address.
-            origin: Option, variable or file that gave it.
-            why: What follows the address in the message.
-        """
+        """Compose the message, in which `why` follows the address."""
         self.text, self.origin, self.why = text, origin, why
         where = f"{origin}: " if origin else ""
         super().__init__(f"{where}{text!r}{why}")
@@ -127,16 +121,10 @@ def parse_bit_rate(text: str) -> int:
 
 
 def check_interface(text: str, origin: str = "") -> None:
-    """Refuse an unreadable address or an unknown interface.
-
-    The bus is not opened.
-
-    Args:
-        text: The address.
-        origin: Place that names it, for the message.
+    """Refuse an unreadable address or an unknown interface; open nothing.
 
     Raises:
-        AddressError: There is no such address.
+        AddressError: There is no such address; `origin` names its place.
     """
     try:
         interface = parse_address(text).interface
@@ -178,7 +166,7 @@ def choose_bus(
     *,
     option_name: str = "--bus",
 ) -> BusChoice | None:
-    """Choose the bus of a command.
+    """Choose the bus of a command; None if no bus is given.
 
     The option comes first, then the environment (`HIL_BUS`), then the command's file or default.
 
@@ -187,9 +175,6 @@ def choose_bus(
         otherwise: Name of a file, or of a default, and the address in it.
         environment: Environment variables; those of the process unless they are given. An empty one counts as none.
         option_name: Name of what comes first, for the words.
-
-    Returns:
-        The choice; None if no bus is given.
 
     Raises:
         AddressError: The chosen address cannot be read, or has an unknown interface; the message states its origin.

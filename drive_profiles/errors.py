@@ -9,31 +9,16 @@ from typing import ClassVar, NamedTuple
 
 
 class DriveProfileError(Exception):
-    """Root of all errors of this package.
-
-    ``exit_code`` is the exit status of a command that ends with the error.
-    """
+    """Root of this package's errors, with the exit status of a command."""
 
     exit_code: ClassVar[int] = 3
 
 
 class OutOfRangeError(DriveProfileError, ValueError):
-    """A value that the object on the wire cannot hold.
-
-    Such a value is refused, never clamped.
-
-    Args:
-        what: The quantity, e.g. ``torque``.
-        value: The value that was asked for, in ``unit``.
-        unit: Printable unit of ``value``.
-        reason: Reason why the object cannot hold it, with the limits.
-    """
+    """A value that the object cannot hold; it is refused, never clamped."""
 
     def __init__(self, what: str, value: object, unit: str, reason: str) -> None:
-        self.what = what
-        self.value = value
-        self.unit = unit
-        self.reason = reason
+        self.what, self.value, self.unit, self.reason = what, value, unit, reason
         super().__init__(f"{what} {value}{f' {unit}' if unit else ''}: {reason}")
 
 
@@ -47,11 +32,7 @@ def beyond(low: float, high: float) -> str:
 class Problem(NamedTuple):
     """One thing wrong in a file.
 
-    Args:
-        line: Line number, from 1; 0 for the file as a whole.
-        key: Dotted key path, empty for a syntax error.
-        message: What is wrong there.
-        expected: What is wanted there instead.
+    Line 0 is the file as a whole; the key is a dotted path, empty for a syntax error; `expected` is wanted there instead.
     """
 
     line: int
@@ -61,30 +42,17 @@ class Problem(NamedTuple):
 
 
 class FileError(DriveProfileError):
-    """A file that cannot be used, with all its problems.
-
-    Args:
-        path: The file.
-        problems: All problems, sorted by line.
-    """
+    """A file that cannot be used, with its problems sorted by line."""
 
     def __init__(self, path: Path, problems: tuple[Problem, ...]) -> None:
-        self.path = path
-        self.problems = problems
+        self.path, self.problems = path, problems
         super().__init__("\n".join(_line(path, problem) for problem in problems))
 
 
 class ProfileNotFoundError(DriveProfileError, ValueError):
-    """The package has no drive profile of that name.
-
-    Args:
-        name: Name that was asked for.
-        available: Names of the profiles that the package has.
-    """
+    """The package has no drive profile of that name."""
 
     def __init__(self, name: str, available: tuple[str, ...]) -> None:
-        self.name = name
-        self.available = available
         close = difflib.get_close_matches(name, available, n=1)
         hint = f", did you mean {close[0]}?" if close else ";"
         listed = ", ".join(available) or "none"
@@ -92,17 +60,9 @@ class ProfileNotFoundError(DriveProfileError, ValueError):
 
 
 class UnknownProductError(DriveProfileError, ValueError):
-    """A device or a name that matches no product of the profile.
-
-    Args:
-        profile: The profile's name.
-        product: Product code (1018h:2) or name; None if the device states no code.
-        revision: Revision (1018h:3) of the device, where it states one.
-        known: The products that the profile names, in words.
-    """
+    """A product code or name (1018h:2) that the profile does not have."""
 
     def __init__(self, profile: str, product: int | str | None, revision: int | None, known: tuple[str, ...]) -> None:
-        self.profile, self.product, self.revision, self.known = profile, product, revision, known
         if isinstance(product, str):
             super().__init__(f"profile {profile} has no product {product!r}; it has {', '.join(known)}")
             return
@@ -113,18 +73,10 @@ class UnknownProductError(DriveProfileError, ValueError):
 
 
 class UnknownParameterError(DriveProfileError, KeyError):
-    """A profile has no parameter of that name.
-
-    Args:
-        profile: The profile's name.
-        name: Name that was asked for.
-        close: Similar names, best first.
-    """
+    """A profile has no such parameter; `close` has similar names, best first."""
 
     def __init__(self, profile: str, name: str, close: tuple[str, ...]) -> None:
-        self.profile = profile
-        self.name = name
-        self.close = close
+        self.profile, self.name, self.close = profile, name, close
         super().__init__(profile, name, close)
 
     def __str__(self) -> str:
@@ -133,12 +85,7 @@ class UnknownParameterError(DriveProfileError, KeyError):
 
 
 class UnknownObjectError(DriveProfileError):
-    """An object that neither profile nor EDS has.
-
-    Args:
-        text: Name or address that was asked for.
-        close: Similar names, best first.
-    """
+    """An object that neither profile nor EDS has, and similar names."""
 
     exit_code = 2
 
@@ -151,12 +98,7 @@ class UnknownObjectError(DriveProfileError):
 
 
 class AmbiguousNameError(DriveProfileError):
-    """A name that fits several objects.
-
-    Args:
-        text: Name that was asked for.
-        candidates: Address and full name of each object.
-    """
+    """A name that fits several objects; `candidates` has addresses and names."""
 
     exit_code = 2
 
@@ -166,11 +108,7 @@ class AmbiguousNameError(DriveProfileError):
 
 
 class RefusedError(DriveProfileError):
-    """A request that is refused before anything has been written.
-
-    Args:
-        reasons: The reasons, a sentence each.
-    """
+    """A request that is refused before anything has been written."""
 
     def __init__(self, *reasons: str) -> None:
         self.reasons = reasons
@@ -184,13 +122,7 @@ class BusError(DriveProfileError):
 
 
 class NodeError(DriveProfileError):
-    """A node that cannot be used as it is.
-
-    Args:
-        node: Node-ID.
-        what: What is wrong with the node.
-        remedy: What the user can do about it.
-    """
+    """A node that cannot be used as it is, with a remedy."""
 
     exit_code = 5
 
@@ -208,13 +140,7 @@ class NoAnswerError(NodeError):
 
 
 class NoLssAnswerError(NoAnswerError):
-    """No node has answered an LSS service, which knows no node-ID.
-
-    Args:
-        what: The service.
-        after_s: Time that was waited.
-        remedy: What the user can do about it.
-    """
+    """No node has answered an LSS service, which knows no node-ID."""
 
     def __init__(self, what: str, after_s: float, remedy: str) -> None:
         self.node, self.what, self.after_s, self.remedy = 0, what, after_s, remedy
@@ -222,10 +148,7 @@ class NoLssAnswerError(NoAnswerError):
 
 
 class SharedNodeError(NoAnswerError):
-    """A node whose answers were lost or went to another client.
-
-    Two clients at one SDO server disturb each other.
-    """
+    """A node whose answers were lost or went to another client."""
 
     def __init__(self, node: int, what: str, after_s: float) -> None:
         self.after_s = after_s
@@ -236,14 +159,7 @@ class SharedNodeError(NoAnswerError):
 class SdoAbortedError(DriveProfileError):
     """A node refused to read or write an object.
 
-    Args:
-        node: Node-ID.
-        index: Index of the object.
-        subindex: Sub-index of the object.
-        code: The abort code.
-        text: Meaning of the code: the standard's words, or the maker's where they are known.
-        name: Name of the object, empty if it is not known.
-        action: Access that was refused: ``read`` or ``write of …``.
+    `text` is the standard's meaning of the code or the maker's, `action` the refused access: ``read`` or ``write of …``.
     """
 
     exit_code = 6
@@ -253,6 +169,16 @@ class SdoAbortedError(DriveProfileError):
         label = f" ({name})" if name else ""
         self.text = text
         super().__init__(f"node {node}: {action} of {index:04X}h:{subindex:X}{label} aborted: 0x{code:08X}, {text}")
+
+
+class NotRealisableError(DriveProfileError):
+    """A design that a drive cannot hold, or that lacks facts."""
+
+    exit_code = 9
+
+    def __init__(self, profile: str, reasons: tuple[str, ...]) -> None:
+        self.profile, self.reasons = profile, reasons
+        super().__init__(f"{profile}: {'; '.join(reasons)}")
 
 
 class InterruptedUploadError(DriveProfileError):

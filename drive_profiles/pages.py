@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
+from drive_profiles.errors import NotRealisableError
 from drive_profiles.family.capability import LoopFacts, NotchFacts
 from drive_profiles.family.parameter import Fact
 from drive_profiles.family.product import Product
@@ -11,7 +12,6 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.family.runs import FamilyRun, family_runs
 from drive_profiles.realisation import realise
 from drive_profiles.realisation.biquad import NotchTarget
-from drive_profiles.realisation.refusal import NotRealisableError
 from drive_profiles.standard import shown
 
 SIGN = "⚠"
@@ -168,10 +168,7 @@ def _run_row(profile: Profile, run: FamilyRun) -> tuple[str, ...]:
 
 
 def _further_products(profiles: Sequence[Profile], answers: Callable[[Profile], tuple[str, ...]]) -> Iterator[str]:
-    """Yield the table of the products beside each family's first one.
-
-    The table of families covers the first products only.
-    """
+    """Yield the table of the products beside each family's first one."""
     rows = [
         (f"[{member.title}]({profile.name}.md#products)", f"`{member.label}`", *answers(member), str(len(member.parameters)))
         for profile in sorted(profiles, key=lambda p: p.name)
@@ -238,10 +235,7 @@ def _capabilities(profile: Profile) -> Iterator[str]:
 
 
 def _notch_held(profile: Profile) -> Iterator[str]:
-    """Yield the table of the paper's notch (Table 3).
-
-    The values are those that the drive holds, at the motor speeds of the resonance.
-    """
+    """Yield the paper's notch (Table 3) as the drive holds it."""
     if profile.notch is None:
         return
     yield "### The paper's notch (Table 3) in this drive"
@@ -320,10 +314,7 @@ def _gains(loop: LoopFacts) -> str:
 
 
 def _products(profile: Profile, sources: _Sources) -> Iterator[str]:
-    """Yield the table of the products of a family that has several.
-
-    It shows how the products are told apart, and how each differs from the first one.
-    """
+    """Yield a family's products, and how each differs from the first."""
     if not profile.products:
         return
     yield "## Products"
@@ -373,10 +364,7 @@ def _has_other_default(first: Profile, name: str, value: object) -> bool:
 
 
 def _text(name: str, value: object) -> str:
-    """Write a value for people.
-
-    CiA 301's numbers are hexadecimal, times in ms or µs, and lists separated by commas.
-    """
+    """Write a value for people: identifiers hexadecimal, times in ms or µs."""
     if value is None or value in ("", (), {}):
         return ""
     if isinstance(value, dict):

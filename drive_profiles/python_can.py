@@ -41,10 +41,7 @@ def postpone_mf4() -> None:
 
 
 def with_mf4() -> None:
-    """Load python-can's readers and writers of MF4 files.
-
-    Without asammdf they still report that it is missing.
-    """
+    """Load python-can's MF4 readers and writers; without asammdf they say so."""
     readers: Any = importlib.import_module(READERS)
     if readers.asammdf is not None:
         return

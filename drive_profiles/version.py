@@ -29,14 +29,8 @@ def version_text() -> str:
 def commit_text(project: Path = _PROJECT, built: Path = COMMIT_FILE) -> str:
     """Return the commit in twelve digits; "" if it is not known.
 
-    If the files differ from the commit, the text ends with ", modified".
-
-    In a checkout the commit comes from .git, in an installed wheel from the file that the build wrote. Another project's
-    repository around the package is not taken for ours.
-
-    Args:
-        project: Folder that is the checkout, if there is one.
-        built: File of a wheel.
+    In a checkout it comes from .git, with ", modified" if the files differ; in an installed wheel from the file that the build
+    wrote. Another project's repository around the package is not taken for ours.
     """
     if _is_ours(project):
         commit = commit_of(project)
@@ -45,10 +39,7 @@ def commit_text(project: Path = _PROJECT, built: Path = COMMIT_FILE) -> str:
 
 
 def commit_of(project: Path) -> str:
-    """Read a checkout's commit from its .git folder, without git.
-
-    The result is empty if the folder is not a git checkout.
-    """
+    """Read a checkout's commit from its .git folder, without git, or ""."""
     git = project / ".git"
     if git.is_file():  # a worktree: .git names the folder
         git = project / _first_line(git).removeprefix("gitdir:").strip()
@@ -74,10 +65,7 @@ def _is_ours(project: Path) -> bool:
 
 
 def _is_modified(project: Path) -> bool:
-    """Return True if git reports changed files in the packages.
-
-    The result is False if git cannot be run.
-    """
+    """Return True if git, where it runs, reports changed files."""
     # no lock is taken: another git may be at work in the checkout
     command = ["git", "--no-optional-locks", "-C", str(project), "diff", "--quiet", "HEAD", "--", *_PACKAGES]
     try:

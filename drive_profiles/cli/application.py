@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import functools
 import gc
 import inspect
 import io
@@ -13,7 +15,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, Any, NoReturn, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -36,20 +38,14 @@ READER_GONE = 141
 
 
 def described(text: str) -> tuple[str, tuple[str, ...]]:
-    """Split a command's help into its description and its examples.
-
-    Each line below `Example:` or `Examples:` is an example.
-    """
+    """Split a command's help into its description, and the examples below `Examples:`."""
     description, *rest = _EXAMPLES.split(inspect.cleandoc(text), maxsplit=1)
     lines = "".join(rest).splitlines()
     return description.rstrip(), tuple(line.strip() for line in lines if line.strip())
 
 
 def folded(command: str, width: int) -> list[str]:
-    r"""Fold a command for the shell.
-
-    Every line but the last ends with a backslash, and each option stays on one line with its value.
-    """
+    r"""Fold a command for the shell; each option stays with its value."""
     parts: list[str] = []
     for word in _WORD.findall(command):
         if parts and not word.startswith("-"):
@@ -75,19 +71,13 @@ def _without_types(left: str) -> str:
 
 
 class _Help:
-    """Help of a command or a group.
-
-    Prose and options are wrapped, examples are not; exit statuses come last.
-    """
+    """Help of a command or a group, whose examples are not wrapped."""
 
     help: str | None
     epilog: str | None
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help, with names such as `fixed-notch` unbroken.
-
-        A name on one line can be copied and searched for.
-        """
+        """Write the help, with names such as `fixed-notch` unbroken, to copy them."""
         write_rows = formatter.write_dl
         formatter.write_dl = lambda rows, *sizes: write_rows(
             [(_without_types(left), right.replace("-", _UNBROKEN)) for left, right in rows], *sizes
@@ -143,10 +133,7 @@ class ToolGroup(_Help, TyperGroup):
     """Tool, or group of its commands, whose summaries are whole sentences."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; end quietly if the output's reader is gone.
-
-        click would end with 1.
-        """
+        """Run the command; end quietly if the output's reader is gone."""
         try:
             with _interruptible():
                 return super().invoke(ctx)
@@ -178,14 +165,7 @@ def _interruptible() -> Iterator[None]:
 
 
 class Tool(typer.Typer):
-    """Application of a tool, or a group of its commands.
-
-    Args:
-        name: Name of the tool or group.
-        help: Description.
-        epilog: End of the help: the exit statuses.
-        is_group: True for a group inside of a tool, which has neither completion nor `--version` of its own.
-    """
+    """Application of a tool, or a group of commands inside of one."""
 
     def __init__(self, name: str, help: str, epilog: str | None = None, *, is_group: bool = False) -> None:
         super().__init__(
@@ -233,13 +213,44 @@ _declared: defaultdict[str, list[tuple[Callable[..., None], str | None, dict[str
 
 
 def command(name: str | None = None, **settings: Any) -> Callable[[_Command], _Command]:
-    """Return a decorator that declares a command of its module, for `mount`."""
+    """Return a decorator that declares a command of its module, for `mount`.
+
+    A parameter that is a dataclass stands for its fields: the required ones at its place, the others after all parameters.
+    """
 
     def declare(function: _Command) -> _Command:
-        _declared[function.__module__].append((function, name, settings))
+        _declared[function.__module__].append((_with_fields(function), name, settings))
         return function
 
     return declare
+
+
+def _with_fields(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a command with an option for each field of a dataclass."""
+    parameters: list[inspect.Parameter] = []
+    behind: list[inspect.Parameter] = []
+    groups: dict[str, tuple[Any, list[str]]] = {}
+    for each in inspect.signature(function, eval_str=True).parameters.values():
+        group: Any = each.annotation
+        if not dataclasses.is_dataclass(group):
+            parameters.append(each.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+            continue
+        hints = get_type_hints(group, include_extras=True)
+        groups[each.name] = group, [field.name for field in dataclasses.fields(group)]
+        for field in dataclasses.fields(group):
+            is_required = field.default is dataclasses.MISSING
+            default = inspect.Parameter.empty if is_required else field.default
+            option = inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hints[field.name])
+            (parameters if is_required else behind).append(option)
+
+    @functools.wraps(function)
+    def flat(**values: Any) -> None:
+        made = {name: group(**{field: values.pop(field) for field in fields}) for name, (group, fields) in groups.items()}
+        function(**made, **values)
+
+    flat.__dict__["__signature__"] = inspect.Signature([*parameters, *behind])
+    flat.__annotations__ = {each.name: each.annotation for each in (*parameters, *behind)}
+    return flat if groups else function
 
 
 def mount(app: typer.Typer, *modules: ModuleType) -> None:
@@ -253,10 +264,7 @@ def mount(app: typer.Typer, *modules: ModuleType) -> None:
 
 
 def _leave(status: int) -> NoReturn:
-    """End the process at once.
-
-    The interpreter's own end would handle signals again and change the status.
-    """
+    """End the process at once; a usual end would handle signals again."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()

@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import COMPARE_EPILOG, ExitStatus, exit_on_error, fail, print_json, table
 from drive_profiles.cli.options import (
-    BusOption,
+    DriveOptions,
     EdsOption,
     JsonOption,
-    NodeOption,
-    OptionalBusOption,
     OptionalNodeOption,
     ProfileOption,
     TimeoutOption,
     take_bus,
 )
+from drive_profiles.cli.read import decoded
 from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
-    from drive_profiles.parameter_set.parameters import Difference, Write
+    from drive_profiles.parameter_set.parameters import Difference
     from drive_profiles.standard.units import Scaling
 
 
@@ -42,7 +42,9 @@ def diff(
     default: Annotated[
         bool, typer.Option("--default", help="Show objects of the drive at --node that differ from the defaults of its EDS.")
     ] = False,
-    bus: OptionalBusOption = None,
+    bus: Annotated[
+        str | None, typer.Option("--bus", help="Bus address, e.g. socketcan:can0 (default: $HIL_BUS).", envvar=BUS_VARIABLE)
+    ] = None,
     node: OptionalNodeOption = None,
     profile: ProfileOption = None,
     eds: EdsOption = None,
@@ -65,31 +67,22 @@ def diff(
     if default != (left is None):
         raise fail("give either a parameter set or --default", ExitStatus.USAGE)
     with exit_on_error():
-        if left is None:
-            if bus is None or node is None or eds is None:
-                raise fail("--default needs --bus, --node and --eds, which states the defaults", ExitStatus.USAGE)
-            take_bus(context, bus)
-            differences = _against_defaults(bus, node, profile, eds, timeout_s)
-            header = ("parameter", str(eds), f"node {node}", "unit")
-        elif right is not None:
+        if left is not None and right is not None:
             differences = _between_files(left, right, profile, eds, node)
-            header = ("parameter", str(left), str(right), "unit")
-        elif bus is None or node is None:
-            header_of(left)
-            raise fail("give a second parameter set, or --bus and --node", ExitStatus.USAGE)
         else:
-            header_of(left)  # a file that cannot be read is said before the bus is opened
+            if left is not None:
+                header_of(left)  # a file that cannot be read is said before the bus is opened
+            if bus is None or node is None or (default and eds is None):
+                needed = "--default needs --bus, --node and --eds, which states the defaults"
+                raise fail(needed if default else "give a second parameter set, or --bus and --node", ExitStatus.USAGE)
             take_bus(context, bus)
-            differences = _against_drive(left, bus, node, profile, eds, timeout_s)
-            header = ("parameter", str(left), f"node {node}", "unit")
-    _show(differences, header, as_json=as_json)
+            drive = DriveOptions(bus=bus, node=node, profile=profile, eds=eds, timeout_s=timeout_s)
+            differences = _against_drive(left, drive) if left is not None else _against_defaults(drive, eds or Path())
+    _show(differences, str(left or eds), str(right or f"node {node}"), as_json=as_json)
 
 
 def _between_files(left: Path, right: Path, profile: str | None, eds: Path | None, node: int | None) -> list[Difference]:
-    """Return the differences between two sets in files.
-
-    The files may have any format; objects are compared by address and bytes, if these are known.
-    """
+    """Return the differences between two sets in files, of any format."""
     from drive_profiles.cli.sets import catalogue_for
     from drive_profiles.errors import ProfileNotFoundError
     from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
@@ -112,22 +105,19 @@ def _between_files(left: Path, right: Path, profile: str | None, eds: Path | Non
     return first.differences(second, known, scaling_of)
 
 
-def _against_drive(path: Path, bus: str, node: int, profile: str | None, eds: Path | None, timeout_s: float) -> list[Difference]:
-    """Return the differences between a parameter set and a drive.
-
-    The drive's values may be outside the limits.
-    """
+def _against_drive(path: Path, drive: DriveOptions) -> list[Difference]:
+    """Return the differences between a set and a drive, beyond limits too."""
     from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.errors import NodeError
     from drive_profiles.parameter_set.parameters import Difference
     from drive_profiles.upload.checks import foreign_device
 
-    with SdoBus(bus, timeout_s) as opened:
-        device, wanted = set_for_drive(opened, node, path, profile, eds)
+    with SdoBus(drive.bus, drive.timeout_s) as opened:
+        device, wanted = set_for_drive(opened, drive.node, path, drive.profile, drive.eds)
         foreign = foreign_device(device, wanted.header, device.identify())
         if foreign:
-            raise NodeError(node, f"{path} is for another device: {'; '.join(foreign)}", "check node-ID and file")
+            raise NodeError(drive.node, f"{path} is for another device: {'; '.join(foreign)}", "check node-ID and file")
         writes = device.resolve(wanted, limits=False)
         scaling = device.scaling([write.entry for write in writes])
         differences = []
@@ -135,18 +125,14 @@ def _against_drive(path: Path, bus: str, node: int, profile: str | None, eds: Pa
             held = device.read(write.address)
             if held != write.data:
                 name = write.entry.name or str(write.entry)
-                differences.append(Difference(name, write.value, _decoded(write, held, scaling), write.entry.unit))
+                value = decoded(write.entry, held, lambda _: scaling)
+                differences.append(Difference(name, write.value, value, write.entry.unit))
     return differences
 
 
-def _against_defaults(bus: str, node: int, profile: str | None, eds_file: Path, timeout_s: float) -> list[Difference]:
-    """Return the differences between an EDS's defaults and a drive.
-
-    Objects that only the maker writes are left out.
-    """
+def _against_defaults(drive: DriveOptions, eds_file: Path) -> list[Difference]:
+    """Return the differences between an EDS's defaults and a drive."""
     from drive_profiles import eds as front_end
-    from drive_profiles.device.bus import SdoBus
-    from drive_profiles.device.target import device_at
     from drive_profiles.eds.export import entries
     from drive_profiles.errors import DriveProfileError, NoAnswerError, RefusedError
     from drive_profiles.parameter_set.commands import is_command
@@ -155,13 +141,12 @@ def _against_defaults(bus: str, node: int, profile: str | None, eds_file: Path, 
 
     delivered = {
         (variable.index, variable.subindex): variable.default
-        for _, variable in entries(front_end.load(eds_file, node_id=node).dictionary)
+        for _, variable in entries(front_end.load(eds_file, node_id=drive.node).dictionary)
         if variable.default is not None
     }
     if not delivered:
         raise RefusedError(f"{eds_file} states no default")
-    with SdoBus(bus, timeout_s) as opened:
-        device = device_at(opened, node, profile, eds_file)
+    with drive.opened() as device:
         known = [e for e in device.catalogue if e.address in delivered and e.is_readable and e.is_writable and not e.flags]
         differences = []
         for entry in (each for each in known if not is_command(each.address, device.catalogue.profile)):
@@ -182,18 +167,11 @@ def _against_defaults(bus: str, node: int, profile: str | None, eds_file: Path, 
     return differences
 
 
-def _decoded(write: Write, held: bytes, scaling: Scaling | None) -> float | str:
-    try:
-        return write.entry.decoded(held, scaling)
-    except ValueError as error:  # bytes that are not a value of its type
-        return f"{held.hex(' ')} ({error})"
-
-
-def _show(differences: list[Difference], header: tuple[str, ...], *, as_json: bool) -> None:
+def _show(differences: list[Difference], left: str, right: str, *, as_json: bool) -> None:
     if as_json:
         print_json([difference._asdict() for difference in differences])
     elif differences:
-        table("", header, [(each.key, *_values(each), shown.unit(each.unit)) for each in differences])
+        table("", ("parameter", left, right, "unit"), [(each.key, *_values(each), shown.unit(each.unit)) for each in differences])
     else:
         typer.echo("no difference")
     if differences:
@@ -216,13 +194,7 @@ def _values(difference: Difference) -> tuple[str, str]:
 @command(epilog=COMPARE_EPILOG)
 def verify(
     parameter_set: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set, DCF or concise DCF.")],
-    bus: BusOption,
-    node: NodeOption,
-    *,
-    profile: ProfileOption = None,
-    eds: EdsOption = None,
-    timeout_s: TimeoutOption = 0.5,
-    as_json: JsonOption = False,
+    drive: DriveOptions,
 ) -> None:
     """Check that a drive holds a parameter set, byte for byte.
 
@@ -231,5 +203,5 @@ def verify(
     Example: drive-profiles verify axis2.toml --bus local:/tmp/robot.sock --node 2
     """
     with exit_on_error():
-        differences = _against_drive(parameter_set, bus, node, profile, eds, timeout_s)
-    _show(differences, ("parameter", str(parameter_set), f"node {node}", "unit"), as_json=as_json)
+        differences = _against_drive(parameter_set, drive)
+    _show(differences, str(parameter_set), f"node {drive.node}", as_json=drive.as_json)

@@ -38,10 +38,7 @@ def profile_names() -> list[str]:
 
 
 def profiles_beginning(begun: str) -> list[str]:
-    """Return the package's profiles whose names begin with a text.
-
-    After a slash the names of the family's products are returned.
-    """
+    """Return the profiles, or after a slash products, beginning with a text."""
     family, slash, _ = begun.partition("/")
     names = profile_names()
     if slash and family in names:
@@ -55,10 +52,6 @@ def names_or_files(beginning: Callable[[str], Iterable[str]], *suffixes: str) ->
     """Return a completer of names, and of files beside them.
 
     If no name fits, it offers nothing, and the shell's own completion takes over.
-
-    Args:
-        beginning: Giver of the names that begin with a text.
-        suffixes: Suffixes of the files.
     """
 
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -75,10 +68,7 @@ complete_reference = names_or_files(lambda begun: [name for name in SHIPPED if n
 
 
 def complete_objects(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Complete names of parameters, or addresses after a digit.
-
-    The objects are those of the given profile, else of all profiles. Addresses include those of --eds.
-    """
+    """Complete names of parameters, or after a digit addresses, also of --eds."""
     known = _objects(ctx.params)
     if not incomplete[:1].isdigit():
         return sorted(name for name in known if name.startswith(incomplete))
@@ -95,8 +85,7 @@ def complete_values(ctx: typer.Context, incomplete: str) -> list[str]:
 class AxisCompleter:
     """Completers of axes, from the command line's bench or robot file.
 
-    Args:
-        folder: Folder of the files of `SHIPPED`, which each tool has of its own.
+    The files of `SHIPPED` are in a folder that each tool has of its own.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -148,10 +137,7 @@ def complete_list(names: Callable[[], Iterable[str]]) -> Completer:
 
 
 def _objects(given: Mapping[str, Any]) -> dict[str, str]:
-    """Return the address of each object by name.
-
-    The objects are the standard's and those of the given profile, or of all profiles.
-    """
+    """Return the addresses of the standard's and the profiles' objects by name."""
     chosen, wanted = given.get("profile"), ""
     named = [_FOLDER / f"{name}.toml" for name in profile_names()]
     if chosen and chosen in profiles_beginning(chosen):

@@ -22,10 +22,7 @@ from drive_profiles.upload.interrupt import InterruptWindow
 
 
 class ToolExitStatus(IntEnum):
-    """Exit statuses of one tool.
-
-    Each member has its number and its sentence in the help.
-    """
+    """Exit statuses of one tool, each with its sentence in the help."""
 
     sentence: str
 
@@ -54,12 +51,7 @@ class ExitStatus(ToolExitStatus):
 
 
 def epilog(statuses: Iterable[ToolExitStatus], own: Mapping[ToolExitStatus, str] | None = None) -> str:
-    """Return the exit statuses of a command for its help.
-
-    Args:
-        statuses: The exit statuses of the command.
-        own: Sentences that replace the tool's for this command.
-    """
+    """Return a command's exit statuses for its help, some with own sentences."""
     sentences = own or {}
     return f"Exit status: {'; '.join(f'{status:d} {sentences.get(status, status.sentence)}' for status in statuses)}."
 
@@ -69,48 +61,31 @@ SAID_EVERY_S = 60.0
 RATE_OVER_S = 600.0
 """Time over which a bar takes the rate: a step may take many seconds, and some many more."""
 
-EPILOG = epilog(status for status in ExitStatus if status is not ExitStatus.INTERNAL)
-"""End of the tool's own help."""
-
 _FILES = (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE)
 _READING = (*_FILES, ExitStatus.BUS, ExitStatus.NODE, ExitStatus.SDO)
 _NOTHING_WRITTEN: dict[ToolExitStatus, str] = {ExitStatus.SDO: "an SDO abort", ExitStatus.INTERRUPTED: "interrupted"}
-
-FILE_EPILOG = epilog((*_FILES, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
-"""End of the help of a command that needs no bus."""
-
-REALISE_EPILOG = epilog((*_FILES, ExitStatus.NOT_REALISABLE, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
-"""End of the help of a command that realises values in a drive family."""
-
 _ANY_STATE: dict[ToolExitStatus, str] = {**_NOTHING_WRITTEN, ExitStatus.NODE: "no answer, or the wrong device"}
 
+# Ends of the help: of the tool, and of commands that need no bus, realise values, read a drive in any state, clear faults of one
+# that is not enabled, compare with a drive, write to it, and let it store.
+EPILOG = epilog(status for status in ExitStatus if status is not ExitStatus.INTERNAL)
+FILE_EPILOG = epilog((*_FILES, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
+REALISE_EPILOG = epilog((*_FILES, ExitStatus.NOT_REALISABLE, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
 READ_EPILOG = epilog((*_READING, ExitStatus.INTERRUPTED), _ANY_STATE)
-"""End of the help of a command that reads a drive, or gives it a command, in any state; it restores nothing."""
-
 CLEAR_EPILOG = epilog((*_READING, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
-"""End of the help of the command that clears faults, which it refuses on a drive that is enabled."""
-
 COMPARE_EPILOG = epilog((*_READING, ExitStatus.DIFFERS, ExitStatus.INTERRUPTED), _ANY_STATE)
-"""End of the help of a command that compares with a drive."""
-
 WRITE_EPILOG = epilog((*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED))
-"""End of the help of a command that writes to a drive."""
-
 STORE_EPILOG = epilog(
     (*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED),
     {**_NOTHING_WRITTEN, ExitStatus.UNKNOWN: "unknown whether the drive has stored its values"},
 )
-"""End of the help of the command that lets a drive store."""
 
 
 @contextlib.contextmanager
 def exit_on_error(*, writes: bool = False) -> Iterator[None]:
     """Turn the package's errors into a message and an exit status.
 
-    Errors that the user can mend give no traceback.
-
-    Args:
-        writes: True for a command that writes to a drive; from its first write on, `Interrupts` holds the signals.
+    From the first write of a command that `writes` on, `Interrupts` holds the signals.
     """
     from drive_profiles.address import AddressError  # noqa: PLC0415
     from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError  # noqa: PLC0415
@@ -139,16 +114,7 @@ def print_json(document: Any) -> None:
 
 
 def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, err: bool = False) -> None:
-    """Print a table in aligned columns.
-
-    It is as wide as the terminal; without a terminal its width is not limited.
-
-    Args:
-        title: Title above the table; empty for none.
-        header: Names of the columns.
-        rows: Cells, row by row.
-        err: Print on standard error.
-    """
+    """Print a table in aligned columns, as wide as a terminal is."""
     if title:
         typer.echo(f"\n{title}", err=err)
     for line in lines(header, rows, terminal_width(err=err)):
@@ -227,11 +193,7 @@ class Interrupts:
     is_held_to_the_end: ClassVar[bool] = False
 
     def __init__(self, *, is_last: bool = True) -> None:
-        """Prepare to hold signals.
-
-        Args:
-            is_last: The command ends with this context; False if more follows, which a signal may end.
-        """
+        """Prepare to hold signals; `is_last`: the command ends with this context."""
         self.window = InterruptWindow()
         self._is_last = is_last
         self._before: dict[signal.Signals, Any] = {}
@@ -253,9 +215,7 @@ class Interrupts:
     def hold(self, in_time: str, too_late: str) -> None:
         """Hold signals from now on.
 
-        Args:
-            in_time: Line that is printed when one comes while the window is open.
-            too_late: Line that is printed when one comes after that.
+        One that comes while the window is open prints `in_time`, a later one `too_late`.
         """
         self._messages = {True: f"\n{in_time}\n".encode(), False: f"\n{too_late}\n".encode()}
         for number in self.SIGNALS:

@@ -77,9 +77,8 @@ def _scaling(wanted: ParameterSet, catalogue: Catalogue) -> Scaling:
     from drive_profiles.errors import RefusedError
 
     named = {key for _, key, item in wanted.items() if item.type is None}
-    needed = [entry for entry in catalogue if entry.parameter is not None and entry.needs_scaling and entry.name in named]
     options = {"counts": "--counts-per-rev", "per mille": "--rated-torque-nm"}
-    missing = {str(e.parameter.scale) for e in needed if e.parameter is not None and wanted.header.scaling_of(e) is None}
+    missing = {e.scale for e in catalogue if e.scale and e.name in named and wanted.header.scaling_of(e) is None}
     if missing:
         given = " and ".join(options[scale] for scale in sorted(missing))
         raise RefusedError(f"values in rad or N·m depend on the drive: give {given}")

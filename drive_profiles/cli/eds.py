@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drive_profiles.cli.application import Tool
-from drive_profiles.cli.console import ExitStatus, epilog, exit_on_error, table
+from drive_profiles.cli.console import ExitStatus, epilog, exit_on_error, print_json, table
 from drive_profiles.cli.options import JsonOption
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def check(
     """
     reports = [_checked(path, node_id, strict=strict) for path in files]
     if as_json:
-        typer.echo(json.dumps([report for report, _ in reports], indent=2, ensure_ascii=False))
+        print_json([report for report, _ in reports])
     else:
         for _, text in reports:
             typer.echo(text)
@@ -82,7 +82,7 @@ def show(
                 f"{file} has no object {wanted!r}; expected an address or a part of a name", param_hint="OBJECT"
             )
     if as_json:
-        typer.echo(json.dumps({**facts, "objects": rows}, indent=2, ensure_ascii=False))
+        print_json({**facts, "objects": rows})
     else:
         if wanted is None:
             table("", ("fact", "value"), [(name.replace("_", " "), _shown(name, value)) for name, value in facts.items()])
@@ -130,7 +130,7 @@ def convert(
     with exit_on_error():
         write_atomically(out, data, force=force)
     if as_json:
-        typer.echo(json.dumps({"path": str(out), "bytes": len(data), "notes": [note._asdict() for note in notes]}, indent=2))
+        print_json({"path": str(out), "bytes": len(data), "notes": [note._asdict() for note in notes]})
         return
     if notes:
         typer.echo(str(FileError(out, notes)), err=True)
@@ -140,23 +140,23 @@ def convert(
 def _checked(path: Path, node_id: int | None, *, strict: bool) -> tuple[dict[str, Any], str]:
     """Return the findings in one file, as data and as text."""
     from drive_profiles.eds import load
-    from drive_profiles.eds.export import summary
+    from drive_profiles.eds.export import findings_data, summary
     from drive_profiles.errors import FileError
 
     try:
         description = load(path, node_id=node_id, strict=strict)
     except FileError as error:
-        report = {"path": str(path), "accepted": False, "warnings": [], "contradictions": [], "refused": _data(error.problems)}
+        report = {
+            "path": str(path),
+            "accepted": False,
+            "warnings": [],
+            "contradictions": [],
+            "refused": [each._asdict() for each in error.problems],
+        }
         return report, f"{error}\n{path}: refused, {_count(len(error.problems), 'problem')}"
     facts = summary(description)
-    report = {
-        **facts,
-        "accepted": True,
-        "warnings": _data(description.warnings),
-        "contradictions": _data(description.contradictions),
-        "refused": _data(description.refused),
-    }
-    problems = tuple(sorted((*description.warnings, *description.contradictions, *description.refused)))
+    report = {**facts, "accepted": True, **findings_data(description)}
+    problems = description.problems
     text = (
         f"{path}: {facts['kind']}, {_count(facts['object_count'], 'object')}, "
         f"{_count(facts['entry_count'], 'entry', 'entries')}; "
@@ -164,10 +164,6 @@ def _checked(path: Path, node_id: int | None, *, strict: bool) -> tuple[dict[str
         f"{len(description.refused)} left out"
     )
     return report, f"{FileError(path, problems)}\n{text}" if problems else text
-
-
-def _data(problems: tuple[Problem, ...]) -> list[dict[str, Any]]:
-    return [problem._asdict() for problem in problems]
 
 
 def _count(number: int, one: str, many: str = "") -> str:
@@ -183,10 +179,7 @@ def _load(path: Path, node_id: int | None) -> Description:
 
 
 def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, ...]:
-    """Return the problems of a file just made.
-
-    They are faults of the device, not of the file's form.
-    """
+    """Return the problems of a file just made: faults of the device."""
     from drive_profiles.eds import loads
     from drive_profiles.errors import FileError
 
@@ -199,8 +192,7 @@ def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, .
 
 def _point_to_check(description: Description) -> None:
     """Point on standard error to the problems; standard output stays clean."""
-    count = len(description.warnings) + len(description.contradictions) + len(description.refused)
-    if count:
+    if count := len(description.problems):
         typer.echo(f"{_count(count, 'problem')} in this file: drive-profiles eds check {description.path}", err=True)
 
 

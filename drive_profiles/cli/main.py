@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from drive_profiles.cli import compare, convert, eds, profiles, read, realise, restore, write
+from drive_profiles.cli import compare, convert, eds, nodes, profiles, read, realise, watch, write
 from drive_profiles.cli.application import Tool, mount
 from drive_profiles.cli.console import EPILOG
-from drive_profiles.cli.live import backup, faults, lss, nmt, watch
 from drive_profiles.cli.schema import mount_schema
 
 SCHEMAS = {
@@ -15,10 +14,8 @@ SCHEMAS = {
 """Classes of the TOML files that `drive-profiles` reads."""
 
 app = Tool(
-    "drive-profiles",
-    "Drive families as data, and the parameters of real drives: identity, capabilities and values.",
-    EPILOG,
+    "drive-profiles", "Drive families as data, and the parameters of real drives: identity, capabilities and values.", EPILOG
 )
 
-mount(app, profiles, read, watch, faults, nmt, lss, backup, write, compare, restore, convert, eds, realise)
+mount(app, profiles, read, watch, nodes, write, compare, convert, eds, realise)
 mount_schema(app, SCHEMAS, "drive-profiles schema profile --out profile.schema.json")

@@ -4,14 +4,20 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drive_profiles.address import BUS_VARIABLE, AddressError, choose_bus
 from drive_profiles.cli.completion import complete_list, complete_nodes, complete_profiles
 from drive_profiles.cli.console import ExitStatus, fail
+
+if TYPE_CHECKING:
+    from drive_profiles.device.device import Device
 
 
 def take_bus(context: typer.Context, value: str | None) -> str | None:
@@ -48,11 +54,14 @@ BusOption = Annotated[
         callback=take_bus,
     ),
 ]
-OptionalBusOption = Annotated[
-    str | None, typer.Option("--bus", help="Bus address, e.g. socketcan:can0 (default: $HIL_BUS).", envvar=BUS_VARIABLE)
-]
 NodeOption = Annotated[int, typer.Option("--node", min=1, max=127, help="Node-ID.", autocompletion=complete_nodes)]
 OptionalNodeOption = Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID.", autocompletion=complete_nodes)]
+NodesOption = Annotated[
+    list[int] | None,
+    typer.Option(
+        "--node", min=1, max=127, help="Node-ID; repeat for several nodes. Default: all.", autocompletion=complete_nodes
+    ),
+]
 ProfileOption = Annotated[
     str | None,
     typer.Option(
@@ -76,11 +85,39 @@ YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writin
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show what would be written, and write nothing.")]
 JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for journals; created if missing.")]
 UnverifiedOption = Annotated[bool, typer.Option("--allow-unverified", help="Allow writes based on unverified profile data.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")]
 StoreOption = Annotated[bool, typer.Option("--store", help="Save the values to the drive's non-volatile memory.")]
 RollBackOption = Annotated[
     bool, typer.Option("--rollback-on-error/--no-rollback-on-error", help="Restore the former values when something fails.")
 ]
 JOURNALS = Path("drive-journals")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusOptions:
+    """Options of a command on drives of one bus."""
+
+    bus: BusOption
+    profile: ProfileOption = None
+    eds: EdsOption = None
+    timeout_s: TimeoutOption = 0.5
+    as_json: JsonOption = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveOptions(BusOptions):
+    """Options of a command on one drive."""
+
+    node: NodeOption
+
+    @contextlib.contextmanager
+    def opened(self) -> Iterator[Device]:
+        """Open the bus and the drive at the node, as `device_at` does."""
+        from drive_profiles.device.bus import SdoBus
+        from drive_profiles.device.target import device_at
+
+        with SdoBus(self.bus, self.timeout_s) as bus:
+            yield device_at(bus, self.node, self.profile, self.eds)
 
 
 def class_names(text: str) -> tuple[str, ...]:

@@ -63,11 +63,7 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
 
 
 @command(epilog=FILE_EPILOG)
-def show(
-    name: ProfileName,
-    *,
-    as_json: JsonOption = False,
-) -> None:
+def show(name: ProfileName, *, as_json: JsonOption = False) -> None:
     """Show one profile with its capabilities and parameters.
 
     Each capability has its reason, each parameter its object and unit.
@@ -115,13 +111,12 @@ def show(
 
 def _product(member: Profile) -> dict[str, str]:
     identity = member.identity
-    type_ = "not known" if identity.device_type is None else f"0x{identity.device_type:08X}"
     return {
         "product": identity.product,
         "title": member.title,
-        "product code": "not known" if identity.product_code is None else f"0x{identity.product_code:08X}",
+        "product code": _number_or_unknown(identity.product_code),
         "firmware": identity.range_in_words or "any",
-        "device type": type_,
+        "device type": _number_or_unknown(identity.device_type),
         "parameters": str(len(member.parameters)),
         "evidence": identity.evidence,
     }
@@ -139,17 +134,12 @@ def _step(entry: Parameter) -> str:
 
 def _facts(profile: Profile) -> list[tuple[str, ...]]:
     identity, sync, store = profile.identity, profile.sync, profile.store
-    codes = [member.identity.product_code for member in profile.members]
-    products = ", ".join("not known" if code is None else f"0x{code:08X}" for code in codes)
+    products = ", ".join(_number_or_unknown(member.identity.product_code) for member in profile.members)
     facts: list[tuple[str, ...]] = [
         ("name", profile.label, ""),
         ("title", profile.title, ""),
         ("kind", profile.kind, ""),
-        (
-            "device type (1000h)",
-            "not known" if identity.device_type is None else f"0x{identity.device_type:08X}",
-            identity.evidence,
-        ),
+        ("device type (1000h)", _number_or_unknown(identity.device_type), identity.evidence),
         ("vendor (1018h:1)", f"0x{identity.vendor_id:08X}", identity.evidence),
         ("product (1018h:2)", products, identity.evidence),
         ("revision (1018h:3)", "any" if identity.revision is None else f"0x{identity.revision:X}", identity.evidence),
@@ -172,6 +162,10 @@ def _facts(profile: Profile) -> list[tuple[str, ...]]:
         step = f"{rated}, steps of {number(profile.torque.rated_torque_step_nm)} N·m"
         facts.append(("rated torque", "not known" if rated is None else step, profile.torque.evidence))
     return facts
+
+
+def _number_or_unknown(value: int | None) -> str:
+    return "not known" if value is None else f"0x{value:08X}"
 
 
 def _ms(period_s: float | None) -> str:

@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import datetime
 import math
 import re
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,19 +21,23 @@ from drive_profiles.cli.options import (
     ALL,
     BusOption,
     ClassesOption,
-    EdsOption,
+    DriveOptions,
+    ForceOption,
     JsonOption,
-    NodeOption,
-    ProfileOption,
+    NodesOption,
     TimeoutOption,
     class_names,
 )
 from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
+    from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.device import Device, DeviceIdentity
     from drive_profiles.errors import DriveProfileError
     from drive_profiles.family.catalogue import CatalogueEntry
+    from drive_profiles.standard.units import Scaling
+
+INDEX = "backup.json"
 
 
 @command(epilog=READ_EPILOG)
@@ -68,8 +74,7 @@ def scan(
         table("", header, [_row(identity, names) for identity, names in rows])
     if not rows:
         raise fail(
-            f"no node of {nodes} answers on {bus} within {timeout_s:g} s: check the bit rate and the supply",
-            ExitStatus.NODE,
+            f"no node of {nodes} answers on {bus} within {timeout_s:g} s: check the bit rate and the supply", ExitStatus.NODE
         )
 
 
@@ -104,30 +109,17 @@ def _hex(value: int | None) -> str:
 
 
 @command(epilog=READ_EPILOG)
-def info(
-    bus: BusOption,
-    node: NodeOption,
-    *,
-    profile: ProfileOption = None,
-    eds: EdsOption = None,
-    timeout_s: TimeoutOption = 0.5,
-    as_json: JsonOption = False,
-) -> None:
+def info(drive: DriveOptions) -> None:
     """Show a node's identity, state, error register and matching profile.
 
     Example: drive-profiles info --bus socketcan:can0 --node 2
     """
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.device.target import catalogue_of, device_at, matching
-    from drive_profiles.errors import NodeError, SdoAbortedError
+    from drive_profiles.device.target import any_device_at, matching
+    from drive_profiles.errors import SdoAbortedError
 
-    with exit_on_error(), SdoBus(bus, timeout_s) as opened:
-        try:
-            device = device_at(opened, node, profile, eds)
-        except NodeError:
-            from drive_profiles.device.device import Device
-
-            device = Device(opened.port(node), catalogue_of(None, None))
+    with exit_on_error(), SdoBus(drive.bus, drive.timeout_s) as opened:
+        device = any_device_at(opened, drive.node, drive.profile, drive.eds)
         identity = device.identify()
         state = device.state()
         try:
@@ -142,7 +134,7 @@ def info(
         "profiles": names,
         "known_objects": len(device.catalogue),
     }
-    if as_json:
+    if drive.as_json:
         print_json(facts)
         return
     rows = [
@@ -165,16 +157,11 @@ def _plain(value: object) -> str:
 
 @command(epilog=READ_EPILOG)
 def pull(
-    bus: BusOption,
-    node: NodeOption,
+    drive: DriveOptions,
     *,
     out: Annotated[Path | None, typer.Option("--out", help="File to write; default, or -: standard output.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+    force: ForceOption = False,
     classes: ClassesOption = ALL,
-    profile: ProfileOption = None,
-    eds: EdsOption = None,
-    timeout_s: TimeoutOption = 0.5,
-    as_json: JsonOption = False,
 ) -> None:
     """Read all values that could be written back, as a set.
 
@@ -183,35 +170,110 @@ def pull(
     Example: drive-profiles pull --bus local:/tmp/robot.sock --node 2 --out axis2.toml
     """
     from drive_profiles.address import parse_address
-    from drive_profiles.device.bus import SdoBus
-    from drive_profiles.device.device import identity_at
-    from drive_profiles.device.target import device_at, doubt_of_profile
+    from drive_profiles.device.target import doubt_of_profile
 
     wanted = class_names(classes)
     if out == Path("-"):
         out = None
-    with exit_on_error(), SdoBus(bus, timeout_s) as opened:
-        device = device_at(opened, node, profile, eds)
-        if profile is not None and (doubt := doubt_of_profile(identity_at(opened.port(node)), profile)):
+    with exit_on_error(), drive.opened() as device:
+        if drive.profile is not None and (doubt := doubt_of_profile(device.identify(), drive.profile)):
             typer.echo(doubt, err=True)
         with progress("reading", len(device.catalogue)) as step:
             pulled = device.pull(wanted, lambda done, total: step(1))
-        header = pulled.header.model_copy(update={"bitrate_bit_s": parse_address(bus).bitrate})
+        header = pulled.header.model_copy(update={"bitrate_bit_s": parse_address(drive.bus).bitrate})
         pulled = pulled.model_copy(update={"header": header})
         if out is not None:
             pulled.save(out, force=force)
-        text = "" if out is not None or as_json else pulled.dumps()
+        text = "" if out is not None or drive.as_json else pulled.dumps()
     for line in pulled.header.not_read:
         typer.echo(f"not read: {line}", err=True)
     count = sum(1 for _ in pulled.items())
     if not count:
-        typer.echo(f"node {node}: no known object gave a value that can be written back", err=True)
-    if as_json:
+        typer.echo(f"node {drive.node}: no known object gave a value that can be written back", err=True)
+    if drive.as_json:
         print_json(pulled.model_dump())
     elif out is None:
         typer.echo(text, nl=False)
     else:
-        typer.echo(f"{count} values of node {node} in {out}")
+        typer.echo(f"{count} values of node {drive.node} in {out}")
+
+
+@command(epilog=READ_EPILOG)
+def backup(
+    bus: BusOption,
+    out: Annotated[Path, typer.Option("--out", help="Folder for the files; new, or empty.")],
+    node: NodesOption = None,
+    *,
+    classes: ClassesOption = ALL,
+    timeout_s: TimeoutOption = 0.5,
+    as_json: JsonOption = False,
+) -> None:
+    """Read the parameter sets of all nodes into a folder.
+
+    Each node has a file, as `pull` writes it; an index lists them all.
+
+    To restore them, `upload` these files. A node without a known profile is in the index but has no file.
+
+    Example: drive-profiles backup --bus socketcan:can0 --out as-found
+    """
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.files.safefile import write_json
+
+    wanted = class_names(classes)
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise fail(f"{out} already exists and is not empty; nothing was written", ExitStatus.FILE)
+    with exit_on_error(), SdoBus(bus, timeout_s) as opened:
+        there = opened.answering(node or range(1, 128))
+        if silent := sorted(set(node or ()) - set(there)):
+            raise fail(f"node {silent[0]} does not answer; nothing was written", ExitStatus.NODE)
+        if not there:
+            raise fail(f"no node answers on {bus}; nothing was written", ExitStatus.NODE)
+        with progress("reading", len(there)) as step:
+            entries = []
+            for number in there:
+                entries.append(_kept(opened, number, out, wanted))
+                step(1)
+        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        index = {"bus": opened.address, "date": now, "nodes": entries}
+        write_json(out / INDEX, index)
+    if as_json:
+        print_json(index)
+    else:
+        rows = [(str(each["node"]), each["file"] or "-", str(each["values"]), each["remark"]) for each in entries]
+        table("", ("node", "file", "values", "remark"), rows)
+    if failed := [each["node"] for each in entries if each["file"] is None]:
+        typer.echo(f"node {', node '.join(map(str, failed))}: not backed up; for the reason see {out / INDEX}", err=True)
+        raise typer.Exit(ExitStatus.NODE)
+
+
+def _kept(bus: SdoBus, node: int, out: Path, classes: tuple[str, ...]) -> dict[str, Any]:
+    """Back up one node; gives its entry of the index."""
+    from drive_profiles.device.device import identity_at
+    from drive_profiles.device.target import device_at
+    from drive_profiles.errors import BusError, DriveProfileError
+
+    entry: dict[str, Any] = {
+        "node": node,
+        "file": None,
+        "values": 0,
+        "hash": None,
+        "not_read": [],
+        "identity": None,
+        "remark": "",
+    }
+    try:
+        entry["identity"] = asdict(identity_at(bus.port(node)))
+        pulled = device_at(bus, node).pull(classes)
+        name = f"node{node}.toml"
+        pulled.save(out / name)
+    except BusError:
+        raise
+    except DriveProfileError as error:
+        return entry | {"remark": str(error)}
+    unread = list(pulled.header.not_read)
+    count = sum(1 for _ in pulled.items())
+    remark = f"{len(unread)} objects not read" if unread else ""
+    return entry | {"file": name, "values": count, "hash": pulled.digest(), "not_read": unread, "remark": remark}
 
 
 @command(epilog=READ_EPILOG)
@@ -222,13 +284,7 @@ def get(
             metavar="OBJECT", help="Address such as 0x2147:1, a name, or a part of a name.", autocompletion=complete_objects
         ),
     ],
-    bus: BusOption,
-    node: NodeOption,
-    *,
-    profile: ProfileOption = None,
-    eds: EdsOption = None,
-    timeout_s: TimeoutOption = 0.5,
-    as_json: JsonOption = False,
+    drive: DriveOptions,
 ) -> None:
     """Read objects by address or name.
 
@@ -236,23 +292,14 @@ def get(
 
     Example: drive-profiles get position_gain_per_s 0x6041 --bus local:/tmp/robot.sock --node 2
     """
-    from drive_profiles.device.bus import SdoBus
-    from drive_profiles.device.target import device_at
     from drive_profiles.standard.object_address import address_text
 
-    with exit_on_error(), SdoBus(bus, timeout_s) as opened:
-        device = device_at(opened, node, profile, eds)
+    with exit_on_error(), drive.opened() as device:
         entries = [device.catalogue.find(text) for text in objects]
         values, failures = _got(device, entries)
-    if as_json:
+    if drive.as_json:
         documents: list[dict[str, Any]] = [
-            {
-                "object": f"0x{address_text(e.address)}",
-                "name": e.name,
-                "value": str(v) if isinstance(v, float) and not math.isfinite(v) else v,
-                "unit": e.unit,
-                "bytes": d.hex(),
-            }
+            {"object": f"0x{address_text(e.address)}", "name": e.name, "value": in_json(v), "unit": e.unit, "bytes": d.hex()}
             for e, d, v in values
         ]
         documents += [{"object": f"0x{address_text(e.address)}", "name": e.name, "error": str(error)} for e, error in failures]
@@ -272,10 +319,7 @@ def get(
 def _got(
     device: Device, entries: list[CatalogueEntry]
 ) -> tuple[list[tuple[CatalogueEntry, bytes, float | str]], list[tuple[CatalogueEntry, DriveProfileError]]]:
-    """Read objects; return those read and those that failed.
-
-    The read ones have bytes and value, the failed ones the reason.
-    """
+    """Read objects; return those read, with bytes and value, and the failures."""
     from drive_profiles.errors import BusError, DriveProfileError
 
     values: list[tuple[CatalogueEntry, bytes, float | str]] = []
@@ -283,9 +327,7 @@ def _got(
     for entry in entries:
         try:
             data = device.read(entry.address)
-            value = entry.decoded(data, device.scaling([entry]))
-        except ValueError as error:
-            value = f"{data.hex(' ')} ({error})"
+            value = decoded(entry, data, device.scaling)
         except BusError as error:
             failures.append((entry, error))
             break  # nothing more will come
@@ -294,6 +336,19 @@ def _got(
             continue
         values.append((entry, data, value))
     return values, failures
+
+
+def decoded(entry: CatalogueEntry, data: bytes, scaling_of: Callable[[list[CatalogueEntry]], Scaling | None]) -> float | str:
+    """Return an object's value; bytes that are no value become text."""
+    try:
+        return entry.decoded(data, scaling_of([entry]))
+    except ValueError as error:
+        return f"{data.hex(' ')} ({error})"
+
+
+def in_json(value: float | str) -> float | str:
+    """Return a value as JSON takes it, which has no infinities."""
+    return value if isinstance(value, str) or math.isfinite(value) else str(value)
 
 
 def _value(entry: CatalogueEntry, data: bytes, value: float | str) -> str:

@@ -153,10 +153,7 @@ def gains(
 
 
 def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact: NotchFacts | LoopFacts | None) -> None:
-    """Save the values as a parameter set if --out is given.
-
-    An existing file is not replaced.
-    """
+    """Save the values as a parameter set if --out is given."""
     if out is None:
         return
     from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet

@@ -21,16 +21,8 @@ def set_for_drive(
 ) -> tuple[Device, ParameterSet]:
     """Open the drive at a node and read the set for it.
 
-    A DCF serves as its own EDS.
-
-    Parts of the file that are not used are listed on standard error.
-
-    Args:
-        bus: The bus.
-        node: Node-ID of the drive.
-        path: File of the set, of any format.
-        profile: Name or file of a drive profile; None for that of the file's header, else the one that matches.
-        eds: The device's own EDS, or None.
+    A DCF serves as its own EDS. The profile is the named one, else that of the file's header, else the one that matches. Parts of
+    the file that are not used are listed on standard error.
 
     Raises:
         DriveProfileError: The file cannot be read, or the node cannot be used.
@@ -50,15 +42,8 @@ def set_for_drive(
 def catalogue_for(path: Path, profile: str | None = None, eds: Path | None = None, node_id: int | None = None) -> Catalogue:
     """Return the objects of a file's device, without a bus.
 
-    A DCF serves as its own EDS.
-
-    Without a profile it is that of the file's header, else the one that matches the identity in the file.
-
-    Args:
-        path: File of a set, of any format.
-        profile: Name or file of a drive profile, or None.
-        eds: The device's own EDS, or None.
-        node_id: Node-ID for ``$NODEID``; None for that of the file's header.
+    A DCF serves as its own EDS. The profile is the named one, else that of the file's header, else the one that matches the
+    identity there; the node-ID for ``$NODEID`` likewise.
 
     Raises:
         DriveProfileError: The file cannot be read, or there is no such profile.
@@ -81,10 +66,7 @@ def _own_eds(path: Path, eds: Path | None) -> Path | None:
 
 def _matching(header: Header) -> str | None:
     """Return the one profile that fits the header's identity, or None."""
-    from drive_profiles.device.device import DeviceIdentity
-    from drive_profiles.device.target import matching
+    from drive_profiles.device.target import fitting
 
-    if header.vendor_id is None:
-        return None
-    names = matching(DeviceIdentity(0, None, header.vendor_id, header.product_code, header.revision, None))
+    names = [] if header.vendor_id is None else fitting(header.vendor_id, header.product_code, header.revision)
     return names[0] if len(names) == 1 else None

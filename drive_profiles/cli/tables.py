@@ -17,14 +17,9 @@ _NUMBER = re.compile(r"[-+−]?(\d[\d.,]*|\.\d+)(e[-+]?\d+)?( ?[%‰])?|[-–?]|
 
 
 def lines(header: Sequence[str], rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
-    """Return the lines of a table: header, rule, and rows.
+    """Return a table's lines: header, on a terminal a rule, and rows.
 
-    The rule is only drawn on a terminal.
-
-    Args:
-        header: Names of the columns; all empty for a table without a header.
-        rows: Cells, row by row.
-        width: Columns of the terminal; None: as many as it takes.
+    `width` has the columns of the terminal; None: as many as it takes. A table without a header has empty names.
     """
     cells = [[" ".join(cell.split()) for cell in row] for row in (header, *rows)]
     widths = _widths([list(column) for column in zip(*cells, strict=True)], width)

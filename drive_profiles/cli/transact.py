@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from drive_profiles.cli.console import ExitStatus, Interrupts, confirm, print_json, progress, table
+from drive_profiles.cli.options import BusOptions
 from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
@@ -30,27 +31,12 @@ MAX_ROWS = 20
 
 @dataclass(frozen=True)
 class TransactionRequest:
-    """Request of a command that writes, beside the values.
+    """Request of a command that writes, beside the values."""
 
-    Attributes:
-        bus: Address of the bus.
-        options: Options of the upload.
-        profile: Name or file of the drive profile; None for the one that matches.
-        eds: The device's own EDS.
-        timeout_s: Longest time to an answer.
-        yes: Do not ask before writing.
-        dry_run: Show what would be written, and write nothing.
-        as_json: The result as one JSON document.
-    """
-
-    bus: str
+    on: BusOptions
     options: UploadOptions
-    profile: str | None = None
-    eds: Path | None = None
-    timeout_s: float = 0.5
     yes: bool = False
     dry_run: bool = False
-    as_json: bool = False
 
 
 def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSet | Path]]) -> None:
@@ -67,7 +53,7 @@ def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSe
     from drive_profiles.parameter_set.parameters import CLASSES
     from drive_profiles.upload import fleet
 
-    with Interrupts() as interrupts, SdoBus(request.bus, request.timeout_s) as opened:
+    with Interrupts() as interrupts, SdoBus(request.on.bus, request.on.timeout_s) as opened:
         uploads = [_upload(opened, node, wanted, request) for node, wanted in pairs]
         classes = request.options.classes
         if empty := [
@@ -112,16 +98,14 @@ def _upload(bus: SdoBus, node: int, wanted: ParameterSet | Path, request: Transa
     from drive_profiles.upload.upload import Upload
 
     if isinstance(wanted, Path):
-        device, wanted = set_for_drive(bus, node, wanted, request.profile, request.eds)
+        device, wanted = set_for_drive(bus, node, wanted, request.on.profile, request.on.eds)
     else:
-        device = device_at(bus, node, request.profile or wanted.header.profile or None, request.eds)
+        device = device_at(bus, node, request.on.profile or wanted.header.profile or None, request.on.eds)
     return Upload(device, wanted, request.options, bus.address)
 
 
 def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> None:
-    """Print the changes as a table.
-
-    With `--json` it goes to standard error, since standard output has the document of the results.
+    """Print the changes as a table, with `--json` on standard error.
 
     Before a question or a result the table is short, so that the following text does not push it out of sight.
     """
@@ -133,22 +117,19 @@ def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> Non
             now, new, unit, data_type = _in_unit(item.device, write, held)
             rows.append((str(node), str(write.entry), *shown.pair(now, new, write.address, data_type), unit))
             documents.append({"node": node, "object": str(write.entry), "now": now, "new": new, "unit": unit})
-    if request.dry_run and request.as_json:
+    if request.dry_run and request.on.as_json:
         print_json(documents)
     elif rows:
         listed = len(rows) if request.dry_run or len(rows) <= MAX_ROWS + 1 else MAX_ROWS
-        table("", ("node", "object", "now", "new", "unit"), rows[:listed], err=request.as_json)
+        table("", ("node", "object", "now", "new", "unit"), rows[:listed], err=request.on.as_json)
         if listed < len(rows):
-            typer.echo(f"… and {len(rows) - listed} more; --dry-run shows all", err=request.as_json)
+            typer.echo(f"… and {len(rows) - listed} more; --dry-run shows all", err=request.on.as_json)
     else:
-        typer.echo("nothing differs", err=request.as_json)
+        typer.echo("nothing differs", err=request.on.as_json)
 
 
 def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, float | str, str, DataType | None]:
-    """Return the value now, new value, unit and type of a write.
-
-    They are in the parameter's unit even if the line is raw, as in a snapshot.
-    """
+    """Return value now, new value, unit and type of a write."""
     from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
 
     known = device.catalogue.get(write.address)
@@ -164,18 +145,15 @@ def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, fl
 
 
 def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> None:
-    """Print the result of each upload.
-
-    If a drive's state is not known, the next command is printed, too.
-    """
-    if request.as_json:
+    """Print each result, and the next command if one is uncertain."""
+    if request.on.as_json:
         print_json(
             [{**asdict(outcome), "journal": None if outcome.journal is None else str(outcome.journal)} for outcome in outcomes]
         )
     for outcome in outcomes:
-        if not request.as_json or outcome.kind != "done":
+        if not request.on.as_json or outcome.kind != "done":
             typer.echo(str(outcome), err=outcome.kind != "done")
-        if outcome.journal is not None and not request.as_json:
+        if outcome.journal is not None and not request.on.as_json:
             typer.echo(f"node {outcome.node}: its previous values are in {outcome.journal.absolute()}", err=True)
         if hint := _hint(outcome, request):
             typer.echo(f"node {outcome.node}: once it answers: {hint}", err=True)
@@ -184,7 +162,7 @@ def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> Non
 def _hint(outcome: UploadResult, request: TransactionRequest) -> str:
     if outcome.kind != "unknown":
         return ""
-    where = f"--bus {request.bus} --node {outcome.node}"
+    where = f"--bus {request.on.bus} --node {outcome.node}"
     if outcome.others == "old":
         return "" if outcome.journal is None else f"drive-profiles restore --snapshot {outcome.journal} {where}"
     check = f"check that it holds the set (drive-profiles verify SET {where})"

@@ -36,12 +36,13 @@ _SCAN_BURST = 8
 class _Line:
     """The SDO frames of one node on a shared bus."""
 
-    def __init__(self, bus: SdoBus) -> None:
+    def __init__(self, bus: SdoBus, node: int) -> None:
         self._bus = bus
         self.answers: queue.Queue[bytes] = queue.Queue(_BACKLOG)
         self.boots = 0
         self.nmt_state: int | None = None
         self.requests = ForeignRequests()
+        self.port = SdoPort(node, self, bus.timeout_s, lambda: self.requests.count)
 
     def send(self, can_id: int, data: bytes) -> None:
         self.requests.note_own(data)
@@ -75,11 +76,7 @@ class SdoBus:
     """
 
     def __init__(self, address: str, timeout_s: float = 0.5) -> None:
-        """Open the bus.
-
-        Args:
-            address: ``interface:channel[@bitrate]``, as everywhere.
-            timeout_s: Time that a node may take to answer, s.
+        """Open the bus, whose nodes may take `timeout_s` to answer.
 
         Raises:
             AddressError: `address` is not a bus address.
@@ -101,7 +98,6 @@ class SdoBus:
             is_named = f"{parsed.interface}:{parsed.channel}" in said
             raise BusError(said if is_named else f"no bus at {self.address}: {said}") from error
         self._lines: dict[int, _Line] = {}
-        self._ports: dict[int, SdoPort] = {}
         self.on_lss: Callable[[bytes], None] = lambda data: None
         self._lost: Exception | None = None
         self._closing = threading.Event()
@@ -126,37 +122,27 @@ class SdoBus:
                 self._bus.shutdown()
 
     def port(self, node: int) -> SdoPort:
-        """Return the SDO client of a node.
+        """Return a node's one SDO client; `ValueError` outside 1 to 127."""
+        return self._line(node).port
 
-        Every call returns the same one.
-
-        Raises:
-            ValueError: The node-ID is not from 1 to 127.
-        """
+    def _line(self, node: int) -> _Line:
         if not 1 <= node <= MAX_NODE_ID:
             raise ValueError(f"node-ID {node}: expected 1 to {MAX_NODE_ID}")
-        if node not in self._ports:
-            self._lines[node] = _Line(self)
-            line = self._lines[node]
-            self._ports[node] = SdoPort(node, line, self.timeout_s, lambda: line.requests.count)
-        return self._ports[node]
+        if node not in self._lines:
+            self._lines[node] = _Line(self, node)
+        return self._lines[node]
 
     def nmt(self, command: NmtCommand, node: int) -> None:
         """Send an NMT command to one node (0: to all)."""
         self.send(FunctionCode.NMT, bytes((command, BROADCAST if node == 0 else node)))
 
     def boots(self, node: int) -> int:
-        """Return the number of boot-up messages of a node.
-
-        It counts from the making of the node's port.
-        """
-        self.port(node)
-        return self._lines[node].boots
+        """Return the number of boot-up messages since the node's port was made."""
+        return self._line(node).boots
 
     def nmt_state(self, node: int) -> int | None:
         """Return the NMT state of a node's last heartbeat, or None."""
-        self.port(node)
-        return self._lines[node].nmt_state
+        return self._line(node).nmt_state
 
     def send(self, can_id: int, data: bytes) -> None:
         """Put a frame on the bus.
@@ -179,8 +165,7 @@ class SdoBus:
     def answering(self, nodes: range | list[int]) -> list[int]:
         """Return the nodes that answer a read of 1000h, in rising order."""
         for node in nodes:
-            self.port(node)
-            self._lines[node].clear()
+            self._line(node).clear()
         for count, node in enumerate(nodes, 1):
             self._lines[node].send(FunctionCode.SDO_REQUEST + node, b"\x40\x00\x10\x00\x00\x00\x00\x00")
             if count % _SCAN_BURST == 0:

@@ -37,17 +37,9 @@ _DRIVE = 402
 
 @dataclass(frozen=True)
 class DeviceIdentity:
-    """Identity that a device states of itself.
+    """Identity that a device states of itself: 1000h, 1018h, 1008h, 100Ah.
 
-    Attributes:
-        node: Node-ID.
-        device_type: Device type, 1000h; None, as all numbers below, where the device does not state it.
-        vendor_id: Vendor-ID, 1018h:1.
-        product_code: Product code, 1018h:2.
-        revision: Revision number, 1018h:3.
-        serial_number: Serial number, 1018h:4.
-        name: Manufacturer device name, 1008h.
-        firmware: Manufacturer software version, 100Ah.
+    A number that the device does not state is None.
     """
 
     node: int
@@ -66,21 +58,10 @@ class DeviceIdentity:
 
 
 class Device:
-    """A device on a bus, accessed through the objects of its catalogue.
-
-    Attributes:
-        port: SDO client of the node.
-        catalogue: The objects of the device, as profile and EDS describe them.
-    """
+    """A device on a bus, accessed through the objects of its catalogue."""
 
     def __init__(self, port: SdoPort, catalogue: Catalogue, nmt: Callable[[NmtCommand, int], None] | None = None) -> None:
-        """Join port and catalogue; nothing is sent.
-
-        Args:
-            port: SDO client of the node.
-            catalogue: The objects of the device, as profile and EDS describe them.
-            nmt: Function that sends an NMT command to a node; needed for `reset` only.
-        """
+        """Join port and catalogue; only `reset` needs `nmt`, to send a command."""
         self.port = port
         self.catalogue = catalogue
         self._nmt = nmt
@@ -126,11 +107,7 @@ class Device:
     def write(self, address: ObjectAddress, data: bytes, value: object = None, timeout_s: float | None = None) -> None:
         """Write the bytes of an object, once.
 
-        Args:
-            address: The object.
-            data: Its bytes, little-endian.
-            value: The value as a message shall show it; None: the bytes.
-            timeout_s: Time that the device may take to answer, s; None: the port's.
+        A message shows `value`, by default the bytes; the answer may take `timeout_s`, by default the port's.
 
         Raises:
             SdoAbortedError: The device refuses; the text is the maker's where the profile has it.
@@ -164,12 +141,9 @@ class Device:
         return state_of(int(word))
 
     def check_quiet(self, axes: Collection[int] = (0,)) -> None:
-        """Refuse a drive that is enabled.
+        """Refuse a drive that is enabled: gains are not written under torque.
 
-        Gains are not written while the motor is under torque.
-
-        Args:
-            axes: Axes to check, counted from 0; the objects of axis n are at + 800h n (CiA 402).
+        The objects of axis n, counted from 0, are at + 800h n (CiA 402).
 
         Raises:
             NodeError: The drive is enabled, or its state cannot be read.
@@ -190,12 +164,7 @@ class Device:
                 raise NodeError(self.node, f"it is in state {state.value!r}", "disable it first; nothing is written to it")
 
     def reset(self, within_s: float) -> None:
-        """Reset the node and wait until it answers again.
-
-        The reset acts like a loss of power.
-
-        Args:
-            within_s: Time that the whole may take, s.
+        """Reset the node, like a loss of power; wait until it answers.
 
         Raises:
             NoAnswerError: No boot-up message comes in time, or the node does not answer after it.
@@ -221,15 +190,13 @@ class Device:
                     raise NoAnswerError(self.node, "anything after its reset", within_s) from None
 
     def scaling(self, entries: Collection[CatalogueEntry]) -> Scaling | None:
-        """Read the drive's scaling, as far as the entries need it.
-
-        The result is None if none of them does.
+        """Read the drive's scaling; None if no entry needs it.
 
         Raises:
             RefusedError: The profile does not name the objects that hold the scaling.
             OutOfRangeError: The drive holds a zero in one of them.
         """
-        needed = {str(entry.parameter.scale) for entry in entries if entry.parameter is not None and entry.needs_scaling}
+        needed = {entry.scale for entry in entries if entry.scale}
         if not needed:
             return None
         if "counts" in needed and self._counts is None:
@@ -253,8 +220,7 @@ class Device:
 
     def _scaling_for(self, entry: CatalogueEntry) -> Scaling | None:
         """Return the scaling for one object; None if it cannot be read."""
-        scale = str(entry.parameter.scale) if entry.parameter is not None and entry.needs_scaling else ""
-        if scale in self._without_scaling:
+        if entry.scale in self._without_scaling:
             return None
         try:
             return self.scaling([entry])
@@ -262,7 +228,7 @@ class Device:
             return None
         except NoAnswerError:
             self._check_that_it_answers()
-            self._without_scaling.add(scale)  # asked once: each time would cost two time-outs
+            self._without_scaling.add(entry.scale)  # asked once: each time would cost two time-outs
             return None
 
     def _check_that_it_answers(self) -> None:
@@ -283,10 +249,7 @@ class Device:
         return counts_per_rev(f"node {self.node}, {facts.increments}", increments, revolutions)
 
     def _feed_constant(self) -> dict[str, int]:
-        """Read gear ratio and feed constant (6091h, 6092h).
-
-        The result is empty unless the profile says that they decide the unit of positions.
-        """
+        """Read gear ratio and feed constant (6091h, 6092h), where they decide positions."""
         facts = self.profile.encoder if self.profile else None
         if facts is None:
             return {}
@@ -322,11 +285,8 @@ class Device:
         """Read every value that could be written back, as a parameter set.
 
         Values that the device refuses to give, for which it is silent, or that make no sense, are listed in the header's
-        ``not_read``; so are the objects that the EDS keeps out of a scan or a download (``ObjFlags``).
-
-        Args:
-            classes: Parameter classes to read.
-            progress: Called after each object with the number read and the total.
+        ``not_read``; so are the objects that the EDS keeps out of a scan or a download (``ObjFlags``). `progress` is called after
+        each object with the number read and the total.
 
         Raises:
             NoAnswerError: The device does not answer any more.
@@ -392,8 +352,8 @@ def identity_at(port: SdoPort) -> DeviceIdentity:
         NoAnswerError: The device does not answer.
     """
 
-    def number(index: int, subindex: int) -> int | None:
-        data = _ask(port, (index, subindex))
+    def number(address: ObjectAddress) -> int | None:
+        data = _ask(port, address)
         return None if data is None or not 1 <= len(data) <= 4 else int.from_bytes(data, "little")
 
     def text(index: int) -> str:
@@ -403,16 +363,9 @@ def identity_at(port: SdoPort) -> DeviceIdentity:
             data = b""
         return "".join(c for c in data.decode("latin-1") if c.isprintable()).strip()[:64]
 
-    return DeviceIdentity(
-        port.node,
-        number(0x1000, 0),
-        number(0x1018, 1),
-        number(0x1018, 2),
-        number(0x1018, 3),
-        number(0x1018, 4),
-        text(0x1008),
-        text(0x100A),
-    )
+    known = ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4))
+    device_type, vendor, product, revision, serial = (number(address) for address in known)
+    return DeviceIdentity(port.node, device_type, vendor, product, revision, serial, text(0x1008), text(0x100A))
 
 
 def _ask(port: SdoPort, address: ObjectAddress) -> bytes | None:
@@ -424,10 +377,7 @@ def _ask(port: SdoPort, address: ObjectAddress) -> bytes | None:
 
 
 def _read(port: SdoPort, address: ObjectAddress, name: str = "", *, in_blocks: bool = False) -> bytes:
-    """Read an object, and retry once if there is no answer.
-
-    A retry is safe, because reading changes nothing.
-    """
+    """Read an object; retry once, since reading changes nothing."""
     try:
         return port.read(address, name, in_blocks=in_blocks)
     except NoAnswerError as first:

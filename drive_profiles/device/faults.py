@@ -21,15 +21,10 @@ _FAULT_RESET = (0x0000, 0x0080, 0x0000)
 
 @dataclass(frozen=True)
 class FaultReport:
-    """Faults that a node reports.
+    """Faults that a node reports; None is an object that it lacks.
 
-    Attributes:
-        node: Node-ID.
-        state: State of the drive; None if it has no status word.
-        register: Error register; None if it cannot be read.
-        code: Last error code (603Fh); None if it has no such object.
-        history: Entries of 1003h, the newest first: error code in the lower half, the maker's own number in the upper.
-        own: The maker's codes in words.
+    `history` has the entries of 1003h, the newest first: error code in the lower half, the maker's own number in the upper. `own`
+    has the maker's codes in words.
     """
 
     node: int

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from canopen.lss import LssError, LssMaster
 
@@ -19,42 +18,21 @@ UNCONFIGURED = 0xFF
 _REMEDY = "check its identity, its supply and its NMT state"
 
 
-@dataclass(frozen=True)
-class LssAddress:
-    """The LSS address of a node: all four numbers of 1018h.
-
-    Attributes:
-        vendor_id: 1018h:1.
-        product_code: 1018h:2.
-        revision: 1018h:3.
-        serial_number: 1018h:4.
-    """
+class LssAddress(NamedTuple):
+    """LSS address of a node: the four numbers of 1018h, in order."""
 
     vendor_id: int
     product_code: int
     revision: int
     serial_number: int
 
-    @property
-    def numbers(self) -> tuple[int, int, int, int]:
-        """The four numbers of the address, in their order."""
-        return self.vendor_id, self.product_code, self.revision, self.serial_number
-
     def __str__(self) -> str:
         """Return the address as `--identity` takes it."""
-        vendor, product, revision, serial = self.numbers
-        return f"0x{vendor:X},0x{product:X},0x{revision:X},{serial}"
+        return f"0x{self.vendor_id:X},0x{self.product_code:X},0x{self.revision:X},{self.serial_number}"
 
 
 class Lss:
-    """LSS master on a bus, through canopen.
-
-    Every service addresses the one node in configuration state.
-
-    Args:
-        bus: The bus.
-        timeout_s: Time that a slave may take to answer.
-    """
+    """LSS master through canopen, for the one node in configuration state."""
 
     def __init__(self, bus: SdoBus, timeout_s: float) -> None:
         self._bus, self._timeout_s = bus, timeout_s
@@ -86,7 +64,7 @@ class Lss:
                     )
                 yield LssAddress(*numbers)
             elif address is not None:
-                if not self._tried(lambda: self._master.send_switch_state_selective(*address.numbers)):
+                if not self._tried(lambda: self._master.send_switch_state_selective(*address)):
                     raise NoLssAnswerError(f"LSS as {address}", self._timeout_s, _REMEDY)
                 yield address
             else:
@@ -158,8 +136,7 @@ class Lss:
             return None
 
 
-@dataclass(frozen=True)
-class _Sender:
+class _Sender(NamedTuple):
     """As much of canopen's network as its LSS master uses."""
 
     bus: SdoBus

@@ -27,14 +27,7 @@ _NOTHING_DONE = frozenset({
 
 @dataclass(frozen=True)
 class MemoryCommand:
-    """A store or restore command.
-
-    Attributes:
-        name: ``store`` or ``restore``, for messages.
-        written_address: The object, as ``1010:1``.
-        signature: Number that is written to it.
-        wait_s: Time that the drive may take to answer, s.
-    """
+    """A store or restore command: object, signature, and time to its answer."""
 
     name: str
     written_address: str
@@ -91,38 +84,29 @@ class MemoryCommand:
 
 
 def store_command(device: Device) -> MemoryCommand:
-    """Command by which the device stores the values that it holds.
-
-    Raises:
-        RefusedError: The device has no such command.
-    """
-    facts = device.profile.store if device.profile else _STANDARD
-    if facts.object is None:
-        raise RefusedError(f"node {device.node}: {_who(device)} has no store command: {facts.note}")
-    return MemoryCommand("store", facts.object, facts.signature, facts.wait_s)
+    """Return the command that stores the device's values; `RefusedError` without one."""
+    facts = _facts(device)
+    return _command(device, "store", facts.object, facts.signature)
 
 
 def restore_command(device: Device) -> MemoryCommand:
-    """Return the command that restores the factory settings.
-
-    They take effect with the device's next reset.
-
-    Raises:
-        RefusedError: The device has no such command.
-    """
-    facts = device.profile.store if device.profile else _STANDARD
-    if facts.restore is None:
-        raise RefusedError(f"node {device.node}: {_who(device)} has no restore command: {facts.note}")
-    return MemoryCommand("restore", facts.restore, facts.restore_signature, facts.wait_s)
+    """Return the factory-settings command, effective after a reset; `RefusedError` without one."""
+    facts = _facts(device)
+    return _command(device, "restore", facts.restore, facts.restore_signature)
 
 
 def has_done_nothing(error: SdoAbortedError) -> bool:
-    """Return True if the abort says that nothing was done.
-
-    Other aborts, such as a memory fault, leave that open.
-    """
+    """Return True if the abort says that nothing was done."""
     return error.code in _NOTHING_DONE
 
 
-def _who(device: Device) -> str:
-    return f"a {device.profile.label}" if device.profile else "a device without a known profile"
+def _facts(device: Device) -> StoreFacts:
+    return device.profile.store if device.profile else _STANDARD
+
+
+def _command(device: Device, name: str, written_address: str | None, signature: int) -> MemoryCommand:
+    facts = _facts(device)
+    if written_address is None:
+        who = f"a {device.profile.label}" if device.profile else "a device without a known profile"
+        raise RefusedError(f"node {device.node}: {who} has no {name} command: {facts.note}")
+    return MemoryCommand(name, written_address, signature, facts.wait_s)

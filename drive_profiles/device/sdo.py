@@ -97,14 +97,7 @@ class SdoPort:
     def __init__(
         self, node: int, line: SdoLine, timeout_s: float = 0.5, requests_of_others: Callable[[], int] = lambda: 0
     ) -> None:
-        """Join a line; nothing is sent.
-
-        Args:
-            node: Node-ID.
-            line: Connection to the node.
-            timeout_s: Time that an answer may take, s.
-            requests_of_others: Function that returns the number of requests that other clients have sent to the node.
-        """
+        """Join a line; `requests_of_others` counts other clients' requests to the node."""
         self.node = node
         self.timeout_s = timeout_s
         self.strays: set[ObjectAddress] = set()
@@ -131,12 +124,9 @@ class SdoPort:
         self._written.clear()
 
     def read(self, address: ObjectAddress, name: str = "", *, in_blocks: bool = False) -> bytes:
-        """Upload the bytes of an object.
+        """Upload the bytes of an object, in blocks where it is long.
 
-        Args:
-            address: The object.
-            name: Name of the object, for messages.
-            in_blocks: True for a block transfer, unless the node has refused one: for an object that may be long.
+        A node that has refused blocks is not asked for them again.
 
         Raises:
             SdoAbortedError: The node refuses.
@@ -173,9 +163,7 @@ class SdoPort:
         *,
         in_blocks: bool = False,
     ) -> None:
-        """Download the bytes of an object, once.
-
-        A write is never repeated blindly.
+        """Download the bytes of an object, once: it is never repeated blindly.
 
         Args:
             address: The object.
@@ -216,12 +204,7 @@ class SdoPort:
         *,
         writes: bool = False,
     ) -> bytes:
-        """Send the frames of a transfer and feed it the answers, up to its end.
-
-        Raises:
-            SdoAbortedError: The node refuses.
-            NoAnswerError: The node does not answer, or its answers make no sense.
-        """
+        """Send the frames of a transfer and feed it the answers."""
         line, request_id, own = self._line, self._request_id, _OBJECT.pack(*address)
         code = SdoAbortCode.TIMED_OUT
         try:

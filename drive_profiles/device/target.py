@@ -14,15 +14,15 @@ from drive_profiles.family.profile import Profile, available
 
 
 def matching(identity: DeviceIdentity) -> list[str]:
-    """Return the labels of the profiles that fit a device.
-
-    Vendor, product and revision must fit; if a profile has no known code, the vendor alone.
-    """
+    """Return the labels of the profiles that fit a device; see `fitting`."""
     return fitting(identity.vendor_id, identity.product_code, identity.revision)
 
 
 def fitting(vendor_id: int | None, product_code: int | None, revision: int | None) -> list[str]:
-    """Return the labels of the profiles that fit 1018h; see `matching`."""
+    """Return the labels of the profiles that fit 1018h.
+
+    Vendor, product and revision must fit; if a profile has no known code, the vendor alone.
+    """
     exact: list[str] = []
     vendor: list[str] = []
     for name in available():
@@ -35,10 +35,7 @@ def fitting(vendor_id: int | None, product_code: int | None, revision: int | Non
 
 
 def fault_texts_of(vendor_id: int | None, product_code: int | None, revision: int | None) -> dict[int, str]:
-    """Return the maker's own error codes in words.
-
-    The numbers of 1018h choose the family; the result is empty if none or several fit.
-    """
+    """Return the maker's error codes in words, if exactly one family fits."""
     families = {label.partition("/")[0] for label in fitting(vendor_id, product_code, revision)}
     return _profile(families.pop()).fault_texts if len(families) == 1 else {}
 
@@ -58,15 +55,9 @@ def named_profile(identity: DeviceIdentity, name: str) -> Profile:
         NodeError: The profile is of another maker's devices.
         ProfileNotFoundError: There is no such profile.
     """
-    known = Profile.load(name)
-    vendor = known.identity.vendor_id
-    if vendor is not None and identity.vendor_id not in {None, vendor}:
-        raise NodeError(
-            identity.node,
-            f"profile {name} is for vendor-ID 0x{vendor:08X}; the device is another ({_who(identity)})",
-            "name a profile of this device",
-        )
-    return _of_product(known, identity.product_code, identity.revision)
+    if foreign := _foreign(identity, name):
+        raise NodeError(identity.node, foreign, "name a profile of this device")
+    return _of_product(Profile.load(name), identity.product_code, identity.revision)
 
 
 def catalogue_of(
@@ -79,15 +70,8 @@ def catalogue_of(
 ) -> Catalogue:
     """Return the catalogue of a device from profile and EDS.
 
-    Of a family with several products it is that of the device's, by the numbers given, else by those of the EDS; of the first
-    one if neither states them.
-
-    Args:
-        profile: Name or path of a drive profile, or None.
-        eds_file: An EDS, DCF or XDD file, or None.
-        node: Node-ID for ``$NODEID`` in the file.
-        product_code: 1018h:2 of the device, if it is known.
-        revision: 1018h:3 of the device, if it is known.
+    Of a family with several products it is that of the device's, by the numbers of 1018h given, else by those of the EDS; of the
+    first one if neither states them. `node` stands for ``$NODEID`` in the file.
 
     Raises:
         ProfileNotFoundError: There is no such profile.
@@ -104,21 +88,21 @@ def catalogue_of(
 
 def doubt_of_profile(identity: DeviceIdentity, name: str) -> str | None:
     """Return a warning if a named profile is of another maker's devices."""
+    foreign = _foreign(identity, name)
+    return foreign and f"node {identity.node}: {foreign}, so its objects may mean something else; check the profile"
+
+
+def _foreign(identity: DeviceIdentity, name: str) -> str | None:
     vendor = Profile.load(name).identity.vendor_id
-    if vendor is None or identity.vendor_id in {None, vendor}:
+    if identity.vendor_id in {None, vendor}:
         return None
-    return (
-        f"node {identity.node}: profile {name} is for vendor-ID 0x{vendor:08X}; the device is another ({_who(identity)}), "
-        "so its objects may mean something else; check the profile"
-    )
+    return f"profile {name} is for vendor-ID 0x{vendor:08X}; the device is another ({_who(identity)})"
 
 
 def _of_product(known: Profile, product_code: int | None, revision: int | None) -> Profile:
-    """Return the profile of the device's product.
+    """Return the profile of the device's product, else the family's.
 
-    The family's own profile is returned if no product code is given or the profile does not know it.
-
-    What is not named can be read by the facts of the first product; an upload refuses it, see `upload.checks`.
+    What is not named is read by the facts of the first product; an upload refuses it, see `upload.checks`.
     """
     if not known.products or product_code is None:
         return known
@@ -129,16 +113,9 @@ def _of_product(known: Profile, product_code: int | None, revision: int | None) 
 
 
 def device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path | None = None) -> Device:
-    """Open the device at a node.
+    """Open the device at a node, by default with its own profile.
 
-    Without a profile, the one that matches the device's identity is taken; where none matches, the EDS alone. Of a family with
-    several products it is the profile of the device's.
-
-    Args:
-        bus: The bus.
-        node: Node-ID of the device.
-        profile: Name or path of a drive profile, or None.
-        eds_file: An EDS, DCF or XDD file of the device, or None.
+    Where none matches the identity, the EDS alone is taken. Of a family with several products it is the device's.
 
     Raises:
         NodeError: The node does not answer, or several profiles match.
@@ -160,6 +137,14 @@ def device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path
     if not names and eds_file is None:
         raise NodeError(node, f"no profile fits this device ({_who(identity)})", _remedy(identity))
     return Device(port, catalogue_of(names[0] if names else None, eds_file, node), bus.nmt)
+
+
+def any_device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path | None = None) -> Device:
+    """Open a device, without a fitting profile by the standard's objects alone."""
+    try:
+        return device_at(bus, node, profile, eds_file)
+    except NodeError:  # no profile is of it, or several are
+        return Device(bus.port(node), Catalogue(), bus.nmt)
 
 
 def _who(identity: DeviceIdentity) -> str:

@@ -2,7 +2,7 @@
 
 A transfer is a generator. It puts the frames to send into `out`, yields, and is sent the next answer of the server; its return
 value is the content of the object. It yields True where the next frame is a segment of a block, whose first byte is not a
-command.
+command. `TransferAbortedError` says that the server refuses, `TransferBrokenError` that an answer makes no sense.
 
 Source: CiA 301, 7.2.4.3.
 """
@@ -55,16 +55,7 @@ def abort(address: ObjectAddress, code: SdoAbortCode) -> bytes:
 
 
 def upload(out: list[bytes], address: ObjectAddress) -> Transfer:
-    """Read an object, expedited or in segments.
-
-    Args:
-        out: List that takes the frames to send.
-        address: The object.
-
-    Raises:
-        TransferAbortedError: The server refuses.
-        TransferBrokenError: An answer makes no sense.
-    """
+    """Read an object, expedited or in segments."""
     out.append(_COMMAND.pack(0x40, *address, 0))
     answer = yield False
     return (yield from _uploaded(out, answer))
@@ -91,17 +82,7 @@ def _uploaded(out: list[bytes], answer: bytes) -> Transfer:
 
 
 def download(out: list[bytes], address: ObjectAddress, data: bytes) -> Transfer:
-    """Write an object, expedited or in segments.
-
-    Args:
-        out: List that takes the frames to send.
-        address: The object.
-        data: Its new content.
-
-    Raises:
-        TransferAbortedError: The server refuses.
-        TransferBrokenError: An answer makes no sense.
-    """
+    """Write an object, expedited or in segments."""
     size = len(data)
     if 1 <= size <= _EXPEDITED_DATA:
         out.append(_COMMAND.pack(0x23 | (_EXPEDITED_DATA - size) << 2, *address, int.from_bytes(data, "little")))
@@ -122,16 +103,7 @@ def download(out: list[bytes], address: ObjectAddress, data: bytes) -> Transfer:
 
 
 def block_upload(out: list[bytes], address: ObjectAddress) -> Transfer:
-    """Read an object in blocks; the server may send a short one as `upload` does.
-
-    Args:
-        out: List that takes the frames to send.
-        address: The object.
-
-    Raises:
-        TransferAbortedError: The server refuses.
-        TransferBrokenError: An answer makes no sense.
-    """
+    """Read an object in blocks, or a short one as `upload` does."""
     out.append(_COMMAND.pack(0xA4, *address, MAX_BLOCK_SIZE | SWITCH_BYTES << 8))
     answer = yield False
     if answer[0] & _SPECIFIER == 0x40:
@@ -166,17 +138,7 @@ def block_upload(out: list[bytes], address: ObjectAddress) -> Transfer:
 
 
 def block_download(out: list[bytes], address: ObjectAddress, data: bytes) -> Transfer:
-    """Write an object in blocks.
-
-    Args:
-        out: List that takes the frames to send.
-        address: The object.
-        data: Its new content.
-
-    Raises:
-        TransferAbortedError: The server refuses.
-        TransferBrokenError: An answer makes no sense.
-    """
+    """Write an object in blocks."""
     out.append(_COMMAND.pack(0xC6, *address, len(data)))
     answer = yield False
     has_crc, block_size = bool(_checked(answer, _SPECIFIER_AND_STEP, 0xA0) & 0x04), answer[4]

@@ -27,12 +27,7 @@ _STRUCTURE = 0xFF
 
 
 def found(sections: dict[str, EdsSection], builder: Builder) -> list[Problem]:
-    """List the contradictions of a file that has been read.
-
-    Args:
-        sections: Sections of the file, by their folded names.
-        builder: The objects as they were read.
-    """
+    """List the contradictions of a file that has been read."""
     information = sections.get("deviceinfo")
     problems = [*_identity(information, builder), *_pdo_counts(information, builder), *_missing(builder)]
     for item in builder.dictionary.indices.values():
@@ -42,10 +37,7 @@ def found(sections: dict[str, EdsSection], builder: Builder) -> list[Problem]:
 
 
 def _identity(information: EdsSection | None, builder: Builder) -> list[Problem]:
-    """Compare [DeviceInfo] with the defaults of 1018h.
-
-    A 0 in the file means that the number is not known.
-    """
+    """Compare [DeviceInfo] with the defaults of 1018h; 0 means unknown."""
     item = builder.dictionary.indices.get(0x1018)
     if information is None or not isinstance(item, ODArray | ODRecord):
         return []

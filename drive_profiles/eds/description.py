@@ -82,15 +82,12 @@ class Description:
     flags: dict[tuple[int, int], int] = field(default_factory=dict)
     serial_number: int | None = None
     own_node_id: int | None = None
-    _locations: eds_rewrite.ValueLocations | None = field(default=None, repr=False, compare=False)
+    _builder: Builder | None = field(default=None, repr=False, compare=False)
     _document: Document | None = field(default=None, repr=False, compare=False)
 
     @property
     def vendor_ids(self) -> tuple[int, ...]:
-        """Vendor-IDs in ``[DeviceInfo]`` and in the default of 1018h:1.
-
-        There are two if the file contradicts itself.
-        """
+        """Vendor-IDs in ``[DeviceInfo]`` and 1018h:1, two if they contradict each other."""
         return self._stated(self.vendor_id, 1)
 
     @property
@@ -106,6 +103,11 @@ class Description:
         return tuple(dict.fromkeys(each for each in (number, also) if each))
 
     @property
+    def problems(self) -> tuple[Problem, ...]:
+        """All repairs, contradictions and refusals, by line."""
+        return tuple(sorted((*self.warnings, *self.contradictions, *self.refused)))
+
+    @property
     def document(self) -> Document:
         """The text of the file, divided into sections."""
         return self._document or Document(self.path, [], "utf-8", {})
@@ -116,24 +118,18 @@ class Description:
         commissioning: Mapping[str, str] = types.MappingProxyType({}),
         comments: Sequence[str] = (),
     ) -> bytes:
-        """Return the file with other parameter values.
+        """Return the file with other parameter values; other bytes stay.
 
-        Every other byte stays as it was.
-
-        The result is read again before it is returned, to prove that it holds the values.
-
-        Args:
-            values: New parameter values by index and sub-index.
-            commissioning: Keys of the device's commissioning (CiA 306: ``NodeID``, ``LSS_SerialNumber`` …) with their values.
-            comments: Comments beside them, each a line.
+        The result is read again before it is returned, to prove that it holds the values. `commissioning` has keys of that
+        section (CiA 306: ``NodeID``, ``LSS_SerialNumber`` …) with their values, `comments` lines beside them.
 
         Raises:
             FileError: An object is not in the file, a value is not of its type, or the file is an XDD.
         """
-        if self._locations is None:
+        if self._builder is None:
             problem = Problem(0, "", "is an XDD file, which is not rewritten", "a DCF: convert it first")
             raise FileError(self.path, (problem,))
-        data = eds_rewrite.rewritten(self.path, self._locations, self.dictionary, values, commissioning, comments)
+        data = eds_rewrite.rewritten(self.document, self._builder, values, commissioning, comments)
         again = loads(data, self.path, node_id=self.node_id, file_format=self.file_format)
         wrong = [key for key, wanted in values.items() if key not in again.values or again.values[key] != wanted]
         if wrong:
@@ -177,14 +173,9 @@ def loads(
     strict: bool = False,
     file_format: FileFormat | None = None,
 ) -> Description:
-    """Read the description of a device from the bytes of a file.
+    """Read the description from a file's bytes, as `load` does.
 
-    Args:
-        data: Contents of the file.
-        path: Path for messages; its suffix names the format.
-        node_id: Node-ID for ``$NODEID``; it is preferred to that of the file.
-        strict: Refuse a file with any fault.
-        file_format: Format of the file; by suffix and content if not given.
+    The suffix of `path` names the format, unless `file_format` or the content does.
 
     Raises:
         FileError: As for `load`.
@@ -203,17 +194,13 @@ def loads(
     if named is not None and named != actual:
         findings.warn(0, "", "", f"is named as {named}, but is read as {actual}", "a name that fits")
     description = _described(document, actual, node_id, findings)
-    problems = tuple(sorted((*description.warnings, *description.contradictions, *description.refused)))
-    if strict and problems:
-        raise FileError(path, problems)
+    if strict and description.problems:
+        raise FileError(path, description.problems)
     return description
 
 
 def _file_format(named: FileFormat | None, *, is_xml: bool, is_dcf: bool) -> FileFormat:
-    """Choose the format of a file by its content and name.
-
-    The content shows whether it is XML; the name, if there is one, decides the rest.
-    """
+    """Choose the format: XML by the content, else by the name."""
     if is_xml:
         return "xdd"
     if named is None or named == "xdd":
@@ -265,5 +252,5 @@ def _described(document: Document, file_format: FileFormat, node_id: int | None,
         serial_number=serial_number,
         own_node_id=file_node_id,
         _document=document,
-        _locations=None if file_format == "xdd" else eds_rewrite.ValueLocations(document, builder.sections, builder.compact),
+        _builder=None if file_format == "xdd" else builder,
     )

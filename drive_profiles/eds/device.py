@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import re
 
-from canopen.objectdictionary import ObjectDictionary, ODRecord, ODVariable
+from canopen.objectdictionary import ObjectDictionary, ODRecord
 
 from drive_profiles.address import BIT_RATES
 from drive_profiles.eds import values
 from drive_profiles.eds.objects import Builder, ObjectSections
 from drive_profiles.eds.text import EdsEntry, EdsSection, Findings, quoted
-from drive_profiles.eds.variables import assign
+from drive_profiles.eds.variables import assign, made_variable
 from drive_profiles.standard.cia301 import MAX_NODE_ID, RPDO_BASES, TPDO_BASES
 
 BIT_RATES_KBIT_S = tuple(rate // 1000 for rate in BIT_RATES)
@@ -72,10 +72,7 @@ def read_device_info(section: EdsSection | None, builder: Builder) -> None:
 
 
 def read_commissioning(sections: dict[str, EdsSection], builder: Builder) -> tuple[int | None, int | None]:
-    """Return node-ID and bit rate (bit/s) of a DCF.
-
-    Both spellings of the section are read; 0 in the file means unknown.
-    """
+    """Return node-ID and bit rate (bit/s) of a DCF; 0 means unknown."""
     node_id = bit_rate = None
     for identity in COMMISSIONING:
         section = sections.get(identity)
@@ -93,20 +90,14 @@ def read_serial_number(sections: dict[str, EdsSection], builder: Builder) -> int
 
 
 def read_dummies(section: EdsSection | None, builder: Builder) -> None:
-    """Add the dummy data types that fill gaps in an RPDO.
-
-    Each has its own index, as in canopen.
-    """
+    """Add the dummy data types that fill gaps in an RPDO."""
     for key, entry in section.entries.items() if section is not None else ():
         match = re.fullmatch(r"dummy([0-9a-f]{4})", key)
         if match is None or section is None:
             continue
         data_type = int(match.group(1), 16)
         if builder.number(section, entry.key, values.flag) and data_type in values.NAMES:
-            variable = ODVariable(f"Dummy{data_type:04X}", data_type, 0)
-            variable.data_type = data_type
-            variable.access_type = "const"
-            builder.add(variable)
+            builder.add(made_variable(f"Dummy{data_type:04X}", data_type, 0, data_type, "const"))
 
 
 def read_comments(section: EdsSection | None, builder: Builder) -> None:
@@ -136,8 +127,7 @@ def check_lists(sections: dict[str, EdsSection], parts: dict[int, ObjectSections
         return
     for index, (section, entry) in listed.items():
         if index not in parts:
-            message = f"{quoted(entry.value)} has no section; there is no such object"
-            findings.warn(entry.line, section.name, entry.key, message, f"a section [{index:04X}]")
+            findings.remark(section, entry, "has no section; there is no such object", f"a section [{index:04X}]")
     for index, mine in parts.items():
         if index >= 0x1000 and index not in listed and mine.head is not None:
             findings.warn(
@@ -154,18 +144,12 @@ def note_modules(sections: dict[str, EdsSection], findings: Findings) -> None:
 
 
 def add_compact_pdos(section: EdsSection | None, builder: Builder) -> None:
-    """Add the PDO objects that ``CompactPDO`` abbreviates.
-
-    As many are added as the file counts, unless they have sections of their own.
-    """
+    """Add the PDO objects that ``CompactPDO`` abbreviates, unless they have sections."""
     mask = builder.number(section, "CompactPDO") if section is not None and section.get("CompactPDO") else None
     if not mask or section is None:
         return
     information = builder.dictionary.device_information
-    for first, count, bases in (
-        (0x1400, information.nr_of_RXPDO, RPDO_BASES),
-        (0x1800, information.nr_of_TXPDO, TPDO_BASES),
-    ):
+    for first, count, bases in ((0x1400, information.nr_of_RXPDO, RPDO_BASES), (0x1800, information.nr_of_TXPDO, TPDO_BASES)):
         there = sum(index in builder.dictionary.indices for index in range(first, first + _MAX_PDOS))
         missing = min(int(count or 0), _MAX_PDOS) - there
         for number in range(_MAX_PDOS):
@@ -186,11 +170,11 @@ def _communication(index: int, mask: int, base: int | None, node_id: int | None)
     """Return a PDO's communication record with the sub-indices in `mask`."""
     record = ODRecord(f"{'RPDO' if index < 0x1800 else 'TPDO'} {(index & 0x1FF) + 1} communication parameter", index)
     highest = max(subindex for subindex in range(1, 7) if mask >> (subindex - 1) & 1) if mask & 0x3F else 0
-    record.add_member(_member("Highest sub-index supported", index, 0, 0x05, "const", highest))
+    record.add_member(made_variable("Highest sub-index supported", index, 0, 0x05, "const", highest))
     for subindex, (name, data_type) in enumerate(zip(_SUB_OBJECTS, (0x07, 0x05, 0x06, 0x05, 0x06, 0x05), strict=True), 1):
         if not mask >> (subindex - 1) & 1:
             continue
-        member = _member(name, index, subindex, data_type, "rw", None)
+        member = made_variable(name, index, subindex, data_type, "rw")
         if subindex == 1:
             member.relative = base is not None
             raw = "0x80000000" if base is None else f"$NODEID+0x{base:X}"
@@ -201,18 +185,10 @@ def _communication(index: int, mask: int, base: int | None, node_id: int | None)
 
 def _mapping(index: int) -> ODRecord:
     record = ODRecord(f"{'RPDO' if index < 0x1A00 else 'TPDO'} {(index & 0x1FF) + 1} mapping parameter", index)
-    record.add_member(_member("Number of mapped objects", index, 0, 0x05, "rw", 0))
+    record.add_member(made_variable("Number of mapped objects", index, 0, 0x05, "rw", 0))
     for subindex in range(1, 0x41):
-        record.add_member(_member(f"Mapped object {subindex}", index, subindex, 0x07, "rw", None))
+        record.add_member(made_variable(f"Mapped object {subindex}", index, subindex, 0x07, "rw"))
     return record
-
-
-def _member(name: str, index: int, subindex: int, data_type: int, access: str, default: int | None) -> ODVariable:
-    variable = ODVariable(name, index, subindex)
-    variable.data_type, variable.access_type = data_type, access
-    if default is not None:
-        assign(variable, default=default, default_raw=str(default))
-    return variable
 
 
 def _unsigned32(section: EdsSection, key: str, builder: Builder) -> int | None:
@@ -230,7 +206,7 @@ def _unsigned32(section: EdsSection, key: str, builder: Builder) -> int | None:
         made, result = f"read as 0x{number & MAX_UNSIGNED32:08X}", number & MAX_UNSIGNED32
     else:
         made, result = "taken as unknown", None
-    builder.findings.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} {made}", "0 to 0xFFFFFFFF")
+    builder.findings.remark(section, entry, made, "0 to 0xFFFFFFFF")
     return result
 
 
@@ -272,15 +248,10 @@ def _read_list(section: EdsSection, listed: dict[int, tuple[EdsSection, EdsEntry
         reading = values.number(entry.value)
         index = reading.value
         if not isinstance(index, int) or not 0x1000 <= index <= 0xFFFF:
-            findings.warn(
-                entry.line, section.name, entry.key, f"{quoted(entry.value)} is not an index; ignored", "0x1000 to 0xFFFF"
-            )
+            findings.remark(section, entry, "is not an index; ignored", "0x1000 to 0xFFFF")
             continue
         if index in listed:
-            other = listed[index][1].line
-            findings.warn(
-                entry.line, section.name, entry.key, f"{quoted(entry.value)} listed already, line {other}", "each object once"
-            )
+            findings.remark(section, entry, f"listed already, line {listed[index][1].line}", "each object once")
         listed.setdefault(index, (section, entry))
     said_entry = section.get("SupportedObjects")
     said = values.number(said_entry.value).value if said_entry is not None else None

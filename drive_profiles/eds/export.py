@@ -48,10 +48,7 @@ def as_text(description: Description, file_format: Literal["eds", "dcf"]) -> str
 
 
 def as_data(description: Description) -> dict[str, Any]:
-    """Return the whole description in JSON's types.
-
-    Bytes become hexadecimal text, numbers stay numbers.
-    """
+    """Return the whole description in JSON's types; bytes are hexadecimal."""
     return {
         **summary(description),
         "objects": [
@@ -61,10 +58,14 @@ def as_data(description: Description) -> dict[str, Any]:
         "values": {
             f"{index:04X}:{subindex:02X}": plain(value) for (index, subindex), value in sorted(description.values.items())
         },
-        "warnings": [problem._asdict() for problem in description.warnings],
-        "contradictions": [problem._asdict() for problem in description.contradictions],
-        "refused": [problem._asdict() for problem in description.refused],
+        **findings_data(description),
     }
+
+
+def findings_data(description: Description) -> dict[str, list[dict[str, Any]]]:
+    """Return the problems of the file by their kind, in JSON's types."""
+    kinds = ("warnings", "contradictions", "refused")
+    return {kind: [problem._asdict() for problem in getattr(description, kind)] for kind in kinds}
 
 
 def summary(description: Description) -> dict[str, Any]:
@@ -123,10 +124,7 @@ def lost(description: Description, file_format: str) -> tuple[Problem, ...]:
 
 
 def _lost_texts(description: Description, *, with_values: bool) -> list[Problem]:
-    """List texts that do not fit on the line of a file.
-
-    They have control characters, or blanks around them.
-    """
+    """List texts with control characters or outer blanks, which no line holds."""
     problems = []
     for _, variable in entries(description.dictionary):
         for attribute in ("default", "value") if with_values else ("default",):

@@ -39,13 +39,7 @@ _MOST_NAMED = 3
 
 
 def with_kept_keys(text: str, description: Description, file_format: Literal["eds", "dcf"]) -> str:
-    """Put the keys into the text that the exporter has written.
-
-    Args:
-        text: The exporter's text.
-        description: The description that it was made from.
-        file_format: Format of the text; the keys of a DCF are not part of an EDS.
-    """
+    """Put the keys that the format has into the exporter's text."""
     written = read(text.encode(), Path("exported"), Findings())
     kept: dict[str, dict[str, str]] = {}
     for name, lines in _kept(description, file_format):

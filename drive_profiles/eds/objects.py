@@ -16,7 +16,7 @@ from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVari
 
 from drive_profiles.eds import values
 from drive_profiles.eds.text import EdsEntry, EdsSection, Findings, quoted
-from drive_profiles.eds.variables import DOMAIN_OBJECT, VariableReader, assign
+from drive_profiles.eds.variables import DOMAIN_OBJECT, VariableReader, assign, made_variable
 
 VAR, ARRAY, RECORD = 0x7, 0x8, 0x9
 _TYPE_OBJECTS = {0x5, 0x6}  # DEFTYPE, DEFSTRUCT: they describe types and cannot be accessed
@@ -61,10 +61,6 @@ def parts_of(sections: dict[str, EdsSection], findings: Findings) -> dict[int, O
 class Builder(VariableReader):
     """Builder of canopen's dictionary from the sections of a file.
 
-    Args:
-        findings: List to which repairs and refusals are added.
-        node_id: Node-ID for ``$NODEID``; None if it is not known.
-
     Attributes:
         dictionary: The dictionary as far as it is built.
         sections: The section of every variable that has one, by index and sub-index.
@@ -100,10 +96,7 @@ class Builder(VariableReader):
         return False
 
     def _note_type(self, parts: ObjectSections) -> None:
-        """Note the type behind a type definition.
-
-        The definition states its length in bits or the underlying type.
-        """
+        """Note the type, or its length in bits, behind a type definition."""
         if parts.head is None:
             return
         object_code = self.number(parts.head, "ObjectType")
@@ -141,10 +134,7 @@ class Builder(VariableReader):
             self._compound(container(self.name(head, head.name), parts.index), head, parts)
 
     def _object_code(self, head: EdsSection, parts: ObjectSections) -> int | None:
-        """Return the object code (CiA 301: VAR, ARRAY, RECORD …).
-
-        The result is None if the object cannot be accessed.
-        """
+        """Return the object code (CiA 301); None if it cannot be accessed."""
         entry = head.get("ObjectType")
         object_code = self.number(head, "ObjectType")
         if object_code in _TYPE_OBJECTS or object_code == 0:
@@ -227,7 +217,7 @@ class Builder(VariableReader):
 
     def _compact(self, item: ODRecord | ODArray, head: EdsSection, parts: ObjectSections, count: int) -> None:
         """Build an array of like entries from a compact notation."""
-        item.add_member(_entry_count(item.index, count))
+        item.add_member(made_variable("NrOfObjects", item.index, 0, 0x05, "ro", count))  # as in CiA 306-1
         template = self.variable(head, item.index, 1)
         names = self._numbered(parts.lists.get("name"), count)
         contents = self._numbered(parts.lists.get("value"), count)
@@ -259,15 +249,6 @@ class Builder(VariableReader):
             message = f"{'missing' if said is None else said}; there are {len(found)}"
             self.findings.warn(line, section.name, "NrOfEntries", message, str(len(found)))
         return found
-
-
-def _entry_count(index: int, count: int) -> ODVariable:
-    """Return sub-index 0 of a compact notation, as in CiA 306-1."""
-    variable = ODVariable("NrOfObjects", index, 0)
-    variable.data_type = 0x05
-    variable.access_type = "ro"
-    assign(variable, default=count, default_raw=str(count))
-    return variable
 
 
 def _first(parts: ObjectSections) -> tuple[int, str]:

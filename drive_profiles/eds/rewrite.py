@@ -4,31 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from canopen.objectdictionary import ObjectDictionary, ODVariable
 
 from drive_profiles.eds import values as eds_values
 from drive_profiles.eds.device import COMMISSIONING, DEVICE_COMMISSIONING
-from drive_profiles.eds.objects import ObjectSections
+from drive_profiles.eds.objects import Builder, ObjectSections
 from drive_profiles.eds.text import Document, EdsSection, Replacement
 from drive_profiles.eds.variables import Content
 from drive_profiles.errors import FileError, Problem
-
-
-@dataclass(frozen=True, slots=True)
-class ValueLocations:
-    """Locations of the parameter values in a file.
-
-    Attributes:
-        document: The text of the file.
-        sections: The section of every variable that has one, by index and sub-index.
-        compact: The sections of every object with a compact notation, by index.
-    """
-
-    document: Document
-    sections: dict[tuple[int, int], EdsSection]
-    compact: dict[int, ObjectSections]
 
 
 @dataclass(slots=True)
@@ -38,22 +22,13 @@ class _Changes:
 
 
 def rewritten(
-    path: Path,
-    locations: ValueLocations,
-    dictionary: ObjectDictionary,
+    document: Document,
+    builder: Builder,
     values: Mapping[tuple[int, int], Content],
     commissioning: Mapping[str, str],
     comments: Sequence[str],
 ) -> bytes:
     """Return the bytes of the file with other parameter values in it.
-
-    Args:
-        path: The file, for messages.
-        locations: Locations of the values in it.
-        dictionary: The objects of the file, for the types of the values.
-        values: New parameter values by index and sub-index.
-        commissioning: Keys of the section of the device's commissioning, with their values.
-        comments: Comments in that section, each a line.
 
     Raises:
         FileError: Some values cannot be written; the error has all of them.
@@ -63,9 +38,9 @@ def rewritten(
     compact: dict[int, dict[int, Replacement]] = {}
     for (index, subindex), value in sorted(values.items()):
         key = f"{index:04X}:{subindex:02X}"
-        variable = _variable(dictionary, index, subindex)
-        section = locations.sections.get((index, subindex))
-        if variable is None or (section is None and (index not in locations.compact or subindex == 0)):
+        variable = _variable(builder.dictionary, index, subindex)
+        section = builder.sections.get((index, subindex))
+        if variable is None or (section is None and (index not in builder.compact or subindex == 0)):
             problems.append(Problem(0, key, "is not an object with a section in this file", "an object that can be written"))
             continue
         data_type = variable.data_type or eds_values.DOMAIN
@@ -80,24 +55,21 @@ def rewritten(
         else:
             compact.setdefault(index, {})[subindex] = written
     for index, contents in compact.items():
-        _set_compact(changes, locations.compact[index], contents)
-    _commission(changes, locations.document, commissioning, comments)
+        _set_compact(changes, builder.compact[index], contents)
+    _commission(changes, document, commissioning, comments)
     if problems:
-        raise FileError(path, tuple(problems))
+        raise FileError(document.path, tuple(problems))
     try:
-        return locations.document.rewritten(changes.replace, changes.insert)
+        return document.rewritten(changes.replace, changes.insert)
     except UnicodeEncodeError as error:
         problem = Problem(
             0, "", f"has no {error.object[error.start]!r} in its encoding, {error.encoding}", "characters that it has"
         )
-        raise FileError(path, (problem,)) from error
+        raise FileError(document.path, (problem,)) from error
 
 
 def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVariable | None:
-    """Return the variable at an address, or None.
-
-    canopen's arrays would invent a variable that the file lacks.
-    """
+    """Return the variable at an address; canopen's arrays would invent one."""
     item = dictionary.indices.get(index)
     if item is None or isinstance(item, ODVariable):
         return item if subindex == 0 else None
@@ -120,10 +92,7 @@ def _set(changes: _Changes, section: EdsSection, key: str, new: Replacement, aft
 
 
 def _set_compact(changes: _Changes, parts: ObjectSections, contents: dict[int, Replacement]) -> None:
-    """Write values into the ``[xxxxValue]`` section of a compact notation.
-
-    A missing section is added.
-    """
+    """Write values into the ``[xxxxValue]`` section of a compact notation."""
     section = parts.lists.get("value")
     if section is None:
         lines = ["", f"[{parts.index:04X}Value]", f"NrOfEntries={len(contents)}"]
@@ -145,10 +114,7 @@ def _set_compact(changes: _Changes, parts: ObjectSections, contents: dict[int, R
 
 
 def _commission(changes: _Changes, document: Document, keys: Mapping[str, str], comments: Sequence[str]) -> None:
-    """Write keys of the commissioning section.
-
-    A missing section is added after that of the device.
-    """
+    """Write keys of the commissioning section, which is added if missing."""
     lines = [f"; {comment}" for comment in comments]
     section = next((document.sections[name] for name in COMMISSIONING if name in document.sections), None)
     if section is not None:

@@ -45,13 +45,7 @@ def quoted(text: str) -> str:
 
 
 class EdsEntry(NamedTuple):
-    """One ``key=value`` line.
-
-    Args:
-        key: Key as written.
-        value: Value without the blanks around it; comments are still in it.
-        line: Line number, from 1.
-    """
+    """One ``key=value`` line, numbered from 1; comments are still in the value."""
 
     key: str
     value: str
@@ -61,9 +55,7 @@ class EdsEntry(NamedTuple):
 class Replacement(NamedTuple):
     """A value that is written over another.
 
-    Args:
-        value: Text of the value in the file.
-        keeps_comment: True if text after ``#`` or ``;`` is a comment, which stays; in a string it belongs to the value.
+    With `keeps_comment` text after ``#`` or ``;`` is a comment, which stays; in a string it belongs to the value.
     """
 
     value: str
@@ -89,10 +81,7 @@ class EdsSection:
     repeated: list[EdsEntry] = field(default_factory=list)
 
     def get(self, key: str) -> EdsEntry | None:
-        """Return the entry of a key that has a value.
-
-        ``LowLimit=`` counts as a missing key.
-        """
+        """Return the entry of a key with a value; ``LowLimit=`` has none."""
         entry = self.entries.get(key.lower())
         return entry if entry is not None and entry.value else None
 
@@ -104,13 +93,7 @@ class EdsSection:
 
 @dataclass(slots=True)
 class Findings:
-    """The faults of a file, in bounded number.
-
-    Attributes:
-        warnings: Repairs.
-        refused: Objects that were left out, with the reason.
-        beyond: Number of faults that are not listed.
-    """
+    """Faults of a file in bounded number; `beyond` counts those not listed."""
 
     warnings: list[Problem] = field(default_factory=list)
     refused: list[Problem] = field(default_factory=list)
@@ -118,27 +101,15 @@ class Findings:
     _known: set[Problem] = field(default_factory=set)
 
     def warn(self, line: int, section: str, key: str, message: str, expected: str = "") -> None:
-        """Note a repair.
-
-        Args:
-            line: Line number, from 1; 0 for the file as a whole.
-            section: Name of the section, without brackets.
-            key: Key in the section, or empty.
-            message: What is wrong, and the value that was taken for it.
-            expected: Text that would have been right.
-        """
+        """Note a repair and what was expected; line 0 is the file."""
         self._add(self.warnings, Problem(line, _key(section, key), message, expected))
 
-    def refuse(self, line: int, section: str, key: str, message: str, expected: str = "") -> None:
-        """Note an object that is left out of the dictionary.
+    def remark(self, section: EdsSection, entry: EdsEntry, remark: str, expected: str) -> None:
+        """Warn of the value of an entry, and name what was expected."""
+        self.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} {remark}", expected)
 
-        Args:
-            line: Line number, from 1; 0 for the file as a whole.
-            section: Name of the section, without brackets.
-            key: Key in the section, or empty.
-            message: Reason why it is left out.
-            expected: Text that would have been right.
-        """
+    def refuse(self, line: int, section: str, key: str, message: str, expected: str = "") -> None:
+        """Note an object that is left out of the dictionary, like `warn`."""
         self._add(self.refused, Problem(line, _key(section, key), message, expected))
 
     def closed(self) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
@@ -175,11 +146,7 @@ class Document:
     sections: dict[str, EdsSection]
 
     def rewritten(self, replace: dict[int, Replacement], insert: dict[int, list[str]]) -> bytes:
-        """Return the file with replaced values and added lines.
-
-        Args:
-            replace: New values by line number.
-            insert: Lines to add, without their ends, by the number of the line that they follow.
+        """Return the file with values replaced, and lines added, by line number.
 
         Raises:
             UnicodeEncodeError: The encoding of the file has no such character.
@@ -260,10 +227,7 @@ def _key(section: str, key: str) -> str:
 
 
 def _with_value(line: str, new: Replacement) -> str:
-    """Replace the value in a line.
-
-    The blanks around it and the end of the line stay, and so does a comment if `new` says so.
-    """
+    """Replace the value in a line; blanks stay, and comments if wanted."""
     head, _, rest = line.partition("=")
     body = rest.rstrip("\r\n")
     old = body.strip(BLANK)
@@ -327,10 +291,7 @@ def _keep(document: Document, section: EdsSection | None, stripped: str, number:
 
 
 def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
-    """Decode a file; return its text and codec.
-
-    The codec encodes the text to the same bytes again.
-    """
+    """Decode a file; return its text, and the codec that restores it."""
     if len(data) > MAX_BYTES:
         raise FileError(path, (Problem(0, "", f"is larger than {MAX_BYTES >> 20} MiB", "a description of a CANopen device"),))
     for mark, codec in ((codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be")):
@@ -363,10 +324,7 @@ def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
 
 
 def _code_pages(data: bytes) -> Iterator[str]:
-    """Yield the likely single-byte code pages, the best first.
-
-    The last one accepts any byte.
-    """
+    """Yield the likely single-byte code pages; the last accepts any byte."""
     try:
         text = data.decode("cp1252")
     except UnicodeDecodeError:

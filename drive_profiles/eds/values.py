@@ -60,13 +60,11 @@ class ValueReading(NamedTuple):
         value: The value; None if the text is empty or was dropped.
         remark: The fault and its repair; empty if the text is as the standard demands.
         relative: True if ``$NODEID`` is in the text.
-        hexadecimal: True if the number was written in hexadecimal.
     """
 
     value: int | float | str | bytes | None
     remark: str = ""
     relative: bool = False
-    hexadecimal: bool = False
 
 
 def limits_of(data_type: int) -> tuple[int, int] | None:
@@ -104,12 +102,12 @@ def number(text: str) -> ValueReading:
         body, remark = suffixed.group(1), _joined(remark, f"suffix {suffixed.group(2)} left out")
     if match := _HEX.fullmatch(body):
         value = int(match.group(2), 16)
-        return ValueReading(-value if match.group(1) == "-" else value, remark, hexadecimal=True)
+        return ValueReading(-value if match.group(1) == "-" else value, remark)
     if _DECIMAL.fullmatch(body):
         return _decimal(body, remark)
     if match := _SPACED_HEX.fullmatch(body):
         value = int(match.group(1).replace(" ", ""), 16)
-        return ValueReading(value, _joined(remark, f"read as hexadecimal, {value}"), hexadecimal=True)
+        return ValueReading(value, _joined(remark, f"read as hexadecimal, {value}"))
     if _REAL.fullmatch(body):
         whole = float(body)
         if math.isfinite(whole) and whole.is_integer():
@@ -119,14 +117,9 @@ def number(text: str) -> ValueReading:
 
 
 def integer(text: str, data_type: int, node_id: int | None = None) -> ValueReading:
-    """Read an integer of a type, or a sum with ``$NODEID``.
+    """Read an integer of a type, or a sum with one ``$NODEID``.
 
-    At most one ``$NODEID`` may be among the terms.
-
-    Args:
-        text: Text in the file, not empty.
-        data_type: One of the integer types, BOOLEAN or a time.
-        node_id: Node-ID for ``$NODEID``; None: the value is the constant part.
+    Without a node-ID the value is the constant part of the sum.
     """
     if data_type == BOOLEAN and text.lower() in {"true", "false", "yes", "no"}:
         truth = int(text.lower() in {"true", "yes"})
@@ -149,13 +142,7 @@ def integer(text: str, data_type: int, node_id: int | None = None) -> ValueReadi
 
 
 def value(text: str, data_type: int, node_id: int | None = None) -> ValueReading:
-    """Read a value of a type.
-
-    Args:
-        text: Text in the file; empty text is not a value.
-        data_type: Index of the type; one that is not in `NAMES` is read as DOMAIN.
-        node_id: Node-ID for ``$NODEID``; None: the value is the constant part.
-    """
+    """Read a value of a type; one not in `NAMES` is DOMAIN."""
     if not text:
         return ValueReading(None)
     if limits_of(data_type) is not None:
@@ -170,10 +157,7 @@ def value(text: str, data_type: int, node_id: int | None = None) -> ValueReading
 
 
 def access(text: str) -> ValueReading:
-    """Read an access type, one of `ACCESS`.
-
-    ``rwr`` and ``rww`` are not simplified.
-    """
+    """Read an access type, one of `ACCESS`; ``rwr`` and ``rww`` stay."""
     body, remark = _without_comment(text)
     word = body.lower()
     if word in ACCESS:
@@ -259,10 +243,7 @@ def _decimal(body: str, remark: str) -> ValueReading:
 
 
 def _in_range(reading: ValueReading, data_type: int) -> ValueReading:
-    """Convert a reading to the range of its type.
-
-    Bit patterns become negative numbers, other values outside the range are dropped.
-    """
+    """Turn bit patterns into negative numbers; drop other values out of range."""
     limits = limits_of(data_type)
     content = reading.value
     if not isinstance(content, int) or limits is None or limits[0] <= content <= limits[1]:
@@ -290,7 +271,7 @@ def _real(text: str, width: int) -> ValueReading:
         content = struct.unpack(">f" if width == 32 else ">d", pattern)[0]
         if not math.isfinite(content):
             return ValueReading(None, "the bit pattern of no finite number; dropped")
-        return ValueReading(content, remark, hexadecimal=True)
+        return ValueReading(content, remark)
     if len(body) > MAX_NUMBER or not _REAL.fullmatch(body):
         return ValueReading(None, "not a number; dropped")
     content = float(body)

@@ -25,10 +25,7 @@ _ACCESS = "ro, wo, rw, rwr, rww or const"
 
 
 class ObjectFlag(IntFlag):
-    """Bits of ``ObjFlags``, which exclude objects from bulk transfers.
-
-    Writing, or reading, such an object together with all others would do harm.
-    """
+    """Bits of ``ObjFlags``: objects that bulk transfers must leave out."""
 
     REFUSES_WRITE_ON_DOWNLOAD = 1
     REFUSES_READ_ON_SCAN = 2
@@ -39,12 +36,17 @@ def assign(item: ODVariable | ODRecord | ODArray, **attributes: object) -> None:
     vars(item).update(attributes)
 
 
+def made_variable(name: str, index: int, subindex: int, data_type: int, access: str, default: int | None = None) -> ODVariable:
+    """Make a variable that the file does not describe itself."""
+    variable = ODVariable(name, index, subindex)
+    variable.data_type, variable.access_type = data_type, access
+    if default is not None:
+        assign(variable, default=default, default_raw=str(default))
+    return variable
+
+
 class VariableReader:
     """Reader that makes variables and collects types and parameter values.
-
-    Args:
-        findings: List to which repairs and refusals are added.
-        node_id: Node-ID for ``$NODEID``; None if it is not known.
 
     Attributes:
         types: Data types beyond those of CiA 301, each with the type that it is made of.
@@ -54,6 +56,7 @@ class VariableReader:
 
     def __init__(self, findings: Findings, node_id: int | None) -> None:
         self.findings = findings
+        self.remark = findings.remark
         self.node_id = node_id
         self.types: dict[int, int] = {}
         self.values: dict[tuple[int, int], Content] = {}
@@ -134,17 +137,6 @@ class VariableReader:
         assign(variable, value=reading.value)
         self.values[variable.index, variable.subindex] = reading.value
 
-    def remark(self, section: EdsSection, entry: EdsEntry, remark: str, expected: str) -> None:
-        """Warn of the value of an entry.
-
-        Args:
-            section: The section of the variable.
-            entry: The line of the value.
-            remark: The fault and its repair.
-            expected: Text that would have been right.
-        """
-        self.findings.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} {remark}", expected)
-
     def _data_type(self, section: EdsSection) -> int:
         entry = section.get("DataType")
         domain = self.number(section, "ObjectType") == DOMAIN_OBJECT if section.get("ObjectType") else False
@@ -166,11 +158,7 @@ class VariableReader:
         entry = section.get("AccessType")
         if entry is None:
             self.findings.warn(
-                section.line,
-                section.name,
-                "AccessType",
-                "missing; taken as ro, so that no tool writes it",
-                _ACCESS,
+                section.line, section.name, "AccessType", "missing; taken as ro, so that no tool writes it", _ACCESS
             )
             return "ro"
         reading = values.access(entry.value)
@@ -192,10 +180,7 @@ class VariableReader:
             assign(variable, default=reading.value, default_raw=entry.value, relative=reading.relative)
 
     def _limits(self, variable: ODVariable, section: EdsSection) -> None:
-        """Set the limits and warn if the default is outside them.
-
-        Limits that contradict each other are dropped.
-        """
+        """Set the limits, drop contradictory ones, warn of a default outside."""
         data_type = variable.data_type
         low, high = (self._limit(section, key, data_type or 0) for key in ("LowLimit", "HighLimit"))
         if low is not None and high is not None and low > high:

@@ -12,11 +12,6 @@ from drive_profiles.standard.object_address import WrittenAddress
 
 Positive = Annotated[float, pydantic.Field(gt=0)]
 
-NEEDED_START_HZ = 8.0
-"""Frequency at which the paper's notch begins, k f_s = 2 · 4 rps."""
-NEEDED_ZETA_RN = 0.028
-"""Damping of the zeros of the paper's notch, Table 3."""
-
 
 class Capability(Table):
     """An answer to one question about the device, with its reason.
@@ -81,14 +76,7 @@ _PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k"}
 
 
 def gain_unit(role: str, gain: Gain) -> str:
-    """Return the unit of a gain in the drive, such as µA/rad.
-
-    The result is empty if the scaling is not known.
-
-    Args:
-        role: Name of the gain in `LoopFacts.gains`.
-        gain: Its conversion.
-    """
+    """Return a gain's unit in the drive, such as µA/rad, or ""."""
     if gain.factor is None:
         return ""
     unit = _ROLE_UNITS[role].replace("N·m", "A") if gain.times_torque_constant else _ROLE_UNITS[role]

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from drive_profiles.eds import Description
 from drive_profiles.eds.export import entries
@@ -84,22 +84,21 @@ class CatalogueEntry:
 
     @property
     def is_verified(self) -> bool:
-        """True if the entry's facts are more than a guess.
-
-        Facts of an EDS that the user gives count as verified.
-        """
+        """True unless the facts are a guess; an EDS's are verified."""
         return self.parameter is None or self.parameter.is_verified
+
+    @property
+    def scale(self) -> Literal["", "counts", "per mille"]:
+        """Quantity that decides the value of one step, or ""."""
+        return self.parameter.scale if self.parameter is not None and isinstance(self.parameter.scale, str) else ""
 
     @property
     def needs_scaling(self) -> bool:
         """True if one step's value depends on encoder or rated torque."""
-        return self.parameter is not None and isinstance(self.parameter.scale, str)
+        return bool(self.scale)
 
     def without_limits(self) -> CatalogueEntry:
-        """Return the same entry without limits.
-
-        It encodes and decodes values that a device holds outside the stated limits.
-        """
+        """Return the entry without limits, for values that a device already holds."""
         free = None if self.parameter is None else self.parameter.model_copy(update={"minimum": None, "maximum": None})
         return replace(self, low=None, high=None, parameter=free)
 
@@ -160,10 +159,6 @@ class Catalogue:
     """The objects of one type of device, by address and by name.
 
     The standard's objects can be found by name too; iteration and length leave them out.
-
-    Args:
-        profile: Drive profile of the family, if it is known.
-        description: EDS of the device, if there is one.
     """
 
     def __init__(self, profile: Profile | None = None, description: Description | None = None) -> None:
@@ -173,20 +168,12 @@ class Catalogue:
         for entry in _from_eds(description):
             self._entries[entry.address] = entry
         for name, parameter in profile.parameters.items() if profile else ():
-            known = self._entries.get(parameter.address)
+            stated = parameter.address, name, parameter.type, parameter.access, parameter
+            own = CatalogueEntry(*stated, parameter_class=parameter.parameter_class)
+            known = self._entries.get(parameter.address, own)
             # of another type than the profile says, the EDS is of another firmware: its limits are not this object's
-            same = known is not None and known.data_type is parameter.type
-            self._entries[parameter.address] = CatalogueEntry(
-                parameter.address,
-                name,
-                parameter.type,
-                parameter.access,
-                parameter,
-                known.low if known is not None and same else None,
-                known.high if known is not None and same else None,
-                parameter.parameter_class,
-                known.flags if known is not None else 0,
-            )
+            limits = known if known.data_type is parameter.type else own
+            self._entries[own.address] = replace(own, low=limits.low, high=limits.high, flags=known.flags)
         self._entries = dict(sorted(self._entries.items()))
         self._standard = {
             address: CatalogueEntry(address, *facts) for address, facts in OBJECTS.items() if address not in self._entries
@@ -210,10 +197,7 @@ class Catalogue:
         return self._entries.get(address) or self._standard.get(address)
 
     def unit_of(self, entry: CatalogueEntry) -> str:
-        """Return the unit of an object's value, as shown to people.
-
-        Gains have one, too. Files use the unit of the entry instead.
-        """
+        """Return the unit of an object's value, also a gain's, for people."""
         known = entry.unit or (self.profile.unit_of(entry.name) if self.profile and entry.parameter is not None else "")
         return shown.unit(known)
 
@@ -225,11 +209,8 @@ class Catalogue:
     def find(self, text: str, *, whole: bool = False) -> CatalogueEntry:
         """Find an object by ``0x2147:1``, ``2147sub1``, or a name.
 
-        An object that neither profile nor EDS has is found by its address alone. A name must be that of one object only.
-
-        Args:
-            text: Address or name.
-            whole: True: the name must be complete, as in a file; False: a part of it is enough.
+        An object that neither profile nor EDS has is found by its address alone. A name must be that of one object only; a part
+        of it is enough unless it must be `whole`, as in a file.
 
         Raises:
             UnknownObjectError: No object has this name.

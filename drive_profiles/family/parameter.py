@@ -18,17 +18,9 @@ from drive_profiles.standard.object_address import ObjectAddress, address_text
 ParameterClass = Literal["tuning", "limits", "communication", "commissioning"]
 Evidence = Literal["definition", "standard", "eds", "documentation", "source code", "measured", "unverified"]
 Effective = Literal["now", "disabled", "reset"]
-LIMITS: dict[str, tuple[int, int]] = {
-    "BOOLEAN": (0, 1),
-    "INTEGER8": (-(2**7), 2**7 - 1),
-    "INTEGER16": units.INTEGER16,
-    "INTEGER32": units.INTEGER32,
-    "INTEGER64": (-(2**63), 2**63 - 1),
-    "UNSIGNED8": (0, 2**8 - 1),
-    "UNSIGNED16": units.UNSIGNED16,
-    "UNSIGNED32": units.UNSIGNED32,
-    "UNSIGNED64": (0, 2**64 - 1),
-}
+LIMITS: dict[str, tuple[int, int]] = {"BOOLEAN": (0, 1)}
+for _bits in (8, 16, 32, 64):
+    LIMITS |= {f"INTEGER{_bits}": (-(1 << _bits - 1), (1 << _bits - 1) - 1), f"UNSIGNED{_bits}": (0, (1 << _bits) - 1)}
 """Least and greatest value of each integer type of CiA 301."""
 
 BYTES = frozenset({"VISIBLE_STRING", "OCTET_STRING", "DOMAIN"})
@@ -208,10 +200,7 @@ class Parameter(Fact):
         return units.to_integer(value, LIMITS[self.data_type], self.written_address, self.unit, 1.0 / per_step)
 
     def _as_read_back(self, limit: float, per_step: float, pick: Callable[[float, float], float]) -> float:
-        """Round a limit as the drive does.
-
-        Otherwise a limit such as 0.01, or 3 steps of 0.1, would be refused when it is read back.
-        """
+        """Round a limit as the drive does, so that its value passes."""
         if self.data_type == "REAL32":
             return pick(limit, units.real32(limit / per_step) * per_step)
         nearest = limit if self.type.is_real else round(limit / per_step) * per_step

@@ -65,11 +65,7 @@ class ParameterChange(Table):
     without: tuple[Literal["minimum", "maximum", "default"], ...] = ()
 
     def of(self, first: Parameter | None, product: Fact) -> Parameter:
-        """Return the parameter as the product has it.
-
-        Args:
-            first: The parameter of the first product; None if it has none of this name.
-            product: The product, for source and evidence.
+        """Return the parameter as the product has it, from the first product's.
 
         Raises:
             ValueError: What comes out is not a parameter; the text names each key.

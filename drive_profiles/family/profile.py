@@ -145,10 +145,7 @@ class Profile(Table):
         return self
 
     def unit_of(self, name: str) -> str:
-        """Return the unit of a parameter's value.
-
-        A gain without a unit of its own gets the one that follows from the facts about the loop.
-        """
+        """Return a parameter's unit; a gain's follows from the loop's facts."""
         parameter = self.parameters.get(name)
         if parameter is None or parameter.unit or self.loop is None:
             return "" if parameter is None else parameter.unit
@@ -156,14 +153,9 @@ class Profile(Table):
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Self:
-        """Read a profile by name or path.
+        """Read a profile by name or path; ``/product`` chooses one product.
 
-        A name means a profile of the package; ``/product`` after name or path chooses one product.
-
-        A bare name is looked up in the package only, never in the working directory.
-
-        Args:
-            name_or_path: ``family``, ``family/product``, ``file.toml`` or ``file.toml/product``; any `Path` is a file.
+        A bare name is looked up in the package only, never in the working directory; any `Path` is a file.
 
         Raises:
             ProfileNotFoundError: The package has no such profile.
@@ -194,22 +186,15 @@ class Profile(Table):
 
     @property
     def members(self) -> tuple[Self, ...]:
-        """Profiles of all products, the first product's first.
-
-        A family that has one product gives itself.
-        """
+        """Profiles of all products, the first product's first."""
         first = self.model_copy(update={"products": ()}) if self.products else self
         return (first, *map(self._as, self.products))
 
     def candidates(self, product_code: int | None, revision: int | None = None) -> tuple[Self, ...]:
         """Return the products that a device may be, as profiles.
 
-        Products are told apart by product code and revision. If no product has that code, it may be each of those
-        whose code is not known.
-
-        Args:
-            product_code: 1018h:2 of the device; None if it states none.
-            revision: 1018h:3 of the device; None if it states none.
+        Products are told apart by product code (1018h:2) and revision (1018h:3), None where the device states none. If no product
+        has that code, it may be each of those whose code is not known.
         """
         first, *others = self.members
         coded = [each for each in (*others, first) if product_code is not None and each.identity.product_code == product_code]
@@ -218,13 +203,9 @@ class Profile(Table):
         return tuple(each for each in (first, *others) if each.identity.product_code is None)
 
     def product(self, product_code: int | None, revision: int | None = None) -> Self:
-        """Return the profile of the product that a device is.
+        """Return the profile of the product that a device is, by 1018h.
 
         If several products have no known code, the first of them is taken.
-
-        Args:
-            product_code: 1018h:2 of the device; None if it states none.
-            revision: 1018h:3 of the device; None if it states none.
 
         Raises:
             UnknownProductError: The profile names no product, or no firmware, of this identity.
@@ -313,9 +294,7 @@ def available() -> list[str]:
 
 
 def known_name(text: str) -> str:
-    """Return a profile's name; refuse one that the package does not have.
-
-    A path is returned as it is.
+    """Return a profile's name if the package has it, or a path.
 
     Raises:
         ProfileNotFoundError: The package has no such profile.
@@ -327,12 +306,7 @@ def known_name(text: str) -> str:
 
 
 def file_of(text: str, folder: Path) -> Path | None:
-    """Return the file that a path of a profile names, or None for a name.
-
-    Args:
-        text: Name or path, perhaps with ``/product``.
-        folder: Folder from which a relative path counts.
-    """
+    """Return the file that a profile's path names; None for a name."""
     return None if is_name(text) else folder / _split(text)[0]
 
 

@@ -23,17 +23,13 @@ _KINDS = {
 
 
 def read_file(path: Path, expected: str, *, max_bytes: int) -> bytes:
-    """Read the bytes of a file.
+    """Read the bytes of a file; links are followed.
 
-    A FIFO or a device is refused before it is opened: to open one may wait for ever, and may do something.
-
-    Args:
-        path: The file; links are followed.
-        expected: A sentence's part for messages: the file that is wanted here.
-        max_bytes: Size of the largest file that is read.
+    A FIFO or a device is refused before it is opened: to open one may wait for ever, and may do something. `expected` is the
+    wanted file in a message's words.
 
     Raises:
-        FileError: It is not a file, is too large, or cannot be read.
+        FileError: It is not a file, is larger than `max_bytes`, or cannot be read.
     """
     try:
         _refuse_all_but_files(path, path.stat().st_mode, expected)

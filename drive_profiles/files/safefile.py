@@ -16,12 +16,8 @@ from drive_profiles.errors import FileError, Problem, RefusedError
 def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
     """Write a file atomically, through a temporary file that is renamed.
 
-    The bytes are on disk before the file has its name, and the name when this returns, where the system can say so.
-
-    Args:
-        path: The file. Its folder is made; a link is followed.
-        data: Contents of the file.
-        force: Replace a file that exists.
+    The bytes are on disk before the file has its name, and the name when this returns, where the system can say so. The folder is
+    made, and a link followed.
 
     Raises:
         RefusedError: The file exists already, and ``force`` is not given.
@@ -71,12 +67,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def check_writable(path: Path) -> None:
-    """Check that a file can be written later.
-
-    A temporary file is written beside it and removed; nothing else is created.
-
-    Args:
-        path: The file; its folder must be there.
+    """Check, by a temporary file, that a file can be written later.
 
     Raises:
         FileError: Its folder is missing, or nothing can be written there, or it is not a regular file.

@@ -95,12 +95,7 @@ class Table(pydantic.BaseModel):
 
 
 class WrongKeyError(ValueError):
-    """A contradiction in a table, raised by validators with its key.
-
-    Args:
-        message: What is wrong.
-        at: Path of the key, from the table on.
-    """
+    """A contradiction in a table, raised by validators with its key's path."""
 
     def __init__(self, message: str, at: KeyPath) -> None:
         """Keep the path."""
@@ -120,12 +115,7 @@ def split_unit(key: str) -> tuple[str, str]:
 
 
 def load(path: str | Path, model: type[M], *, max_bytes: int = MAX_BYTES) -> M:
-    """Read a TOML file (UTF-8) and validate it.
-
-    Args:
-        path: The file.
-        model: What it has to be, best derived from `Table`. Tables keyed by number are ``dict[int, …]``.
-        max_bytes: Size of the largest file that is read.
+    """Read a TOML file (UTF-8) and validate it, best as a `Table`.
 
     Raises:
         FileError: With every problem found, by line.
@@ -180,10 +170,7 @@ def loads(text: str, model: type[M], path: str | Path = "<text>") -> M:
 
 
 def _numbered_twice(lines: Mapping[KeyPath, int]) -> Iterator[Problem]:
-    """Report tables such as ``axis.2`` beside ``axis.02``.
-
-    They are two keys in TOML but one number, so the last would win silently.
-    """
+    """Report tables such as ``axis.2`` beside ``axis.02``: two keys, one number."""
     seen: dict[KeyPath, KeyPath] = {}
     for path in lines:
         name = path[-1]
@@ -245,10 +232,7 @@ def _problems(error: pydantic.ValidationError, model: type[pydantic.BaseModel], 
 
 
 def _located(location: KeyPath, lines: dict[KeyPath, int]) -> tuple[KeyPath, int]:
-    """Return the longest file path within a location, and its line.
-
-    pydantic mixes names of union members into its locations; these are skipped.
-    """
+    """Return the longest file path within a location, and its line."""
     path: KeyPath = ()
     for part in location:
         for candidate in ((*path, part), (*path, str(part))):
@@ -318,10 +302,7 @@ def _shown(value: object) -> str:
 
 
 def _unit_of(location: KeyPath) -> str:
-    """Return the unit named by the innermost key that has one.
-
-    In ``forearm_m[1]`` and ``start_m.x`` this is the outer key's.
-    """
+    """Return the unit of the innermost key that has one: ``start_m.x``."""
     for part in reversed(location):
         if isinstance(part, str) and (suffix := split_unit(part)[1]):
             return UNIT_NAMES[suffix]

@@ -14,15 +14,10 @@ _SCALAR = re.compile(r"[^,\]}#\n]+")
 
 
 def key_lines(text: str) -> dict[KeyPath, int]:
-    """Return the line of every key, table and array element.
+    """Return the line, from 1, of every key, table and array element.
 
-    If a table is opened several times, its first line counts.
-
-    Args:
-        text: What `tomllib` has accepted, with line feeds as line ends.
-
-    Returns:
-        Paths such as ``("axis", "2", "ate", "a2_arcsec")`` or ``("forearm_m", 1)`` to line numbers from 1.
+    Paths are such as ``("axis", "2", "ate", "a2_arcsec")`` or ``("forearm_m", 1)``; of a table opened several times the first
+    line counts. The text is what `tomllib` has accepted, with line feeds as line ends.
     """
     return _Scanner(text).scan()
 

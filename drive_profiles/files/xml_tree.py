@@ -20,15 +20,7 @@ MAX_TEXT = 4096
 
 @dataclass(slots=True)
 class Element:
-    """One element of the tree: names without their name space.
-
-    Attributes:
-        tag: Name of the element.
-        attributes: Attributes by name.
-        line: Line on which it begins, from 1.
-        children: Elements inside, in the order of the file.
-        text: Text directly inside.
-    """
+    """One element of the tree: names without their name space."""
 
     tag: str
     attributes: dict[str, str]
@@ -54,15 +46,10 @@ class _UnsafeError(Exception):
 
 
 def parse(data: bytes, path: Path, kind: str) -> Element:
-    """Return the root element of an XML file, with its descendants.
-
-    Args:
-        data: The bytes of the file, whose size the caller has bounded.
-        path: The file, for messages.
-        kind: The kind of file that is wanted, with its article, for messages: `an XDD file`.
+    """Return the root element of an XML file of bounded size.
 
     Raises:
-        FileError: It is not XML, or unsafe; with the line.
+        FileError: It is not XML of the `kind` wanted (``an XDD file``), or unsafe; with the line.
     """
     parser = expat.ParserCreate()
     top = Element("", {}, 0)

@@ -20,11 +20,7 @@ _SDO_PARAMETERS = range(0x1200, 0x1300)
 def is_command(address: ObjectAddress, profile: Profile | None = None) -> bool:
     """Return True if writing the object commands the drive.
 
-    Objects of further axes count, too (CiA 402: + 800h each).
-
-    Args:
-        address: The object.
-        profile: Drive profile, which may name a set-point of the maker's own.
+    Objects of further axes count, too (CiA 402: + 800h each), and the set-points of the maker's own that a profile names.
     """
     index = address[0]
     return (

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+import struct
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,8 @@ from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.files.toml import loads, toml_value
-from drive_profiles.parameter_set import size
-from drive_profiles.parameter_set.concise import from_concise, to_concise
-from drive_profiles.parameter_set.parameters import Header, ParameterSet, Write, from_values
+from drive_profiles.parameter_set.parameters import MAX_BYTES, Header, ParameterSet, Write, check_size, from_values
+from drive_profiles.parameter_set.steps import pdo_of, steps, support
 from drive_profiles.standard.cia301 import DataType, Value, decode, type_of_length
 from drive_profiles.standard.object_address import ObjectAddress, address_text, object_address
 
@@ -42,9 +42,7 @@ def is_toml(path: Path) -> bool:
 
 
 def header_of(path: Path) -> Header:
-    """Return the header of a parameter set in any format.
-
-    That of a concise DCF is empty.
+    """Return a set's header in any format; a concise DCF's is empty.
 
     Raises:
         FileError: The file cannot be read.
@@ -65,15 +63,8 @@ def read(
 ) -> ParameterSet:
     """Read a parameter set of any format, chosen by its suffix.
 
-    Values whose scaling is not known stay raw.
-
-    Args:
-        path: ``.toml``, ``.dcf``, ``.xdc``, ``.cdcf`` or ``.bin``.
-        catalogue: The objects of the device; those that only the DCF has are taken from it.
-        node_id: Node-ID for ``$NODEID``.
-        facts: Facts for the header that the file may not state, such as ``counts_per_rev``.
-        flagged: True: values of a DCF that its ``ObjFlags`` keep out of downloads are taken as well, for a comparison or an
-            upload, which leaves them out itself.
+    Values whose scaling is not known stay raw; `facts` adds to the header what the file may not state. With `flagged` values that
+    a DCF's ``ObjFlags`` keep out of downloads are taken as well, for a comparison or an upload, which leaves them out itself.
 
     Raises:
         FileError: The file cannot be read.
@@ -83,7 +74,7 @@ def read(
     given = {key: value for key, value in (facts or {}).items() if value is not None}
     own = {"profile": catalogue.profile.label} if catalogue.profile else {}
     if suffix in CONCISE:
-        values = _typed(from_concise(read_file(path, "a concise DCF", max_bytes=size.MAX_BYTES)), catalogue)
+        values = _typed(from_concise(read_file(path, "a concise DCF", max_bytes=MAX_BYTES)), catalogue)
         header = Header(**own, **given)  # type: ignore[arg-type]  # by its names
         return _with_header(from_values(catalogue, values, header.scaling_of, undescribed=True), header)
     if suffix not in DEVICE_FILES:
@@ -111,13 +102,8 @@ def write(
 ) -> list[Write]:
     """Write values as a DCF or a concise DCF, by the suffix.
 
-    Args:
-        path: ``.dcf``, ``.cdcf`` or ``.bin``.
-        writes: The objects and their bytes, as `ParameterSet.writes` gives them.
-        device_file: The EDS from which a DCF is made; every other byte of it stays as it is.
-        node_id: Node-ID for ``$NODEID``.
-        force: Replace a file that exists.
-        header: Header of the set, for the commissioning section of a DCF; a concise DCF has no place for it.
+    A DCF is made from an EDS, of which every other byte stays as it is; the header goes into its commissioning section, for which
+    a concise DCF has no place.
 
     Returns:
         Values that are in comments only, which other tools ignore.
@@ -128,7 +114,7 @@ def write(
     """
     if path.suffix.lower() in CONCISE:
         data = to_concise(writes)
-        size.check(data)
+        check_size(data)
         write_atomically(path, data, force=force)
         return []
     if path.suffix.lower() != ".dcf":
@@ -143,7 +129,7 @@ def write(
     if comments:
         data = _COMMENT_LINES.sub(b"", data)  # those of an earlier set
     text = eds.loads(data, device_file, node_id=node_id).rewrite(values, commissioning, comments)
-    size.check(text)
+    check_size(text)
     write_atomically(path, text, force=force)
     return hidden
 
@@ -153,10 +139,7 @@ def _value(each: Write) -> Value:
 
 
 def _stands(each: Write) -> bool:
-    """Return True if the value can be written on a line.
-
-    An empty text cannot, nor one with blanks around it.
-    """
+    """Return True if a line can hold the value, unlike empty text."""
     value = _value(each)
     if not isinstance(value, str | bytes):
         return True  # what is wrong with a number is said where it is written
@@ -168,10 +151,7 @@ def _stands(each: Write) -> bool:
 
 
 def _commissioning(header: Header) -> tuple[dict[str, str], list[str]]:
-    """Return keys and comments of the commissioning section.
-
-    The comments are for values without a key.
-    """
+    """Return the commissioning section's keys, and comments for values without one."""
     rate = header.bitrate_bit_s
     keys = {
         "NodeID": None if header.node_id is None else str(header.node_id),
@@ -220,3 +200,56 @@ def _typed(values: Mapping[ObjectAddress, bytes], catalogue: Catalogue) -> dict[
             raise RefusedError(f"{entry} is {data_type.name} with {data_type.size} bytes, but the file has {len(data)}")
         typed[address] = decode(data_type, data)
     return typed
+
+
+def to_concise(writes: Collection[Write]) -> bytes:
+    """Write a concise DCF, the value of 1F22h.
+
+    It holds a count, then index, sub-index, length and bytes of each object (CiA 302-3, 1F22h).
+
+    It is sent entry by entry, so PDOs whose COB-ID is in the set are made invalid first and valid last.
+    """
+    goal = {write.address: write.data for write in writes}
+    # as if the device held something else everywhere, and every PDO were valid
+    held = {address: data + b"\0" for address, data in goal.items()}
+    held |= {address: b"\1" for address in goal if address[1] == 0 and pdo_of(address) is not None}
+    held |= {
+        address: data[:3] + bytes((data[3] & 0x7F,)) for address, data in goal.items() if _is_cob_id(address) and len(data) == 4
+    }
+    whole = {address for address in goal if support([address]) <= set(goal)}
+    order = steps({address: goal[address] for address in goal if address in whole}, held)
+    order += [(address, data) for address, data in goal.items() if address not in whole]
+    entries = [struct.pack("<HBI", *address, len(data)) + data for address, data in order]
+    return struct.pack("<I", len(entries)) + b"".join(entries)
+
+
+def from_concise(data: bytes) -> dict[ObjectAddress, bytes]:
+    """Read a concise DCF into the bytes of each object.
+
+    If it writes an object several times, the last bytes count.
+
+    Raises:
+        RefusedError: The data are too short, or go on after the end.
+    """
+    if len(data) < 4:
+        raise RefusedError(f"a concise DCF begins with a count of 4 bytes, but the file has only {len(data)} bytes")
+    count, position = struct.unpack_from("<I", data)[0], 4
+    contents: dict[ObjectAddress, bytes] = {}
+    for number in range(1, count + 1):
+        if position + 7 > len(data):
+            raise RefusedError(f"entry {number} of {count} of the concise DCF is cut off at byte {len(data)}")
+        index, subindex, length = struct.unpack_from("<HBI", data, position)
+        position += 7
+        if position + length > len(data):
+            raise RefusedError(
+                f"entry {number}, {index:04X}:{subindex:X}, states {length} bytes, but only {len(data) - position} are left"
+            )
+        contents[index, subindex] = data[position : position + length]
+        position += length
+    if position != len(data):
+        raise RefusedError(f"{len(data) - position} bytes follow the last of {count} entries of the concise DCF; expected none")
+    return contents
+
+
+def _is_cob_id(address: ObjectAddress) -> bool:
+    return address[1] == 1 and pdo_of(address) == address[0]

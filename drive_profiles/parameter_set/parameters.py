@@ -32,13 +32,23 @@ from drive_profiles.family.parameter import ParameterClass
 from drive_profiles.files import toml as files
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.files.toml import Table, toml_value
-from drive_profiles.parameter_set import size
 from drive_profiles.parameter_set.commands import is_command
 from drive_profiles.standard.cia301 import DataType, Value, encode, type_of_length
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 from drive_profiles.standard.units import Scaling
 
 CLASSES: tuple[ParameterClass, ...] = get_args(ParameterClass)
+MAX_BYTES = 4 << 20
+"""Largest file of a set, in any format: the sections of an EDS, 20,000 at most, make one of 2.1 MB, with 107 bytes a line."""
+
+
+def check_size(data: bytes) -> None:
+    """Refuse (`RefusedError`) the bytes of a file that no reader would take."""
+    if len(data) > MAX_BYTES:
+        raise RefusedError(
+            f"the set would be a file of {len(data)} bytes; expected at most {MAX_BYTES >> 20} MiB, the largest that is read; "
+            "pull fewer classes into one file (--classes)"
+        )
 
 
 class Item(Table):
@@ -102,10 +112,8 @@ class Header(Table):
 
     def scaling_of(self, entry: CatalogueEntry) -> Scaling | None:
         """Return the scaling for one object, or None."""
-        scale = entry.parameter.scale if entry.parameter is not None and entry.needs_scaling else None
-        if (self.counts_per_rev if scale == "counts" else self.rated_torque_nm if scale else None) is None:
-            return None
-        return self.scaling()
+        known = {"counts": self.counts_per_rev, "per mille": self.rated_torque_nm}.get(entry.scale)
+        return None if known is None else self.scaling()
 
     def scaling(self) -> Scaling:
         """Return the header's scaling, with 1 for what it lacks."""
@@ -134,10 +142,7 @@ class Write(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """One object in which two sets differ.
-
-    A side without the object is None.
-    """
+    """One object in which two sets differ; None is a missing side."""
 
     key: str
     left: float | str | None
@@ -161,7 +166,7 @@ class ParameterSet(Table):
         Raises:
             FileError: The file has problems; the error has all of them, by line.
         """
-        return files.load(path, cls, max_bytes=size.MAX_BYTES)
+        return files.load(path, cls, max_bytes=MAX_BYTES)
 
     def items(self) -> Iterator[tuple[ParameterClass, str, Item]]:
         """Iterate over class, key and line of every object."""
@@ -170,10 +175,7 @@ class ParameterSet(Table):
                 yield name, key, item
 
     def digest(self) -> str:
-        """Return the SHA-256 over classes, keys, values and units.
-
-        The header does not count.
-        """
+        """Return the SHA-256 over classes, keys, values and units."""
         lines = [json.dumps([name, key, item.value, item.unit, item.type]) for name, key, item in self.items()]
         return "sha256:" + hashlib.sha256("\n".join(sorted(lines)).encode()).hexdigest()
 
@@ -183,10 +185,7 @@ class ParameterSet(Table):
         return bool(self.header.hash) and self.header.hash != self.digest()
 
     def dumps(self) -> str:
-        """Return the text of the file.
-
-        Raises `RefusedError` if the text is longer than `load` reads.
-        """
+        """Return the file's text; `RefusedError` if it is longer than `load` reads."""
         lines = ["# Parameter set: one object per line. See docs/parameters.md.", "", "[header]"]
         header = self.header.model_copy(update={"hash": self.digest()})
         for key, value in header.model_dump(exclude_none=True, exclude_defaults=True, exclude={"format"}).items():
@@ -199,7 +198,7 @@ class ParameterSet(Table):
                 parts += [f"{part} = {toml_value(text)}" for part in ("unit", "type", "name") if (text := getattr(item, part))]
                 lines.append(f"{toml_value(key)} = {{ {', '.join(parts)} }}")
         text = "\n".join(lines) + "\n"
-        size.check(text.encode())
+        check_size(text.encode())
         return text
 
     def save(self, path: Path, *, force: bool = False) -> None:
@@ -263,15 +262,10 @@ class ParameterSet(Table):
         catalogue: Catalogue | None = None,
         scaling_of: Callable[[CatalogueEntry], Scaling | None] = lambda entry: None,
     ) -> list[Difference]:
-        """List the objects in which two sets differ.
+        """List the objects in which two sets differ, in this one's order.
 
-        This set is the left one and gives the order.
-
-        Args:
-            other: The other set.
-            catalogue: The objects of the device. With it objects are compared by address and bytes, so that a line in a unit and
-                a raw line may be the same; a line whose bytes are not known is compared as text.
-            scaling_of: Function that returns the scaling for an object, None if it is not known.
+        With a catalogue objects are compared by address and bytes, so that a line in a unit and a raw line may be the same; a
+        line whose bytes are not known is compared as text.
         """
         left, right = (_compared(each, catalogue, scaling_of) for each in (self, other))
         differences = []
@@ -315,10 +309,7 @@ class _ComparedLine(NamedTuple):
 def _compared(
     parameter_set: ParameterSet, catalogue: Catalogue | None, scaling_of: Callable[[CatalogueEntry], Scaling | None]
 ) -> dict[ObjectAddress | str, _ComparedLine]:
-    """Map each line of a set to its address.
-
-    A line whose address is not known has its key instead.
-    """
+    """Map each line to its address, or where unknown to its key."""
     lines: dict[ObjectAddress | str, _ComparedLine] = {}
     for _, key, item in parameter_set.items():
         entry, data = None, None
@@ -367,14 +358,8 @@ def from_values(
 ) -> ParameterSet:
     """Make a parameter set of a DCF's values.
 
-    Commands, read-only objects and those that refuse a download are left out, and listed in the header's ``not_read``.
-
-    Args:
-        catalogue: The objects of the device.
-        values: Values by address.
-        scaling_of: Function that returns the scaling for an object; None if it is not known, and the value stays raw.
-        undescribed: True: objects without a description are included as well, by the length of their bytes.
-        flagged: True: objects that refuse a download are taken as well.
+    Commands, read-only objects and, unless `flagged`, those that refuse a download are left out, and listed in the header's
+    ``not_read``. A value whose scaling is not known stays raw; `undescribed` objects are included by the length of their bytes.
     """
     tables: dict[str, dict[str, Item]] = {name: {} for name in CLASSES}
     left_out: list[str] = []
@@ -433,10 +418,7 @@ def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, sca
 def _as_on_the_wire(
     address: ObjectAddress | None, known: CatalogueEntry | None, item: Item, scaling: Scaling | None, *, limits: bool
 ) -> CatalogueEntry:
-    """Return the entry for a line that states a type.
-
-    The value of such a line is raw; known limits and access still apply.
-    """
+    """Return a raw line's entry; known limits and access still apply."""
     data_type = DataType[item.type or ""]
     if known is None:
         if address is None:

@@ -36,10 +36,7 @@ def support(addresses: Iterable[ObjectAddress]) -> set[ObjectAddress]:
 
 
 def mapped(goal: Mapping[ObjectAddress, bytes], held: Mapping[ObjectAddress, bytes]) -> list[ObjectAddress]:
-    """Return objects mapped before or after that the goal lacks.
-
-    A device may forget them when the number of mapped objects is written.
-    """
+    """Return the mapped objects that the goal lacks, which devices may forget."""
     numbers = {address for address in {**goal, **held} if address[1] == 0 and pdo_of(address) not in {None, address[0]}}
     counts = {address: max([0, *goal.get(address, b""), *held.get(address, b"")]) for address in numbers}
     return [

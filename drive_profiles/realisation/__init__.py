@@ -15,10 +15,10 @@ the gains of the paper's loop to the drive's units.
 the zeros' damping cannot be 0.0257; the nearest is 0.1 (filter_1.zero_q = 5)
 """
 
+from drive_profiles.errors import NotRealisableError
 from drive_profiles.realisation.biquad import Biquad, NotchTarget, Shape, shape_of
 from drive_profiles.realisation.gains import PidGains, gains_for, pid_gains
 from drive_profiles.realisation.realise import PAPER, Deviations, Realisation, Tolerance, realise
-from drive_profiles.realisation.refusal import NotRealisableError
 from drive_profiles.realisation.sections import held_filter
 
 __all__ = [

@@ -84,14 +84,8 @@ class NotchTarget:
     def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> NotchTarget:
         """Return the notch for one motor speed.
 
-        Its zeros are at k f_m, its poles ω_d/2π above.
-
-        Args:
-            order: k, harmonic order of the transmission error.
-            speed_rps: f_m, speed of the motor in revolutions per second.
-            offset_hz: ω_d / 2π, Hz.
-            zeta_rn: Damping of the zeros.
-            zeta_rdth: Damping of the poles.
+        Its zeros are at k f_m (the harmonic order k, revolutions per second), its poles ω_d/2π above, with dampings ζ_rn and
+        ζ_rd.
 
         Raises:
             ValueError: A frequency or damping is not positive and finite.
@@ -162,13 +156,9 @@ def shape_of(biquad: Biquad, period_s: float) -> Shape:
 
     The result is the continuous filter whose bilinear transform they are.
 
-    With s = (2/T)(z − 1)/(z + 1) put back in, n₀ = Σb, n₁ = 2 (b₀ − b₂), n₂ = b₀ − b₁ + b₂ belong to 1, sT/2 and (sT/2)².
-    Hence ω_z = (2/T) √(n₀/n₂), ζ_z = n₁/(2 √(n₀ n₂)), and the same for the poles with 1, a₁, a₂. At the sampling rates of
-    drives n₀ is at most 10⁻⁴ while b₁ is 2, so short words lose the filter here.
-
-    Args:
-        biquad: Coefficients of the filter.
-        period_s: T, sampling time in s.
+    With s = (2/T)(z − 1)/(z + 1) put back in, n₀ = Σb, n₁ = 2 (b₀ − b₂), n₂ = b₀ − b₁ + b₂ belong to 1, sT/2 and (sT/2)². Hence
+    ω_z = (2/T) √(n₀/n₂), ζ_z = n₁/(2 √(n₀ n₂)), and the same for the poles with 1, a₁, a₂. At the sampling rates of drives n₀ is
+    at most 10⁻⁴ while b₁ is 2, so short words lose the filter here.
     """
     zero = quadratic_of((biquad.b0, biquad.b1, biquad.b2), period_s)
     pole = quadratic_of((1.0, biquad.a1, biquad.a2), period_s)
@@ -226,12 +216,6 @@ def quadratic_of(polynomial: Polynomial, period_s: float, rule: Rule = "bilinear
 def biquad_of(zero: Quadratic, pole: Quadratic, period_s: float, rule: Rule = "bilinear") -> Biquad:
     """Return the filter with given zeros and poles and DC gain 1.
 
-    Args:
-        zero: Frequency and damping of the zeros.
-        pole: Frequency and damping of the poles.
-        period_s: T, sampling time in s.
-        rule: Discretisation of the drive.
-
     Raises:
         ValueError: The rule has no such frequency at this sampling time.
     """
@@ -241,22 +225,16 @@ def biquad_of(zero: Quadratic, pole: Quadratic, period_s: float, rule: Rule = "b
 
 
 def stated(held: Quadratic, period_s: float, rule: Rule) -> Quadratic:
-    """Return the quadratic to state to a drive with a given rule.
-
-    `shape_of` its filter is then ``held``.
-    """
+    """Return the quadratic to state, for which the drive holds ``held``."""
     return quadratic_of(polynomial_of(held, period_s), period_s, rule)
 
 
 def factors(numerator: list[float], denominator: list[float]) -> tuple[Biquad, Biquad]:
     """Factor a filter of order 4 into two biquads in series.
 
-    The roots lie close to z = 1, where a polynomial in z says little about them; they are sought in w = z − 1. For
-    coefficients of 24 bits the shift to w is exact in double precision. Poles and zeros are paired by frequency.
-
-    Args:
-        numerator: b₀ … b₄, coefficients of the powers of z⁻¹.
-        denominator: 1, a₁ … a₄, coefficients of the powers of z⁻¹.
+    The coefficients are those of the powers of z⁻¹, a₀ = 1. The roots lie close to z = 1, where a polynomial in z says little
+    about them; they are sought in w = z − 1. For coefficients of 24 bits the shift to w is exact in double precision. Poles and
+    zeros are paired by frequency.
     """
     pairs_b, gain = _pairs(numerator)
     pairs_a, _ = _pairs(denominator)

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drive_profiles.errors import OutOfRangeError
+from drive_profiles.errors import NotRealisableError, OutOfRangeError
 from drive_profiles.family.capability import FilterSection, NotchFacts
 from drive_profiles.family.parameter import LIMITS, Parameter
 from drive_profiles.family.profile import Profile
 from drive_profiles.realisation.biquad import Biquad, NotchTarget, Quadratic, Shape, biquad_of, shape_of, stated
-from drive_profiles.realisation.refusal import NotRealisableError
 from drive_profiles.realisation.sections import COEFFICIENTS, HIGHER, HeldValues, coefficient_per_value, filter_of, hold, rule_of
 
 _SMALLEST_DAMPING = 1e-4
@@ -26,14 +25,7 @@ _SLACK = 1e-3
 class Fit:
     """Search for the values of one filter nearest to a target.
 
-    Attributes:
-        profile: Drive profile.
-        notch: Facts about the drive's filter.
-        section: The filter to fit.
-        target: The notch at one speed.
-        period_s: Period at which the filter runs, s.
-        distance: Function that measures how far a shape is from the target; 0 is none.
-        reasons: Objections to the result, added while fitting.
+    `distance` measures how far a shape is from the target, 0 for none; `reasons` has objections, added while fitting.
     """
 
     profile: Profile
@@ -59,10 +51,7 @@ class Fit:
             raise NotRealisableError(self.profile.label, (str(error),)) from None
 
     def filter(self, values: dict[str, float]) -> tuple[Biquad, ...]:
-        """Return the filter that the drive runs with the values.
-
-        A form that follows the speed is evaluated at the target's speed.
-        """
+        """Return the filter that the drive runs, evaluated at the target's speed."""
         if self.notch.form != "variable":
             return filter_of(HeldValues(self.profile, values), self.notch, self.section, self.period_s)
         parts, zero_hz = self.section.parts, self.target.zero_hz
@@ -87,10 +76,7 @@ def _variable(fit: Fit) -> dict[str, float]:
 
 
 def _frequencies(fit: Fit) -> dict[str, float]:
-    """Return the frequencies and dampings to state to the drive.
-
-    With these the drive's discretisation gives those of the target.
-    """
+    """Return the frequencies and dampings whose discretisation gives those of the target."""
     target, rule = fit.target, rule_of(fit.notch)
     zero = stated(Quadratic(target.zero_hz, target.zeta_zero), fit.period_s, rule)
     pole = stated(Quadratic(target.pole_hz, target.zeta_pole), fit.period_s, rule)
@@ -111,10 +97,7 @@ def _frequencies(fit: Fit) -> dict[str, float]:
 
 
 def _question_rule(fit: Fit) -> None:
-    """Object to an unknown discretisation.
-
-    It leaves the damping uncertain by ωT/2, the difference between bilinear and Euler.
-    """
+    """Object to an unknown discretisation: bilinear and Euler differ by ωT/2."""
     if fit.notch.discretisation != "not known":
         return
     doubt = math.pi * fit.target.zero_hz * fit.period_s
@@ -224,8 +207,6 @@ def _gain(fit: Fit, wanted: Biquad) -> float:
 
 def _neighbours(parameter: Parameter, value: float) -> Iterator[float]:
     """Yield the nearest value that an object holds, and its neighbours.
-
-    Neighbours are one step to either side, if the object takes them.
 
     Raises:
         OutOfRangeError: The object cannot hold the nearest value.

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drive_profiles.errors import OutOfRangeError
+from drive_profiles.errors import NotRealisableError, OutOfRangeError
 from drive_profiles.family.capability import Gain
 from drive_profiles.family.profile import Profile
-from drive_profiles.realisation.refusal import NotRealisableError
 from drive_profiles.standard.units import Scaling
 
 ROUNDING = 0.05
@@ -86,19 +85,12 @@ def gains_for(
     torque_constant_nm_a: float | None = None,
     scaling: Scaling | None = None,
 ) -> dict[str, float]:
-    """Convert the paper's gains to the drive's parameters.
+    """Convert the paper's gains, motor side, to the drive's parameters.
 
     A P-PI takes them directly or with T_i, a PID by `pid_gains`.
 
-    held = gain / factor, and / K_t where the drive's unit is a current; then rounded as the object holds it.
-
-    Args:
-        profile: Drive profile.
-        position_gain_per_s: K_p, 1/s.
-        velocity_gain_nm_s_rad: K_v in N·m·s/rad, motor side.
-        velocity_integral_gain_nm_rad: K_vi in N·m/rad, motor side.
-        torque_constant_nm_a: K_t in N·m/A, for drives that work in amperes.
-        scaling: Scaling of the drive, where a parameter counts in steps of its encoder or rated torque.
+    held = gain / factor, and / K_t where the drive's unit is a current; then rounded as the object holds it. `scaling` is needed
+    where a parameter counts in steps of the drive's encoder or rated torque.
 
     Returns:
         Values by parameter name, in the parameters' units.

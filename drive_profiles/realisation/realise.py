@@ -13,11 +13,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from drive_profiles.errors import NotRealisableError
 from drive_profiles.family.capability import FilterSection, NotchFacts
 from drive_profiles.family.profile import Profile
 from drive_profiles.realisation.biquad import Biquad, NotchTarget, Shape, shape_of
 from drive_profiles.realisation.fitting import Fit
-from drive_profiles.realisation.refusal import NotRealisableError
 from drive_profiles.realisation.sections import obstacles, period_of
 
 
@@ -25,14 +25,8 @@ from drive_profiles.realisation.sections import obstacles, period_of
 class Deviations:
     """Deviations of the drive's filter from the target, held minus target.
 
-    Attributes:
-        zero_hz: Deviation of the zeros' frequency, Hz.
-        pole_hz: Deviation of the poles' frequency, Hz.
-        zeta_zero: Deviation of the zeros' damping, as a fraction of it.
-        zeta_pole: Deviation of the poles' damping, as a fraction of it.
-        dc_gain: Deviation of the gain at DC.
-        offset_share: Fraction of the poles' offset from the zeros that remains, 1 for all of it (name in ``--json``).
-        depth_db: Deviation of the gain at the target's zero, dB; positive: the notch is less deep there.
+    Those of the dampings are fractions of them. `offset_share` is the fraction of the poles' offset from the zeros that remains,
+    1 for all of it (name in ``--json``); a positive `depth_db` means that the notch is less deep at the target's zero.
     """
 
     zero_hz: float
@@ -114,16 +108,9 @@ PAPER = Tolerance()
 class Realisation:
     """A target as a drive holds it.
 
-    Attributes:
-        profile: Name of the drive's profile.
-        target: The notch that was asked for.
-        values: Values to write by parameter name, in the parameters' units, selectors included.
-        biquads: Filter that the drive then runs.
-        period_s: Period at which it runs, s.
-        held: Zeros, poles and DC gain recomputed from the biquads.
-        deviations: Deviations from the target.
-        reasons: Reasons why it is approximate; empty if it is exact.
-        is_verified: True if the profile's facts about the filter are more than a guess.
+    `values` are to be written, in the parameters' units, selectors included; `biquads` is the filter that the drive then runs,
+    and `held` its zeros, poles and DC gain, recomputed. It is exact if there are no `reasons`. `is_verified` tells that the
+    profile's facts about the filter are more than a guess.
     """
 
     profile: str

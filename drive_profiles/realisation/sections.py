@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from drive_profiles.errors import NotRealisableError
 from drive_profiles.family.capability import FilterSection, NotchFacts
 from drive_profiles.family.parameter import Parameter
 from drive_profiles.family.profile import Profile
 from drive_profiles.realisation.biquad import Biquad, Quadratic, Rule, biquad_of, factors
-from drive_profiles.realisation.refusal import NotRealisableError
 
 COEFFICIENTS = ("b0", "b1", "b2", "a1", "a2")
 HIGHER = ("b3", "b4", "a3", "a4")
@@ -18,18 +18,11 @@ HIGHER = ("b3", "b4", "a3", "a4")
 def held_filter(profile: Profile, values: Mapping[str, float], period_s: float | None = None) -> tuple[Biquad, ...]:
     """Return the filter that a drive runs with its objects' values.
 
-    All active sections are in series, in the drive's own discretisation.
+    All active sections are in series, in the drive's own discretisation, DC gain included; a filter of order 4 is two biquads. It
+    is empty where the filters are off, or follow the speed by themselves (form ``variable``).
 
-    A section is active when its settings hold. For a missing value the factory setting is taken, where the profile has it.
-
-    Args:
-        profile: Drive profile.
-        values: Values by parameter name, in the parameters' units; names of other parameters do no harm.
-        period_s: Period at which the filter runs, s; needed where the profile does not know it.
-
-    Returns:
-        Biquads in series, DC gain included; a filter of order 4 is two. None: the filters are off, or the drive's filter
-        follows the speed by itself (form ``variable``) and is not a fixed one.
+    A section is active when its settings hold. For a missing value the factory setting is taken, where the profile has it. Names
+    of other parameters do no harm. `period_s` is needed where the profile does not know it.
 
     Raises:
         NotRealisableError: The scaling, the period or a value is not known.
@@ -47,14 +40,7 @@ def held_filter(profile: Profile, values: Mapping[str, float], period_s: float |
 
 
 class HeldValues:
-    """Values rounded as a drive's objects hold them.
-
-    If a value is missing, the factory setting is used.
-
-    Args:
-        profile: Drive profile.
-        values: Values by parameter name, in the parameters' units.
-    """
+    """Values as a drive's objects hold them, by default the factory settings."""
 
     def __init__(self, profile: Profile, values: Mapping[str, float]) -> None:
         self.profile = profile
@@ -79,16 +65,11 @@ class HeldValues:
 def filter_of(held: HeldValues, notch: NotchFacts, section: FilterSection, period_s: float) -> tuple[Biquad, ...]:
     """Return the biquads of one section, in series.
 
-    Args:
-        held: Values that the drive's objects hold.
-        notch: Facts about the drive's filter.
-        section: The section.
-        period_s: Period at which the filter runs, s.
-
     Raises:
         NotRealisableError: As for `held_filter`.
     """
-    refuse(held.profile, obstacles(held.profile, notch, section))
+    if reasons := obstacles(held.profile, notch, section):
+        raise NotRealisableError(held.profile.label, reasons)
     if notch.form == "coefficients":
         return _from_coefficients(held, notch, section)
     zero, pole = _quadratics(held, notch, section)
@@ -99,10 +80,7 @@ def filter_of(held: HeldValues, notch: NotchFacts, section: FilterSection, perio
 
 
 def obstacles(profile: Profile, notch: NotchFacts, section: FilterSection) -> tuple[str, ...]:
-    """Return reasons why a section's filter cannot be computed.
-
-    They apply to any values; the result is empty if there are none.
-    """
+    """Return reasons why a section's filter cannot be computed, whatever the values."""
     parts = section.parts
     reasons = [_no_number(n, p) for n in parts.values() if (p := profile.parameter(n)).is_bytes]
     if reasons:
@@ -125,16 +103,6 @@ def obstacles(profile: Profile, notch: NotchFacts, section: FilterSection) -> tu
                     f"{name} is in {actual or 'plain numbers'}: its relation to {unit or 'a plain number'} is not known"
                 )
     return tuple(reasons)
-
-
-def refuse(profile: Profile, reasons: tuple[str, ...]) -> None:
-    """Raise an error if there are reasons.
-
-    Raises:
-        NotRealisableError: `reasons` is not empty.
-    """
-    if reasons:
-        raise NotRealisableError(profile.label, reasons)
 
 
 def period_of(profile: Profile, period_s: float | None) -> float:

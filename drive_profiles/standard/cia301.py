@@ -124,10 +124,7 @@ class DataType(IntEnum):
 
     @property
     def struct_format(self) -> str | None:
-        """Format character for `struct`, or None for strings and domains.
-
-        Data on the wire are little-endian.
-        """
+        """Format character for `struct`, or None for strings and domains."""
         return _FORMATS.get(self)
 
     @property
@@ -251,10 +248,7 @@ class SdoAbortCode(IntEnum):
     GENERAL = 0x0800_0000, "General error"
     NOT_STORED = 0x0800_0020, "Data cannot be transferred or stored to the application"
     LOCAL_CONTROL = 0x0800_0021, "Data cannot be transferred or stored to the application because of local control"
-    DEVICE_STATE = (
-        0x0800_0022,
-        "Data cannot be transferred or stored to the application because of the present device state",
-    )
+    DEVICE_STATE = (0x0800_0022, "Data cannot be transferred or stored to the application because of the present device state")
     NO_DICTIONARY = 0x0800_0023, "Object dictionary dynamic generation fails or no object dictionary is present"
     NO_DATA = 0x0800_0024, "No data available"
 

@@ -51,13 +51,7 @@ class Event(Enum):
 
 
 class Transition(NamedTuple):
-    """One arrow of the state machine.
-
-    Args:
-        origins: States from which it leads; empty for the start.
-        target: State to which it leads.
-        causes: Commands or events, any one of which causes it.
-    """
+    """One arrow of the state machine; any one of its causes suffices."""
 
     origins: tuple[State, ...]
     target: State
@@ -160,10 +154,7 @@ class FaultReactionOption(IntEnum):
 
 
 class AbortConnectionOption(IntEnum):
-    """Abort connection option code, 6007h: reaction to a lost master.
-
-    Factory settings differ, so a bench states its choice.
-    """
+    """Abort connection option code, 6007h: reaction to a lost master."""
 
     NO_ACTION = 0
     FAULT = 1
@@ -246,10 +237,7 @@ def state_of(status_word: int) -> State | None:
 
 
 def status_bits(state: State) -> int:
-    """Return bits 0 to 3, 5 and 6 of the status word.
-
-    The drive adds the other bits.
-    """
+    """Return bits 0 to 3, 5 and 6 of the status word."""
     return _STATUS[state][1]
 
 
@@ -262,16 +250,11 @@ def control_word(command: Command) -> int:
 
 
 def commands(control_word: int, previous_control_word: int, state: State | None = None) -> Command | None:
-    """Return the command in a control word, or None.
+    """Return the command in a control word (6040h), or None.
 
-    All commands but the fault reset are levels with bit 7 clear. Fault reset is the rising edge of bit 7: held high it
-    commands nothing, and blocks the other commands, as the standard's table has 0 there in each of them.
-
-    Args:
-        control_word: Control word, 6040h, as received.
-        previous_control_word: Control word before it.
-        state: State of the drive, which distinguishes commands with equal bits; None reads them as SWITCH_ON and
-            ENABLE_OPERATION.
+    All commands but the fault reset are levels with bit 7 clear. Fault reset is the rising edge of bit 7: held high it commands
+    nothing, and blocks the other commands, as the standard's table has 0 there in each of them. The state distinguishes commands
+    with equal bits; None reads them as SWITCH_ON and ENABLE_OPERATION.
 
     Source: CiA 402, 6040h.
     """
@@ -289,24 +272,13 @@ def commands(control_word: int, previous_control_word: int, state: State | None 
 
 
 def next_state(
-    state: State,
-    control_word: int,
-    previous_control_word: int,
-    quick_stop_option: int = QuickStopOption.QUICK_STOP_RAMP,
+    state: State, control_word: int, previous_control_word: int, quick_stop_option: int = QuickStopOption.QUICK_STOP_RAMP
 ) -> State:
-    """Return the state after one control word.
+    """Return the state after one control word (6040h): at most one transition.
 
-    At most one transition takes place, so no state on the path is skipped.
-
-    A drive calls this in each of its cycles with the word in force; "switch on and enable" then takes two of them (3,
-    then 4). Transitions 0, 1, 13 and 14 are events, see `state_after`. Fault reset ends in SWITCH_ON_DISABLED, whatever
-    else the word holds.
-
-    Args:
-        state: State before.
-        control_word: Control word in force, 6040h.
-        previous_control_word: Control word of the cycle before, for the edge of bit 7.
-        quick_stop_option: Quick stop option code, 605Ah; transition 16 exists for 5 to 8 only.
+    A drive calls this in each of its cycles with the word in force and the one before it; "switch on and enable" then takes two
+    of them (3, then 4). Transitions 0, 1, 13 and 14 are events, see `state_after`; transition 16 exists for the quick stop
+    options (605Ah) 5 to 8 only. Fault reset ends in SWITCH_ON_DISABLED, whatever else the word holds.
     """
     command = commands(control_word, previous_control_word, state)
     if command is None:
@@ -318,9 +290,7 @@ def next_state(
 
 
 def state_after(state: State, event: Event, quick_stop_option: int = QuickStopOption.QUICK_STOP_RAMP) -> State:
-    """Return the state after an internal event.
-
-    It is the same state if the event changes nothing.
+    """Return the state after an internal event, which may change nothing.
 
     A completed quick stop leads to SWITCH_ON_DISABLED with 605Ah from 0 to 4, and to nothing with 5 to 8.
     """
@@ -349,10 +319,7 @@ def supported_modes_bits(modes: Iterable[Mode]) -> int:
 
 
 def supported_modes(bits: int) -> frozenset[Mode]:
-    """Return the modes in a value of 6502h.
-
-    Bits of modes that are not in `Mode` are ignored.
-    """
+    """Return the modes in a value of 6502h; unknown bits are ignored."""
     return frozenset(mode for mode in Mode if bits >> (mode - 1) & 1)
 
 

@@ -110,13 +110,7 @@ _REGISTER = ("generic", "current", "voltage", "temperature", "communication", "o
 
 
 def error_text(code: int, own: Mapping[int, str] | None = None) -> str:
-    """Return the text of an error code.
-
-    It is the maker's, the standard's, or that of the group of the code.
-
-    Args:
-        code: The code.
-        own: The maker's codes in words (`Profile.fault_texts`).
+    """Return a code's text: the maker's, the standard's, or its group's.
 
     >>> error_text(0x8612), error_text(0x8613)
     ('reference limit: a set-point beyond the limits', 'positioning controller (8613h is of the maker)')
@@ -147,11 +141,6 @@ def code_text(code: int, own: Mapping[int, str] | None = None) -> str:
 
 def emergency_text(code: int, register: int, own: Mapping[int, str] | None = None) -> str:
     """Return an emergency message in words.
-
-    Args:
-        code: Its error code.
-        register: Its error register.
-        own: The maker's codes in words.
 
     >>> emergency_text(0x8611, 0x21)
     'emergency 8611h (following error; error register 21h)'

@@ -29,10 +29,7 @@ _MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 
 
 def is_hexadecimal(address: ObjectAddress) -> bool:
-    """Return True for an object that is shown in hexadecimal.
-
-    Such objects are words of bits, codes, identities, COB-IDs and PDO mappings.
-    """
+    """Return True for bits, codes, identities, COB-IDs and PDO mappings."""
     index, subindex = address
     if address in _BITS:
         return True
@@ -81,16 +78,7 @@ def measured(value: float, error: float) -> str:
 
 
 def value(held: float | str, address: ObjectAddress, data_type: DataType | None = None, digits: int = DIGITS) -> str:
-    """Format the value of an object.
-
-    Whole numbers of `is_hexadecimal` objects have the digits of their type.
-
-    Args:
-        held: Value in the object's unit, or text.
-        address: Object that holds it.
-        data_type: Its type, if it is known.
-        digits: Significant digits of a number that is not whole.
-    """
+    """Format an object's value; hexadecimal ones have all digits of their type."""
     if isinstance(held, str):
         return held
     if isinstance(held, int) and held >= 0 and is_hexadecimal(address):
@@ -99,14 +87,7 @@ def value(held: float | str, address: ObjectAddress, data_type: DataType | None 
 
 
 def pair(left: float | str, right: float | str, address: ObjectAddress, data_type: DataType | None = None) -> tuple[str, str]:
-    """Format two values of an object so that they differ visibly.
-
-    Args:
-        left: One value.
-        right: The other.
-        address: Object that holds it.
-        data_type: Its type, if it is known.
-    """
+    """Format two values of an object so that they differ visibly."""
     for digits in range(DIGITS, _EXACT + 1):
         shown = value(left, address, data_type, digits), value(right, address, data_type, digits)
         if shown[0] != shown[1] or left == right:

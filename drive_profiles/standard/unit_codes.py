@@ -33,11 +33,9 @@ def code(numerator: int, denominator: int = 0, prefix: int = 0) -> int:
 
 
 def position_units(unit: int, feed: float) -> float:
-    """Return the position units per revolution of the shaft.
+    """Return the position units (60A8h) per revolution of the shaft.
 
-    Args:
-        unit: 60A8h; 0 is the feed constant's own unit.
-        feed: Units per revolution of the shaft by the feed constant.
+    `feed` has those of the feed constant, which a unit of 0 means.
 
     Raises:
         OutOfRangeError: The unit is not known.
@@ -51,12 +49,9 @@ def position_units(unit: int, feed: float) -> float:
 
 
 def velocity_units(unit: int, position_unit: int, feed: float) -> float:
-    """Return the velocity units per revolution of the shaft in a second.
+    """Return the velocity units (60A9h) per shaft revolution in a second.
 
-    Args:
-        unit: 60A9h; 0 is position units per second.
-        position_unit: 60A8h.
-        feed: Units per revolution of the shaft by the feed constant.
+    A unit of 0 is position units per second.
 
     Raises:
         OutOfRangeError: The unit is not known, or does not go with that of the position.
@@ -70,12 +65,9 @@ def velocity_units(unit: int, position_unit: int, feed: float) -> float:
 
 
 def acceleration_units(unit: int, position_unit: int, feed: float) -> float:
-    """Return the acceleration units per revolution of the shaft in a second².
+    """Return the acceleration units (60AAh) per shaft revolution in a second².
 
-    Args:
-        unit: 60AAh; 0 is position units per second².
-        position_unit: 60A8h.
-        feed: Units per revolution of the shaft by the feed constant.
+    A unit of 0 is position units per second².
 
     Raises:
         OutOfRangeError: The unit is not known, or does not go with that of the position.
@@ -91,10 +83,7 @@ def acceleration_units(unit: int, position_unit: int, feed: float) -> float:
 
 
 def _way(what: str, unit: int, numerator: int, position_unit: int, feed: float) -> float:
-    """Return the number of numerator units per revolution of the shaft.
-
-    The prefix is left out.
-    """
+    """Return the numerator's units per revolution of the shaft, without the prefix."""
     if numerator in _PER_TURN:
         return _PER_TURN[numerator]
     prefix, counted, _ = _parts("60A8h", position_unit) if position_unit else (0, INCREMENT, 0)

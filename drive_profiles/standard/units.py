@@ -41,12 +41,7 @@ def to_integer(value: FloatArray, limits: tuple[int, int], what: str, unit: str,
 def to_integer(value: Any, limits: tuple[int, int], what: str, unit: str, factor: float = 1.0) -> Any:
     """Round ``value · factor`` to the nearest integer, halves to even.
 
-    Args:
-        value: Number or array of any shape, in ``unit``.
-        limits: Smallest and largest integer that the object holds.
-        what: Quantity, for the message.
-        unit: Printable unit of ``value``, for the message.
-        factor: Integers per unit.
+    The limits are those of the object, `factor` has integers per `unit`.
 
     Raises:
         OutOfRangeError: A value is outside the limits, or not finite; the first such element of an array is named.
@@ -114,10 +109,7 @@ class Scaling:
     _acceleration: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse a scale without an inverse; compute units per revolution.
-
-        They are computed once, since every set-point needs them.
-        """
+        """Refuse a scale without an inverse; compute units per revolution once."""
         for name, unit in (
             ("encoder_counts_per_rev", "counts"),
             ("rated_torque_nm", "N·m"),
@@ -143,10 +135,7 @@ class Scaling:
 
     @property
     def counts_per_rad(self) -> float:
-        """Position units on the wire per radian of the motor.
-
-        The value is without the sign of the polarity.
-        """
+        """Position units on the wire per radian of the motor, without sign."""
         return self._position / TWO_PI
 
     @property
@@ -166,18 +155,12 @@ class Scaling:
 
     @property
     def speed_units_per_rad_s(self) -> float:
-        """Velocity units on the wire per rad/s of the motor.
-
-        The value has the sign of the polarity.
-        """
+        """Velocity units on the wire per rad/s, with the polarity's sign."""
         return self.velocity_sign * self._velocity / TWO_PI
 
     @property
     def counts_are_increments(self) -> bool:
-        """True if positions on the wire are increments of the encoder.
-
-        They must have the same sign, too.
-        """
+        """True if positions are increments of the encoder, with the same sign."""
         return self._position == self.encoder_counts_per_rev and not self.polarity & POSITION_REVERSED
 
     @property
@@ -206,9 +189,7 @@ class Scaling:
     @overload
     def speed_counts_s(self, speed_rad_s: FloatArray) -> IntArray: ...
     def speed_counts_s(self, speed_rad_s: Any) -> Any:
-        """Convert a motor speed in rad/s to counts per second.
-
-        It is an INTEGER32 (606Ch, 60FFh).
+        """Convert rad/s of the motor to counts per second, INTEGER32 (606Ch, 60FFh).
 
         Raises:
             OutOfRangeError: The result is outside INTEGER32.
@@ -224,9 +205,7 @@ class Scaling:
     @overload
     def acceleration_counts_s2(self, acceleration_rad_s2: FloatArray) -> IntArray: ...
     def acceleration_counts_s2(self, acceleration_rad_s2: Any) -> Any:
-        """Convert a motor acceleration in rad/s² to counts per second².
-
-        It is an UNSIGNED32 magnitude (6083h, 6085h, 60C5h).
+        """Convert a motor's rad/s² to an UNSIGNED32 magnitude (6083h, 6085h, 60C5h).
 
         Raises:
             OutOfRangeError: The result is negative, or outside UNSIGNED32.
@@ -242,9 +221,7 @@ class Scaling:
     @overload
     def torque_per_mille(self, torque_nm: FloatArray) -> IntArray: ...
     def torque_per_mille(self, torque_nm: Any) -> Any:
-        """Convert a motor torque in N·m to per mille of rated.
-
-        It is an INTEGER16 (6071h, 6077h, 60B2h).
+        """Convert a motor's N·m to INTEGER16 per mille (6071h, 6077h, 60B2h).
 
         Raises:
             OutOfRangeError: The result is outside INTEGER16.
@@ -305,10 +282,7 @@ def interpolation_period(period_s: float, index: int | None = None) -> tuple[int
         value, exponent = value * 10 ** (exponent - index), index
     if value > _UNSIGNED8_MAX or exponent < _PERIOD_INDEX[0]:
         raise OutOfRangeError(
-            "interpolation period",
-            period_s,
-            "s",
-            f"is {value} × 10^{exponent} s: 60C2h sub 1 holds 1 to {_UNSIGNED8_MAX}",
+            "interpolation period", period_s, "s", f"is {value} × 10^{exponent} s: 60C2h sub 1 holds 1 to {_UNSIGNED8_MAX}"
         )
     return value, exponent
 
@@ -342,9 +316,7 @@ def interpolation_period_s(value: int, index: int) -> float:
 
 
 def real32(value: float) -> float:
-    """Round a value to IEEE 754 single precision.
-
-    A REAL32 object holds this number.
+    """Round a value to IEEE 754 single precision, as REAL32 objects do.
 
     Raises:
         OutOfRangeError: The value is not finite, or beyond the largest REAL32.
@@ -358,8 +330,5 @@ def real32(value: float) -> float:
 
 
 def shortest(value: float) -> float:
-    """Return the shortest decimal number with the same REAL32 bits.
-
-    It is 0.1 for 0.10000000149011612.
-    """
+    """Return the shortest decimal of a REAL32: 0.1 for 0.10000000149011612."""
     return float(str(np.float32(value)))

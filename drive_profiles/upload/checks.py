@@ -12,33 +12,18 @@ from drive_profiles.upload.result import UploadOptions
 
 
 def foreign_device(device: Device, header: Header, identity: DeviceIdentity) -> list[str]:
-    """Return reasons why the set is for a device of another maker or product.
-
-    Args:
-        device: The device, with the profile of the set.
-        header: Header of the parameter set.
-        identity: Identity that the device states.
-    """
+    """Return reasons why the set is for another maker's device or product."""
     profile, who = device.profile, "the parameter set"
     reasons: list[str] = []
     if profile is not None:
         reasons += _differs("vendor (1018h:1)", identity.vendor_id, (profile.identity.vendor_id,), f"profile {profile.label}")
-    reasons += _differs("vendor", identity.vendor_id, () if header.vendor_id is None else (header.vendor_id,), who)
-    reasons += _differs("product", identity.product_code, () if header.product_code is None else (header.product_code,), who)
+    reasons += _differs("vendor", identity.vendor_id, (header.vendor_id,), who)
+    reasons += _differs("product", identity.product_code, (header.product_code,), who)
     return reasons
 
 
 def identity_refusals(device: Device, header: Header, identity: DeviceIdentity, options: UploadOptions) -> list[str]:
-    """Return reasons why profile, EDS or set do not fit the device.
-
-    The result is empty if all fit.
-
-    Args:
-        device: The device, with its profile and its EDS.
-        header: Header of the parameter set.
-        identity: Identity that the device states.
-        options: Options of the upload.
-    """
+    """Return reasons why profile, EDS or set do not fit the device."""
     profile, description = device.profile, device.catalogue.description
     reasons = foreign_device(device, header, identity)
     if profile is not None:
@@ -49,8 +34,7 @@ def identity_refusals(device: Device, header: Header, identity: DeviceIdentity, 
             expected = profile.identity
             what_to_do = ": a [[product]] in a copy of the profile can name it" if profile.products else ""
             reasons.append(f"{error}{what_to_do}")
-        types = () if expected.device_type is None else (expected.device_type,)
-        reasons += _differs("device type (1000h)", identity.device_type, types, who)
+        reasons += _differs("device type (1000h)", identity.device_type, (expected.device_type,), who)
         if not (expected.is_verified and expected.product_code is not None) and not options.allow_unverified:
             reasons.append(
                 f"the identity in {who} is not verified ({expected.source}); give --allow-unverified to write nevertheless"
@@ -79,10 +63,7 @@ def warnings_for(parameter_set: ParameterSet, identity: DeviceIdentity, writes: 
 def value_refusals(
     device: Device, header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions
 ) -> list[str]:
-    """Return reasons why these values must not go to this device.
-
-    Each of them could be written all the same.
-    """
+    """Return reasons why these values must not go to this device."""
     guesses = [] if options.allow_unverified else [write for write in writes if not write.entry.is_verified]
     why = "its facts are not verified; give --allow-unverified to write it nevertheless"
     reasons = [f"{write.entry}: {why}" for write in guesses]
@@ -98,10 +79,7 @@ def value_refusals(
 
 
 def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
-    """Refuse a set that was pulled from another device.
-
-    With a mistyped node-ID a drive would get its neighbour's limits.
-    """
+    """Refuse another device's set: a mistyped node-ID would give its limits."""
     theirs = [write for write in writes if write.parameter_class != "commissioning"]  # of these see `_commissioning`
     other = _other_device(header, identity)
     if not other or not theirs or options.other_device or options.force_commissioning:
@@ -144,10 +122,7 @@ def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Wr
 
 
 def _foreign_identifiers(header: Header, own: int, writes: Sequence[Write]) -> list[str]:
-    """Refuse PDO identifiers of the node that the set was pulled from.
-
-    That node's set-points would move this one.
-    """
+    """Refuse another node's PDO identifiers: its set-points would move this one."""
     theirs = header.node_id
     if theirs in {None, own}:
         return []
@@ -168,8 +143,8 @@ def _moving_scale(device: Device, writes: Sequence[Write]) -> list[str]:
     return [f"{named} changes the scaling of {scaled[0].entry}; upload it first, in a set of its own"]
 
 
-def _differs(what: str, actual: int | None, wanted: Iterable[int], who: str) -> list[str]:
-    values = tuple(wanted)
+def _differs(what: str, actual: int | None, wanted: Iterable[int | None], who: str) -> list[str]:
+    values = [each for each in wanted if each is not None]
     if not values or actual in values:
         return []
     shown = " or ".join(f"0x{value:X}" for value in values)

@@ -20,10 +20,9 @@ RESTART_S = 15.0
 class UploadControl:
     """Control of running uploads: their progress, and a way to stop them.
 
-    Attributes:
-        window: An interrupt in it stops the uploads, and everything is restored. It is closed where all is written and read
-            back, before anything is stored: the last point of return, of all drives together.
-        progress: Called with a node and the number of steps made, from several threads.
+    An interrupt in the window stops the uploads, and everything is restored. It is closed where all is written and read back,
+    before anything is stored: the last point of return, of all drives together. `progress` is called with a node and the number
+    of steps made, from several threads.
     """
 
     window: InterruptWindow = field(default_factory=InterruptWindow)
@@ -43,9 +42,7 @@ def prepare(uploads: Sequence[Upload]) -> None:
 def run(uploads: Sequence[Upload], control: UploadControl | None = None) -> list[UploadResult]:
     """Carry out prepared uploads on all drives, or on none.
 
-    Each drive is written, read back and stored; if one fails, all get their former values back.
-
-    At its end the window is closed, so a later interrupt changes nothing.
+    Each drive is written, read back and stored; if one fails, all get their former values back. At its end the window is closed.
 
     Raises:
         DriveProfileError: A journal cannot be written, or a drive cannot store; nothing has been written to any drive.
@@ -99,10 +96,7 @@ def _roll_back(uploads: Sequence[Upload], failures: Mapping[Upload, DriveProfile
 
 
 def _after_reset(uploads: Sequence[Upload]) -> list[UploadResult]:
-    """Reset the drives and read everything again.
-
-    This proves what they have stored.
-    """
+    """Reset the drives and read everything again, as proof of the storing."""
     failures = _each(uploads, _reset_and_verify)
     outcomes = []
     for upload in uploads:

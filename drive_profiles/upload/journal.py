@@ -37,16 +37,9 @@ Answer = Literal["yes", "no", "unknown"]
 
 @dataclass(frozen=True)
 class UploadSnapshot:
-    """Bytes of a drive before an upload, and the wanted bytes.
+    """Bytes of a drive before an upload, and wanted bytes, by address.
 
-    Attributes:
-        node: Node-ID.
-        bus: Address of the bus.
-        identity: 1018h and 1000h as the drive gave them.
-        profile: Name of the drive profile.
-        old: Bytes before, by address.
-        new: Bytes wanted, by address.
-        names: Names of the objects, by address.
+    `identity` has 1018h and 1000h as the drive gave them.
     """
 
     node: int
@@ -99,12 +92,8 @@ _SECOND_NS = 1_000_000_000
 def journal_path(folder: Path, node: int, now_ns: int) -> Path:
     """Return the path of a new journal, stamped after all others.
 
-    The stamp orders the journals even if the clock was set back; `restore` takes the newest.
-
-    Args:
-        folder: Folder of the journals.
-        node: Node-ID.
-        now_ns: Time since 1970 in ns (UTC), read once: second and fraction belong together.
+    The stamp orders the journals even if the clock was set back; `restore` takes the newest. `now_ns` is the time since 1970
+    (UTC), read once: second and fraction belong together.
     """
     newest = max(filter(None, (_stamp_ns(path) for path in folder.glob("*.jsonl"))), default=0)
     second, fraction = divmod(max(now_ns, newest + 1), _SECOND_NS)
@@ -180,9 +169,7 @@ class Journal:
 
 
 def read(path: str | Path) -> JournalStatement:
-    """Read a journal, even that of a killed upload.
-
-    An unfinished last line is ignored.
+    """Read a journal, even of a killed upload, without its unfinished line.
 
     Raises:
         FileError: The file is not a journal.

@@ -42,12 +42,9 @@ MAX_PASSES = 3
 
 
 class Upload:
-    """Upload to one drive, step by step.
-
-    `upload.fleet` calls the steps for one or several drives in order.
+    """Upload to one drive, step by step; `upload.fleet` calls the steps.
 
     Attributes:
-        device: The drive.
         identity: Identity that the drive stated; None before `prepare`.
         writes: The objects of the set and their bytes.
         warnings: Warnings to the user, one sentence each.
@@ -55,14 +52,7 @@ class Upload:
     """
 
     def __init__(self, device: Device, parameter_set: ParameterSet, options: UploadOptions, bus: str = "") -> None:
-        """Join device, set and options; nothing is sent.
-
-        Args:
-            device: The drive.
-            parameter_set: Values to upload.
-            options: Options of the upload.
-            bus: Address of the bus, for the journal.
-        """
+        """Join device, set and options; the bus is for the journal."""
         self.device = device
         self.parameter_set = parameter_set
         self.options = options
@@ -130,9 +120,7 @@ class Upload:
             raise NodeError(self.device.node, what, "check the bus")
 
     def still_as_prepared(self) -> None:
-        """Check that device, state and values are as they were.
-
-        The user may have waited long before the confirmation.
+        """Check that nothing has changed since `prepare`; a confirmation may take long.
 
         Raises:
             NodeError: Something has changed; nothing has been written.
@@ -150,19 +138,13 @@ class Upload:
         return sorted({0, *((address[0] - 0x6000) // 0x800 for address in self._goal if 0x6000 <= address[0] < 0xA000)})
 
     def _check_restart(self) -> None:
-        """Refuse a node that has restarted since the values were read.
-
-        It holds its stored values, not those that were read before.
-        """
+        """Refuse a restarted node, which holds its stored values."""
         if self.device.port.boots != self._boots:
             self._boots = self.device.port.boots
             raise NodeError(self.device.node, "the node has restarted during the upload", "check its supply")
 
     def _before(self, address: ObjectAddress) -> bytes:
-        """Read an object before anything is written.
-
-        It is read once more if its length is not that of its type.
-        """
+        """Read an object before writing, once more if its length is wrong."""
         entry = self.device.catalogue.get(address)
         data_type = None if entry is None else entry.data_type
         held = self.device.read(address)
@@ -183,9 +165,7 @@ class Upload:
             raise RefusedError(*reasons)
 
     def open_journal(self) -> None:
-        """Write the snapshot to disk.
-
-        Nothing is written to the drive before that.
+        """Write the snapshot to disk before anything goes to the drive.
 
         Raises:
             FileError: The journal cannot be written.
@@ -287,11 +267,8 @@ class Upload:
     def roll_back(self, error: BaseException, *, store_again: bool = False) -> UploadResult:
         """Write the former values back and read everything back.
 
-        The result states what is certain. Only objects that this upload has tried to write are written back.
-
-        Args:
-            error: The failure that ended the upload.
-            store_again: The drive may have stored the new values: store the former ones over them.
+        The result states what is certain. Only objects that this upload has tried to write are written back. `store_again`: the
+        drive may have stored the new values, so the former ones are stored over them.
         """
         reason = str(error)
         code = error.exit_code if isinstance(error, DriveProfileError) else 1
@@ -353,10 +330,7 @@ class Upload:
         return held
 
     def _store_again(self) -> list[ObjectAddress]:
-        """Store the former values over the new ones.
-
-        This is needed if the upload fails after the store command.
-        """
+        """Store the former values over the new ones."""
         try:
             self.store()
         except DriveProfileError:
@@ -389,16 +363,7 @@ class Upload:
         others: Literal["new", "old"] = "old",
         unread: int = 0,
     ) -> UploadResult:
-        """Make the result, and close the journal.
-
-        Args:
-            kind: *done*, *rolled back* or *unknown*.
-            unknown: Objects that may hold anything, by address and name.
-            reason: Reason why the upload was not done.
-            code: Exit status of a command that ends with it.
-            others: Values that all other objects hold, ``new`` or ``old``.
-            unread: Number of objects that were not written, and that could not be read at the end.
-        """
+        """Make the result, see `UploadResult`, and close the journal."""
         self._going_back = True
         self._note("outcome", outcome=kind, unknown=list(unknown), reason=reason)
         path = None
@@ -414,10 +379,7 @@ class Upload:
         )
 
     def _note(self, event: str, address: ObjectAddress | None = None, **more: object) -> None:
-        """Add a line to the journal.
-
-        No write is sent without one, but a full disk does not stop a rollback.
-        """
+        """Add a line to the journal; a full disk stops no rollback."""
         if self._journal is None:
             return
         try:

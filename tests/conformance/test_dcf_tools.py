@@ -10,7 +10,7 @@ import pytest
 import drive_profiles
 from drive_profiles import eds
 from drive_profiles.family.catalogue import CatalogueEntry
-from drive_profiles.parameter_set.concise import from_concise, to_concise
+from drive_profiles.parameter_set.formats import from_concise, to_concise
 from drive_profiles.parameter_set.parameters import Write
 from drive_profiles.standard.cia301 import DataType, encode
 from plant_emulator.data_sheets import data_sheets

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 import drive_profiles
-from drive_profiles.cli.live.watch import plot_line
 from drive_profiles.cli.main import app
+from drive_profiles.cli.watch import plot_line
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.parameter_set.parameters import ParameterSet
 from drive_profiles.standard.cia301 import FunctionCode

@@ -8,12 +8,16 @@ from collections import Counter
 import pytest
 
 from drive_profiles import pages
-from drive_profiles.family.capability import NEEDED_START_HZ, NEEDED_ZETA_RN
 from drive_profiles.family.profile import VENDORS
 from drive_profiles.files.toml import split_unit
 from drive_profiles.standard.cia402 import Mode
 from drive_profiles.standard.object_address import object_address
 from tests.drive_profiles.profiles import ALL_DRIVES, DRIVES, PRODUCTS, PROFILES
+
+NEEDED_START_HZ = 8.0
+"""Frequency at which the paper's notch begins, k f_s = 2 · 4 rps."""
+NEEDED_ZETA_RN = 0.028
+"""Damping of the zeros of the paper's notch, Table 3."""
 
 FAMILIES = {
     "copley_plus",

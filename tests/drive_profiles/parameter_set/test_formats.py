@@ -7,7 +7,7 @@ from drive_profiles.cli.main import app
 from drive_profiles.errors import FileError, RefusedError
 from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.family.profile import VENDORS, Profile
-from drive_profiles.parameter_set import formats, size
+from drive_profiles.parameter_set import formats, parameters
 from drive_profiles.parameter_set.parameters import Item, ParameterSet
 from drive_profiles.standard.units import Scaling
 
@@ -61,7 +61,7 @@ def test_a_dcf_needs_the_eds_that_it_is_made_from_and_other_suffixes_are_refused
 
 @pytest.mark.parametrize("name", ["a.dcf", "a.cdcf"])
 def test_what_would_be_too_long_to_be_read_is_not_written(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(size, "MAX_BYTES", 40)
+    monkeypatch.setattr(parameters, "MAX_BYTES", 40)
     with pytest.raises(RefusedError, match="would be a file of"):
         formats.write(tmp_path / name, SET.writes(CATALOGUE, SCALING), EDS, node_id=2)
     assert not (tmp_path / name).exists()

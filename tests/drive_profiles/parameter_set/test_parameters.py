@@ -13,9 +13,9 @@ from drive_profiles.errors import DriveProfileError, FileError, OutOfRangeError,
 from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
 from drive_profiles.family.profile import Profile
 from drive_profiles.files import toml as files
-from drive_profiles.parameter_set import size
+from drive_profiles.parameter_set import parameters
 from drive_profiles.parameter_set.commands import is_command
-from drive_profiles.parameter_set.concise import from_concise, to_concise
+from drive_profiles.parameter_set.formats import from_concise, to_concise
 from drive_profiles.parameter_set.parameters import (
     CLASSES,
     Header,
@@ -244,10 +244,10 @@ def test_a_set_is_loaded_from_and_saved_to_a_file(tmp_path):
 def test_what_is_written_can_be_read_up_to_the_bound_and_is_refused_beyond_it(tmp_path, monkeypatch):
     held = lines(tuning={f"0x2000:{n}": (n, "") for n in range(9)})
     length = len(held.dumps().encode())
-    monkeypatch.setattr(size, "MAX_BYTES", length)
+    monkeypatch.setattr(parameters, "MAX_BYTES", length)
     held.save(tmp_path / "a.toml")
     assert ParameterSet.load(tmp_path / "a.toml").tuning == held.tuning
-    monkeypatch.setattr(size, "MAX_BYTES", length - 1)
+    monkeypatch.setattr(parameters, "MAX_BYTES", length - 1)
     for refused in (held.dumps, lambda: held.save(tmp_path / "b.toml")):
         with pytest.raises(RefusedError, match=rf"would be a file of {length} bytes; expected at most .* \(--classes\)"):
             refused()

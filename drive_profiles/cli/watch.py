@@ -10,6 +10,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -18,7 +19,8 @@ from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_objects
 from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail
 from drive_profiles.cli.entry import interrupted
-from drive_profiles.cli.options import BusOption, EdsOption, NodeOption, ProfileOption, TimeoutOption
+from drive_profiles.cli.options import DriveOptions
+from drive_profiles.cli.read import decoded, in_json
 from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
@@ -30,19 +32,21 @@ KEPT = 60
 _BARS = "▁▂▃▄▅▆▇█"
 
 
+@dataclass(frozen=True, kw_only=True)
+class WatchOptions(DriveOptions):
+    """Options of a drive, with a document for each reading."""
+
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document for each reading, on a line.")] = False
+
+
 @command(epilog=READ_EPILOG)
 def watch(
     objects: Annotated[list[str], typer.Argument(metavar="OBJECT", help="0x6064, or a name.", autocompletion=complete_objects)],
-    bus: BusOption,
-    node: NodeOption,
+    drive: WatchOptions,
     *,
     every_s: Annotated[float, typer.Option("--every-s", min=0.01, max=3600.0, help="Time between two readings.")] = 0.2,
     count: Annotated[int | None, typer.Option("--count", min=1, help="Stop after this many readings.")] = None,
     for_s: Annotated[float | None, typer.Option("--for-s", min=0.01, help="Stop after this time.")] = None,
-    profile: ProfileOption = None,
-    eds: EdsOption = None,
-    timeout_s: TimeoutOption = 0.5,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON document for each reading, on a line.")] = False,
 ) -> None:
     """Read objects repeatedly until Ctrl-C.
 
@@ -53,17 +57,13 @@ def watch(
 
         drive-profiles watch 0x6041 --bus socketcan:can0 --node 2 --for-s 10 --json
     """
-    from drive_profiles.device.bus import SdoBus
-    from drive_profiles.device.target import device_at
-
-    with exit_on_error(), SdoBus(bus, timeout_s) as opened:
-        device = device_at(opened, node, profile, eds)
+    with exit_on_error(), drive.opened() as device:
         entries = [device.catalogue.find(text) for text in objects]
         readings = _readings(device, entries, every_s, count, for_s)
         try:
-            if as_json:
+            if drive.as_json:
                 for when, values in readings:
-                    document = {"time_s": round(when, 6), **{_key(e): _plain(v) for e, v in zip(entries, values, strict=True)}}
+                    document = {"time_s": round(when, 6), **{_key(e): in_json(v) for e, v in zip(entries, values, strict=True)}}
                     typer.echo(json.dumps(document, ensure_ascii=False))
             elif sys.stdout.isatty():
                 _live(device, entries, readings)
@@ -82,31 +82,14 @@ def watch(
 def _readings(
     device: Device, entries: list[CatalogueEntry], every_s: float, count: int | None, for_s: float | None
 ) -> Iterator[tuple[float, list[float | str]]]:
-    """Yield the time since the first reading, and the values.
-
-    A late reading skips those that it has missed.
-
-    Args:
-        device: The drive.
-        entries: The objects.
-        every_s: Time between two readings.
-        count: Largest number of readings; None: no limit.
-        for_s: Largest time; None: no limit.
-    """
+    """Yield time and values of each reading; missed readings are skipped."""
     scaling = device.scaling(entries)
     start, made = time.monotonic(), 0
     while count is None or made < count:
         when = time.monotonic() - start
         if for_s is not None and made and when > for_s:
             return
-        values: list[float | str] = []
-        for entry in entries:
-            data = device.read(entry.address)
-            try:
-                values.append(entry.decoded(data, scaling))
-            except ValueError as error:
-                values.append(f"{data.hex(' ')} ({error})")
-        yield when, values
+        yield when, [decoded(entry, device.read(entry.address), lambda _: scaling) for entry in entries]
         made += 1
         if made == count:
             return
@@ -155,7 +138,3 @@ def _key(entry: CatalogueEntry) -> str:
 
 def _text(entry: CatalogueEntry, value: float | str) -> str:
     return shown.value(value, entry.address, entry.data_type)
-
-
-def _plain(value: float | str) -> float | str:
-    return value if isinstance(value, str) or math.isfinite(value) else str(value)
