@@ -256,11 +256,13 @@ class Run:
         """Run and record the motion, one row per SYNC."""
         before, sensor_before, late_before = self.exchange.missed_cycles, self.exchange.sensor_missed, self._late
         angles = self.motion.motor_angle_rad + np.asarray(self.starts)
-        count = len(angles)
+        count, done = len(angles), 0
         try:
             for row in range(0, count, ROWS_A_REPORT):
+                self.follow(angles[done : row + 1], done)
+                done = row + 1
                 self.progress(row / count)
-                self.follow(angles[row : row + ROWS_A_REPORT], row)
+            self.follow(angles[done:], done)
         finally:
             self.missed = self.exchange.missed_cycles - before
             self.sensor_missed = self.exchange.sensor_missed - sensor_before
