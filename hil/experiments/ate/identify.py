@@ -25,27 +25,13 @@ from hil.design.ate.reaction import Reaction, Turning, gear_reaction
 from hil.design.estimation import EstimatedParameter
 from hil.design.transmission_error import TransmissionError
 from hil.errors import NotPossibleError
-from hil.experiments.ate.checks import (
-    AteNotIdentifiedError,
-    check_moved,
-    check_run,
-    factor_remark,
-    reached_rps,
-)
-from hil.experiments.ate.motion import Ramps, ramps
+from hil.experiments.ate.checks import AteNotIdentifiedError, factor_remark, reached_rps
+from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
 from hil.experiments.ate.order_scan import OrderScan, identify_orders
 from hil.experiments.ate.orders import OrderWatch, checked
-from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, BEYOND_RESONANCE, PASSED, Ramp, plan_ramp, resonance_ramp
-from hil.experiments.ate.request import (
-    AteRequest,
-    AxisKnowledge,
-    Miss,
-    first_ramp,
-    is_seen,
-    sensing_of,
-)
-from hil.experiments.ate.sweeps import late_words, sweep_of
+from hil.experiments.ate.request import AteRequest, AxisKnowledge, Miss, first_ramp, is_seen, sensing_of
+from hil.experiments.ate.sweeps import late_words, run_pass
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -141,7 +127,7 @@ def identify_on(
     session: Session,
     request: AteRequest,
     knowledge: AxisKnowledge,
-    keep: PassKeeper = keep_nothing,
+    keep: PassKeeper | None = None,
     reporter: Reporter = SILENT,
 ) -> Identification:
     """Run passes until the goal is met or none is left.
@@ -159,33 +145,28 @@ def identify_on(
         HilError: Limits or nodes do not allow a run.
     """
     bench, axis = session.bench, request.axis
-    reduction_ratio, has_gear = (
-        bench.axis[axis].reduction_ratio,
-        not (request.sensorless or bench.accelerometer.from_load_encoders),
-    )
+    reduction_ratio = bench.axis[axis].reduction_ratio
+    has_gear = not (request.sensorless or bench.accelerometer.from_load_encoders)
     ramp, identification = first_ramp(bench, request, knowledge), Identification()
     for number in range(1, request.passes + 1):
         session.check_interrupt()
         motion = ramps(bench, session.axes[axis].position_rad() / math.tau, ramp)
         words = f"axis {axis} to {ramp.end_rps:.2f} rev/s at {ramp.acceleration_rps_s:.2f} rev/s² and back{ramp.bound}"
         reporter.step(f"pass {number} of at most {request.passes}: {words}")
-        result = session.run(motion.motion, "none", "drive")
-        keep(number, result, motion)
-        check_moved(motion, result, axis, bench.axis[axis].limits)
-        if result.stopped is not None:
-            raise result.stopped
-        check_run(result, sensorless=request.sensorless, sensor=bench.accelerometer.title)
-        made = _fitted(bench, request, knowledge, identification, motion, result.recording)
-        identification.passes.append(made)
-        left = request.passes - number
+        recording, sweep = run_pass(session, motion, number, keep, sensorless=request.sensorless)
         sensing = sensing_of(bench, axis, knowledge, sensorless=request.sensorless)
-        sweeps = [each.sweep for each in identification.passes]
-        watch = OrderWatch(reduction_ratio, sensing, ramp, sweeps)
+        watch = OrderWatch(reduction_ratio, sensing, ramp, [*(each.sweep for each in identification.passes), sweep])
+        start, left = identification.estimate.arm if identification.passes else None, request.passes - number
+        try:
+            estimate = estimate_of(watch.sweeps, reduction_ratio, sensing, knowledge, start, request.orders)
+        except ValueError as error:
+            raise NotPossibleError(f"not identified: {error}{ramp.bound}", ("limits",)) from error
         if has_gear:
-            made = replace(made, estimate=checked_on_gear(watch, made.estimate, knowledge, passes_left=left))
-            identification.passes[-1] = made
+            estimate = checked_on_gear(watch, estimate, knowledge, passes_left=left)
         else:
-            checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
+            checked(watch, estimate, sensorless=request.sensorless, passes_left=left)
+        made = Pass(motion, recording, sweep, estimate)
+        identification.passes.append(made)
         is_through = _is_through(axis, made, passes_left=left)
         before, identification.misses = identification.misses, request.goal.missed(made.estimate)
         if is_through and not _curable(identification, before):
@@ -218,36 +199,6 @@ def _reaction(identification: Identification, axis: int, knowledge: AxisKnowledg
     error = identification.estimate.error
     seen = {k: size for k, size in error.amplitude_arcsec.items() if is_seen(identification.estimate, k)}
     return gear_reaction(turned, knowledge.side, TransmissionError(seen, {k: error.phase_deg[k] for k in seen}))
-
-
-def _fitted(
-    bench: Bench,
-    request: AteRequest,
-    knowledge: AxisKnowledge,
-    identification: Identification,
-    motion: Ramps,
-    recording: Recording,
-) -> Pass:
-    """Fit all passes so far, and return the new pass.
-
-    Raises:
-        AteNotIdentifiedError: The accelerometer is dead or saturated.
-        NotPossibleError: The passes do not carry a fit.
-    """
-    sweep = sweep_of(motion, recording, request.axis, sensorless=request.sensorless, sensor=bench.accelerometer.title)
-    before = identification.passes
-    try:
-        estimate = estimate_of(
-            [*(each.sweep for each in before), sweep],
-            bench.axis[request.axis].reduction_ratio,
-            sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
-            knowledge,
-            before[-1].estimate.arm if before else None,
-            request.orders,
-        )
-    except ValueError as error:
-        raise NotPossibleError(f"not identified: {error}{motion.ramp.bound}", ("limits",)) from error
-    return Pass(motion, recording, sweep, estimate)
 
 
 def estimate_of(

@@ -1,6 +1,7 @@
 """Motion of a pass from which the transmission error is identified: a ramp forwards, and one back."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from hil.bench.bench import Bench
 from hil.control.trajectory import ConstantAcceleration, Smooth, sample_times
 from hil.experiments.ate.ramp import MARGIN_REV, Ramp
-from hil.master.motion import Motion
+from hil.master.motion import Motion, RunResult
 from hil.master.run import APPROACH_RAMP_S
 
 Real = NDArray[np.float64]
@@ -50,6 +51,10 @@ class Ramps:
             time = np.arange(rows.stop - rows.start) * period - self.trajectory.dwell_s
             signs[rows] = sign * ((time >= skip * ramp) & (time <= ramp))
         return signs
+
+
+PassKeeper = Callable[[int, RunResult, Ramps], object]
+"""What keeps a pass, counted from 1, with the ramps that were requested; it may have been stopped."""
 
 
 def ramps(bench: Bench, start_rev: float, ramp: Ramp, centre_rev: float | None = None) -> Ramps:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from hil.bench.bench import Bench
-from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedPlant
+from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedPlant, identified_axis
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import DELAY_S, Arm, OtherMode, Sensing
 from hil.design.ate.reaction import MotorSide
@@ -169,7 +169,7 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
         raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
     if identified is not None:
         identified.check_robot(bench.name)
-    part_of = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
+    part_of = identified_axis(identified, axis).plant
     if part_of is not None:
         values = part_of.values
         total = values.gear_damping_nm_s_rad + values.arm_damping_nm_s_rad

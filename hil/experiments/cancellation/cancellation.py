@@ -9,11 +9,13 @@ trusted before its trial at the tip: `hil.experiments.cancellation.trial`.
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TypedDict, Unpack
 
 from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
 from hil.bench.bench import AxisTable, Bench, Limits, Model
-from hil.bench.model import Identified, IdentifiedError, significant, with_identified
+from hil.bench.model import Identified, IdentifiedError, identified_axis, significant, with_identified
 from hil.can.channel import Channel
 from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import CancellationTable, MotorLoad
@@ -176,19 +178,33 @@ def allowed_reference_rev(limits: Limits) -> float:
     return FOLLOWING_PART * limits.following_error_rev
 
 
+class Way(TypedDict, total=False):
+    """Way in which a cancellation reaches the drives.
+
+    Attributes:
+        actuation: `reference`, the default, for the set-point alone, `torque` with a torque offset.
+        with_notch: True if the drives' filters act.
+        control_periods_s: T_c by axis; 250 µs where it is not given.
+        torque_steps_nm: Resolution of the drives' torque offsets, by axis.
+        delay_s: Delay of the set-points beyond the SYNC period, the interpolation, and the model file's delay.
+    """
+
+    actuation: Actuation
+    with_notch: bool
+    control_periods_s: Mapping[int, float]
+    torque_steps_nm: Mapping[int, float]
+    delay_s: float
+
+
 def cancellation_for(
     bench: Bench,
     identified: Identified | None,
     axes: Sequence[int],
     period_s: float,
     *,
-    actuation: Actuation = "reference",
-    with_notch: bool = False,
-    control_periods_s: Mapping[int, float] | None = None,
-    torque_steps_nm: Mapping[int, float] | None = None,
-    delay_s: float = 0.0,
     paces: Mapping[int, Pace] | None = None,
     by_torque: bool = False,
+    **way: Unpack[Way],
 ) -> Cancellation:
     """Cancellation of some axes, from their models.
 
@@ -201,14 +217,10 @@ def cancellation_for(
         identified: The model file; None for the bench file's own model.
         axes: Axis numbers in the order of the motion.
         period_s: SYNC period.
-        actuation: `reference` for the set-point alone, `torque` with a torque offset.
-        with_notch: True if the drives' filters act.
-        control_periods_s: T_c by axis; 250 µs where it is not given.
-        torque_steps_nm: Resolution of the drives' torque offsets, by axis.
-        delay_s: Delay of the set-points beyond the SYNC period, the interpolation, and the model file's delay.
         paces: Paces of a motion by axis. Where its set-points would be faster than the axis may be, the highest orders are left
             out, though none within the resonance; without it the motor's acceleration is not allowed for either.
         by_torque: True if torque offsets can be sent: what the set-points have no room for is left to them.
+        way: How it reaches the drives.
 
     Raises:
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
@@ -220,34 +232,21 @@ def cancellation_for(
         model = treated_model(bench, identified, number)
         if model is None:
             continue
-        late_s = delay_s + measured_delay_s(identified, number)
-        timing = CyclicTiming(period_s, (control_periods_s or {}).get(number) or CONTROL_PERIOD_S, late_s)
+        error = identified_axis(identified, number).ate
+        late_s = way.get("delay_s", 0.0) + (0.0 if error is None else error.set_point_delay_s)
+        timing = CyclicTiming(period_s, way.get("control_periods_s", {}).get(number) or CONTROL_PERIOD_S, late_s)
         pace = (paces or {}).get(number, Pace())
         tables[number], scales[number] = table_of(
-            bench, number, model, timing, pace, actuation,
-            with_notch=with_notch, by_torque=by_torque, torque_lag_s=known_lag_s(identified, number),
+            bench, number, model, timing, pace, way.get("actuation", "reference"),
+            with_notch=way.get("with_notch", False), by_torque=by_torque, torque_lag_s=known_lag_s(identified, number),
             load=motor_load(bench, identified, model, number, pace.most_rad_s2),
         )  # fmt: skip
     if not tables:
         raise NotPossibleError(nothing_known(bench, identified, axes))
     known = {number: response for number in axes if (response := response_of(bench, identified, number)) is not None}
-    return Cancellation(
-        tuple(axes), tables, period_s, torque_steps_nm or {}, scales, known, all(_is_probed(identified, each) for each in tables)
-    )
-
-
-def _is_probed(identified: Identified | None, number: int) -> bool:
-    part = None if identified is None or number not in identified.axis else identified.axis[number].ate
-    return part is not None and part.learnt_by == "probing"
-
-
-def measured_delay_s(identified: Identified | None, number: int) -> float:
-    """Measured delay of an axis' set-points in s, from the model file.
-
-    It is 0 without one.
-    """
-    part = None if identified is None or number not in identified.axis else identified.axis[number].ate
-    return 0.0 if part is None else part.set_point_delay_s
+    errors = [identified_axis(identified, number).ate for number in tables]
+    is_probed = all(error is not None and error.learnt_by == "probing" for error in errors)
+    return Cancellation(tuple(axes), tables, period_s, way.get("torque_steps_nm", {}), scales, known, is_probed)
 
 
 def known_lag_s(identified: Identified | None, number: int) -> float:
@@ -255,7 +254,7 @@ def known_lag_s(identified: Identified | None, number: int) -> float:
 
     It is 0 if it is not identified, or not significant.
     """
-    part = None if identified is None or number not in identified.axis else identified.axis[number].plant
+    part = identified_axis(identified, number).plant
     if part is None or part.torque_lag_s < LAG_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
         return 0.0
     return part.torque_lag_s
@@ -273,10 +272,10 @@ def motor_load(bench: Bench, identified: Identified | None, model: Model, number
         number: Axis number.
         most_rad_s2: Largest acceleration of the motor.
     """
-    known = None if identified is None else identified.axis.get(number)
-    if known is None or known.ate is None or known.ate.gear_reaction == 0.0:
+    known, table = identified_axis(identified, number), bench.axis[number]
+    if known.ate is None or known.ate.gear_reaction == 0.0:
         return None
-    table, plant = bench.axis[number], known.plant
+    plant = known.plant
     gravity_nm = None if plant is None else plant.gravity_moment_nm
     most_nm = table.reduction_ratio * table.limits.torque_nm
     if gravity_nm is not None:
@@ -291,42 +290,21 @@ def cancellation_of(
     identified: Identified | None,
     motion: Motion,
     channel: Channel | None = None,
-    *,
-    actuation: Actuation = "reference",
-    with_notch: bool = False,
-    control_periods_s: Mapping[int, float] | None = None,
-    torque_steps_nm: Mapping[int, float] | None = None,
-    delay_s: float = 0.0,
+    **way: Unpack[Way],
 ) -> Cancellation:
     """Make the cancellation of a motion at its pace.
 
-    It uses torque offsets if set-points do not suffice and drives and bus support them.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None for the bench file's own model.
-        motion: Motion of the run.
-        channel: The bus; None if it is not known.
-        actuation: As in `cancellation_for`, like all that follow.
-        with_notch: True if the drives' filters act.
-        control_periods_s: T_c by axis.
-        torque_steps_nm: Resolution of the drives' torque offsets, by axis.
-        delay_s: Delay of the set-points.
+    It uses torque offsets if set-points do not suffice and drives and bus support them; None for a bus that is not known.
 
     Raises:
         NotPossibleError: As `cancellation_for`.
         UnsafeRequestError: As `cancellation_for`.
     """
     paces = {number: pace_of(bench, motion, column) for column, number in enumerate(motion.axes)}
-
-    def made(*, by_torque: bool) -> Cancellation:
-        return cancellation_for(
-            bench, identified, motion.axes, motion.period_s, actuation=actuation, with_notch=with_notch, delay_s=delay_s,
-            control_periods_s=control_periods_s, torque_steps_nm=torque_steps_nm, paces=paces, by_torque=by_torque,
-        )  # fmt: skip
-
+    made = partial(cancellation_for, bench, identified, motion.axes, motion.period_s, paces=paces, **way)
     with_torque = made(by_torque=True)
-    if not with_torque.uses_torque or actuation == "torque" or _takes_torque(bench, motion, channel, with_notch=with_notch):
+    is_asked_for = not with_torque.uses_torque or way.get("actuation") == "torque"
+    if is_asked_for or _takes_torque(bench, motion, channel, with_notch=way.get("with_notch", False)):
         return with_torque
     return made(by_torque=False)
 
@@ -346,22 +324,11 @@ def cancellation_on(
     session: Session,
     identified: Identified | None,
     motion: Motion,
-    *,
-    actuation: Actuation = "reference",
-    with_notch: bool = False,
-    delay_s: float = 0.0,
+    **way: Unpack[Way],
 ) -> Cancellation:
     """Make the cancellation of a motion on a session.
 
     Control periods and scales come from the drives; the limits are checked.
-
-    Args:
-        session: Session that has been brought up.
-        identified: The model file; None for the bench file's own model.
-        motion: Motion of the run.
-        actuation: `reference` for the set-point alone, `torque` with a torque offset.
-        with_notch: True if the drives' filters act.
-        delay_s: Delay of the set-points beyond that of `cancellation_for`.
 
     Raises:
         NotPossibleError: As `cancellation_for`.
@@ -369,17 +336,9 @@ def cancellation_on(
         HilError: A drive does not answer.
     """
     axes = {number: session.axes[number] for number in motion.axes}
-    cancellation = cancellation_of(
-        session.bench,
-        identified,
-        motion,
-        session.network.channel,
-        actuation=actuation,
-        with_notch=with_notch,
-        control_periods_s={number: axis.control_period_s() for number, axis in axes.items()},
-        torque_steps_nm={number: axis.scaling.torque_nm(1) for number, axis in axes.items()},
-        delay_s=delay_s,
-    )
+    way["control_periods_s"] = {number: axis.control_period_s() for number, axis in axes.items()}
+    way["torque_steps_nm"] = {number: axis.scaling.torque_nm(1) for number, axis in axes.items()}
+    cancellation = cancellation_of(session.bench, identified, motion, session.network.channel, **way)
     starts = None if motion.starts_at_home else [axis.position_rad() for axis in axes.values()]
     cancellation.check(session.bench, motion, starts)
     return cancellation
@@ -416,10 +375,9 @@ def treated_model(bench: Bench, identified: Identified | None, number: int) -> M
         identified.check_robot(bench.name)
     if number not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
-    model = (bench if identified is None else with_identified(bench, identified)).axis[number].model
-    known = None if identified is None else identified.axis.get(number)
-    if model is None and known is not None and known.ate is not None:
-        model = model_of_error(bench.axis[number], known.ate)
+    model, error = with_identified(bench, identified).axis[number].model, identified_axis(identified, number).ate
+    if model is None and error is not None:
+        model = model_of_error(bench.axis[number], error)
     return model if model is not None and amplitudes_rad(model.ate) else None
 
 

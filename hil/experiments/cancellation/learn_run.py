@@ -5,10 +5,11 @@ It records passes on the bus, and writes the estimates to the model file.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from hil.bench.bench import Bench
-from hil.bench.model import Identified, IdentifiedAxis, load_identified, update_file
+from hil.bench.model import Identified, identified_axis, load_identified, update_file
 from hil.can.channel import Channel
 from hil.design.inverse import Actuation
 from hil.experiments.ate.motion import Ramps
@@ -113,13 +114,13 @@ def learn_on_bus(
                 actuation=request.actuation,
                 motor_inertia_kg_m2=request.motor_inertias_kg_m2.get(axis),
                 orders=request.orders,
-                keep=_Keeper(measurement, axis),
+                keep=partial(_enter, measurement, axis),
                 reporter=reporter,
             )
             learnt[axis].emulated = measurement.result.emulated
             measurement.result.learnt.append(learnt[axis].entry(request.note, today))
-            taken_over = None if plant is None or identified is None else identified.axis.get(axis, IdentifiedAxis()).plant
-            if taken_over is not None:
+            taken_over = identified_axis(identified, axis).plant
+            if plant is not None and taken_over is not None:
                 update_file(model, bench.name, axis, taken_over)
             identified = _with_plants(learnt[axis].store(model, bench.name, request.note, today), identified)
     return LearningOutcome(measurement.result, measurement.failure, learnt)
@@ -169,30 +170,17 @@ def _with_plants(identified: Identified, plants: Identified | None) -> Identifie
     for number, known in ({} if plants is None else plants.axis).items():
         if known.plant is not None:
             identified = identified.with_part(number, known.plant)
-        if known.ate is not None and identified.axis.get(number, IdentifiedAxis()).ate is None:
+        if known.ate is not None and identified_axis(identified, number).ate is None:
             identified = identified.with_part(number, known.ate)
     return identified
 
 
-class _Keeper:
-    """Keeper of an axis' passes in the result."""
-
-    def __init__(self, measurement: Measurement[LearningResult], axis: int) -> None:
-        self._measurement, self._axis = measurement, axis
-
-    def __call__(self, number: int, result: RunResult, motion: Ramps) -> None:
-        entry = LearningRun(
-            axis=self._axis,
-            number=number,
-            acceleration_rps_s=motion.trajectory.acceleration_rps_s,
-            end_rps=motion.trajectory.end_rps,
-            cycles=result.cycles,
-            missed_cycles=result.missed_cycles,
-            wall_s=round(result.wall_s, 4),
-            recording=self._measurement.keep(result.recording, f"learn-axis{self._axis}-pass{number}"),
-            stopped=None if result.stopped is None else result.stopped.reason,
-        )
-        self._measurement.result.runs.append(entry)
+def _enter(measurement: Measurement[LearningResult], axis: int, number: int, result: RunResult, motion: Ramps) -> None:
+    made, ramp = measurement.made(result, f"learn-axis{axis}-pass{number}"), motion.trajectory
+    entry = LearningRun(
+        axis=axis, number=number, acceleration_rps_s=ramp.acceleration_rps_s, end_rps=ramp.end_rps, **made
+    )  # fmt: skip
+    measurement.result.runs.append(entry)
 
 
 def summary(outcome: LearningOutcome) -> Sequence[str]:

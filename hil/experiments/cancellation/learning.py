@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from hil.bench.bench import AxisTable, Bench
-from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, significant, update_file
+from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, identified_axis, significant, update_file
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Sensing, Sweep
@@ -24,15 +24,14 @@ from hil.design.ate.motion import motion_factor
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
-from hil.experiments.ate.checks import check_factor, check_moved, check_run
+from hil.experiments.ate.checks import check_factor
 from hil.experiments.ate.identify import SEARCHED_PASSES, checked_on_gear, standard_errors
-from hil.experiments.ate.motion import Ramps, ramps
+from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
 from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
 from hil.experiments.ate.orders import OrderWatch
-from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
-from hil.experiments.ate.request import axis_knowledge, modal_arm, searched_delay_s
-from hil.experiments.ate.sweeps import late_words, sweep_of
+from hil.experiments.ate.request import axis_knowledge, modal_arm
+from hil.experiments.ate.sweeps import late_words, run_pass
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, treated_model
 from hil.experiments.cancellation.correction import Correction, OrderValue, error_of
 from hil.experiments.cancellation.pass_judge import PassJudge
@@ -42,7 +41,6 @@ from hil.experiments.cancellation.verification import CancellationRefusedError
 from hil.experiments.cancellation.waves import judged_rows, vibration_m_s2
 from hil.experiments.judge import axis_scale, scale_at, shown_rps
 from hil.experiments.motor_inertia import given_inertia
-from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -102,7 +100,6 @@ class AxisLearning:
         left_out: Orders that are not cancelled, with the verdicts on them.
         notes: Sentences for the engineer.
         correction: What is known of the correction of each order.
-        passed: Orders whose resonance the ramps have passed.
         reaction: Reaction of the gear on its motor; None before the learning begins.
     """
 
@@ -113,7 +110,6 @@ class AxisLearning:
     left_out: dict[float, PartVerdict] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     correction: Correction = field(default_factory=Correction)
-    passed: frozenset[float] = frozenset()
     reaction: ReactionWatch | None = None
 
     @property
@@ -136,7 +132,7 @@ class AxisLearning:
         if number == 1 or (number < FIRST_WHOLE and not self.correction.is_known):
             return True
         is_refused = any(verdict.verdict == "refused" for verdict in verdicts)
-        return is_refused or not self.reached(sweeps, orders, self.estimate) <= self.passed
+        return is_refused or not self.reached(sweeps, orders, self.estimate) <= self.correction.passed
 
     @staticmethod
     def reached(sweeps: Sequence[Sweep], orders: Sequence[float], estimate: JointEstimate) -> frozenset[float]:
@@ -238,7 +234,7 @@ def learn(
     actuation: Actuation = "reference",
     motor_inertia_kg_m2: float | None = None,
     orders: Sequence[float] = ORDERS,
-    keep: PassKeeper = keep_nothing,
+    keep: PassKeeper | None = None,
     reporter: Reporter = SILENT,
 ) -> AxisLearning:
     """Learn the transmission error of one axis by cancelling it.
@@ -263,10 +259,13 @@ def learn(
         HilError: Limits or nodes do not allow a run.
     """
     bench, table = session.bench, _table_of(session.bench, axis, passes)
-    learning = _begun(bench, identified, axis, given_inertia(bench, identified, axis, motor_inertia_kg_m2))
+    inertia_kg_m2, known = given_inertia(bench, identified, axis, motor_inertia_kg_m2), identified_axis(identified, axis)
     ramp, scale = learning_ramp(bench, identified, axis, acceleration_rps_s), axis_scale(bench, axis)
-    watch = OrderWatch(table.reduction_ratio, _sensing(table, identified, axis), ramp)
-    correction, knowledge = learning.correction, axis_knowledge(bench, axis, identified, sensorless=False)
+    knowledge = axis_knowledge(bench, axis, identified, sensorless=False)
+    watch = OrderWatch(table.reduction_ratio, Sensing(table.felt_lever_m(f"learn --axis {axis}"), 0.0, *knowledge.delay_s), ramp)
+    reaction, correction = ReactionWatch.of(axis, knowledge.side, known.ate), Correction.of(known.ate, bench.bus.sync_period_s)
+    correction.torque_shows = reaction.known
+    learning = AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, correction=correction, reaction=reaction)
     judge = PassJudge(bench, identified, axis, correction.known)
     for number in range(1, passes + 1):
         gain = (0.0, SECOND_GAIN)[number - 1] if number < FIRST_WHOLE else 1.0
@@ -275,19 +274,18 @@ def learn(
         words = f"axis {axis} to {ramp.end_rps:.2f} rev/s, {100.0 * gain:g} % of the cancellation{ramp.bound}"
         reporter.step(f"pass {number} of at most {passes}: {words}")
         cancellation = _cancellation(session, identified, learning, motion, actuation)
-        result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
-        recording = _kept(number, result, motion, axis, bench, keep)
-        watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False, sensor=bench.accelerometer.title))
+        adder = None if cancellation is None else cancellation.adder(gain)
+        recording, sweep = run_pass(session, motion, number, keep, adder)
+        watch.sweeps.append(sweep)
         seen = (
             judge.read(recording, motion, tuple(correction.acted), gain, scale) if scale is not None and learning.passes else {}
         )
         verdicts = judge.verdicts(seen, gain)
         begun: set[float] = set()
         if learning.is_to_be_fitted(watch.sweeps, verdicts, orders):
-            estimate = _fitted(watch, table, learning, orders, _known_plant(identified, axis))
+            estimate = _fitted(watch, learning, orders, known.plant)
             estimate = checked_on_gear(watch, estimate, knowledge, passes_left=passes - number)
-            learning.passed = learning.reached(watch.sweeps, orders, estimate)
-            begun = correction.begin(estimate, learning.passed)
+            begun = correction.begin(estimate, learning.reached(watch.sweeps, orders, estimate))
         else:
             check_factor(*motion_factor(watch.sweeps[-1:], table.reduction_ratio, watch.sensing, orders, estimate.arm))
         arm_hz = estimate.arm.resonance_hz
@@ -297,7 +295,7 @@ def learn(
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
         if number >= FIRST_WHOLE:
             left = {k: each for k, each in seen.items() if k not in begun}
-            correction.take(left, learning.passed, arm_hz, _per_reaction(bench, identified, learning, recording, motion))
+            correction.take(left, arm_hz, _per_reaction(bench, identified, learning, recording, motion))
         wanted = significant(learning.part()).amplitudes_arcsec() if learning.passes else {}
         is_last = number == passes or (number >= FIRST_WHOLE and not correction.is_open(verdicts, wanted, arm_hz))
         learning.passes.append(LearntPass(gain, vibration, estimate, correction.set_point_delay_s, learning.values(), verdicts))
@@ -306,30 +304,6 @@ def learn(
             break
         watch.ramp, ramp = ramp, _next_ramp(bench, learning, ramp)
     return replace(learning, notes=[*correction.notes(), *watch.notes(estimate, watch.scan(estimate)), *late_words(watch.sweeps)])
-
-
-def _sensing(table: AxisTable, identified: Identified | None, axis: int) -> Sensing:
-    """Signal of the accelerometer, with the delays that the plant allows."""
-    return Sensing(table.felt_lever_m(f"learn --axis {axis}"), 0.0, *searched_delay_s(_known_plant(identified, axis)))
-
-
-def _known_hz(identified: Identified | None, axis: int) -> float | None:
-    """f_a of an axis' identified plant; None without one."""
-    plant = _known_plant(identified, axis)
-    return None if plant is None else plant.antiresonance_hz
-
-
-def _known_plant(identified: Identified | None, axis: int) -> IdentifiedPlant | None:
-    """An axis' identified plant; None without one."""
-    return None if identified is None or axis not in identified.axis else identified.axis[axis].plant
-
-
-def _begun(bench: Bench, identified: Identified | None, axis: int, inertia_kg_m2: float | None) -> AxisLearning:
-    """Begin a learning with the known values of the axis."""
-    part = None if identified is None or axis not in identified.axis else identified.axis[axis].ate
-    reaction, correction = ReactionWatch.of(bench, identified, axis, part), Correction.of(part, bench.bus.sync_period_s)
-    correction.torque_shows = reaction.known
-    return AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, correction=correction, reaction=reaction)
 
 
 def learning_ramp(bench: Bench, identified: Identified | None, axis: int, acceleration_rps_s: float) -> Ramp:
@@ -345,7 +319,8 @@ def learning_ramp(bench: Bench, identified: Identified | None, axis: int, accele
         NotPossibleError: There is no room for any ramp.
         UnsafeRequestError: The acceleration is beyond its limit.
     """
-    return _ramp(RampLimits.of(bench, axis), acceleration_rps_s, _known_hz(identified, axis))
+    plant = identified_axis(identified, axis).plant
+    return _ramp(RampLimits.of(bench, axis), acceleration_rps_s, None if plant is None else plant.antiresonance_hz)
 
 
 def _ramp(limits: RampLimits, asked_rps_s: float, arm_hz: float | None, end_rps: float = 0.0) -> Ramp:
@@ -378,19 +353,6 @@ def _low_end(end_rps: float, estimate: JointEstimate) -> float:
     return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
 
 
-def _kept(number: int, result: RunResult, motion: Ramps, axis: int, bench: Bench, keep: PassKeeper) -> Recording:
-    """Keep a pass, check it, and return its recording.
-
-    An error that stopped the pass, or missing data, is raised.
-    """
-    keep(number, result, motion)
-    check_moved(motion, result, axis, bench.axis[axis].limits)
-    if result.stopped is not None:
-        raise result.stopped
-    check_run(result, sensorless=False, sensor=bench.accelerometer.title)
-    return result.recording
-
-
 def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> None:
     """Leave out the orders whose cancellation is wrong.
 
@@ -400,7 +362,7 @@ def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> N
         CancellationRefusedError: None is left.
     """
     verdicts = learning.passes[-1].verdicts
-    learning.left_out |= learning.correction.judged(verdicts, learning.passed, is_last=is_last)
+    learning.left_out |= learning.correction.judged(verdicts, is_last=is_last)
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
         raise CancellationRefusedError(f"the result of pass {number - 1} for axis {learning.axis}", verdicts)
 
@@ -419,11 +381,7 @@ def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
 
 
 def _cancellation(
-    session: Session,
-    identified: Identified | None,
-    learning: AxisLearning,
-    motion: Ramps,
-    actuation: Actuation,
+    session: Session, identified: Identified | None, learning: AxisLearning, motion: Ramps, actuation: Actuation
 ) -> Cancellation | None:
     """Cancellation of what has been learnt; None before the first pass."""
     if not learning.passes:
@@ -461,9 +419,7 @@ def _per_reaction(
     return watch.per_error(recording, motion.direction(), loop, correction.acted, learning.estimate.arm.resonance_hz)
 
 
-def _fitted(
-    watch: OrderWatch, table: AxisTable, learning: AxisLearning, orders: Sequence[float], plant: IdentifiedPlant | None
-) -> JointEstimate:
+def _fitted(watch: OrderWatch, learning: AxisLearning, orders: Sequence[float], plant: IdentifiedPlant | None) -> JointEstimate:
     """Fit the transmission error to the passes so far.
 
     For an arm with several modes, those of its plant count beside it.
@@ -474,6 +430,6 @@ def _fitted(
     start = learning.estimate.arm if learning.passes else None if plant is None else modal_arm(plant)
     is_near = len(learning.passes) >= SEARCHED_PASSES
     try:
-        return identify_orders(watch.sweeps, table.reduction_ratio, watch.sensing, start, orders, is_near=is_near)
+        return identify_orders(watch.sweeps, watch.reduction_ratio, watch.sensing, start, orders, is_near=is_near)
     except ValueError as error:
         raise NotPossibleError(f"not learnt: {error}", ("limits",)) from error

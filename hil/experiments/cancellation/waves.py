@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 
 from hil.analysis import BRAKING_S, TipScale, band_passed, line_window_s, motor_speed_rps
 from hil.bench.bench import Bench
-from hil.bench.model import Identified, with_identified
+from hil.bench.model import Identified, identified_axis, with_identified
 from hil.bench.tip import vertical_levers_m
-from hil.control.trajectory import PlanarChain
 from hil.design.ate.model import Arm
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.errors import NotPossibleError
 from hil.experiments.cancellation.effect import AxisWaves, Response
 from hil.master.motion import Motion
 from hil.recording import Recording
-from hil.robot_tables import ORDERS, LineMotion
+from hil.robot_tables import ORDERS
 
 Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -44,14 +43,9 @@ def response_of(bench: Bench, identified: Identified | None, number: int) -> Res
         identified: The model file; None for the bench file's own model.
         number: Axis number.
     """
-    known = None if identified is None else identified.axis.get(number)
-    error = None if known is None else known.ate
+    error = identified_axis(identified, number).ate
     delay_s = 0.0 if error is None else error.accelerometer_delay_s
-    loop = (
-        (bench if identified is None else with_identified(bench, identified))
-        .axis[number]
-        .loop(CONTROL_PERIOD_S, with_notch=False)
-    )
+    loop = with_identified(bench, identified).axis[number].loop(CONTROL_PERIOD_S, with_notch=False)
     if loop is not None:
         return Response(loop, delay_s=delay_s)
     if error is None or error.arm_hz is None or error.damping is None:
@@ -77,7 +71,11 @@ def waves_of(
         motion: Motion that is run.
         recording: One recording of it.
     """
-    levers, made = _levers(bench, motion, recording), []
+    if len(motion.axes) > 1 and bench.arm is not None:
+        levers = vertical_levers_m(bench, recording)
+    else:
+        levers = _levers(bench, motion, np.stack([recording.axis(number, "position_rad") for number in motion.axes], axis=1))
+    made = []
     for column, number in enumerate(motion.axes):
         if number not in responses:
             continue
@@ -103,41 +101,23 @@ def _late(angle_rad: Real, gain_per_s: float, period_s: float) -> Real:
     return np.asarray(scipy.signal.lfilter([blend], [1.0, blend - 1.0], angle_rad))
 
 
-def _levers(bench: Bench, motion: Motion, recording: Recording) -> list[Real]:
-    """Lever of each axis along a recorded motion.
+def planned_levers(bench: Bench, motion: Motion) -> Real:
+    """Lever of each axis along the planned motion of a bench without an arm of links; shape (n, axes)."""
+    levers = _levers(bench, motion, motion.motor_angle_rad)
+    return np.stack([np.broadcast_to(each, len(motion.time_s)) for each in levers], axis=1)
 
-    For a single axis it is the tip's distance, for several axes ∂z/∂q.
+
+def _levers(bench: Bench, motion: Motion, angle_rad: Real) -> list[Real]:
+    """Lever of each axis: the tip's distance, shape (), or along a chain's line ∂z/∂q, shape (n,).
+
+    Motor angles count from the beginning of the line; shape (n, axes).
     """
-    if len(motion.axes) > 1 and bench.arm is not None:
-        return vertical_levers_m(bench, recording)
     if len(motion.axes) == 1 or bench.geometry is None or motion.axes != bench.chain_axes or bench.line_motion is None:
         return [np.asarray(bench.axis[number].tip_lever_m) for number in motion.axes]
-    turned = [recording.axis(number, "position_rad") / bench.axis[number].reduction_ratio for number in motion.axes]
-    return _chain_levers(bench.geometry.chain(), bench.line_motion, np.stack(turned, axis=1))
-
-
-def planned_levers(bench: Bench, motion: Motion) -> Real:
-    """Lever of each axis along a planned motion; shape (n, axes).
-
-    Args:
-        bench: The bench file, without an arm of links.
-        motion: The motion.
-    """
-    angles = motion.motor_angle_rad
-    if len(motion.axes) == 1 or bench.geometry is None or motion.axes != bench.chain_axes or bench.line_motion is None:
-        return np.tile([bench.axis[number].tip_lever_m for number in motion.axes], (len(angles), 1))
-    turned = angles / np.array([bench.axis[number].reduction_ratio for number in motion.axes])
-    return np.stack(_chain_levers(bench.geometry.chain(), bench.line_motion, turned), axis=1)
-
-
-def _chain_levers(chain: PlanarChain, line: LineMotion, turned_rad: Real) -> list[Real]:
-    """Levers ∂z/∂q of each axis of a chain along its line.
-
-    `turned_rad` counts from the beginning of the line; shape (n, axes).
-    """
-    joints, levers = line.line(chain).joints(np.zeros(1))[0] + turned_rad, []
-    for column in range(turned_rad.shape[1]):
-        step = np.zeros(turned_rad.shape[1])
+    chain, turned_rad = bench.geometry.chain(), angle_rad / [bench.axis[number].reduction_ratio for number in motion.axes]
+    joints, levers = bench.line_motion.line(chain).joints(np.zeros(1))[0] + turned_rad, []
+    for column in range(len(motion.axes)):
+        step = np.zeros(len(motion.axes))
         step[column] = LEVER_STEP_RAD
         levers.append((chain.tip(joints + step)[:, 1] - chain.tip(joints - step)[:, 1]) / (2.0 * LEVER_STEP_RAD))
     return levers
@@ -156,19 +136,9 @@ def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
     Raises:
         NotPossibleError: The motion is too slow or too short to show anything.
     """
-    if len(recording.axes) > 1 and bench.line_motion is not None:
-        time, start = recording.time_s, bench.line_motion.dwell_s
-        begin, end = (start + each for each in line_window_s(bench.line_motion.duration_s))
-        return np.asarray((time >= begin) & (time <= end))
     speed = np.abs(motor_speed_rps(recording, recording.axes[0]))
     top = int(np.argmax(speed)) - round(BRAKING_S / recording.period_s)
-    rows = np.asarray((speed >= SLOWEST * f_al_hz) & (np.arange(len(speed)) < top))
-    if np.count_nonzero(rows) * recording.period_s < LEAST_S:
-        raise NotPossibleError(
-            f"the motion excites the arm for {np.count_nonzero(rows) * recording.period_s:.2g} s; at least {LEAST_S:g} s are "
-            "needed to judge a cancellation"
-        )
-    return rows
+    return _of_line(bench, recording, (speed >= SLOWEST * f_al_hz) & (np.arange(len(speed)) < top))
 
 
 def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
@@ -184,20 +154,26 @@ def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
     Raises:
         NotPossibleError: The motion does not pass such a speed.
     """
-    if len(recording.axes) > 1 and bench.line_motion is not None:
-        time, start = recording.time_s, bench.line_motion.dwell_s
-        begin, end = (start + each for each in line_window_s(bench.line_motion.duration_s))
-        return np.asarray((time >= begin) & (time <= end))
     speed = np.abs(motor_speed_rps(recording, recording.axes[0]))
-    rows = np.zeros(len(speed), dtype=np.bool_)
-    for low, high in scale.windows_rps.values():
-        rows |= (speed >= low) & (speed <= high)
-    if np.count_nonzero(rows) * recording.period_s < 0.1:
+    excites = [(speed >= low) & (speed <= high) for low, high in scale.windows_rps.values()]
+    return _of_line(bench, recording, np.any(excites, axis=0))
+
+
+def _of_line(bench: Bench, recording: Recording, of_axis: Rows) -> Rows:
+    """The rows of a line's window, or those of a single axis.
+
+    Raises:
+        NotPossibleError: The latter are too few.
+    """
+    if len(recording.axes) > 1 and bench.line_motion is not None:
+        begin, end = (bench.line_motion.dwell_s + each for each in line_window_s(bench.line_motion.duration_s))
+        return np.asarray((recording.time_s >= begin) & (recording.time_s <= end))
+    excited_s = np.count_nonzero(of_axis) * recording.period_s
+    if excited_s < LEAST_S:
         raise NotPossibleError(
-            f"the motion excites the arm for {np.count_nonzero(rows) * recording.period_s:.2g} s; at least {LEAST_S:g} s are "
-            "needed to judge a cancellation"
+            f"the motion excites the arm for {excited_s:.2g} s; at least {LEAST_S:g} s are needed to judge a cancellation"
         )
-    return rows
+    return of_axis
 
 
 def vibration_m_s2(recording: Recording, rows: Rows, scale: TipScale) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from drive_profiles.standard.shown import measured
 from hil.bench.bench import Bench
-from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedError
+from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedError, identified_axis
 from hil.control.angles import ARCSEC
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.model import Arm
@@ -35,10 +35,7 @@ from hil.experiments.ate.recorded.request import (
 from hil.experiments.ate.recorded.sensed import SensedFiles, sensed_files, without_start
 from hil.recordings.reading import Recorded, read_recording
 from hil.results.base import RESULT_FILE, versions
-from hil.results.recorded_ate import (
-    Form,
-    RecordedAteResult,
-)
+from hil.results.recorded_ate import Form, RecordedAteResult
 from hil.robot_tables import TransmissionErrorTable
 
 PART_TURNS = 1.25
@@ -215,8 +212,7 @@ def _tells_tip(request: RecordedRequest, bench: Bench | None, identified: Identi
     """
     if bench is None or request.axis not in bench.axis or not bench.accelerometer.from_load_encoders:
         return False
-    known = None if identified is None else identified.axis.get(request.axis)
-    return bench.axis[request.axis].model is not None or (known is not None and known.plant is not None)
+    return bench.axis[request.axis].model is not None or identified_axis(identified, request.axis).plant is not None
 
 
 def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joints: bool) -> Form:

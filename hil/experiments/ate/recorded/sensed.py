@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.bench.bench import Bench
-from hil.bench.model import Identified
+from hil.bench.model import Identified, identified_axis
 from hil.design.ate.model import Arm
 from hil.design.recorded.clock import SampledInstants, clock_of
 from hil.design.recorded.fit import AngleSection
@@ -48,13 +48,9 @@ class SensedFiles:
     prior: ArmPrior
     source: str
 
-    def rows(self, found: Sequence[tuple[int, MotionStretch]]) -> list[tuple[ThroughArm, slice]]:
-        """Stretches as rows of their recordings."""
-        return [(self.through[number], stretch.rows) for number, stretch in found]
-
     def refine(self, found: Sequence[tuple[int, MotionStretch]], orders: Sequence[float]) -> RefinedArm:
         """Refine the arm on some stretches."""
-        return refined_arm(self.rows(found), orders, self.prior)
+        return refined_arm([(self.through[number], stretch.rows) for number, stretch in found], orders, self.prior)
 
     def section(self, recorded: Recorded, stretch: MotionStretch, arm: Arm) -> AngleSection:
         """Section of a stretch for the fit with an arm."""
@@ -88,7 +84,7 @@ def sensed_files(
     is_torque = form == "motor torque"
     knowledge = axis_knowledge(bench, request.axis, identified, sensorless=is_torque)
     table = bench.axis[request.axis]
-    prior, source = _prior(bench, request.axis, identified, is_torque=is_torque)
+    prior, source = _prior(bench, request.axis, identified, knowledge.start, is_torque=is_torque)
     given = request.said.reduction_ratio
     if given is not None and not math.isclose(given, table.reduction_ratio, rel_tol=1e-6):
         raise ContradictedError(
@@ -124,23 +120,17 @@ def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | No
     return replace(each, rows=slice(start, each.rows.stop), turns=turns, from_s=float(recorded.time_s[start]))
 
 
-def _prior(bench: Bench, axis: int, identified: Identified | None, *, is_torque: bool) -> tuple[ArmPrior, str]:
+def _prior(bench: Bench, axis: int, identified: Identified | None, start: Arm | None, *, is_torque: bool) -> tuple[ArmPrior, str]:
     """Arm and delay from the model file, else the bench file."""
-    part = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
-    knowledge = axis_knowledge(bench, axis, identified, sensorless=is_torque)
-    if part is not None and knowledge.start is not None:
+    part = identified_axis(identified, axis).plant
+    if part is not None and start is not None:
         errors = part.standard_error
         resonance = errors.get("antiresonance_hz", 0.0) / part.antiresonance_hz
         damping = errors.get("damping", 0.0) / part.damping
         delay = part.torque_lag_s if is_torque else part.accelerometer_delay_s
-        arm = replace(knowledge.start, delay_s=delay or 0.0)
-        found = ArmPrior(
-            arm,
-            max(resonance, LEAST_RESONANCE_FRACTION),
-            max(damping, LEAST_DAMPING_FRACTION),
-            DELAY_ERROR_S if delay is None else 0.5 * DELAY_ERROR_S,
-        )
-        return found, "the model file"
+        least = max(resonance, LEAST_RESONANCE_FRACTION), max(damping, LEAST_DAMPING_FRACTION)
+        error_s = DELAY_ERROR_S if delay is None else 0.5 * DELAY_ERROR_S
+        return ArmPrior(replace(start, delay_s=delay or 0.0), *least, error_s), "the model file"
     model = bench.axis[axis].model
     if model is None:
         raise ContradictedError(

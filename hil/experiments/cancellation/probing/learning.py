@@ -33,7 +33,7 @@ from hil.experiments.cancellation.probing.motion import (
 )
 from hil.experiments.cancellation.probing.pace import KnownSettings, at_pace, learn_at_pace
 from hil.experiments.cancellation.probing.reaction import shown_reactions
-from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper, keep_no_run
+from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper
 from hil.experiments.cancellation.probing.runs import Runs
 from hil.experiments.judge import axis_scale, line_scale, missing_words
 from hil.experiments.motor_inertia import given_inertia
@@ -89,7 +89,7 @@ def learn_on_motion(
     probe_arcsec: float | None = None,
     inertias_kg_m2: Mapping[int, float] | None = None,
     pace: float | None = None,
-    keep: MotionRunKeeper = keep_no_run,
+    keep: MotionRunKeeper | None = None,
     read: Callable[[MotionLearning], None] | None = None,
     reporter: Reporter = SILENT,
 ) -> MotionLearning:
@@ -168,7 +168,7 @@ def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) 
     Raises:
         NotPossibleError: Neither is known.
     """
-    known = bench if identified is None else with_identified(bench, identified)
+    known = with_identified(bench, identified)
     scale = line_scale(known) if axis is None else axis_scale(known, axis)
     if scale is None:
         asked = bench.chain_axes if axis is None else (axis,)

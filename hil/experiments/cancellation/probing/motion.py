@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hil.analysis import TipScale, band_passed
 from hil.bench.bench import Bench
-from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError
+from hil.bench.model import Identified, IdentifiedError, identified_axis
 from hil.design.probing import Effects, ProbedStep
 from hil.experiments.cancellation.effect import Part, sight
 from hil.experiments.cancellation.waves import response_of, seen_rows, waves_of
@@ -194,7 +194,7 @@ def with_values(
     """
     for number in motion.axes:
         own = {part.order: value for part, value in values.items() if part.axis == number and value != 0.0}
-        before = known.axis.get(number, IdentifiedAxis()).ate
+        before = identified_axis(known, number).ate
         reaction = GearReaction() if before is None else GearReaction(before.gear_reaction, before.motor_friction_nm)
         reaction = (reactions or {}).get(number, reaction)
         error = IdentifiedError(

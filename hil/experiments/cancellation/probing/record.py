@@ -3,9 +3,9 @@
 It has the runs, and the outcome of each order.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from hil.recording import Recording
 
 Real = NDArray[np.float64]
 RunKind = Literal["base", "probe", "applied"]
+MotionRunKeeper = Callable[[int, RunKind, RunResult], object]
+"""What keeps a run, counted from 1; it may have been stopped."""
 
 
 @dataclass(frozen=True)
@@ -50,17 +52,6 @@ class MotionRun:
     def rms_mm(self) -> float:
         """Root mean square of the displacement."""
         return peak_and_rms(self.moved_mm)[1]
-
-
-class MotionRunKeeper(Protocol):
-    """Keeper of the runs of a motion."""
-
-    def __call__(self, number: int, kind: RunKind, result: RunResult) -> None:
-        """Keep a run, counted from 1; it may have been stopped."""
-
-
-def keep_no_run(number: int, kind: RunKind, result: RunResult) -> None:
-    """Keep nothing, for callers that need the learnt values only."""
 
 
 @dataclass

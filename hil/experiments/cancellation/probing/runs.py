@@ -53,7 +53,7 @@ class Runs:
     """
 
     def __init__(
-        self, session: Session, learning: MotionLearning, known: Identified, keep: MotionRunKeeper, reporter: Reporter
+        self, session: Session, learning: MotionLearning, known: Identified, keep: MotionRunKeeper | None, reporter: Reporter
     ) -> None:
         self._session, self.learning, self._known = session, learning, known
         self._keep, self._reporter = keep, reporter
@@ -156,7 +156,8 @@ class Runs:
         session.check_interrupt()
         adder = None if cancellation is None else cancellation.adder()
         result = session.run(learning.motion, "none", "drive", adder, shows_filter=False)
-        self._keep(len(learning.all_runs) + 1, kind, result)
+        if self._keep is not None:
+            self._keep(len(learning.all_runs) + 1, kind, result)
         if result.stopped is not None:
             raise result.stopped
         check_run(result, sensorless=False, sensor=session.bench.accelerometer.title)
