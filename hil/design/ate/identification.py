@@ -217,12 +217,7 @@ def identify_one_way(
 
     One direction cannot tell φ_k from the sensor's delay, which is taken to be known.
 
-    Args:
-        sweep: Recording of the ramp.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal.
-        start: Arm near the true one, with the delay.
-        orders: Orders k of the error.
+    `start` is an arm near the true one, with the delay.
 
     Raises:
         ValueError: The ramp is too short, or shapes differ.
@@ -306,12 +301,7 @@ def with_arm(
 ) -> JointEstimate:
     """Replace the arm of an estimate, with the delay, A_k and φ_k that suit it best.
 
-    Args:
-        estimate: The estimate; its standard errors stay.
-        sweeps: Its recordings.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal.
-        arm: The arm; its delay is searched.
+    The standard errors stay; the delay of the arm is searched.
     """
     model = _model_around(sweeps, reduction_ratio, sensing, estimate.orders, arm.resonance_hz)
     delays = np.linspace(sensing.delay_from_s, sensing.delay_to_s, FINE_DELAYS)
@@ -370,10 +360,6 @@ def missed(components: Real, misses: Real) -> Real:
     """Covariance of A_k cos φ_k and A_k sin φ_k by the missed part of the vibration.
 
     As a variance of the residual it averages out over a ramp; an error of the model need not.
-
-    Args:
-        components: A_k cos φ_k and A_k sin φ_k of n orders; shape (2 n,).
-        misses: The missed part of the vibration of each order; shape (n,).
     """
     square = np.zeros((len(components),) * 2)
     for row, miss in zip(range(0, len(components), 2), misses.tolist(), strict=True):

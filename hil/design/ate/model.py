@@ -418,13 +418,6 @@ def modelled(sweep: Sweep, reduction_ratio: float, sensing: Sensing, arm: Arm, e
     """Predict the signal of a whole recording; shape (n,).
 
     Gravity's part is left out.
-
-    Args:
-        sweep: The recording; its signal is not used.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal.
-        arm: Arm with ω, ζ and Δ.
-        error: Transmission error with A_k and φ_k.
     """
     angle, period_s = np.asarray(sweep.motor_angle_rad, dtype=np.float64), sweep.period_s
     waves = np.stack([angle / reduction_ratio + shown_error(error, angle, period_s), angle])

@@ -126,9 +126,6 @@ class Reaction:
         """Posterior probability that the gear reacts on its motor.
 
         r is that of a gear almost without losses if it does, and 0 if it does not.
-
-        Args:
-            before: Prior probability.
         """
 
         def log_density(mean: float, sigma: float) -> float:
@@ -141,9 +138,6 @@ class Reaction:
         """Posterior mean of r with its standard deviation.
 
         A value that is that of no gear says nothing of one: the prior stays.
-
-        Args:
-            before: Prior probability that the gear reacts.
         """
         if self.is_neither:
             return Reaction(before, math.sqrt(before * (1.0 - before)))
@@ -178,10 +172,7 @@ def gear_reaction(motions: Sequence[Turning], known: MotorSide, error: Transmiss
 
     Returns None if no motion turns slowly enough to show it.
 
-    Args:
-        motions: Motions without a cancellation.
-        known: Motor and arm.
-        error: Amplitudes in arcsec and phases in degrees, by order.
+    The motions are without a cancellation.
     """
     orders = tuple(order for order, size in error.amplitude_arcsec.items() if size > 0.0)
     if not orders:

@@ -132,12 +132,7 @@ def identify_on(
 ) -> Identification:
     """Run passes until the goal is met or none is left.
 
-    Args:
-        session: Session that has been brought up.
-        request: Axis, passes and goal.
-        knowledge: Knowledge of the axis.
-        keep: Keeper of every pass, the stopped one included, before it is checked.
-        reporter: Listener of each pass.
+    Every pass is kept before it is checked, the stopped one included.
 
     Raises:
         AteNotIdentifiedError: The runs do not identify it; with the number that is wrong and the number needed.
@@ -211,13 +206,7 @@ def estimate_of(
 ) -> JointEstimate:
     """Estimate the transmission error from all passes so far.
 
-    Args:
-        sweeps: The passes.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal.
-        knowledge: Knowledge of the axis.
-        before: Arm of the estimate from all passes but the last; None for the first pass.
-        orders: Orders that are fitted.
+    `before` is the arm of the estimate from all passes but the last; None for the first pass.
 
     Raises:
         ValueError: The passes do not carry a fit.
@@ -229,12 +218,6 @@ def estimate_of(
 
 def checked_on_gear(watch: OrderWatch, estimate: JointEstimate, knowledge: AxisKnowledge, *, passes_left: int) -> JointEstimate:
     """Check an estimate from all passes, on its gear if its linear arm does not explain them.
-
-    Args:
-        watch: The passes.
-        estimate: Estimate from them, with a linear arm.
-        knowledge: Knowledge of the axis.
-        passes_left: Passes that may follow.
 
     Raises:
         AteNotIdentifiedError: Neither explains the passes.
@@ -264,13 +247,6 @@ def simulated(
     The fit starts from the linear arm; if no gear near it explains the vibration well, it starts from the identified plant, and
     the gear that misses less is taken. The motor tells a soft gear's f_a and ζ where the vibration is so far from a linear arm's
     that its fit takes another arm for true.
-
-    Args:
-        estimate: Estimate from all passes, with a linear arm.
-        sweeps: The passes.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal: that of an accelerometer.
-        knowledge: Knowledge of the axis.
     """
     weight = weight_of(sweeps, reduction_ratio, knowledge.arm_inertia)
     found = on_its_gear(estimate, sweeps, reduction_ratio, sensing, weight)
@@ -425,10 +401,7 @@ def delay_of(estimate: JointEstimate, gear_fraction_error: float, plant_damping:
     no spring rings at another frequency at each instant of a ramp, which looks like damping and leads by nothing: what the fit
     has of ζ beyond the plant's is loss in part and blur in part, and any part is as likely as any other.
 
-    Args:
-        estimate: The estimate.
-        gear_fraction_error: Standard error of ζ_g/ζ.
-        plant_damping: ζ of the identified plant; None if it is not known.
+    `gear_fraction_error` is the standard error of ζ_g/ζ, `plant_damping` the ζ of the identified plant; None if it is not known.
     """
     if DELAY_KEY in estimate.of_gear:
         return estimate.of_gear[DELAY_KEY]
@@ -467,12 +440,7 @@ def as_part(
 
     An order that is not seen has the amplitude 0 in it.
 
-    Args:
-        estimate: The estimate.
-        request: What was asked for.
-        note: A note.
-        knowledge: Knowledge of the axis.
-        reaction: Reaction of the gear on its motor; the entry has its posterior mean.
+    The entry has the posterior mean of the reaction.
     """
     plant = knowledge.start or estimate.arm
     delay = delay_of(estimate, knowledge.gear_fraction_error, plant.damping)

@@ -64,11 +64,7 @@ def ramps(bench: Bench, start_rev: float, ramp: Ramp, centre_rev: float | None =
 
     On an arm it ends where it began, so that the next one, and those of other axes, find it in the same posture.
 
-    Args:
-        bench: The bench.
-        start_rev: Present position of the motor, rev.
-        ramp: The ramp, with its axis.
-        centre_rev: Centre of the ramp; None for the present position.
+    The centre is the present position unless it is given.
     """
     axis, travel, braking = ramp.limits.axis, ramp.travel_rev, ramp.limits.braking_rps_s
     limits, period_s = bench.axis[axis].limits, bench.bus.sync_period_s

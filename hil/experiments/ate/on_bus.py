@@ -66,18 +66,12 @@ def identify_ate(
     )
 
     def empty(described: MeasuredBench) -> AteResult:
-        return AteResult(
-            bench=described,
-            axis=request.axis,
-            sensorless=request.sensorless,
-            known_before=KnownArm(
-                source=knowledge.source,
-                start=knowledge.start,
-                resonance_error_hz=knowledge.resonance_error_hz,
-                damping_error=knowledge.damping_error,
-            ),
-            sensing=sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
-        )
+        before = KnownArm(
+            source=knowledge.source, start=knowledge.start, resonance_error_hz=knowledge.resonance_error_hz,
+            damping_error=knowledge.damping_error,
+        )  # fmt: skip
+        sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
+        return AteResult(bench=described, axis=request.axis, sensorless=request.sensorless, known_before=before, sensing=sensing)
 
     def keep(number: int, result: RunResult, motion: Ramps) -> None:
         measurement.result.passes.append(
@@ -108,22 +102,15 @@ def _enter(result: AteResult, identification: Identification, part: IdentifiedEr
     """Enter an identification into a result."""
     estimate = identification.estimate
     result.ate = part
+    arm, scan = estimate.arm, identification.scan
     result.fit = AteFit(
-        delay_s=estimate.arm.delay_s,
-        delay_error_s=part.standard_error.get("accelerometer_delay_s", estimate.arm_error.delay_s),
-        gear_fraction=estimate.arm.gear_fraction,
-        residual=estimate.residual,
-        explained=estimate.explained,
-        explained_by_error=estimate.explained_by_error,
-        motion_scale=estimate.motion_scale,
-        motion_scale_error=estimate.motion_scale_error,
-        miss=estimate.miss,
-        arm_hz=estimate.arm.resonance_hz,
-        arm_damping=estimate.arm.damping,
-        band_hz=estimate.band_hz,
+        delay_s=arm.delay_s, delay_error_s=part.standard_error.get("accelerometer_delay_s", estimate.arm_error.delay_s),
+        gear_fraction=arm.gear_fraction, arm_hz=arm.resonance_hz, arm_damping=arm.damping, band_hz=estimate.band_hz,
+        residual=estimate.residual, explained=estimate.explained, explained_by_error=estimate.explained_by_error,
+        motion_scale=estimate.motion_scale, motion_scale_error=estimate.motion_scale_error, miss=estimate.miss,
         agreement=tuple(estimate.agreement),
-        carried=None if identification.scan is None else {f"{k:g}": part for k, part in identification.scan.fractions.items()},
-    )
+        carried=None if scan is None else {f"{k:g}": fraction for k, fraction in scan.fractions.items()},
+    )  # fmt: skip
     result.history = tuple(AteStandardErrors(standard_error=standard_errors(each.estimate)) for each in identification.passes)
     result.is_within_goal = identification.is_good
     result.notes = tuple(identification.notes)

@@ -89,13 +89,7 @@ def identify_orders(
     An order whose resonance no ramp passes, and whose amplitude is below `SIGNIFICANT_SIGMAS` standard errors, is fitted once,
     for its amplitude and errors, and left out of the fit that gives everything else.
 
-    Args:
-        sweeps: Recordings with at least one ramp in each direction.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal in the recordings.
-        start: An arm to start from; it may be wrong.
-        orders: Orders k that are asked for.
-        is_near: True for a start from an estimate of most of these recordings.
+    `start` is an arm to start from, which may be wrong; `is_near` says that it is of an estimate of most of these recordings.
 
     Raises:
         ValueError: As `identify`.
@@ -143,12 +137,6 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
     order in its frequency, damping and delay: a gear that is softer for small vibrations is not another order. What stands out
     of it is fitted together with the others, and is seen where that fit is much better. An order that has most of the vibration
     leads the fit of the others astray, arm and all: where they explain little, each whole order is tried beside them.
-
-    Args:
-        sweeps: Recordings of the estimate.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal in the recordings.
-        estimate: The estimate.
     """
     scan, seen = _Scan(sweeps, reduction_ratio, sensing), list[SeenOrder]()
     if estimate.explained_by_error < LITTLE_EXPLAINED:

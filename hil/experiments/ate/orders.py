@@ -56,12 +56,7 @@ class OrderWatch:
 
 
 def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
-    """Sentences on orders that are seen and not in the set.
-
-    Args:
-        seen: The orders.
-        orders: The set.
-    """
+    """Sentences on orders that are seen and not in the set."""
     if not seen:
         return []
     names = ",".join(f"{order:g}" for order in sorted({*orders, *(each.order for each in seen)}))
@@ -76,12 +71,6 @@ def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, pas
     """Check an estimate; a failure names the unrequested orders seen.
 
     See `check_estimate`.
-
-    Args:
-        watch: The passes.
-        estimate: Estimate from them.
-        sensorless: True if it is of the motor torque.
-        passes_left: Number of passes that may follow.
 
     Raises:
         AteNotIdentifiedError: One of the checks fails.

@@ -156,12 +156,6 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
 
     The bench file's own model serves the sensorless variant only.
 
-    Args:
-        bench: The bench file.
-        axis: Axis number.
-        identified: The model file; None without one.
-        sensorless: True for an identification by motor torque and encoder alone.
-
     Raises:
         NotPossibleError: The bench has no such axis, the model file is another robot's, or a plant is needed and there is none.
     """
@@ -241,9 +235,6 @@ def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
     A delay of half a period of the resonance less, with φ_k turned by 180°, explains the arm's ringing nearly as well: what tells
     both apart is its envelope and the motor's own motion. The plant's excitation has many frequencies: there the delay
     is a slope of the phase.
-
-    Args:
-        plant: The plant; None without one.
     """
     delay_s = None if plant is None else plant.accelerometer_delay_s
     if plant is None or delay_s is None:
@@ -269,12 +260,6 @@ def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless:
     """Choose the signal that is fitted.
 
     It is the tip acceleration, or the motor torque without an accelerometer.
-
-    Args:
-        bench: The bench file.
-        axis: Axis number.
-        knowledge: Knowledge of the axis.
-        sensorless: True for the motor torque.
 
     Raises:
         NotPossibleError: The motor torque needs a plant, and none is known; or the axis does not move the accelerometer.

@@ -32,13 +32,8 @@ def run_pass(
 ) -> tuple[Recording, Sweep]:
     """Run a pass, keep it, check it, and return its recording, also as input of the fit.
 
-    Args:
-        session: Session that has been brought up.
-        motion: Ramps of the pass.
-        number: Number of the pass, from 1.
-        keep: Keeper of the pass, also of a stopped one.
-        adder: Adder of a cancellation.
-        sensorless: True to fit the motor torque instead of the tip acceleration.
+    The pass is kept, a stopped one too, before it is checked. `sensorless` takes the motor torque instead of the tip's
+    acceleration.
 
     Raises:
         AteNotIdentifiedError: The motor did not move, the pass is incomplete, or the sensor is dead or saturated.
@@ -71,12 +66,7 @@ def _sweep_of(motion: Ramps, recording: Recording, axis: int, sensor: str, *, se
 def sweep_on_time(recording: Recording, axis: int, signal: Real, direction: Signs, torque_nm: Real | None = None) -> Sweep:
     """Input of the fit; late motor angles are moved back in time.
 
-    Args:
-        recording: Recording of the pass.
-        axis: Axis number.
-        signal: The signal of the tip or the motor; shape (n,).
-        direction: Direction of the ramp at each sample; shape (n,).
-        torque_nm: Torque of the motor beside a tip acceleration; None without.
+    The torque is that of the motor beside a tip acceleration.
     """
     angle = recording.axis(axis, "position_rad")
     found = on_time(angle, recording.period_s, resolution_rad(angle), max(ORDERS))

@@ -61,11 +61,6 @@ class CancellationAdder:
 
         They follow from the measured angles and torques of the last cycle.
 
-        Args:
-            references_rad: Not used: the cancellation follows the measured angles.
-            positions_rad: Measured motor angles, in the order of the axes.
-            torques_nm: Measured motor torques.
-
         Returns:
             Additions to the references in rad at the motor, and torque offsets in N·m.
         """
@@ -124,9 +119,7 @@ class Cancellation:
     def adder(self, gain: float = 1.0, only: int | None = None) -> CancellationAdder:
         """Adder for one run.
 
-        Args:
-            gain: Fraction of the cancellation, 0 to 1.
-            only: The only axis to which anything is added; None for all.
+        It has a fraction of the cancellation, 0 to 1, and adds to all axes or to one only.
         """
         wanted = [self.tables[n].scaled(gain) if n in self.tables and only in {None, n} else None for n in self.axes]
         steps = [self.torque_steps_nm.get(number, 0.0) for number in self.axes]
@@ -186,14 +179,12 @@ class Way(TypedDict, total=False):
         with_notch: True if the drives' filters act.
         control_periods_s: T_c by axis; 250 µs where it is not given.
         torque_steps_nm: Resolution of the drives' torque offsets, by axis.
-        delay_s: Delay of the set-points beyond the SYNC period, the interpolation, and the model file's delay.
     """
 
     actuation: Actuation
     with_notch: bool
     control_periods_s: Mapping[int, float]
     torque_steps_nm: Mapping[int, float]
-    delay_s: float
 
 
 def cancellation_for(
@@ -233,7 +224,7 @@ def cancellation_for(
         if model is None:
             continue
         error = identified_axis(identified, number).ate
-        late_s = way.get("delay_s", 0.0) + (0.0 if error is None else error.set_point_delay_s)
+        late_s = 0.0 if error is None else error.set_point_delay_s
         timing = CyclicTiming(period_s, way.get("control_periods_s", {}).get(number) or CONTROL_PERIOD_S, late_s)
         pace = (paces or {}).get(number, Pace())
         tables[number], scales[number] = table_of(
@@ -264,13 +255,6 @@ def motor_load(bench: Bench, identified: Identified | None, model: Model, number
     """Parameters of the gear torque that reacts on a motor, or None.
 
     With them the gear torque follows from the motor's torque; None if no reaction is known.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None without one.
-        model: Model of the axis.
-        number: Axis number.
-        most_rad_s2: Largest acceleration of the motor.
     """
     known, table = identified_axis(identified, number), bench.axis[number]
     if known.ate is None or known.ate.gear_reaction == 0.0:
@@ -350,11 +334,6 @@ def cancelled_orders(
     """Orders of a cancellation by set-points, with their model's values.
 
     The result is empty without a cancellation.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None for the bench file's own model.
-        cancellation: The cancellation made from the model.
     """
     found = []
     for part in () if cancellation is None else cancellation.parts:

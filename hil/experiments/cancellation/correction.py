@@ -169,9 +169,7 @@ class Correction:
         A fit that contradicts what was known holds, with their difference for its standard error. An order of which a pass has
         already shown the rest keeps its prior.
 
-        Args:
-            estimate: Fit of the passes so far.
-            passed: Orders whose resonance their ramps pass.
+        `passed` are the orders whose resonance the ramps pass.
 
         Returns:
             Orders that have begun so: what the last pass left of them is in the fit.
@@ -271,9 +269,6 @@ class Correction:
         """Correlation of the errors of some values, of the delay and of the reaction.
 
         Those of newly learnt values are the posterior's; kept values have theirs from before.
-
-        Args:
-            values: Values by order, as `values` has them.
         """
         found = self._posterior
         if not found.names:
@@ -349,10 +344,7 @@ class Correction:
 
         Where it contradicts the prior of an order, that is as uncertain as the contradiction is large.
 
-        Args:
-            seen: What is left of each order, by direction.
-            resonance_hz: Frequency at which the arm rings.
-            per_reaction: q_k/z_k by order and direction; None if it is not known.
+        `per_reaction` is q_k/z_k by order and direction.
         """
         made = self.acted_delay_s, self.acted_reaction
         for order, sights in seen.items():
@@ -434,9 +426,6 @@ class Correction:
         """Expected fraction of the vibration that the last correction leaves.
 
         √(Σ (E|z_k − c_k e^{−jω(δ − δ_c)}|² + |q_k (r − r_c)|²) / Σ|c_k|²) over the orders whose resonance is passed.
-
-        Args:
-            resonance_hz: Frequency at which the arm rings.
         """
         values = self.values()
         omega, late_s = 2.0 * math.pi * resonance_hz, self.set_point_delay_s - self.acted_delay_s
@@ -454,10 +443,7 @@ class Correction:
     def is_open(self, verdicts: Sequence[PartVerdict], wanted: Collection[float], resonance_hz: float) -> bool:
         """True if another pass with the whole correction is worth its time.
 
-        Args:
-            verdicts: Verdicts on the orders of the last one.
-            wanted: Orders that are to be cancelled.
-            resonance_hz: Frequency at which the arm rings.
+        `wanted` are the orders that are to be cancelled.
         """
         is_undecided = any(
             each.verdict == "refused" or (each.verdict == "not judged" and self._is_new(each.part.order)) for each in verdicts

@@ -22,7 +22,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.design.ate.model import Arm
+from hil.design.ate.model import Arm, levelled
 from hil.design.frequency import Loop
 from hil.design.transmission_error import acceleration_spectrum, shown_fraction, shown_waves
 from hil.recording import Recording
@@ -37,8 +37,6 @@ RING_DOWN_S = 3.0
 """Time by which a transform is longer than its recording, so that its end does not ring into its beginning."""
 LEAST_COLUMN, RIDGE = 1e-30, 1e-10
 """Numbers that keep an inverse finite; a column of less is none."""
-EDGE_ROWS = 16
-"""Rows at either end of a recording whose mean is taken for the level there."""
 LEAST_NOISE_M_S2 = 1e-5
 """Noise that every accelerometer has: no verdict rests on less."""
 LEAK = 0.01
@@ -223,7 +221,7 @@ class _Spectra:
         self.frequency = scipy.fft.rfftfreq(self._length, period)
         self._weight = _weight(self.frequency, period, band_hz)
         self.independent = float(np.mean(self._weight**2))
-        self.signal = self._samples(self._weight * scipy.fft.rfft(_level(recording.felt_m_s2), self._length))
+        self.signal = self._samples(self._weight * scipy.fft.rfft(levelled(recording.felt_m_s2), self._length))
         self._waves: dict[int, Complex] = {}
         for axis in axes:
             angle = recording.axis(axis.number, "position_rad")
@@ -272,23 +270,11 @@ def acceleration_of(
     """Acceleration in a band of the angle that samples cause.
 
     Shape of `values`.
-
-    Args:
-        values: Samples, of a torque for example; shape (n,).
-        period_s: Their period.
-        band_hz: Band of the vibration.
-        angle_per_value: Response of the angle to them at frequencies in Hz.
     """
     length = int(scipy.fft.next_fast_len(len(values) + round(RING_DOWN_S / period_s), real=True))
     frequency, spectrum = acceleration_spectrum(values, period_s, length)
     made = scipy.fft.irfft(spectrum * _weight(frequency, period_s, band_hz) * angle_per_value(frequency), length)
     return np.asarray(made[: len(values)])
-
-
-def _level(values: Real) -> Real:
-    """Subtract the straight line from beginning to end: gravity's part."""
-    few = min(EDGE_ROWS, len(values))
-    return np.asarray(values - np.linspace(float(np.mean(values[:few])), float(np.mean(values[-few:])), len(values)))
 
 
 def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
@@ -308,12 +294,6 @@ def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: 
     """Read the complex amplitudes of all orders from one recording.
 
     The orders are those of all axes.
-
-    Args:
-        recording: The recording.
-        axes: Axes whose orders are read, all at once.
-        rows: Rows that count; shape (n,).
-        band_hz: Band of the vibration.
     """
     spectra = _Spectra(recording, axes, rows, band_hz)
     columns = [spectra.columns(axis, axis.response) for axis in axes]
@@ -343,12 +323,6 @@ def refined(
 
     Each recording has amplitudes of its own, so a cancellation in it, right or wrong, does not matter. What is known of a
     model (`LIKELY`) counts as much as the noise allows.
-
-    Args:
-        recordings: Recordings that show the vibration.
-        axes: Axes as the model has them.
-        rows: Rows that count in each of the recordings.
-        band_hz: Band of the vibration.
     """
     spectra = [_Spectra(recording, axes, each, band_hz) for recording, each in zip(recordings, rows, strict=True)]
     found = list(axes)

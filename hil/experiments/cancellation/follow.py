@@ -75,8 +75,7 @@ class FollowingSetUp:
     def beginning(self, parts: BeginParts) -> "FollowingSetUp":
         """Copy of the set-up with the part at which each order begins.
 
-        Args:
-            parts: The parts, by axis and order; 0 for what is not named.
+        It is 0 for what is not named.
         """
         orders = tuple(
             tuple(each._replace(begin_part=parts.get((number, each.order), 0.0)) for each in own)
@@ -125,11 +124,6 @@ class FollowingAdder:
         """Compute the additions of the next cycle.
 
         They follow from the measured angles and torques of the last cycle, and from the tip's acceleration.
-
-        Args:
-            references_rad: Motor angles of the motion in the next cycle.
-            positions_rad: Measured motor angles, in the order of the axes.
-            torques_nm: Measured motor torques.
 
         Returns:
             Additions to the references in rad at the motor, and torque offsets in N·m.
@@ -212,11 +206,7 @@ class FollowingAdder:
 def following_of(bench: Bench, identified: Identified | None, cancellation: Cancellation, motion: Motion) -> FollowingSetUp:
     """Make the set-up of a cancellation that follows on a motion.
 
-    Args:
-        bench: The bench file.
-        identified: The model file; None for the bench file's own model.
-        cancellation: The cancellation, of what has passed its trial.
-        motion: The motion.
+    The cancellation is that of what has passed its trial.
 
     Raises:
         NotPossibleError: The links of an arm move the tip, the arm of an axis is not known, or several axes move and only

@@ -78,11 +78,7 @@ def try_following(
 
     Returns the entry, and the part of each order from which it is to follow.
 
-    Args:
-        bench: The bench file.
-        scale: Scale of the axes that move.
-        run: Runs the motion, following, or with the cancellation alone while the observer listens.
-        reporter: Listener of each run.
+    A run that does not follow has the cancellation alone, while the observer listens.
 
     Raises:
         NotPossibleError: The motion does not excite the arm.

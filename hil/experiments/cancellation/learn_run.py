@@ -143,10 +143,7 @@ def _demands(bench: Bench, request: LearnRequest, identified: Identified | None)
 def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | None:
     """Load the model file, with the plants of another file.
 
-    Args:
-        bench: The bench file.
-        model: The model file, which need not exist.
-        plant: Model file with the plants; None without one.
+    The former need not exist.
 
     Raises:
         FileError: A file is not a model file.

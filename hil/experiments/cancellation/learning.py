@@ -122,11 +122,6 @@ class AxisLearning:
 
         They are while the whole cancellation has not acted and an order is not known, if a value was refused, and if an order's
         resonance is reached for the first time.
-
-        Args:
-            sweeps: Passes so far.
-            verdicts: Verdicts on the orders of the last one.
-            orders: Orders that are learnt.
         """
         number = len(self.passes) + 1
         if number == 1 or (number < FIRST_WHOLE and not self.correction.is_known):
@@ -159,9 +154,7 @@ class AxisLearning:
     def part(self, note: str = "", on: datetime.date | None = None) -> IdentifiedError:
         """Entry of the model file.
 
-        Args:
-            note: Load, temperature: a note of the engineer.
-            on: Date of the passes; today's unless it is given.
+        The note is of load or temperature; the date is today's unless it is given.
         """
         estimate, values = self.estimate, self.values()
         errors, cancelled = standard_errors(estimate), error_of(values)
@@ -199,11 +192,7 @@ class AxisLearning:
     def store(self, path: Path, robot: str, note: str = "", on: datetime.date | None = None) -> Identified:
         """Write the transmission error into the model file.
 
-        Args:
-            path: The model file; made where it is missing.
-            robot: Name of the bench.
-            note: Load, temperature: a note of the engineer.
-            on: Date of the passes; today's unless it is given.
+        It is made where it is missing; for the note and the date see `part`.
 
         Raises:
             FileError: The file is not a model file, or cannot be written.
@@ -309,11 +298,7 @@ def learn(
 def learning_ramp(bench: Bench, identified: Identified | None, axis: int, acceleration_rps_s: float) -> Ramp:
     """Plan the ramp of the first pass.
 
-    Args:
-        bench: The bench file.
-        identified: The model file; None without one.
-        axis: Axis number.
-        acceleration_rps_s: Acceleration of the ramp; on an arm it is raised where travel is short.
+    On an arm the acceleration is raised where travel is short.
 
     Raises:
         NotPossibleError: There is no room for any ramp.

@@ -37,14 +37,7 @@ class PassJudge:
         self._without: dict[float, list[Seen]] = {}
 
     def begin(self, recording: Recording, motion: Ramps, estimate: JointEstimate, scale: TipScale) -> None:
-        """Read the first pass, with which the others are compared.
-
-        Args:
-            recording: Recording of the pass, without a cancellation.
-            motion: Ramps of the pass.
-            estimate: Estimate from it.
-            scale: Scale of the axis.
-        """
+        """Read the first pass, with which the others are compared."""
         self._response = self._first(recording, motion, estimate, scale)
         fitted = tuple({*estimate.error.amplitude_arcsec, *self._known_orders})
         self._without = self.read(recording, motion, fitted, 0.0, scale)
@@ -52,26 +45,13 @@ class PassJudge:
     def read(
         self, recording: Recording, motion: Ramps, orders: Sequence[float], gain: float, scale: TipScale
     ) -> dict[float, list[Seen]]:
-        """Read what is left of each order in each direction.
-
-        Args:
-            recording: Recording of the pass.
-            motion: Ramps of the pass.
-            orders: Orders that were cancelled.
-            gain: Fraction of the cancellation that acted.
-            scale: Scale of the axis.
-        """
+        """Read what is left of each order in each direction."""
         assert self._response is not None  # noqa: S101 - made by the first pass
         waves = self._waves(recording, motion, tuple({*orders, *self._without}), self._response)
         return seen_by_direction(recording, motion, waves, orders, gain, scale)
 
     def verdicts(self, seen: Mapping[float, Sequence[Seen]], gain: float) -> tuple[PartVerdict, ...]:
-        """Verdict on each order of a pass, against the first one.
-
-        Args:
-            seen: What is left of each order.
-            gain: Fraction of the cancellation that acted.
-        """
+        """Verdict on each order of a pass, against the first one."""
         axis = self._axis
         return tuple(judge(Part(axis, k), gain, [*self._without[k], *sights]) for k, sights in seen.items())
 

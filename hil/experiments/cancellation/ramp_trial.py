@@ -27,13 +27,7 @@ def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: floa
     It has no more travel and speed than the motion, and lies in the middle of that travel: whoever allowed the motion has allowed
     the ramp.
 
-    Args:
-        bench: The bench file.
-        axis: Axis number.
-        orders: Orders k; the ramp passes f_al/k of each.
-        f_al_hz: f_al of the axis.
-        motion: Motion that hides them.
-        stands_rad: Present motor angle.
+    It passes f_al/k of each.
 
     Raises:
         NotPossibleError: The motion or the limits leave no room for it.
@@ -57,16 +51,7 @@ def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: floa
 def seen_by_direction(
     recording: Recording, motion: Ramps, waves: Sequence[AxisWaves], orders: Sequence[float], gain: float, scale: TipScale
 ) -> dict[float, list[Seen]]:
-    """Read some orders of a pass' axis in each direction of turning.
-
-    Args:
-        recording: Recording of the pass.
-        motion: Ramps of the pass.
-        waves: Waves of the axis.
-        orders: Orders k.
-        gain: Fraction of the cancellation that acted.
-        scale: Scale of the axis.
-    """
+    """Read some orders of a pass' axis in each direction of turning."""
     directions = motion.direction()[: len(recording.time_s)]
     found: dict[float, list[Seen]] = {order: [] for order in orders}
     for way in (1, -1):

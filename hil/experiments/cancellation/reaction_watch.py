@@ -65,12 +65,7 @@ class ReactionWatch:
 
         q_k/z_k at the arm's resonance: less the correction that it is felt as, with the load as the order passes it.
 
-        Args:
-            recording: Recording of a pass.
-            direction: +1 or −1 in its ramps, 0 elsewhere; shape (n,).
-            loop: Law and motor.
-            orders: Orders k.
-            resonance_hz: Frequency at which the arm rings.
+        The direction is +1 or −1 in the ramps, 0 elsewhere; shape (n,).
 
         Returns:
             The fraction by order and direction.
@@ -92,12 +87,7 @@ class ReactionWatch:
         return Turning(angle, torque, recording.period_s)
 
     def take(self, recording: Recording, error: TransmissionError) -> None:
-        """Add a pass with the whole cancellation.
-
-        Args:
-            recording: Recording of the pass.
-            error: The error as it is known.
-        """
+        """Add a pass with the whole cancellation."""
         if self.side is None:
             return
         self.turnings.append(self._turning(recording))

@@ -104,10 +104,7 @@ def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm
 
     Returns None if no run has shown the remainder.
 
-    Args:
-        seen: The trial.
-        tables: Tables of the cancellation by axis; empty if the drives cancel.
-        quiet_mm: Tip that is asked for.
+    There are no tables if the drives cancel.
     """
     with_them, without = alike(seen.looks, seen.used), alike(seen.looks, ())
     if not with_them or not without:
@@ -336,9 +333,7 @@ class _Account:
 
         It is zero unless that is found about as large as reckoned.
 
-        Args:
-            reckoned: The vibration.
-            most_turn: Largest angle between it and what is found, rad.
+        `most_turn` is the largest angle between it and what is found, rad.
         """
         none = np.zeros(self._count)
         if not np.any(reckoned):

@@ -110,11 +110,6 @@ def pace_of(bench: Bench, motion: Motion, column: int) -> Pace:
     """Pace of an axis in a motion and in its approach.
 
     Jerks of the motion are left out.
-
-    Args:
-        bench: The bench file.
-        motion: The motion.
-        column: Column of the axis in it.
     """
     angle, period_s = motion.motor_angle_rad[:, column], motion.period_s
     fastest = float(np.max(np.abs(np.diff(angle)))) / period_s / (2.0 * math.pi)

@@ -75,14 +75,13 @@ class _Protocol:
         parts: Sequence[Part],
         responses: Mapping[int, Response],
         scale: TipScale,
-        gain: float,
         run: Runner,
         reporter: Reporter,
         tables: Mapping[int, CancellationTable] | None = None,
     ) -> None:
         self._session, self._bench, self._motion, self._parts = session, session.bench, motion, tuple(parts)
         self._responses = responses
-        self._scale, self._gain, self._run, self._reporter = scale, gain, run, reporter
+        self._scale, self._run, self._reporter = scale, run, reporter
         self._tables = tables or {}
         self._trials: list[Trial] = []
         self._sights: dict[Part, list[Seen]] = {part: [] for part in parts}
@@ -105,12 +104,12 @@ class _Protocol:
             "two slow ramps more for each axis with an order that the motion hides"
         )
         self._add("untreated", 0.0)
-        percent = f"{100.0 * self._gain:g} % of the cancellation"
+        percent = f"{100.0 * PROBE_GAIN:g} % of the cancellation"
         for only, what in ((None, percent), *((axis, f"{percent} on axis {axis} alone") for axis in alone)):
             self._reporter.step(f"trial of the cancellation: {what}")
-            self._add(what, self._gain, only)
+            self._add(what, PROBE_GAIN, only)
         self._refine(2 + len(alone))
-        verdicts = judged(self._gain, self._sights)
+        verdicts = judged(PROBE_GAIN, self._sights)
         for number in range(1, MOST_WHOLE + 1):
             wrong = _wrong(verdicts)
             if len(wrong) == len(self._parts):
@@ -121,7 +120,7 @@ class _Protocol:
             what = "the whole cancellation" + (f" but {', '.join(part.words for part in sorted(wrong))}" if wrong else "")
             self._reporter.step(f"trial of the cancellation: {what}")
             self._add(what, 1.0, None, wrong)
-            verdicts = judged(self._gain, self._sights)
+            verdicts = judged(PROBE_GAIN, self._sights)
             if _wrong(verdicts) == wrong and not _open(verdicts, number):
                 break
         verdicts |= self._on_ramps(verdicts)
@@ -133,7 +132,7 @@ class _Protocol:
         looks, rows = tuple(self._looks), self._rows
         seen = TrialView(looks, used, windows, first, rows, self._axes, self._scale, limits)
         left = remainder(seen, self._tables, self._bench.specification.quiet_mm) if used else None
-        return Verification(self._gain, tuple(self._trials), tuple(verdicts.values()), left)
+        return Verification(PROBE_GAIN, tuple(self._trials), tuple(verdicts.values()), left)
 
     def _on_ramps(self, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
         """Judge parts that the motion hides on a slow ramp of their axis.
@@ -241,7 +240,6 @@ def verify(
     motion: Motion,
     filters: FilterUse = "none",
     *,
-    gain: float = PROBE_GAIN,
     shows_filter: bool = True,
     reporter: Reporter = SILENT,
 ) -> Verification:
@@ -254,7 +252,6 @@ def verify(
         cancellation: Cancellation of the motion's axes.
         motion: The very motion that is to be run with it; it must excite the arm.
         filters: Filters of the drives that act, in all of these runs.
-        gain: Fraction that is tried first.
         shows_filter: True if the drives report their filters' state.
         reporter: Listener of each run.
 
@@ -276,11 +273,9 @@ def verify(
 
     is_arm = is_line_of_arm(session.bench, motion)
     if is_arm and cancellation.is_learnt_on_motion:
-        return verify_on_line(session.bench, cancellation.parts, gain, partial(run, motion), reporter)
+        return verify_on_line(session.bench, cancellation.parts, PROBE_GAIN, partial(run, motion), reporter)
     scale = cancellation.scale or vibration_scale(session.bench, motion.axes)
-    protocol = _Protocol(
-        session, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter, cancellation.tables
-    )
+    protocol = _Protocol(session, motion, cancellation.parts, cancellation.responses, scale, run, reporter, cancellation.tables)
     found = protocol.perform()
     return refused_by_vector(session.bench, found) if is_arm else found
 
@@ -327,7 +322,6 @@ def choose(
     *,
     with_notch: bool = False,
     is_shaped: bool = False,
-    gain: float = PROBE_GAIN,
     shows_filter: bool = True,
     reporter: Reporter = SILENT,
 ) -> Choice:
@@ -341,7 +335,6 @@ def choose(
         motion: The very motion that is to be run.
         with_notch: True if the filters act beside it; after a refusal they act alone, where the bench has any.
         is_shaped: True if a shaper has shaped the motion, for a loop without filters; after a refusal it acts alone.
-        gain: Fraction that is tried first.
         shows_filter: True if the drives report their filters' state.
         reporter: Listener of each run.
 
@@ -349,23 +342,25 @@ def choose(
         HilError: As `verify`.
     """
     filters: FilterUse = "notch" if with_notch else "none"
-    verification = verify(session, cancellation, motion, filters, gain=gain, shows_filter=shows_filter, reporter=reporter)
-    if is_shaped:
-        try:
-            verification.demand(stays="the shaper")
-        except CancellationRefusedError as refusal:
-            return Choice(None, filters, verification, refusal)
-    return _chosen(session, motion, filters, verification, cancellation)
+    verification = verify(session, cancellation, motion, filters, shows_filter=shows_filter, reporter=reporter)
+    return _chosen(session, motion, filters, verification, cancellation, is_shaped=is_shaped)
 
 
 def _chosen(
-    session: Session, motion: Motion, filters: FilterUse, verification: Verification, cancellation: Cancellation | None
+    session: Session,
+    motion: Motion,
+    filters: FilterUse,
+    verification: Verification,
+    cancellation: Cancellation | None,
+    *,
+    is_shaped: bool = False,
 ) -> Choice:
     try:
-        verification.demand()
+        verification.demand("the shaper" if is_shaped else "the notch")
     except CancellationRefusedError as refusal:
-        has_notch = any(session.bench.axis[number].notch for number in motion.axes)
-        return Choice(None, "notch" if has_notch else "none", verification, refusal)
+        if not is_shaped:
+            filters = "notch" if any(session.bench.axis[number].notch for number in motion.axes) else "none"
+        return Choice(None, filters, verification, refusal)
     kept = None if cancellation is None else cancellation.without(verification.left_out)
     return Choice(kept, filters, verification, None)
 
@@ -375,19 +370,11 @@ def choose_inside(
     identified: Identified | None,
     motion: Motion,
     *,
-    gain: float = PROBE_GAIN,
     reporter: Reporter = SILENT,
 ) -> Choice:
     """Try a cancellation inside the drives, and choose.
 
     If it is refused, the motion runs with the notch.
-
-    Args:
-        session: Session that has been brought up.
-        identified: The model file; None for the bench file's own model.
-        motion: The very motion that is to be run.
-        gain: Fraction that is tried first.
-        reporter: Listener of each run.
 
     Raises:
         HilError: As `verify`, and as `cancel_inside`.
@@ -404,5 +391,5 @@ def choose_inside(
     known = {number: response_of(bench, identified, number) for number in motion.axes}
     responses = {number: response for number, response in known.items() if response is not None}
     scale = vibration_scale(bench, motion.axes, identified)
-    verification = _Protocol(session, motion, parts, responses, scale, gain, run, reporter).perform()
+    verification = _Protocol(session, motion, parts, responses, scale, run, reporter).perform()
     return _chosen(session, motion, "none", verification, None)

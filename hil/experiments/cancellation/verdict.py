@@ -125,10 +125,7 @@ class PartVerdict:
 def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     """Judge a part of a cancellation.
 
-    Args:
-        part: Axis and order.
-        gain: Fraction that is tried first.
-        seen: The part in all runs: at least one without it and one with it, in each direction.
+    At least one run is without it and one with it, in each direction; `gain` is the fraction that is tried first.
 
     Raises:
         ValueError: No run is without the part, or none with it.
@@ -146,20 +143,11 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     if lowers.fails and _is_seen(left_error / safe):
         verdict = "refused"
     factor, factor_error, turn_deg, turn_error_deg = _factor(there, taken, covariance)
+    lasting_error = math.sqrt(max(left_error**2 - noise_error**2, 0.0)) / safe
     return PartVerdict(
-        part,
-        gain,
-        fall=1.0 - tried / safe,
-        fall_error=tried_error / safe,
-        left=left / safe,
-        left_error=left_error / safe,
-        lasting_error=math.sqrt(max(left_error**2 - noise_error**2, 0.0)) / safe,
-        factor=factor,
-        factor_error=factor_error,
-        turn_deg=turn_deg,
-        turn_error_deg=turn_error_deg,
-        verdict=verdict,
-    )
+        part, gain, 1.0 - tried / safe, tried_error / safe, left / safe, left_error / safe, lasting_error,
+        factor, factor_error, turn_deg, turn_error_deg, verdict,
+    )  # fmt: skip
 
 
 def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndarray, float]:
@@ -246,17 +234,8 @@ def judged(gain: float, seen: Mapping[Part, Sequence[Seen]]) -> dict[Part, PartV
 def part_entry(verdict: PartVerdict) -> TrialPart:
     """Entry of the verdict on one part for the result file."""
     return TrialPart(
-        axis=verdict.part.axis,
-        order=verdict.part.order,
-        verdict=verdict.verdict,
-        expected_fall_fraction=verdict.gain,
-        fall_fraction=verdict.fall,
-        fall_error=verdict.fall_error,
-        left_fraction=verdict.left,
-        left_error=verdict.left_error,
-        factor=verdict.factor,
-        factor_error=verdict.factor_error,
-        turn_deg=verdict.turn_deg,
-        turn_error_deg=verdict.turn_error_deg,
-        words=verdict.words,
-    )
+        axis=verdict.part.axis, order=verdict.part.order, verdict=verdict.verdict, words=verdict.words,
+        expected_fall_fraction=verdict.gain, fall_fraction=verdict.fall, fall_error=verdict.fall_error,
+        left_fraction=verdict.left, left_error=verdict.left_error, factor=verdict.factor, factor_error=verdict.factor_error,
+        turn_deg=verdict.turn_deg, turn_error_deg=verdict.turn_error_deg,
+    )  # fmt: skip

@@ -91,15 +91,11 @@ class Verification:
             before_m_s2=before, gain=self.gain, is_good=self.is_good, trials=runs, parts=parts, remainder=self.remainder
         )
 
-    def demand(self, what: str = "it", stays: str = "the notch") -> None:
-        """Refuse a cancellation of which nothing has lowered the vibration.
-
-        Args:
-            what: The cancellation in words.
-            stays: What acts instead, in words.
+    def demand(self, stays: str = "the notch") -> None:
+        """Refuse a cancellation of which nothing has lowered the vibration; say what acts instead.
 
         Raises:
             CancellationRefusedError: No order of any axis passes.
         """
         if not self.is_good:
-            raise CancellationRefusedError(what, self.verdicts, stays)
+            raise CancellationRefusedError("it", self.verdicts, stays)

@@ -37,11 +37,6 @@ def response_of(bench: Bench, identified: Identified | None, number: int) -> Res
     """Response of an axis to its transmission error, or None.
 
     None if nothing is known of its arm.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None for the bench file's own model.
-        number: Axis number.
     """
     error = identified_axis(identified, number).ate
     delay_s = 0.0 if error is None else error.accelerometer_delay_s
@@ -63,13 +58,6 @@ def waves_of(
     """Waves of all axes of a motion with a known response.
 
     Orders that are usual are fitted though they are not cancelled, so that their vibration is not taken for another order's.
-
-    Args:
-        bench: The bench file.
-        responses: Responses by axis number.
-        orders: Orders that are cancelled, by axis number.
-        motion: Motion that is run.
-        recording: One recording of it.
     """
     if len(motion.axes) > 1 and bench.arm is not None:
         levers = vertical_levers_m(bench, recording)
@@ -128,10 +116,7 @@ def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
 
     They are the line motion's window, or the rising speeds of a single axis.
 
-    Args:
-        bench: The bench file.
-        recording: Recording of the motion.
-        f_al_hz: Lowest f_al of the axes that moved.
+    f_al is the lowest of the axes that moved.
 
     Raises:
         NotPossibleError: The motion is too slow or too short to show anything.
@@ -145,11 +130,6 @@ def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
     """Rows of a recording in which vibration is compared.
 
     They are the line motion's window, or the speeds of a single axis at which an order excites the arm.
-
-    Args:
-        bench: The bench file.
-        recording: Recording of the motion.
-        scale: Scale of the axes that moved.
 
     Raises:
         NotPossibleError: The motion does not pass such a speed.

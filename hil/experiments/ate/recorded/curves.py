@@ -37,13 +37,8 @@ def write_curves(
 ) -> None:
     """Write the three files.
 
-    Args:
-        directory: Directory of the result.
-        scan: Blind scan.
-        sections: Stretches, without lines of a fixed frequency.
-        fits: Their fits.
-        speeds_rps: Motor speed in the samples of each.
-        scale: Unit of map and fit in that of the signals; the scan is in arcsec of the joint.
+    Sections are without lines of a fixed frequency. `scale` is the unit of map and fit in that of the signals; the scan is in
+    arcsec of the joint.
     """
     save_columns(
         directory / SCAN,

@@ -24,7 +24,7 @@ from hil.design.recorded.swing import JointSwing
 from hil.design.recorded.through_arm import RefinedArm
 from hil.experiments.ate.recorded.curves import write_curves
 from hil.experiments.ate.recorded.encoders import agreed_ratio, encoder_section, found_ratio, joint_swing
-from hil.experiments.ate.recorded.entries import change_entry, file_entry, scan_entry, stretch_entry
+from hil.experiments.ate.recorded.entries import file_entry, scan_entry, stretch_entry
 from hil.experiments.ate.recorded.request import (
     MOST_STRETCHES,
     ContradictedError,
@@ -35,7 +35,7 @@ from hil.experiments.ate.recorded.request import (
 from hil.experiments.ate.recorded.sensed import SensedFiles, sensed_files, without_start
 from hil.recordings.reading import Recorded, read_recording
 from hil.results.base import RESULT_FILE, versions
-from hil.results.recorded_ate import Form, RecordedAteResult
+from hil.results.recorded_ate import Form, OrderChange, RecordedAteResult
 from hil.robot_tables import TransmissionErrorTable
 
 PART_TURNS = 1.25
@@ -124,11 +124,9 @@ def _prepared(request: RecordedRequest, bench: Bench | None, identified: Identif
         ratio, ratio_found = bench.axis[request.axis].reduction_ratio, None
     chosen = sorted(((n, each, one) for n, each, all_of in enough for one in all_of), key=lambda row: -row[2].turns)
     chosen = sorted(chosen[:MOST_STRETCHES], key=lambda row: (row[0], row[2].from_s))
-    if sensed is None:
-        swing = joint_swing([(each, one) for _, each, one in chosen], ratio, request.orders)
-        return _Prepared(files, form, None, None, swing, ratio, ratio_found, chosen, notes)
-    refined = sensed.refine([(n, one) for n, _, one in chosen], request.orders)
-    return _Prepared(files, form, sensed, refined, None, ratio, ratio_found, chosen, notes)
+    swing = joint_swing([(each, one) for _, each, one in chosen], ratio, request.orders) if sensed is None else None
+    refined = None if sensed is None else sensed.refine([(n, one) for n, _, one in chosen], request.orders)
+    return _Prepared(files, form, sensed, refined, swing, ratio, ratio_found, chosen, notes)
 
 
 def identify_recorded(
@@ -171,7 +169,7 @@ def identify_recorded(
         ),
         stretches=tuple(stretch_entry(each, fit) for each, fit in zip(fitted.found, fitted.fits, strict=True)),
         parts=tuple(stretch_entry(each, fit) for each, fit in fitted.parts),
-        changes=tuple(change_entry(each) for each in fitted.changes.values()),
+        changes=tuple(OrderChange(is_seen=each.is_seen, **vars(each)) for each in fitted.changes.values()),
         scan=scan_entry(scan, lines, scale),
         ate=part,
         is_identified=_is_identified(fitted.joint),
@@ -218,10 +216,7 @@ def _tells_tip(request: RecordedRequest, bench: Bench | None, identified: Identi
 def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joints: bool) -> Form:
     """Choose the signal that all files have beside the motor angle.
 
-    Args:
-        files: The recordings.
-        request: The request.
-        is_told_by_joints: True if the joint's encoder gives the tip through a known plant.
+    `is_told_by_joints`: the joint's encoder gives the tip through a known plant.
 
     Raises:
         ContradictedError: There is none.
@@ -349,15 +344,13 @@ def _speeds(each: FoundStretch) -> np.ndarray:
 
 def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | None, *, is_torque: bool) -> IdentifiedError:
     """Entry of the model file."""
-    errors = {}
-    for order, value in joint.values.items():
-        errors[amplitude_key(order)] = value.a_error_arcsec
-        errors[phase_key(order)] = value.phi_error_deg
+    errors: dict[str, float] = {}
+    values = joint.values
+    for order, value in values.items():
+        errors |= {amplitude_key(order): value.a_error_arcsec, phase_key(order): value.phi_error_deg}
+    phases = {order: value.phi_deg for order, value in values.items()}
     return IdentifiedError(
-        values=TransmissionErrorTable.of(
-            {order: value.a_arcsec for order, value in joint.values.items()},
-            {order: value.phi_deg for order, value in joint.values.items()},
-        ),
+        values=TransmissionErrorTable.of({order: value.a_arcsec for order, value in values.items()}, phases),
         standard_error=errors,
         arm_hz=None if refined is None else refined.arm.resonance_hz,
         damping=None if refined is None else refined.arm.damping,

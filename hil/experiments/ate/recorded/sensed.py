@@ -65,13 +65,6 @@ def sensed_files(
 
     The result also has the prior of the arm.
 
-    Args:
-        files: The recordings.
-        request: The request.
-        form: Kind of the sensor.
-        bench: Bench with lever and plant; None without one.
-        identified: Model file; None without one.
-
     Raises:
         ContradictedError: There is no bench, no plant, or another ratio; or a recording does not show the arm.
         NotPossibleError: The bench has no such axis, or it does not move the accelerometer.

@@ -160,10 +160,7 @@ def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) 
 
     It comes from the bench's band, or from the models of the axes.
 
-    Args:
-        bench: The bench file.
-        identified: The model file; None for the bench file's own models.
-        axis: The axis of a ramp; None for a line of the tip.
+    `axis` is that of a ramp; None for a line of the tip.
 
     Raises:
         NotPossibleError: Neither is known.
@@ -302,10 +299,7 @@ def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: 
 def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> Real:
     """Set insignificant orders to 0, and enter all outcomes.
 
-    Args:
-        learning: Record of the learning.
-        led: Settings of all orders.
-        least: Standard errors from which an order is significant.
+    `least` are the standard errors from which an order is significant.
 
     Raises:
         MotionNotLearntError: None is.

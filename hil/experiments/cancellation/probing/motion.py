@@ -19,7 +19,7 @@ from hil.experiments.cancellation.effect import Part, sight
 from hil.experiments.cancellation.waves import response_of, seen_rows, waves_of
 from hil.master.motion import Motion
 from hil.recording import Recording
-from hil.robot_tables import TransmissionErrorTable
+from hil.robot_tables import LineMotion, TransmissionErrorTable
 from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
 
 Real = NDArray[np.float64]
@@ -66,10 +66,18 @@ class ProbedRows:
         """
         line = bench.line_motion
         if len(recording.axes) > 1 and line is not None and bench.arm is not None:
-            begin_s, end_s = (line.dwell_s + each for each in steady_window_s(line.duration_s, line.ramp_s))
-            counted = np.flatnonzero((recording.time_s >= begin_s) & (recording.time_s <= end_s))
-        else:
-            counted = np.flatnonzero(seen_rows(bench, recording, scale.f_al_hz))
+            return cls.of_line(line, recording, scale)
+        return cls._of(seen_rows(bench, recording, scale.f_al_hz), scale)
+
+    @classmethod
+    def of_line(cls, line: LineMotion, recording: Recording, scale: TipScale) -> "ProbedRows":
+        """The rows of an arm's line: those of its constant speed."""
+        begin_s, end_s = (line.dwell_s + each for each in steady_window_s(line.duration_s, line.ramp_s))
+        return cls._of((recording.time_s >= begin_s) & (recording.time_s <= end_s), scale)
+
+    @classmethod
+    def _of(cls, counts: NDArray[np.bool_], scale: TipScale) -> "ProbedRows":
+        counted = np.flatnonzero(counts)
         return cls(scale.band_hz, slice(int(counted[0]), int(counted[-1]) + 1))
 
     def acceleration_m_s2(self, recording: Recording) -> Real:
@@ -91,13 +99,7 @@ class ProbedRows:
         return np.asarray(moved[self.rows].T)
 
     def reached(self, bench: Bench, motion: Motion, orders: Sequence[float]) -> dict[Part, float]:
-        """Time in s for which each order lies in the band.
-
-        Args:
-            bench: The bench file.
-            motion: The motion.
-            orders: Orders that are asked for.
-        """
+        """Time in s for which each order lies in the band."""
         found = {}
         for column, number in enumerate(motion.axes):
             turns = np.gradient(motion.motor_angle_rad[:, column], motion.period_s)[self.rows] / (2.0 * np.pi)
@@ -116,12 +118,6 @@ def smoothed(found: Effects, parts: Sequence[Part], recording: Recording, rows: 
         b_cos = Re h(t) e^{j k θ_m}, b_sin = Re j h(t) e^{j k θ_m}
 
     What else an effect has, such as sums and differences with other orders, is kept as far as it is beyond the noise.
-
-    Args:
-        found: Effects of A_k cos φ_k and A_k sin φ_k of each part in turn.
-        parts: The parts.
-        recording: A recording of the motion.
-        rows: Rows that count.
     """
     count = found.effects.shape[2]
     time_s = np.arange(count) * recording.period_s
@@ -184,13 +180,8 @@ def with_values(
 
     Returns the model file with them and no others on these axes.
 
-    Args:
-        known: The model file, with plants, delay of set-points and gear reactions.
-        motion: The motion.
-        values: A_k e^{jφ_k} in arcsec, by part.
-        inertias: J_m by axis, where no file has a plant.
-        arm_hz: Resonance of the axes, from which the highest frequency of a cancellation follows.
-        reactions: Reactions by axis; of the others that of the model file.
+    The values are A_k e^{jφ_k} in arcsec. J_m is given where no file has a plant; from the resonance follows the highest
+    frequency of a cancellation; a reaction that is not given is that of the model file.
     """
     for number in motion.axes:
         own = {part.order: value for part, value in values.items() if part.axis == number and value != 0.0}
@@ -228,12 +219,7 @@ def resonances_hz(
 
     An arm has several; each axis gets that in which it takes part most. What an axis without one would be is not in it.
 
-    Args:
-        bench: The bench file.
-        identified: Model file with the values of the axes.
-        motion: The motion.
-        recordings: Runs in which the orders shake the tip, each with amplitudes of its own.
-        rows: Rows that count.
+    The recordings are of runs in which the orders shake the tip, each with amplitudes of its own.
     """
     responses = {number: made for number in motion.axes if (made := response_of(bench, identified, number)) is not None}
     orders = {number: tuple(part.values.amplitudes_arcsec()) for number in responses if (part := identified.axis[number].ate)}
@@ -324,14 +310,7 @@ def sigmas(vector: Real, covariance: Real, index: int) -> float:
 
 
 def learnt_part(part: Part, vector: Real, step: ProbedStep, index: int) -> PartOutcome:
-    """Outcome of a part that is learnt.
-
-    Args:
-        part: Axis and order.
-        vector: A cos φ and A sin φ of all parts in turn.
-        step: Step with the errors of the parts.
-        index: Position of the part.
-    """
+    """Outcome of a part that is learnt."""
     value, along, across = part_errors(vector, step.covariance, index)
     phase, phase_error = math.degrees(math.atan2(value.imag, value.real)) % 360.0, math.degrees(across / abs(value))
     words = f"{part.words}: {abs(value):.2f} ± {along:.2f}″ ∠ {phase:.1f}° ± {phase_error:.1f}°"
@@ -342,12 +321,6 @@ def left_out_part(part: Part, step: ProbedStep, index: int, *, is_seen: bool) ->
     """Outcome of a part that is left at 0.
 
     Either nothing of the part is seen, or its value is not significant.
-
-    Args:
-        part: Axis and order.
-        step: Settings that were found, with their errors.
-        index: Position of the part.
-        is_seen: False if it is not seen.
     """
     seen = seen_fraction(step, index)
     if not is_seen:

@@ -76,10 +76,6 @@ def paced_line(bench: Bench, pace: float) -> Motion:
 
     It has room for the probes and for the vibration.
 
-    Args:
-        bench: The bench file.
-        pace: The multiple.
-
     Raises:
         NotPossibleError: The bench file has no line.
         LineError: The arm cannot follow it at that pace.
@@ -103,11 +99,6 @@ def at_pace(bench: Bench, learning: MotionLearning, pace: float) -> MotionLearni
 
     Its runs are counted among those of the first.
 
-    Args:
-        bench: The bench file.
-        learning: Record of learning it at its own pace.
-        pace: Multiple of the line's time.
-
     Raises:
         UnsafeRequestError: An axis comes too near to its limit of speed.
     """
@@ -119,11 +110,7 @@ def learn_at_pace(runs: Runs, known: KnownSettings, orders: Sequence[float], spr
 
     If the tip does not become quieter, the known settings are returned.
 
-    Args:
-        runs: Runs at that pace.
-        known: Known settings.
-        orders: Orders that are learnt.
-        spread_arcsec: Spread of those of which nothing is known.
+    The spread is that of orders of which nothing is known.
     """
     learning = runs.learning
     runs.say(f"in {learning.pace:g} times the line's time")

@@ -29,12 +29,7 @@ BASE_RUNS = 3
 
 
 def paced(bench: Bench, pace: float) -> Bench:
-    """Slow down or speed up the line of a bench file.
-
-    Args:
-        bench: The bench file.
-        pace: The multiple; 1 leaves it as it is.
-    """
+    """Slow down or speed up the line of a bench file."""
     line = bench.line_motion
     if pace == 1.0 or line is None:
         return bench
@@ -78,10 +73,7 @@ class Runs:
 
         Level runs lie among the probing runs and behind them. Returns the effect of each setting.
 
-        Args:
-            parts: Orders of axes that are probed.
-            probes_arcsec: Amplitude of the probe of each.
-            level: Settings of all parts to which the probes are added; None: none, and the level's runs are base runs.
+        The amplitude is that of each part's probe, which is added to the level; without a level, its runs are base runs.
         """
         middle = np.zeros(2 * len(parts)) if level is None else level
         sizes = np.repeat(probes_arcsec, 2) / math.sqrt(2.0)
