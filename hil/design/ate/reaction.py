@@ -203,9 +203,7 @@ class _Windows:
 
 
 def _fitted(parts: Sequence[_Windows], count: int) -> Reaction:
-    """Fit r by weighted least squares.
-
-    Each order has a complex factor of the arm's part beside it.
+    """Fit r by weighted least squares, with complex factors of the arm's parts.
 
     The residual is not white noise, and windows overlap, so the standard error is that of the jackknife over blocks of windows:
     few blocks leave no more of their error in the residual than their factors allow.
@@ -246,10 +244,7 @@ def _windows(motion: Turning, known: MotorSide, error: TransmissionError, orders
         back = torque.direction < 0.0
 
         def in_time(values: Complex, back: NDArray[np.bool_] = back) -> Complex:
-            """Convert components by angle to components by time.
-
-            If the motor turns backwards, the component is conjugated.
-            """
+            """Components by time of those by angle, conjugated where it turns backwards."""
             return np.asarray(np.where(back, values.conj(), values), dtype=np.complex128)
 
         seen = in_time(torque.component[:, row]) / (1.0 + known.torque_lag_s * jw)

@@ -64,10 +64,7 @@ def refined(model: RampsModel, start: Arm, free: int = 3, bend_row: float = 0.0)
 
 
 def bend_weight(model: RampsModel, arm: Arm, left: Real) -> float:
-    """Weight of the prior on the mounting's bend beside a residual.
-
-    The bend is 0 ± (f/110 Hz)².
-    """
+    """Weight of the prior on the mounting's bend, 0 ± (f/110 Hz)²."""
     variance = float(np.sum(left**2)) / max(1.0, len(left) * model.independent)
     return math.sqrt(variance) / (arm.resonance_hz / MOUNTING_HZ) ** 2
 

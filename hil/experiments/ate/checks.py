@@ -190,10 +190,7 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
 
 
 def factor_remark(estimate: JointEstimate) -> str | None:
-    """Describe a doubtful factor of the motor's motion, or None.
-
-    The factor is neither 1 nor certainly wrong.
-    """
+    """Describe a factor of the motor's motion that is doubtful, or None."""
     off = abs(estimate.motion_scale - 1.0)
     if off <= max(SCALE_REMARK, SCALE_REMARK_SIGMAS * estimate.motion_scale_error):
         return None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hil.bench.bench import Bench
 from hil.bench.model import Correlation, IdentifiedError
 from hil.control.angles import ARCSEC
-from hil.control.order_keys import amplitude_key, phase_key
+from hil.control.order_keys import order_keys
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_fit import POOR_MISS, on_its_gear
 from hil.design.ate.gravity import weight_of
@@ -27,8 +27,7 @@ from hil.design.transmission_error import TransmissionError
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import AteNotIdentifiedError, factor_remark, reached_rps
 from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
-from hil.experiments.ate.order_scan import OrderScan, identify_orders
-from hil.experiments.ate.orders import OrderWatch, checked
+from hil.experiments.ate.order_scan import OrderScan, OrderWatch, checked, identify_orders
 from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, BEYOND_RESONANCE, PASSED, Ramp, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import AteRequest, AxisKnowledge, Miss, first_ramp, is_seen, sensing_of
 from hil.experiments.ate.sweeps import late_words, run_pass
@@ -124,11 +123,7 @@ class Identification:
 
 
 def identify_on(
-    session: Session,
-    request: AteRequest,
-    knowledge: AxisKnowledge,
-    keep: PassKeeper | None = None,
-    reporter: Reporter = SILENT,
+    session: Session, request: AteRequest, knowledge: AxisKnowledge, keep: PassKeeper | None = None, reporter: Reporter = SILENT
 ) -> Identification:
     """Run passes until the goal is met or none is left.
 
@@ -327,10 +322,7 @@ def _slower(made: Pass) -> float:
 
 
 def _with_inertia_error(estimate: JointEstimate, fraction: float) -> JointEstimate:
-    """Widen the standard errors of A_k by that of J_l.
-
-    Without an accelerometer A_k depends on J_l.
-    """
+    """Widen the errors of A_k by that of J_l, on which it depends."""
     by_inertia = fraction * estimate.values.mean
     by_inertia[1::2] = 0.0
     covariance = estimate.values.covariance + np.outer(by_inertia, by_inertia)
@@ -388,8 +380,7 @@ def _gear_words(gear: GearLaw) -> str:
 
 def standard_errors(estimate: JointEstimate) -> dict[str, float]:
     """Standard errors of A_k and φ_k, by the model file's names."""
-    keys = [key(order) for order in estimate.orders for key in (amplitude_key, phase_key)]
-    return {key: estimate.values.standard_error(key) for key in keys}
+    return {key: estimate.values.standard_error(key) for key in order_keys(estimate.orders)}
 
 
 def delay_of(estimate: JointEstimate, gear_fraction_error: float, plant_damping: float | None = None) -> EstimatedParameter:

@@ -102,10 +102,7 @@ class RampLimits:
         return "joint travel" if self.joint_rev < self.position_rev else "position limits"
 
     def slowest(self, end_rps: float) -> float:
-        """Least acceleration with room for a ramp.
-
-        Infinite if not even the braking has room.
-        """
+        """Least acceleration with room for a ramp; infinite without any."""
         left = 2.0 * self.room_rev / end_rps**2 - 1.0 / self.braking_rps_s if end_rps > 0.0 else math.inf
         return 1.0 / left if left > 0.0 else math.inf
 
@@ -119,10 +116,7 @@ class RampLimits:
         return min(max(ACCELERATION_RPS_S * scale, SLOWEST_RPS_S), self.braking_rps_s)
 
     def low_order_end(self, arm_hz: float, order: float, asked_rps_s: float) -> float:
-        """End speed at which a low order passes the resonance.
-
-        It is 0 if the limits do not allow such a ramp.
-        """
+        """End speed with which a low order passes the resonance, or 0."""
         end = min(FIRST_ORDER_END * arm_hz / order, self.top_rps)
         fastest = self.braking_rps_s
         if self.is_arm:
@@ -169,10 +163,7 @@ class Ramp:
         return f"; the limit is {words[self.binds]}" if self.binds else ""
 
     def short_of(self, end_rps: float) -> str:
-        """Say what keeps this acceleration from a speed, and what is needed.
-
-        Empty if nothing does.
-        """
+        """Say what keeps this acceleration from a speed; empty if nothing does."""
         limits = self.limits
         binds = plan_ramp(limits, self.acceleration_rps_s, end_rps).binds
         if not binds:

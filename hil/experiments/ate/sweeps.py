@@ -30,7 +30,7 @@ def run_pass(
     *,
     sensorless: bool = False,
 ) -> tuple[Recording, Sweep]:
-    """Run a pass, keep it, check it, and return its recording, also as input of the fit.
+    """Run a pass; return its recording, also as input of the fit.
 
     The pass is kept, a stopped one too, before it is checked. `sensorless` takes the motor torque instead of the tip's
     acceleration.

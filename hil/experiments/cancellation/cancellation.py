@@ -10,34 +10,64 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TypedDict, Unpack
+from typing import NamedTuple, TypedDict, Unpack
+
+import numpy as np
 
 from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
 from hil.bench.bench import AxisTable, Bench, Limits, Model
 from hil.bench.model import Identified, IdentifiedError, identified_axis, significant, with_identified
 from hil.can.channel import Channel
+from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import CancellationTable, MotorLoad
 from hil.design.frequency import CONTROL_PERIOD_S
-from hil.design.inverse import Actuation, CyclicTiming
+from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, check_load, takes_torque_offset
 from hil.experiments.cancellation.effect import Part, Response
-from hil.experiments.cancellation.tables import MAX_TORQUE_FRACTION, Pace, amplitudes_rad, pace_of, table_of
 from hil.experiments.cancellation.waves import response_of
+from hil.experiments.judge import scale_at
 from hil.experiments.motor_inertia import nothing_known
 from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.master.whereabouts import way_out
 from hil.results.acted import CancelledOrder
+from hil.robot_tables import TransmissionErrorTable
 
+MAX_ERROR_ARCSEC = 200.0
+"""Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
+KEPT_OVER_RESONANCE = 1.3
+"""k f_m up to which an order is cancelled whatever the speed limit leaves, in units of f_al: there the arm resonates with it."""
+HIGHEST_OVER_RESONANCE = 3.2
+"""Highest k f_m of a cancellation in units of f_al, where that is more than the usual one.
+
+An order fades over the fifth below: up to 2.5 f_al, where the vibration's band lets nothing more through, it is whole."""
+MAX_TORQUE_FRACTION = 0.2
+"""Largest torque offset as a fraction of the torque limit."""
+TORQUE_USED = 0.95
+"""Fraction of that up to which waves are fitted in."""
+ORDINARY = 0.98
+"""Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
 LOAD_ROOM = 1.5
 """Largest gear torque that counts, over that of gravity and of the motion's largest acceleration."""
 LAG_SIGMAS = 2.0
 """Standard errors from which a lag of the current loop counts."""
 FOLLOWING_PART = 0.05
 """Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`."""
+
+
+class Pace(NamedTuple):
+    """Speed and acceleration of a motion.
+
+    Attributes:
+        peak_rps: Highest motor speed; 0 if it is not known.
+        most_rad_s2: Largest acceleration, likewise.
+    """
+
+    peak_rps: float = 0.0
+    most_rad_s2: float = 0.0
 
 
 @dataclass
@@ -240,6 +270,85 @@ def cancellation_for(
     return Cancellation(tuple(axes), tables, period_s, way.get("torque_steps_nm", {}), scales, known, is_probed)
 
 
+def table_of(
+    bench: Bench,
+    number: int,
+    model: Model,
+    timing: CyclicTiming,
+    pace: Pace,
+    actuation: Actuation,
+    *,
+    with_notch: bool,
+    by_torque: bool = False,
+    torque_lag_s: float = 0.0,
+    load: MotorLoad | None = None,
+) -> tuple[CancellationTable, TipScale]:
+    """Table of an axis, and the scale of its vibration.
+
+    A torque offset may do what the set-points' speed limit has no room for (`by_torque`).
+
+    Raises:
+        NotPossibleError: There is nothing to cancel, or no loop.
+        UnsafeRequestError: The model has an error that no gear has.
+    """
+    table = bench.axis[number].model_copy(update={"model": model})
+    table.gains(f"cancellation on axis {number}")
+    _check_size(number, model.ate)
+    loop = table.loop(timing.control_period_s, with_notch=with_notch)
+    assert loop is not None  # noqa: S101 - it has a model and gains
+    scale, limits = scale_at(bench, number, loop.peak_hz()), table.limits
+    highest_hz = max(HIGHEST_HZ, HIGHEST_OVER_RESONANCE * scale.f_al_hz)
+
+    def by(way: Actuation) -> CancellationTable:
+        error, chirp = (amplitudes_rad(model.ate), _phases_rad(model.ate)), pace.most_rad_s2
+        try:
+            return cancellation_table(loop, *error, timing, limits.speed_rps, way, highest_hz, chirp, torque_lag_s, load)
+        except ValueError as error_of:
+            raise NotPossibleError(f"axis {number}: {error_of}", ("nothing to cancel",)) from error_of
+
+    kept_hz = KEPT_OVER_RESONANCE * scale.f_al_hz
+    alone, room_nm = by("torque alone") if by_torque else None, TORQUE_USED * MAX_TORQUE_FRACTION * limits.torque_nm
+    return by(actuation).within_speed(limits.speed_rps, pace.peak_rps, kept_hz, alone, room_nm), scale
+
+
+def _check_size(number: int, ate: TransmissionErrorTable) -> None:
+    """Refuse an error that no gear has.
+
+    Raises:
+        UnsafeRequestError: ΣA_k is beyond `MAX_ERROR_ARCSEC`.
+    """
+    total = sum(ate.amplitudes_arcsec().values())
+    if total > MAX_ERROR_ARCSEC:
+        remedy = "no gear has as much; check the model file"
+        raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
+
+
+def pace_of(bench: Bench, motion: Motion, column: int) -> Pace:
+    """Pace of an axis in a motion and in its approach.
+
+    Jerks of the motion are left out.
+    """
+    angle, period_s = motion.motor_angle_rad[:, column], motion.period_s
+    fastest = float(np.max(np.abs(np.diff(angle)))) / period_s / (2.0 * math.pi)
+    rising = np.abs(np.gradient(np.gradient(angle, period_s), period_s))
+    return Pace(max(fastest, bench.approach_rps), float(np.quantile(rising, ORDINARY)))
+
+
+def amplitudes_rad(ate: TransmissionErrorTable) -> dict[float, float]:
+    """A_k in rad, by order; only amplitudes above 0."""
+    return {order: size * ARCSEC for order, size in ate.amplitudes_arcsec().items()}
+
+
+def _phases_rad(ate: TransmissionErrorTable) -> dict[float, float]:
+    """φ_k from 0 to 2π."""
+    return {order: math.radians(degrees) for order, degrees in phases_deg(ate).items()}
+
+
+def phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
+    """φ_k from 0 to 360°."""
+    return {order: degrees % 360.0 for order, degrees in ate.phases_deg().items()}
+
+
 def known_lag_s(identified: Identified | None, number: int) -> float:
     """Identified lag of an axis' current loop.
 
@@ -270,11 +379,7 @@ def motor_load(bench: Bench, identified: Identified | None, model: Model, number
 
 
 def cancellation_of(
-    bench: Bench,
-    identified: Identified | None,
-    motion: Motion,
-    channel: Channel | None = None,
-    **way: Unpack[Way],
+    bench: Bench, identified: Identified | None, motion: Motion, channel: Channel | None = None, **way: Unpack[Way]
 ) -> Cancellation:
     """Make the cancellation of a motion at its pace.
 
@@ -304,12 +409,7 @@ def _takes_torque(bench: Bench, motion: Motion, channel: Channel | None, *, with
         return False
 
 
-def cancellation_on(
-    session: Session,
-    identified: Identified | None,
-    motion: Motion,
-    **way: Unpack[Way],
-) -> Cancellation:
+def cancellation_on(session: Session, identified: Identified | None, motion: Motion, **way: Unpack[Way]) -> Cancellation:
     """Make the cancellation of a motion on a session.
 
     Control periods and scales come from the drives; the limits are checked.

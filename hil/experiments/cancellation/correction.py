@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.model import Correlation, IdentifiedError, significant
-from hil.control.order_keys import amplitude_key, phase_key
+from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.reaction import REACTS, UNLIKELY, Reaction
 from hil.design.estimate import Estimate
@@ -118,10 +118,9 @@ class Correction:
     """Correction of an axis from pass to pass.
 
     Attributes:
-        known: Significant orders of what was known.
         part: What was known; None if nothing was.
-        delay_s: Delay of the set-points as it was known.
         period_s: SYNC period.
+        known: Significant orders of what was known.
         acted: Values that the last pass cancelled.
         acted_delay_s: Delay that it was made for.
         acted_reaction: Reaction r_c that it was made for.
@@ -130,10 +129,9 @@ class Correction:
         passed: Orders whose resonance the ramps have passed.
     """
 
-    known: Mapping[float, OrderValue] = field(default_factory=dict)
     part: IdentifiedError | None = None
-    delay_s: float = 0.0
     period_s: float = 1e-3
+    known: dict[float, OrderValue] = field(default_factory=dict, init=False)
     acted: dict[float, OrderValue] = field(default_factory=dict)
     acted_delay_s: float = 0.0
     acted_reaction: float = 0.0
@@ -149,19 +147,14 @@ class Correction:
     _posterior: Estimate = UNKNOWN_YET
     _turned: dict[float, complex] = field(default_factory=dict)
 
-    @classmethod
-    def of(cls, part: IdentifiedError | None, period_s: float) -> "Correction":
-        """Correction of a part of a model file, at a SYNC period."""
-        if part is None:
-            return cls(period_s=period_s)
-        table, errors = significant(part), part.standard_error
-        phases = table.phases_deg()
-        return cls({
-            order: OrderValue(
-                "known", amplitude, phases[order] % 360.0, errors.get(amplitude_key(order)), errors.get(phase_key(order))
-            )
-            for order, amplitude in table.amplitudes_arcsec().items()
-        }, part, part.set_point_delay_s, period_s)  # fmt: skip
+    def __post_init__(self) -> None:
+        """Find the significant orders of what was known."""
+        if self.part is not None:
+            table, errors = significant(self.part), self.part.standard_error
+            phases = table.phases_deg()
+            for order, amplitude in table.amplitudes_arcsec().items():
+                along, turned = (errors.get(key) for key in order_keys([order]))
+                self.known[order] = OrderValue("known", amplitude, phases[order] % 360.0, along, turned)
 
     def begin(self, estimate: JointEstimate, passed: Collection[float]) -> set[float]:
         """Take each order's prior from what was known and a fit.
@@ -175,7 +168,7 @@ class Correction:
             Orders that have begun so: what the last pass left of them is in the fit.
         """
         self.passed = frozenset(passed)
-        delay = self.delay_s, DELAY_PERIODS * self.period_s
+        delay = self.set_point_delay_s, self.delay_error_s
         # r before its two priors: as wide as they are apart, and either as likely
         values = {} if self._prior.names else {DELAY: delay, REACTION: (REACTS, 1.0), GAIN: (0.0, MADE_ALIKE)}
         shown = {each.order for each in self._left}
@@ -199,10 +192,10 @@ class Correction:
             for of in (self.known, self._fits)
         )
         if known and self.part is not None:
-            prior = _with_correlation(prior, {k: self._begun[k] for k in known}, self.part.correlations(_keys(known)))
+            prior = _with_correlation(prior, {k: self._begun[k] for k in known}, self.part.correlations(order_keys(known)))
         fitted = [k for k in fitted if k in estimate.orders and k not in self.contradicted]
         if fitted:
-            errors = estimate.values.part(_keys(fitted))
+            errors = estimate.values.part(order_keys(fitted))
             prior = _with_correlation(prior, {k: self._begun[k] for k in fitted}, errors.correlation)
         return prior
 
@@ -285,12 +278,12 @@ class Correction:
             errors += values[order].sigmas_arcsec
         rows += [at[name] for name in shared.values()]
         errors += [found.standard_error(name) for name in shared.values()]
-        names = (*_keys(learnt), *shared)
+        names = (*order_keys(learnt), *shared)
         square = np.array(rows) @ found.covariance @ np.array(rows).T
         np.fill_diagonal(square, np.square(errors))
-        together = Estimate(names, np.zeros(len(names)), square).with_others(dict.fromkeys(_keys(kept), (0.0, 1.0)))
+        together = Estimate(names, np.zeros(len(names)), square).with_others(dict.fromkeys(order_keys(kept), (0.0, 1.0)))
         if kept and self.part is not None:
-            together = together.correlated(_keys(kept), self.part.correlations(_keys(kept)))
+            together = together.correlated(order_keys(kept), self.part.correlations(order_keys(kept)))
         return Correlation.of(together)
 
     def _why(self, order: float) -> str:
@@ -320,7 +313,8 @@ class Correction:
     @property
     def set_point_delay_s(self) -> float:
         """Delay of the set-points as it is known so far."""
-        return self._posterior.value(DELAY) if self._posterior.names else self.delay_s
+        known_s = 0.0 if self.part is None else self.part.set_point_delay_s
+        return self._posterior.value(DELAY) if self._posterior.names else known_s
 
     @property
     def delay_error_s(self) -> float:
@@ -340,9 +334,10 @@ class Correction:
         resonance_hz: float,
         per_reaction: Mapping[tuple[float, int], complex] | None = None,
     ) -> None:
-        """Learn from what a pass with the whole correction leaves of the orders whose resonance is passed.
+        """Learn from what a pass with the whole correction leaves.
 
-        Where it contradicts the prior of an order, that is as uncertain as the contradiction is large.
+        Only orders whose resonance is passed count. Where it contradicts the prior of an order, that is as uncertain as the
+        contradiction is large.
 
         `per_reaction` is q_k/z_k by order and direction.
         """
@@ -525,11 +520,6 @@ class Correction:
 def _would_leave(value: OrderValue, acted: OrderValue, ratio: complex) -> float:
     """Fraction that a value would leave, by the verdict on another."""
     return abs(ratio - value.phasor / acted.phasor) / max(abs(ratio), 1e-30)
-
-
-def _keys(orders: Collection[float]) -> list[str]:
-    """Names of amplitudes and phases in the model file."""
-    return [key(order) for order in orders for key in (amplitude_key, phase_key)]
 
 
 def _with_correlation(prior: Estimate, values: Mapping[float, OrderValue], correlation: Real) -> Estimate:

@@ -123,10 +123,7 @@ class Response:
         """
         stretch, damping, delay = (float(step) * likely for step, likely in zip(steps, LIKELY, strict=True))
         return replace(
-            self,
-            stretch=self.stretch * math.exp(stretch),
-            damping=self.damping * math.exp(damping),
-            delay_s=self.delay_s + delay,
+            self, stretch=self.stretch * math.exp(stretch), damping=self.damping * math.exp(damping), delay_s=self.delay_s + delay
         )
 
 
@@ -170,17 +167,11 @@ class Sighting:
     jolt: Mapping[Part, float] = field(default_factory=dict)
 
     def wave(self, part: Part, amplitude: complex) -> Real:
-        """Vibration of a part with an amplitude in arcsec.
-
-        The result is in m/s²; shape (rows,).
-        """
+        """Vibration in m/s² of a part with an amplitude in arcsec; shape (rows,)."""
         return np.asarray(self.waves[part] @ np.array([amplitude.real, amplitude.imag]))
 
     def variance(self, part: Part) -> float:
-        """Variance of either component of a part's amplitude.
-
-        It contains the residual, and the leakage from other parts.
-        """
+        """Variance of either component of a part's amplitude, by residual and leakage."""
         noise = max(float(np.mean(self.residual**2)), LEAST_NOISE_M_S2**2)
         leaks = sum(abs(size) ** 2 / self.unit_variance[other] for other, size in self.amplitude.items() if other != part)
         return self.unit_variance[part] * (noise + LEAK**2 * leaks)
@@ -267,10 +258,7 @@ def unshown(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -
 def acceleration_of(
     values: Real, period_s: float, band_hz: tuple[float, float], angle_per_value: Callable[[Real], Complex]
 ) -> Real:
-    """Acceleration in a band of the angle that samples cause.
-
-    Shape of `values`.
-    """
+    """Acceleration in a band of the angle that samples cause; shape of `values`."""
     length = int(scipy.fft.next_fast_len(len(values) + round(RING_DOWN_S / period_s), real=True))
     frequency, spectrum = acceleration_spectrum(values, period_s, length)
     made = scipy.fft.irfft(spectrum * _weight(frequency, period_s, band_hz) * angle_per_value(frequency), length)
@@ -278,10 +266,7 @@ def acceleration_of(
 
 
 def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
-    """Solve a least-squares problem.
-
-    Returns the unknowns, their variances for a residual of variance 1, and the residual.
-    """
+    """Unknowns of least squares, their variances per residual variance, and the residual."""
     scale = np.sqrt(np.sum(columns**2, axis=0)) + LEAST_COLUMN
     scaled = columns / scale
     # what the rows do not show, or cannot tell from another, has a huge variance so, and not none
@@ -291,10 +276,7 @@ def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
 
 
 def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> Sighting:
-    """Read the complex amplitudes of all orders from one recording.
-
-    The orders are those of all axes.
-    """
+    """Read the complex amplitudes of all orders of all axes from one recording."""
     spectra = _Spectra(recording, axes, rows, band_hz)
     columns = [spectra.columns(axis, axis.response) for axis in axes]
     unknowns, variance, residual = _solved(np.concatenate(columns, axis=1), spectra.signal)
@@ -317,9 +299,7 @@ def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: 
 def refined(
     recordings: Sequence[Recording], axes: Sequence[AxisWaves], rows: Sequence[Rows], band_hz: tuple[float, float]
 ) -> tuple[AxisWaves, ...]:
-    """Refine the responses of the axes on some recordings.
-
-    The axes are refined one after the other.
+    """Refine the responses of the axes on some recordings, one after the other.
 
     Each recording has amplitudes of its own, so a cancellation in it, right or wrong, does not matter. What is known of a
     model (`LIKELY`) counts as much as the noise allows.
@@ -341,10 +321,7 @@ def refined(
 
 
 class _Refinement:
-    """Cost of one axis' response over some recordings.
-
-    It is the residual power in units of the noise, plus the prior's part.
-    """
+    """Cost of a response: residual power over the noise, plus the prior's part."""
 
     def __init__(self, spectra: Sequence[_Spectra], axis: AxisWaves, others: Sequence[Sequence[Real]]) -> None:
         self._spectra, self._axis, self._others = spectra, axis, others

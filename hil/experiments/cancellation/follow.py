@@ -17,9 +17,8 @@ from hil.control.cancellation import CancellationLaw
 from hil.control.following import ArmModel, Followed, FollowingLaw, FollowingSettings, SecondDifference
 from hil.design.following import arm_model, band_pass, resonance_of, rounding_noise_m_s2
 from hil.errors import NotPossibleError
-from hil.experiments.cancellation.cancellation import Cancellation, treated_model
+from hil.experiments.cancellation.cancellation import Cancellation, amplitudes_rad, phases_deg, treated_model
 from hil.experiments.cancellation.follow_trial import BeginParts, HeardOrder
-from hil.experiments.cancellation.tables import amplitudes_rad, phases_deg
 from hil.experiments.cancellation.waves import planned_levers
 from hil.experiments.treatment import NO_FOLLOWING_BY_ENCODERS, NO_FOLLOWING_ON_ARM
 from hil.master.motion import Motion
@@ -73,10 +72,7 @@ class FollowingSetUp:
         return FollowingAdder(plain.uses_torque, plain.laws, law, self, difference)
 
     def beginning(self, parts: BeginParts) -> "FollowingSetUp":
-        """Copy of the set-up with the part at which each order begins.
-
-        It is 0 for what is not named.
-        """
+        """Copy with the part at which each order begins; 0 if not named."""
         orders = tuple(
             tuple(each._replace(begin_part=parts.get((number, each.order), 0.0)) for each in own)
             for number, own in zip(self.axes, self.orders, strict=True)
@@ -139,10 +135,7 @@ class FollowingAdder:
         return self._cancellation.step(positions_rad, torques_nm)
 
     def _felt_m_s2(self) -> float | None:
-        """Acceleration of the tip; None if it is not known.
-
-        It comes from the sensor, or from the joint's own encoder.
-        """
+        """Acceleration of the tip by sensor or the joint's encoder; None if unknown."""
         tip, turned = self._sensed.tip_m_s2, self._sensed.load_rad
         if self._difference is not None:
             return self._difference(None if turned is None else turned[self._columns[0]])
@@ -170,10 +163,7 @@ class FollowingAdder:
         return tuple(found)
 
     def followed(self) -> tuple[FollowedOrder, ...]:
-        """List how each order of each axis changed over the motion.
-
-        The result is empty before the motion began.
-        """
+        """List how each order of each axis changed; empty before the motion began."""
         if not self._rows:
             return ()
         found, at, set_up = [], 0, self._set_up
@@ -204,9 +194,7 @@ class FollowingAdder:
 
 
 def following_of(bench: Bench, identified: Identified | None, cancellation: Cancellation, motion: Motion) -> FollowingSetUp:
-    """Make the set-up of a cancellation that follows on a motion.
-
-    The cancellation is that of what has passed its trial.
+    """Make the set-up of following a motion with what has passed its trial.
 
     Raises:
         NotPossibleError: The links of an arm move the tip, the arm of an axis is not known, or several axes move and only

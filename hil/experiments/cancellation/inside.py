@@ -12,9 +12,8 @@ from hil.bench.bench import Bench, Model
 from hil.bench.model import Identified
 from hil.control.angles import ARCSEC
 from hil.errors import NotPossibleError
-from hil.experiments.cancellation.cancellation import treated_model
+from hil.experiments.cancellation.cancellation import amplitudes_rad, phases_deg, treated_model
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.tables import amplitudes_rad, phases_deg
 from hil.experiments.motor_inertia import nothing_known
 from hil.master.session import Session
 from hil.results.acted import CancelledOrder

@@ -160,10 +160,7 @@ def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | N
 
 
 def _with_plants(identified: Identified, plants: Identified | None) -> Identified:
-    """Add the plants of another file to a model file.
-
-    An axis without a transmission error takes that of the other file too.
-    """
+    """Add the plants of another file, and transmission errors that are missing."""
     for number, known in ({} if plants is None else plants.axis).items():
         if known.plant is not None:
             identified = identified.with_part(number, known.plant)

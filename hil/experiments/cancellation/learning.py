@@ -11,15 +11,16 @@ method see docs/learning.md.
 
 import datetime
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from hil.analysis import TipScale
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, identified_axis, significant, update_file
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.identification import JointEstimate
-from hil.design.ate.model import Sensing, Sweep
+from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.motion import motion_factor
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import Actuation
@@ -27,18 +28,18 @@ from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_factor
 from hil.experiments.ate.identify import SEARCHED_PASSES, checked_on_gear, standard_errors
 from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
-from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
-from hil.experiments.ate.orders import OrderWatch
+from hil.experiments.ate.order_scan import OrderWatch, identify_orders, is_passed, is_significant
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
 from hil.experiments.ate.request import axis_knowledge, modal_arm
 from hil.experiments.ate.sweeps import late_words, run_pass
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, treated_model
 from hil.experiments.cancellation.correction import Correction, OrderValue, error_of
-from hil.experiments.cancellation.pass_judge import PassJudge
+from hil.experiments.cancellation.effect import Part, Response, refined
+from hil.experiments.cancellation.ramp_trial import seen_by_direction
 from hil.experiments.cancellation.reaction_watch import ReactionWatch
-from hil.experiments.cancellation.verdict import PartVerdict, part_entry
+from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge, part_entry
 from hil.experiments.cancellation.verification import CancellationRefusedError
-from hil.experiments.cancellation.waves import judged_rows, vibration_m_s2
+from hil.experiments.cancellation.waves import judged_rows, response_of, vibration_m_s2, waves_of
 from hil.experiments.judge import axis_scale, scale_at, shown_rps
 from hil.experiments.motor_inertia import given_inertia
 from hil.master.session import Session
@@ -54,6 +55,51 @@ PASSES = 5
 SECOND_GAIN = 0.5
 FIRST_WHOLE = 3
 """Number of the first pass with the whole cancellation."""
+
+
+class PassJudge:
+    """Judge of the passes of one axis.
+
+    A pass may be to another speed than the first, so each is read with its own waves; and each direction for itself, since an
+    unknown delay turns one against the other.
+    """
+
+    def __init__(self, bench: Bench, identified: Identified | None, axis: int, known: Collection[float] = ()) -> None:
+        """Keep the bench, the axis and its known orders.
+
+        The response is that of the model file, or of the first pass' arm.
+        """
+        self._known_orders = tuple(known)
+        self._bench, self._axis, self._known = bench, axis, response_of(bench, identified, axis)
+        self._response: Response | None = None
+        self._without: dict[float, list[Seen]] = {}
+
+    def begin(self, recording: Recording, motion: Ramps, estimate: JointEstimate, scale: TipScale) -> None:
+        """Read the first pass, with which the others are compared."""
+        self._response = self._first(recording, motion, estimate, scale)
+        self._without = self.read(recording, motion, {*estimate.error.amplitude_arcsec, *self._known_orders}, 0.0, scale)
+
+    def read(
+        self, recording: Recording, motion: Ramps, orders: Collection[float], gain: float, scale: TipScale
+    ) -> dict[float, list[Seen]]:
+        """Read what is left of each order in each direction."""
+        assert self._response is not None  # noqa: S101 - made by the first pass
+        fitted = {*orders, *self._without}
+        return seen_by_direction(self._bench, recording, motion, self._response, fitted, orders, gain, scale)
+
+    def verdicts(self, seen: Mapping[float, Sequence[Seen]], gain: float) -> tuple[PartVerdict, ...]:
+        """Verdict on each order of a pass, against the first one."""
+        axis = self._axis
+        return tuple(judge(Part(axis, k), gain, [*self._without[k], *sights]) for k, sights in seen.items())
+
+    def _first(self, recording: Recording, motion: Ramps, estimate: JointEstimate, scale: TipScale) -> Response:
+        """The response, refined on the first pass."""
+        arm = estimate.arm
+        bare = Response(Arm(arm.resonance_hz, arm.damping, gear_fraction=arm.gear_fraction))
+        start = replace(self._known or bare, delay_s=arm.delay_s)
+        orders = {self._axis: tuple(estimate.error.amplitude_arcsec)}
+        waves = waves_of(self._bench, {self._axis: start}, orders, motion.motion, recording)
+        return refined([recording], waves, [motion.direction() != 0], scale.band_hz)[0].response
 
 
 @dataclass(frozen=True)
@@ -252,10 +298,10 @@ def learn(
     ramp, scale = learning_ramp(bench, identified, axis, acceleration_rps_s), axis_scale(bench, axis)
     knowledge = axis_knowledge(bench, axis, identified, sensorless=False)
     watch = OrderWatch(table.reduction_ratio, Sensing(table.felt_lever_m(f"learn --axis {axis}"), 0.0, *knowledge.delay_s), ramp)
-    reaction, correction = ReactionWatch.of(axis, knowledge.side, known.ate), Correction.of(known.ate, bench.bus.sync_period_s)
+    reaction, correction = ReactionWatch.of(axis, knowledge.side, known.ate), Correction(known.ate, bench.bus.sync_period_s)
     correction.torque_shows = reaction.known
     learning = AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, correction=correction, reaction=reaction)
-    judge = PassJudge(bench, identified, axis, correction.known)
+    passes_judge = PassJudge(bench, identified, axis, correction.known)
     for number in range(1, passes + 1):
         gain = (0.0, SECOND_GAIN)[number - 1] if number < FIRST_WHOLE else 1.0
         session.check_interrupt()
@@ -267,9 +313,11 @@ def learn(
         recording, sweep = run_pass(session, motion, number, keep, adder)
         watch.sweeps.append(sweep)
         seen = (
-            judge.read(recording, motion, tuple(correction.acted), gain, scale) if scale is not None and learning.passes else {}
+            passes_judge.read(recording, motion, tuple(correction.acted), gain, scale)
+            if scale is not None and learning.passes
+            else {}
         )
-        verdicts = judge.verdicts(seen, gain)
+        verdicts = passes_judge.verdicts(seen, gain)
         begun: set[float] = set()
         if learning.is_to_be_fitted(watch.sweeps, verdicts, orders):
             estimate = _fitted(watch, learning, orders, known.plant)
@@ -280,7 +328,7 @@ def learn(
         arm_hz = estimate.arm.resonance_hz
         scale = scale or scale_at(bench, axis, arm_hz)  # of the first: all are judged alike
         if not learning.passes:
-            judge.begin(recording, motion, estimate, scale)
+            passes_judge.begin(recording, motion, estimate, scale)
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
         if number >= FIRST_WHOLE:
             left = {k: each for k, each in seen.items() if k not in begun}
@@ -329,19 +377,14 @@ def _next_ramp(bench: Bench, learning: AxisLearning, last: Ramp) -> Ramp:
 
 
 def _low_end(end_rps: float, estimate: JointEstimate) -> float:
-    """End speed of the next ramps for a reached order below 2.
-
-    It is 0 if there is no such order.
-    """
+    """End speed for a reached order below 2 in later ramps, or 0."""
     arm_hz = estimate.arm.resonance_hz
     low = [k for k in estimate.error.amplitude_arcsec if k < LOWEST and end_rps >= arm_hz / k and is_significant(estimate, k)]
     return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
 
 
 def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> None:
-    """Leave out the orders whose cancellation is wrong.
-
-    After the last pass, orders that could not be judged are left out too.
+    """Leave out wrong orders, after the last pass also those not judged.
 
     Raises:
         CancellationRefusedError: None is left.
@@ -388,10 +431,7 @@ def _known_with(bench: Bench, identified: Identified | None, axis: int, part: Id
 def _per_reaction(
     bench: Bench, identified: Identified | None, learning: AxisLearning, recording: Recording, motion: Ramps
 ) -> dict[tuple[float, int], complex]:
-    """What the gear's reaction adds to each order that was cancelled.
-
-    The pass' torque tells the reaction first.
-    """
+    """What the reaction by the pass' torque adds to each cancelled order."""
     correction, watch = learning.correction, learning.reaction
     assert watch is not None  # noqa: S101 - it has begun
     watch.take(recording, error_of(learning.values()))

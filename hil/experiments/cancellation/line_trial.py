@@ -16,9 +16,9 @@ import numpy as np
 
 from hil.bench.bench import Bench
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.motion import ProbedRows
 from hil.experiments.cancellation.verdict import PartVerdict, Verdict
 from hil.experiments.cancellation.verification import Trial, Verification
+from hil.experiments.cancellation.waves import ProbedRows
 from hil.experiments.judge import line_scale
 from hil.experiments.peaks import PeakChange
 from hil.experiments.window import NOISE_PEAK, noise_variance
@@ -144,10 +144,7 @@ def _peaks_mm(bench: Bench, trials: Sequence[Trial]) -> list[float]:
 
 
 def _noise_mm(bench: Bench, trials: Sequence[Trial]) -> float:
-    """Noise of the displacement in the mean of some runs.
-
-    It is the root mean square that the sensor's noise causes.
-    """
+    """Root mean square of the sensor's noise in the mean displacement of runs."""
     recording = trials[0].recording
     variances = [noise_variance(column, recording) / len(trials) for column in tip_acceleration(recording).T]
     return noise_rms_mm(variances, recording.period_s, _probed(bench, recording).band_hz)

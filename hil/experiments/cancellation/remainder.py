@@ -100,9 +100,7 @@ class TrialView:
 
 
 def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float) -> CancellationRemainder | None:
-    """Find the remainder of the vibration and its cause.
-
-    Returns None if no run has shown the remainder.
+    """Find the remainder of the vibration and its cause; None if not shown.
 
     There are no tables if the drives cancel.
     """
@@ -231,10 +229,7 @@ class _Account:
         return reckoned
 
     def _bound(self) -> RemainderCause:
-        """Limit that binds the set-points.
-
-        It is the speed of the axis, or the highest frequency of the cancellation.
-        """
+        """Binding limit: the axis' speed, or the cancellation's highest frequency."""
         for number, table in self._tables.items():
             peak_rps = float(np.max(np.abs(motor_speed_rps(self._seen.recording, number))))
             if table.largest_speed_rps(peak_rps) > BINDS * self._seen.speed_rps.get(number, math.inf):
@@ -329,9 +324,7 @@ class _Account:
         return self._found(reckoned, REACTION_TURN)
 
     def _found(self, reckoned: Real, most_turn: float) -> Real:
-        """Part of the remainder that is a reckoned vibration.
-
-        It is zero unless that is found about as large as reckoned.
+        """Reckoned vibration as found in the remainder, or 0 without it.
 
         `most_turn` is the largest angle between it and what is found, rad.
         """
@@ -349,10 +342,7 @@ class _Account:
         return np.asarray(both @ found)
 
     def _reaction(self, axis: AxisWaves, loop: Loop, table: CancellationTable) -> Real:
-        """Vibration by the torque −τ_g dθ_sync/dθ_m at the motor.
-
-        The whole error counts.
-        """
+        """Vibration by −τ_g dθ_sync/dθ_m of the whole error at the motor."""
         recording, ratio = self._seen.recording, loop.plant.reduction_ratio
         angle, period_s = recording.axis(axis.number, "position_rad"), recording.period_s
         corner = min(0.25 * self._seen.scale.f_al_hz, 0.2 / period_s)
@@ -379,10 +369,7 @@ class _Account:
 
 
 def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.complex128]:
-    """Response θ_l/τ at the motor, X/(N (A + C)), at the sensor.
-
-    It is 0 where X is 0.
-    """
+    """Response θ_l/τ at the sensor, X/(N (A + C)); 0 where X is."""
     response = axis.response.at(frequency_hz)
     inside = response != 0.0
     motor = loop.plant.terms(2j * math.pi * frequency_hz[inside])[0] + loop.controller(frequency_hz[inside])
@@ -391,10 +378,7 @@ def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.c
 
 
 def _without_orders(look: Look) -> Real:
-    """Vibration of a run without noise and orders.
-
-    The rest is what the motion itself causes.
-    """
+    """Vibration that the motion itself causes: without noise and orders."""
     seen = look.sighting
     rest = seen.vibration - seen.residual
     for part, size in seen.amplitude.items():

@@ -135,10 +135,7 @@ class _Protocol:
         return Verification(PROBE_GAIN, tuple(self._trials), tuple(verdicts.values()), left)
 
     def _on_ramps(self, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
-        """Judge parts that the motion hides on a slow ramp of their axis.
-
-        Returns their verdicts.
-        """
+        """Verdicts of parts that the motion hides, on slow ramps of their axis."""
         found: dict[Part, PartVerdict] = {}
         for axis in self._axes:
             hidden = [part for part, each in verdicts.items() if part.axis == axis.number and each.verdict == "not judged"]
@@ -153,10 +150,8 @@ class _Protocol:
                 for gain, what in ((0.0, "untreated"), (1.0, "with the whole cancellation")):
                     self._reporter.step(f"{words}: hidden; a ramp to {ramp.ramp.end_rps:.2f} rev/s shows it, {what}")
                     recording = self._run(ramp.motion, gain, axis.number, _wrong(verdicts))
-                    waves = waves_of(
-                        self._bench, {axis.number: axis.response}, {axis.number: axis.orders}, ramp.motion, recording
-                    )
-                    for order, sights in seen_by_direction(recording, ramp, waves, orders, gain, scale).items():
+                    read = seen_by_direction(self._bench, recording, ramp, axis.response, axis.orders, orders, gain, scale)
+                    for order, sights in read.items():
                         seen[order] += sights
             except (NotPossibleError, UnsafeRequestError) as error:
                 self._reporter.step(f"{words}: hidden, and no ramp can show it: {error}")
@@ -167,10 +162,7 @@ class _Protocol:
         return found
 
     def _risen(self, windows: Windows, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
-        """Refuse all parts if the tip's largest peak rises with them.
-
-        Returns their verdicts.
-        """
+        """Refusals of all parts if the tip's largest peak rises."""
         used = [part for part, verdict in verdicts.items() if verdict.verdict == "accepted"]
         change = None
         while used and (change is None or change.rises.is_open) and len(self._alike(used)) < MOST_WHOLE:
@@ -290,9 +282,7 @@ def _run(session: Session, motion: Motion, filters: FilterUse, adder: Cancellati
 
 @dataclass(frozen=True)
 class Choice:
-    """Choice after a trial.
-
-    It has the parts of the cancellation that passed, or the notch if none did.
+    """Parts of a cancellation that passed its trial, or the notch without any.
 
     Attributes:
         cancellation: Cancellation without the parts that did not pass; None if it was refused, or the drives cancel.
@@ -325,9 +315,7 @@ def choose(
     shows_filter: bool = True,
     reporter: Reporter = SILENT,
 ) -> Choice:
-    """Try a cancellation, and choose what a motion runs with.
-
-    The choice is the parts that pass, or the notch if none does.
+    """Try a cancellation; choose the parts that pass, or the notch.
 
     Args:
         session: Session that has been brought up.
@@ -365,16 +353,8 @@ def _chosen(
     return Choice(kept, filters, verification, None)
 
 
-def choose_inside(
-    session: Session,
-    identified: Identified | None,
-    motion: Motion,
-    *,
-    reporter: Reporter = SILENT,
-) -> Choice:
-    """Try a cancellation inside the drives, and choose.
-
-    If it is refused, the motion runs with the notch.
+def choose_inside(session: Session, identified: Identified | None, motion: Motion, *, reporter: Reporter = SILENT) -> Choice:
+    """Try a cancellation inside the drives; choose it, or the notch.
 
     Raises:
         HilError: As `verify`, and as `cancel_inside`.

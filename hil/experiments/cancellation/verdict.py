@@ -85,10 +85,7 @@ class PartVerdict:
     where: str = ""
 
     def could_be_judged(self, more: float) -> bool:
-        """True if more runs could judge an undecided part.
-
-        `more` is the number of runs as a multiple of the present one.
-        """
+        """True if `more` times as many runs could judge an undecided part."""
         noise = math.sqrt(max(self.left_error**2 - self.lasting_error**2, 0.0))
         least_error = math.hypot(noise / math.sqrt(more), self.lasting_error)
         return self.verdict == "not judged" and _is_seen(least_error)
@@ -192,10 +189,7 @@ def _lowers(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: 
 
 
 def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: float, most: float) -> tuple[float, float]:
-    """Size of e − g c over the directions, and its error.
-
-    The error is that of the difference from `most` times ‖e‖.
-    """
+    """Size of e − g c, and error of its difference from `most` ‖e‖."""
     remainder = there - gain * taken
     left, size = float(np.linalg.norm(remainder)), float(np.linalg.norm(there))
     total = 0.0
@@ -213,10 +207,7 @@ def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: fl
 def _factor(
     there: np.ndarray, taken: np.ndarray, covariance: np.ndarray
 ) -> tuple[float, float, float, float] | tuple[None, None, None, None]:
-    """Fit e/c over the directions, as factor and angle.
-
-    Both have standard errors; all are None if c is not seen.
-    """
+    """Factor and angle of e/c with errors; None of an unseen c."""
     size, effect = float(np.linalg.norm(there)), float(np.linalg.norm(taken))
     error_e, error_c = (math.sqrt(float(np.max(covariance[:, i, i]))) for i in (0, 1))
     if effect < SIGMAS * error_c or size < SIGMAS * error_e:

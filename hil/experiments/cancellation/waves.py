@@ -4,7 +4,8 @@ They have the levers of the tip, the planned motion, and the rows that count.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -17,14 +18,18 @@ from hil.bench.tip import vertical_levers_m
 from hil.design.ate.model import Arm
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.errors import NotPossibleError
-from hil.experiments.cancellation.effect import AxisWaves, Response
+from hil.experiments.cancellation.effect import AxisWaves, Part, Response
 from hil.master.motion import Motion
 from hil.recording import Recording
-from hil.robot_tables import ORDERS
+from hil.robot_tables import ORDERS, LineMotion
+from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
 
 Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
+REACH = (0.45, 1.2)
+"""Frequencies that count as in the band, in units of its ends: its skirts let through what is large beside it, and sums and
+differences of its orders with others are inside."""
 SLOWEST = 0.05
 """Motor speed below which nothing is read, in rev/s, as a fraction of f_al in Hz: there the start's jerk is all that rings."""
 LEAST_S = 0.1
@@ -34,10 +39,7 @@ LEVER_STEP_RAD = 1e-5
 
 
 def response_of(bench: Bench, identified: Identified | None, number: int) -> Response | None:
-    """Response of an axis to its transmission error, or None.
-
-    None if nothing is known of its arm.
-    """
+    """Response of an axis to its transmission error; None of an unknown arm."""
     error = identified_axis(identified, number).ate
     delay_s = 0.0 if error is None else error.accelerometer_delay_s
     loop = with_identified(bench, identified).axis[number].loop(CONTROL_PERIOD_S, with_notch=False)
@@ -49,11 +51,7 @@ def response_of(bench: Bench, identified: Identified | None, number: int) -> Res
 
 
 def waves_of(
-    bench: Bench,
-    responses: Mapping[int, Response],
-    orders: Mapping[int, Sequence[float]],
-    motion: Motion,
-    recording: Recording,
+    bench: Bench, responses: Mapping[int, Response], orders: Mapping[int, Collection[float]], motion: Motion, recording: Recording
 ) -> tuple[AxisWaves, ...]:
     """Waves of all axes of a motion with a known response.
 
@@ -79,10 +77,7 @@ def waves_of(
 
 
 def _late(angle_rad: Real, gain_per_s: float, period_s: float) -> Real:
-    """Pass a set-point through a position loop.
-
-    It is unchanged without a gain.
-    """
+    """Pass a set-point through a position loop, if it has a gain."""
     if gain_per_s <= 0.0:
         return angle_rad
     blend = 1.0 - math.exp(-period_s * gain_per_s)
@@ -90,15 +85,15 @@ def _late(angle_rad: Real, gain_per_s: float, period_s: float) -> Real:
 
 
 def planned_levers(bench: Bench, motion: Motion) -> Real:
-    """Lever of each axis along the planned motion of a bench without an arm of links; shape (n, axes)."""
+    """Lever of each axis along a planned motion without links; shape (n, axes)."""
     levers = _levers(bench, motion, motion.motor_angle_rad)
     return np.stack([np.broadcast_to(each, len(motion.time_s)) for each in levers], axis=1)
 
 
 def _levers(bench: Bench, motion: Motion, angle_rad: Real) -> list[Real]:
-    """Lever of each axis: the tip's distance, shape (), or along a chain's line ∂z/∂q, shape (n,).
+    """Lever of each axis: the tip's distance, or ∂z/∂q along a chain's line.
 
-    Motor angles count from the beginning of the line; shape (n, axes).
+    The shapes are () and (n,). Motor angles count from the beginning of the line; shape (n, axes).
     """
     if len(motion.axes) == 1 or bench.geometry is None or motion.axes != bench.chain_axes or bench.line_motion is None:
         return [np.asarray(bench.axis[number].tip_lever_m) for number in motion.axes]
@@ -157,9 +152,76 @@ def _of_line(bench: Bench, recording: Recording, of_axis: Rows) -> Rows:
 
 
 def vibration_m_s2(recording: Recording, rows: Rows, scale: TipScale) -> float:
-    """Root mean square of the tip's vertical acceleration in the band.
-
-    The band is around f_al.
-    """
+    """Root mean square of the tip's vertical acceleration in the band around f_al."""
     band = band_passed(recording.felt_m_s2, recording.period_s, scale.band_hz)
     return float(np.sqrt(np.mean(band[rows] ** 2)))
+
+
+@dataclass(frozen=True)
+class ProbedRows:
+    """Tip's motion in the rows of every run of one motion.
+
+    It has the components x, y and z in the band; the rows are those that judge the motion.
+
+    Settings are learnt from its acceleration, in which a sensor's noise is alike at all frequencies; a displacement would hardly
+    show orders in the band's upper half. The displacement judges a run.
+
+    Attributes:
+        band_hz: Band of the vibration.
+        rows: The rows, in one piece.
+    """
+
+    band_hz: tuple[float, float]
+    rows: slice
+
+    @classmethod
+    def of(cls, bench: Bench, recording: Recording, scale: TipScale) -> "ProbedRows":
+        """The rows of a motion, from one recording of it.
+
+        Raises:
+            NotPossibleError: The motion does not excite the arm.
+        """
+        line = bench.line_motion
+        if len(recording.axes) > 1 and line is not None and bench.arm is not None:
+            return cls.of_line(line, recording, scale)
+        return cls._of(seen_rows(bench, recording, scale.f_al_hz), scale)
+
+    @classmethod
+    def of_line(cls, line: LineMotion, recording: Recording, scale: TipScale) -> "ProbedRows":
+        """The rows of an arm's line: those of its constant speed."""
+        begin_s, end_s = (line.dwell_s + each for each in steady_window_s(line.duration_s, line.ramp_s))
+        return cls._of((recording.time_s >= begin_s) & (recording.time_s <= end_s), scale)
+
+    @classmethod
+    def _of(cls, counts: NDArray[np.bool_], scale: TipScale) -> "ProbedRows":
+        counted = np.flatnonzero(counts)
+        return cls(scale.band_hz, slice(int(counted[0]), int(counted[-1]) + 1))
+
+    def acceleration_m_s2(self, recording: Recording) -> Real:
+        """Acceleration of the tip along x, y and z; shape (3, rows).
+
+        Raises:
+            ValueError: The sampling period is too long for the band.
+        """
+        felt = tip_acceleration(recording).T
+        return np.stack([band_passed(each, recording.period_s, self.band_hz)[self.rows] for each in felt])
+
+    def displacement_mm(self, recording: Recording) -> Real:
+        """Displacement of the tip along x, y and z; shape (3, rows).
+
+        Raises:
+            ValueError: The sampling period is too long for the band.
+        """
+        moved = displacement_mm(tip_acceleration(recording), recording.period_s, self.band_hz)
+        return np.asarray(moved[self.rows].T)
+
+    def reached(self, bench: Bench, motion: Motion, orders: Sequence[float]) -> dict[Part, float]:
+        """Time in s for which each order lies in the band."""
+        found = {}
+        for column, number in enumerate(motion.axes):
+            turns = np.gradient(motion.motor_angle_rad[:, column], motion.period_s)[self.rows] / (2.0 * np.pi)
+            for order in orders:
+                frequency = order * np.abs(turns)
+                inside = (frequency >= REACH[0] * self.band_hz[0]) & (frequency <= REACH[1] * self.band_hz[1])
+                found[Part(number, order)] = motion.period_s * float(np.count_nonzero(inside))
+        return found

@@ -62,10 +62,7 @@ def write_curves(
 
 
 def _write_map(path: Path, sections: Sequence[AngleSection], speeds_rps: Sequence[np.ndarray], scale: float) -> None:
-    """Write the amplitudes over order in windows, with their speeds.
-
-    A window has a few revolutions.
-    """
+    """Write the amplitudes over order in windows of a few revolutions."""
     orders = np.arange(SCAN_FROM, SCAN_TO + MAP_STEP / 2, MAP_STEP)
     windows = [
         (section, rows, float(np.median(np.abs(speed[rows]))))

@@ -77,9 +77,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
 
 
 def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, per_hz2: float) -> AngleSection:
-    """Section of the joint's angle less the motor's through the gear.
-
-    The difference is in rad.
+    """Section of the joint's angle less the motor's through the gear, in rad.
 
     The swing of the joint by (k f_m)² is in s².
     """
@@ -89,10 +87,7 @@ def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, pe
 
 
 def joint_swing(stretches: Sequence[tuple[Recorded, MotionStretch]], ratio: float, orders: Sequence[float]) -> JointSwing | None:
-    """Swing of the joint in some stretches, or None.
-
-    It is None if the stretches do not separate it from a larger error.
-    """
+    """Swing of the joint; None if a larger error hides it."""
     quickest = max(float(np.max(np.abs(_speed(recorded, stretch)))) for recorded, stretch in stretches)
     sections_at = [functools.partial(encoder_section, recorded, stretch, ratio) for recorded, stretch in stretches]
     swing = swing_of(sections_at, orders, max(orders) * quickest)

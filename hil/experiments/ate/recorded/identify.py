@@ -24,7 +24,6 @@ from hil.design.recorded.swing import JointSwing
 from hil.design.recorded.through_arm import RefinedArm
 from hil.experiments.ate.recorded.curves import write_curves
 from hil.experiments.ate.recorded.encoders import agreed_ratio, encoder_section, found_ratio, joint_swing
-from hil.experiments.ate.recorded.entries import file_entry, scan_entry, stretch_entry
 from hil.experiments.ate.recorded.request import (
     MOST_STRETCHES,
     ContradictedError,
@@ -35,7 +34,17 @@ from hil.experiments.ate.recorded.request import (
 from hil.experiments.ate.recorded.sensed import SensedFiles, sensed_files, without_start
 from hil.recordings.reading import Recorded, read_recording
 from hil.results.base import RESULT_FILE, versions
-from hil.results.recorded_ate import Form, OrderChange, RecordedAteResult
+from hil.results.recorded_ate import (
+    FixedLine,
+    Form,
+    OrderChange,
+    OrderEntry,
+    RecordedAteResult,
+    RecordedFile,
+    RecordedStretch,
+    ScanEntry,
+    ScanPeak,
+)
 from hil.robot_tables import TransmissionErrorTable
 
 PART_TURNS = 1.25
@@ -96,10 +105,7 @@ class _Prepared:
         return self.sensed.section(recorded, stretch, self.refined.arm)
 
     def moved(self, recorded: Recorded, stretch: MotionStretch) -> list[AngleSection]:
-        """Sections of a stretch, each with one prior moved.
-
-        A prior about arm or joint is off by its standard error.
-        """
+        """Sections of a stretch, each with one prior moved by its standard error."""
         if self.sensed is not None and self.refined is not None:
             return [self.sensed.section(recorded, stretch, arm) for arm in self.refined.steps]
         if self.swing is None:
@@ -115,7 +121,8 @@ def _prepared(request: RecordedRequest, bench: Bench | None, identified: Identif
     sensed = None if form == "two encoders" else sensed_files(files, request, form, bench, identified)
     even = files if sensed is None else sensed.files
     moved = [(number, each, _stretches(each, is_sensed=sensed is not None)) for number, each in enumerate(even)]
-    enough = [(number, recorded, _long_enough(each, request)) for number, recorded, each in moved]
+    turns = least_turns(request.orders)
+    enough = [(number, recorded, [one for one in each if one.turns >= turns]) for number, recorded, each in moved]
     notes += _too_short(moved, enough, request)
     if sensed is None or bench is None:
         ratio, ratio_found, more = _ratio(enough, request)
@@ -152,11 +159,12 @@ def identify_recorded(
     fitted = _fit(ready, request)
     scan, cleaned, lines = _scan(fitted)
     scale = ARCSEC if form == "two encoders" else 1.0
-    write_curves(directory, scan, cleaned, fitted.fits, [_speeds(each) for each in fitted.found], scale)
+    speeds = [speed_of(each.section.angle_rad, _times(each)) for each in fitted.found]
+    write_curves(directory, scan, cleaned, fitted.fits, speeds, scale)
     part = _entry(fitted.joint, files, refined, is_torque=form == "motor torque")
     notes = [*ready.notes, *_swing_notes(ready, fitted), *_notes(fitted, scan, lines, request)]
     result = RecordedAteResult(
-        robot=_robot(request, bench),
+        robot=request.said.robot or (request.files[0].name.split(".")[0] if bench is None else bench.name),
         axis=request.axis,
         started_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         versions=versions(),
@@ -165,12 +173,12 @@ def identify_recorded(
         ratio_found=ready.ratio_found,
         orders=request.orders,
         files=tuple(
-            file_entry(each, None if sensed is None else sensed.clocks[number].words) for number, each in enumerate(files)
+            _file_entry(each, None if sensed is None else sensed.clocks[number].words) for number, each in enumerate(files)
         ),
-        stretches=tuple(stretch_entry(each, fit) for each, fit in zip(fitted.found, fitted.fits, strict=True)),
-        parts=tuple(stretch_entry(each, fit) for each, fit in fitted.parts),
+        stretches=tuple(_stretch_entry(each, fit) for each, fit in zip(fitted.found, fitted.fits, strict=True)),
+        parts=tuple(_stretch_entry(each, fit) for each, fit in fitted.parts),
         changes=tuple(OrderChange(is_seen=each.is_seen, **vars(each)) for each in fitted.changes.values()),
-        scan=scan_entry(scan, lines, scale),
+        scan=_scan_entry(scan, lines, scale),
         ate=part,
         is_identified=_is_identified(fitted.joint),
         notes=tuple(notes),
@@ -178,11 +186,6 @@ def identify_recorded(
     )
     result.write(directory / RESULT_FILE)
     return result
-
-
-def _robot(request: RecordedRequest, bench: Bench | None) -> str:
-    """Name of the robot: given, the bench's, or the first file's."""
-    return request.said.robot or (bench.name if bench is not None else request.files[0].name.split(".")[0])
 
 
 def _arm_words(arm: Arm, source: str) -> str:
@@ -204,10 +207,7 @@ def _stretches(recorded: Recorded, *, is_sensed: bool) -> list[MotionStretch]:
 
 
 def _tells_tip(request: RecordedRequest, bench: Bench | None, identified: Identified | None) -> bool:
-    """True if load encoders give the tip and the plant is known.
-
-    The arm's resonance is then no obstacle.
-    """
+    """True if load encoders give the tip through a known plant."""
     if bench is None or request.axis not in bench.axis or not bench.accelerometer.from_load_encoders:
         return False
     return bench.axis[request.axis].model is not None or identified_axis(identified, request.axis).plant is not None
@@ -232,10 +232,6 @@ def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joi
         f"{files[0].path}: no signal except the motor angle is in every file; one of joint angle, tip "
         "acceleration or motor torque is needed; name it, for example with --column load=NAME,UNIT"
     )
-
-
-def _long_enough(each: Sequence[MotionStretch], request: RecordedRequest) -> list[MotionStretch]:
-    return [stretch for stretch in each if stretch.turns >= least_turns(request.orders)]
 
 
 def _too_short(
@@ -338,10 +334,6 @@ def _times(each: FoundStretch) -> np.ndarray:
     return np.interp(np.linspace(0.0, 1.0, len(each.section.signal)), np.linspace(0.0, 1.0, len(rows)), rows)
 
 
-def _speeds(each: FoundStretch) -> np.ndarray:
-    return speed_of(each.section.angle_rad, _times(each))
-
-
 def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | None, *, is_torque: bool) -> IdentifiedError:
     """Entry of the model file."""
     errors: dict[str, float] = {}
@@ -422,3 +414,42 @@ def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], re
     if weak:
         notes.append(f"order {', '.join(weak)}: below {SIGNIFICANT_SIGMAS:g} standard errors, which noise alone can reach")
     return notes
+
+
+def _file_entry(each: Recorded, clock: str | None = None) -> RecordedFile:
+    """Entry of a recording."""
+    columns = tuple(column.words + (", by its name" if column.is_guessed else "") for column in each.column.values())
+    return RecordedFile(
+        path=str(each.path), columns=columns, rows=len(each.time_s), duration_s=float(each.time_s[-1]), period_s=each.period_s,
+        jitter_s=each.jitter_s, clock=clock,
+    )  # fmt: skip
+
+
+def _stretch_entry(each: FoundStretch, fit: SectionFit) -> RecordedStretch:
+    """Entry of a stretch or a part, with its orders."""
+    values, stretch = tuple(OrderEntry(order=order, **vars(value)) for order, value in values_of(fit).items()), each.stretch
+    return RecordedStretch(
+        file=each.file, direction=stretch.direction, turns=stretch.turns, speed_rps=stretch.speed_rps, from_s=stretch.from_s,
+        to_s=stretch.to_s, degree=fit.degree, values=values,
+    )  # fmt: skip
+
+
+def _scan_entry(scan: BlindScan, lines: Sequence[FixedFrequency], scale: float) -> ScanEntry:
+    """Convert a blind scan to its entry.
+
+    Its amplitudes are in arcsec of the joint; those of lines are in the unit of the signal.
+
+    `scale` is the unit of the signal.
+    """
+
+    def peak(order: float, amplitude: float, level: float) -> ScanPeak:
+        return ScanPeak(order=round(order, 3), amplitude=amplitude / ARCSEC, level=level / ARCSEC)
+
+    top = scan.highest
+    return ScanEntry(
+        unit="arcsec",
+        false_alarm=FALSE_ALARM,
+        highest=peak(top.order, top.amplitude, top.level),
+        peaks=tuple(peak(each.order, each.amplitude, each.level) for each in scan.peaks[:20]),
+        lines=tuple(FixedLine(hz=each.hz, order=each.order, amplitude=each.amplitude / scale) for each in lines),
+    )

@@ -20,7 +20,6 @@ from hil.experiments.ate.recorded.request import MOST_SAMPLES, ContradictedError
 from hil.experiments.ate.request import axis_knowledge, sensing_of
 from hil.recordings.reading import Recorded
 from hil.results.recorded_ate import Form
-from hil.robot_tables import PlantTable
 
 RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S = 0.03, 0.3, 0.002
 """Standard errors of values that state none: resonance and damping as fractions, and the delay of a sensor."""
@@ -61,9 +60,7 @@ class SensedFiles:
 def sensed_files(
     files: Sequence[Recorded], request: RecordedRequest, form: Form, bench: Bench | None, identified: Identified | None
 ) -> SensedFiles:
-    """Put recordings of a sensor on an even grid.
-
-    The result also has the prior of the arm.
+    """Put recordings on an even grid, and find the arm's prior.
 
     Raises:
         ContradictedError: There is no bench, no plant, or another ratio; or a recording does not show the arm.
@@ -99,10 +96,7 @@ def sensed_files(
 
 
 def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | None:
-    """Cut the first half second if a recording starts in motion.
-
-    Returns None if nothing is left of the stretch.
-    """
+    """Stretch without a recording's first half second in motion, or None."""
     if each.rows.start > 8:
         return each
     start = int(np.searchsorted(recorded.time_s, STEADY_S))
@@ -124,19 +118,11 @@ def _prior(bench: Bench, axis: int, identified: Identified | None, start: Arm | 
         least = max(resonance, LEAST_RESONANCE_FRACTION), max(damping, LEAST_DAMPING_FRACTION)
         error_s = DELAY_ERROR_S if delay is None else 0.5 * DELAY_ERROR_S
         return ArmPrior(replace(start, delay_s=delay or 0.0), *least, error_s), "the model file"
-    model = bench.axis[axis].model
-    if model is None:
+    plant = bench.axis[axis].plant()
+    if plant is None:
         raise ContradictedError(
             f"no plant of axis {axis} is known, neither in the model file nor in the bench file; find it with hil identify plant"
         )
-    return ArmPrior(arm_of(model), RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"
-
-
-def arm_of(plant: PlantTable) -> Arm:
-    """Arm of a plant on its gear, with the motor held."""
-    stiffness, inertia = plant.gear_stiffness_nm_rad, plant.arm_inertia_kg_m2
-    total = plant.gear_damping_nm_s_rad + plant.arm_damping_nm_s_rad
-    fraction = plant.gear_damping_nm_s_rad / total if total > 0.0 else 1.0
-    return Arm(
-        math.sqrt(stiffness / inertia) / (2.0 * math.pi), max(0.5 * total / math.sqrt(stiffness * inertia), 1e-4), 0.0, fraction
-    )
+    arm = Arm.of(plant)
+    arm = replace(arm, damping=max(arm.damping, 1e-4))
+    return ArmPrior(arm, RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"

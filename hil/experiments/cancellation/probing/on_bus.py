@@ -89,9 +89,7 @@ def learn_motion_on_bus(
     overload: bool = False,
     reporter: Reporter = SILENT,
 ) -> MotionLearningOutcome:
-    """Learn on a motion, and write the result to the model file.
-
-    It is written if the tip is quieter with it.
+    """Learn on a motion, and write what makes the tip quieter.
 
     Args:
         bench: The bench file.
@@ -164,10 +162,7 @@ def _learnt(
     on: datetime.date,
     emulated: bool | None,
 ) -> dict[int, IdentifiedError]:
-    """Entries of the model file by axis.
-
-    Axes of which nothing was learnt have none.
-    """
+    """Entries of the model file for axes with learnt orders."""
     assert learning.probed is not None  # noqa: S101 - there were runs
     values = {part: outcome.value for part, outcome in learning.outcomes.items()}
     known = Identified(robot=bench.name) if identified is None else identified
@@ -243,10 +238,7 @@ def _part_entry(learning: MotionLearning, part: Part) -> ProbedPart:
 
 
 def motion_summary(outcome: MotionLearningOutcome) -> Sequence[str]:
-    """Describe the learnt orders and the tip.
-
-    The text has a line for each order of each axis.
-    """
+    """Describe each learnt order of each axis in a line, and the tip."""
     result = outcome.result
     lines = [part.words for part in result.parts]
     lines += [

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from hil.analysis import TipScale
 from hil.design.probing import RunScatter, scatter_of
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, ProbedRows, peak_and_rms
+from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, peak_and_rms
+from hil.experiments.cancellation.waves import ProbedRows
 from hil.master.motion import Motion, RunResult
 from hil.recording import Recording
 
@@ -94,10 +95,7 @@ class MotionLearning:
 
     @property
     def base_mm(self) -> tuple[float, float]:
-        """Peak and root mean square of the tip without cancellation.
-
-        They are those of the mean of the base runs.
-        """
+        """Peak and root mean square of the mean of the base runs."""
         return peak_and_rms(np.mean([run.moved_mm for run in self.of_kind("base")], axis=0))
 
     @property

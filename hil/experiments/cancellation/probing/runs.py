@@ -16,8 +16,9 @@ from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.ate.checks import check_run
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.motion import ProbedRows, settings_of, smoothed, values_by_part, with_values
+from hil.experiments.cancellation.probing.motion import settings_of, smoothed, values_by_part, with_values
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper, RunKind
+from hil.experiments.cancellation.waves import ProbedRows
 from hil.experiments.window import check_range
 from hil.master.session import Session
 from hil.reporter import Reporter

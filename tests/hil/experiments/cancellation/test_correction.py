@@ -35,7 +35,7 @@ def known(values: Mapping[float, tuple[float, float]] = TRUE, error: float = 0.1
     """What an identification has found."""
     errors = {amplitude_key(order): error for order in values} | {phase_key(order): error_deg for order in values}
     table = TransmissionErrorTable.of({k: each[0] for k, each in values.items()}, {k: each[1] for k, each in values.items()})
-    return Correction.of(IdentifiedError(values=table, standard_error=errors), 0.002)
+    return Correction(IdentifiedError(values=table, standard_error=errors), 0.002)
 
 
 def fitted(values: Mapping[float, tuple[float, float]] = TRUE, error: float = 0.2, error_deg: float = 1.0) -> JointEstimate:
@@ -96,7 +96,7 @@ def test_an_error_that_all_amplitudes_share_is_told_by_the_orders_that_passes_sh
     shared = Correlation.of(Estimate(tuple(keys), np.zeros(3), np.ones((3, 3)) + 1e-3 * np.eye(3)))
     for correlation, least, most in ((None, 0.019, 0.021), (shared, 0.0, 0.002)):
         part = correction.part.model_copy(update={"standard_error": correction.part.standard_error | errors})
-        each = Correction.of(part.model_copy(update={"correlation": correlation}), 0.002)
+        each = Correction(part.model_copy(update={"correlation": correlation}), 0.002)
         each.begin(fitted(off, error=20.0, error_deg=90.0), {2, 4})
         act(each)
         each.take(left(each, {order: phasor(value) for order, value in TRUE.items()}), ARM_HZ)
@@ -240,7 +240,7 @@ def test_of_two_values_that_agree_the_more_exact_one_begins() -> None:
         correction = known()
         correction.begin(fitted(slightly, *errors), ALL)
         assert correction.values()[2].amplitude_arcsec == pytest.approx(wanted)
-    without = Correction.of(IdentifiedError(values=TransmissionErrorTable(a2_arcsec=14.0, phi2_deg=240.0)), 0.002)
+    without = Correction(IdentifiedError(values=TransmissionErrorTable(a2_arcsec=14.0, phi2_deg=240.0)), 0.002)
     without.begin(fitted(), ALL)
     assert without.values()[2].amplitude_arcsec == 14.6, "a value without a standard error is no exact one"
 
