@@ -159,8 +159,7 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
     Raises:
         NotPossibleError: The bench has no such axis, the model file is another robot's, or a plant is needed and there is none.
     """
-    if axis not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
+    bench.check_axis(axis)
     if identified is not None:
         identified.check_robot(bench.name)
     part_of = identified_axis(identified, axis).plant

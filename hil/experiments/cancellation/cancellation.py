@@ -452,8 +452,7 @@ def treated_model(bench: Bench, identified: Identified | None, number: int) -> M
     """
     if identified is not None:
         identified.check_robot(bench.name)
-    if number not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
+    bench.check_axis(number)
     model, error = with_identified(bench, identified).axis[number].model, identified_axis(identified, number).ate
     if model is None and error is not None:
         model = model_of_error(bench.axis[number], error)

@@ -177,19 +177,14 @@ class FollowingAdder:
                 turn = math.degrees(each.phase_rad) + np.degrees(np.angle(factors))
                 found.append(
                     FollowedOrder(
-                        axis=number,
-                        order=each.order,
-                        amplitude_start_arcsec=float(size[0]),
-                        amplitude_end_arcsec=float(size[-1]),
-                        phase_start_deg=float(turn[0]) % 360.0,
-                        phase_end_deg=float(turn[-1]) % 360.0,
-                        turned_deg=float(np.degrees(np.angle(factors[-1]))),
-                        was_taken_back=each.order in self._law.given_up(row),
-                        time_s=times,
-                        amplitude_arcsec=tuple(size[::step].round(4).tolist()),
+                        axis=number, order=each.order,
+                        amplitude_start_arcsec=float(size[0]), amplitude_end_arcsec=float(size[-1]),
+                        phase_start_deg=float(turn[0]) % 360.0, phase_end_deg=float(turn[-1]) % 360.0,
+                        turned_deg=float(np.degrees(np.angle(factors[-1]))), was_taken_back=each.order in self._law.given_up(row),
+                        time_s=times, amplitude_arcsec=tuple(size[::step].round(4).tolist()),
                         phase_deg=tuple(turn[::step].round(3).tolist()),
                     )
-                )
+                )  # fmt: skip
         return tuple(found)
 
 

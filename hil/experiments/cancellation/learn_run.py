@@ -106,17 +106,10 @@ def learn_on_bus(
         today = measurement.started.date()
         for axis in request.axes:
             learnt[axis] = learn(
-                session,
-                axis,
-                identified,
-                passes=request.passes,
-                acceleration_rps_s=request.acceleration_rps_s,
-                actuation=request.actuation,
-                motor_inertia_kg_m2=request.motor_inertias_kg_m2.get(axis),
-                orders=request.orders,
-                keep=partial(_enter, measurement, axis),
-                reporter=reporter,
-            )
+                session, axis, identified, passes=request.passes, acceleration_rps_s=request.acceleration_rps_s,
+                actuation=request.actuation, motor_inertia_kg_m2=request.motor_inertias_kg_m2.get(axis), orders=request.orders,
+                keep=partial(_enter, measurement, axis), reporter=reporter,
+            )  # fmt: skip
             learnt[axis].emulated = measurement.result.emulated
             measurement.result.learnt.append(learnt[axis].entry(request.note, today))
             taken_over = identified_axis(identified, axis).plant

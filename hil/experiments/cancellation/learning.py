@@ -126,12 +126,10 @@ class LearntPass:
         """Entry of the pass for the result file."""
         error = error_of(self.values)
         return LearningPass(
-            gain=self.gain,
-            vibration_m_s2=self.vibration_m_s2,
-            set_point_delay_s=self.set_point_delay_s,
+            gain=self.gain, vibration_m_s2=self.vibration_m_s2, set_point_delay_s=self.set_point_delay_s,
             values=TransmissionErrorTable.of(error.amplitude_arcsec, error.phase_deg),
             parts=tuple(part_entry(verdict) for verdict in self.verdicts),
-        )
+        )  # fmt: skip
 
 
 @dataclass
@@ -224,16 +222,13 @@ class AxisLearning:
             values=TransmissionErrorTable.of(cancelled.amplitude_arcsec, cancelled.phase_deg),
             standard_error=errors,
             correlation=self.correction.correlation(values),
-            arm_hz=estimate.arm.resonance_hz,
-            damping=estimate.arm.damping,
-            accelerometer_delay_s=estimate.arm.delay_s,
+            arm_hz=estimate.arm.resonance_hz, damping=estimate.arm.damping, accelerometer_delay_s=estimate.arm.delay_s,
             set_point_delay_s=self.correction.set_point_delay_s,
             gear_reaction=0.0 if reaction is None else max(0.0, reaction.value),
-            learnt_by="adaptive",
-            motor_inertia_kg_m2=self.motor_inertia_kg_m2,
+            learnt_by="adaptive", motor_inertia_kg_m2=self.motor_inertia_kg_m2,
             note="; ".join(text for text in (date, f"{len(self.passes)} passes", before, without, note) if text),
             emulated=self.emulated,
-        )
+        )  # fmt: skip
 
     def store(self, path: Path, robot: str, note: str = "", on: datetime.date | None = None) -> Identified:
         """Write the transmission error into the model file.
@@ -249,14 +244,10 @@ class AxisLearning:
     def entry(self, note: str = "", on: datetime.date | None = None) -> LearntAxis:
         """Entry of the axis for the result file."""
         return LearntAxis(
-            axis=self.axis,
-            reduction_fraction=self.reduction_fraction,
-            passes=tuple(each.entry() for each in self.passes),
-            ate=self.part(note, on),
-            left_out=tuple(verdict.words for verdict in self.left_out.values()),
-            kept=self.kept(),
+            axis=self.axis, reduction_fraction=self.reduction_fraction, passes=tuple(each.entry() for each in self.passes),
+            ate=self.part(note, on), left_out=tuple(verdict.words for verdict in self.left_out.values()), kept=self.kept(),
             notes=tuple(self.notes),
-        )
+        )  # fmt: skip
 
 
 def learn(
@@ -403,8 +394,7 @@ def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
     """
     if passes < 2:
         raise NotPossibleError(f"{passes} passes are too few to learn; at least 2 are needed, the first without cancellation")
-    if axis not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
+    bench.check_axis(axis)
     return bench.axis[axis]
 
 

@@ -69,6 +69,5 @@ def seen_by_direction(
     for way in (1, -1):
         sighting = sight(recording, waves, directions == way, scale.band_hz)
         for order, sights in found.items():
-            part = Part(axis, order)
-            sights.append(Seen(way, gain, sighting.amplitude[part], sighting.variance(part), sighting.bias_variance(part)))
+            sights.append(Seen.of(sighting, Part(axis, order), gain, way))
     return found

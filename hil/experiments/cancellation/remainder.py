@@ -167,14 +167,9 @@ class _Account:
             causes.append(self._hidden_cause())
         named = tuple(dict.fromkeys([*causes[:1], *(cause for cause in causes if cause not in UNKNOWN)]))
         return CancellationRemainder(
-            order=self._order,
-            left_mm=self._left_mm,
-            asked_mm=self._asked_mm,
-            jolt_mm=self._jolt_mm,
-            noise_mm=hidden_mm,
-            causes=named,
-            words=self._words(named, hidden_mm),
-        )
+            order=self._order, left_mm=self._left_mm, asked_mm=self._asked_mm, jolt_mm=self._jolt_mm, noise_mm=hidden_mm,
+            causes=named, words=self._words(named, hidden_mm),
+        )  # fmt: skip
 
     def _words(self, causes: Sequence[RemainderCause], hidden_mm: float) -> str:
         where = "" if self._order is None else f" in the window of order {self._order:g}"

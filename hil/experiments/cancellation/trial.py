@@ -26,7 +26,7 @@ from hil.experiments.cancellation.inside import cancel_inside, inside_parts
 from hil.experiments.cancellation.line_trial import is_line_of_arm, refused_by_vector, verify_on_line
 from hil.experiments.cancellation.ramp_trial import ramp_through, seen_by_direction
 from hil.experiments.cancellation.remainder import TrialView, remainder
-from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge, judged
+from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
 from hil.experiments.cancellation.verification import CancellationRefusedError, Trial, Verification
 from hil.experiments.cancellation.waves import judged_rows, response_of, seen_rows, vibration_m_s2, waves_of
 from hil.experiments.judge import axis_scale, check_shown, vibration_scale
@@ -84,7 +84,6 @@ class _Protocol:
         self._scale, self._run, self._reporter = scale, run, reporter
         self._tables = tables or {}
         self._trials: list[Trial] = []
-        self._sights: dict[Part, list[Seen]] = {part: [] for part in parts}
         self._looks: list[Look] = []
         self._axes: tuple[AxisWaves, ...] = ()
         self._rows = self._judged = np.zeros(0, dtype=np.bool_)
@@ -109,7 +108,7 @@ class _Protocol:
             self._reporter.step(f"trial of the cancellation: {what}")
             self._add(what, PROBE_GAIN, only)
         self._refine(2 + len(alone))
-        verdicts = judged(PROBE_GAIN, self._sights)
+        verdicts = self._verdicts()
         for number in range(1, MOST_WHOLE + 1):
             wrong = _wrong(verdicts)
             if len(wrong) == len(self._parts):
@@ -120,7 +119,7 @@ class _Protocol:
             what = "the whole cancellation" + (f" but {', '.join(part.words for part in sorted(wrong))}" if wrong else "")
             self._reporter.step(f"trial of the cancellation: {what}")
             self._add(what, 1.0, None, wrong)
-            verdicts = judged(PROBE_GAIN, self._sights)
+            verdicts = self._verdicts()
             if _wrong(verdicts) == wrong and not _open(verdicts, number):
                 break
         verdicts |= self._on_ramps(verdicts)
@@ -195,26 +194,22 @@ class _Protocol:
         rms_m_s2 = vibration_m_s2(recording, self._judged[: len(recording.time_s)], self._scale)
         gains = {part: gain if only in {None, part.axis} and part not in without else 0.0 for part in self._parts}
         self._trials.append(Trial(what, recording, gains, rms_m_s2))
-        self._see(self._trials[-1])
+        self._looks.append(self._look(self._trials[-1]))
 
     def _refine(self, count: int) -> None:
         """Refine the responses on the first runs, and read those anew."""
         recordings = [trial.recording for trial in self._trials[:count]]
         rows = [self._rows[: len(recording.time_s)] for recording in recordings]
         self._axes = refined(recordings, self._axes, rows, self._scale.band_hz)
-        self._looks.clear()
-        for sights in self._sights.values():
-            sights.clear()
-        for trial in self._trials:
-            self._see(trial)
+        self._looks = [self._look(trial) for trial in self._trials]
 
-    def _see(self, trial: Trial) -> None:
-        sighting = sight(trial.recording, self._axes, self._rows[: len(trial.recording.time_s)], self._scale.band_hz)
-        self._looks.append(Look(trial.gains, sighting))
-        for part, sights in self._sights.items():
-            sights.append(
-                Seen(1, trial.gains[part], sighting.amplitude[part], sighting.variance(part), sighting.bias_variance(part))
-            )
+    def _look(self, trial: Trial) -> Look:
+        rows = self._rows[: len(trial.recording.time_s)]
+        return Look(trial.gains, sight(trial.recording, self._axes, rows, self._scale.band_hz))
+
+    def _verdicts(self) -> dict[Part, PartVerdict]:
+        seen = {part: [Seen.of(look.sighting, part, look.gains[part]) for look in self._looks] for part in self._parts}
+        return {part: judge(part, PROBE_GAIN, sights) for part, sights in seen.items()}
 
 
 def _wrong(verdicts: Mapping[Part, PartVerdict]) -> frozenset[Part]:

@@ -11,13 +11,13 @@ leaves that open (`decision`), or the noise hides the order, the part is not jud
 
 import cmath
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.effect import Part, Sighting
 from hil.experiments.decision import SIGMAS, Decision
 from hil.results.runs import TrialPart
 
@@ -46,6 +46,11 @@ class Seen:
     amplitude: complex
     variance: float
     bias_variance: float = 0.0
+
+    @classmethod
+    def of(cls, sighting: Sighting, part: Part, gain: float, direction: int = 1) -> "Seen":
+        """The part as one recording shows it."""
+        return cls(direction, gain, sighting.amplitude[part], sighting.variance(part), sighting.bias_variance(part))
 
 
 @dataclass(frozen=True)
@@ -215,11 +220,6 @@ def _factor(
     ratio = complex(np.vdot(taken, there)) / effect**2
     relative = math.hypot(error_e / size, error_c / effect)
     return abs(ratio), abs(ratio) * relative, math.degrees(cmath.phase(ratio)), math.degrees(relative)
-
-
-def judged(gain: float, seen: Mapping[Part, Sequence[Seen]]) -> dict[Part, PartVerdict]:
-    """Verdicts on all parts."""
-    return {part: judge(part, gain, sights) for part, sights in seen.items()}
 
 
 def part_entry(verdict: PartVerdict) -> TrialPart:

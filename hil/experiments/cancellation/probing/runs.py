@@ -77,10 +77,7 @@ class Runs:
         The amplitude is that of each part's probe, which is added to the level; without a level, its runs are base runs.
         """
         middle = np.zeros(2 * len(parts)) if level is None else level
-        sizes = np.repeat(probes_arcsec, 2) / math.sqrt(2.0)
-        settings = sizes * balanced_signs(2 * len(parts))
-        # all are checked before one moves
-        made = [self.cancellation(values_by_part(parts, middle + row), "a probe") for row in settings]
+        settings, made = self._probes(parts, probes_arcsec, middle)  # all are checked before one moves
         seconds = float(self.learning.motion.time_s[-1])
         self._reporter.step(
             f"{len(settings)} probing runs of {seconds:.1f} s for {len(parts)} orders of axes, each cancelled by "
@@ -105,16 +102,17 @@ class Runs:
 
         They are as large as requested, or half of that. If neither fits, they are a quarter, which is not checked here.
         """
-        signs = balanced_signs(2 * len(parts))
         for part_of in (1.0, 0.5):
-            sizes = part_of * np.repeat(probes_arcsec, 2) / math.sqrt(2.0)
             try:
-                for row in sizes * signs:
-                    self.cancellation(values_by_part(parts, level + row), "a probe")
+                self._probes(parts, part_of * probes_arcsec, level)
             except UnsafeRequestError:
                 continue
             return part_of * probes_arcsec
         return 0.25 * probes_arcsec
+
+    def _probes(self, parts: Sequence[Part], probes_arcsec: Real, level: Real) -> tuple[Real, list[Cancellation]]:
+        settings = np.repeat(probes_arcsec, 2) / math.sqrt(2.0) * balanced_signs(2 * len(parts))
+        return settings, [self.cancellation(values_by_part(parts, level + row), "a probe") for row in settings]
 
     def _at_level(self, parts: Sequence[Part], level: Real | None) -> None:
         if level is None:
