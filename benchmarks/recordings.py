@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from hil.bench.bench import load_bench
 from hil.bench.model import Identified, IdentifiedAxis, IdentifiedPlant
 from hil.control.angles import ARCSEC
+from hil.design.ate.model import Arm
+from hil.design.frequency import TwoInertia
 from hil.experiments.ate.recorded.identify import identify_recorded
 from hil.experiments.ate.recorded.request import RecordedRequest
-from hil.experiments.ate.recorded.sensed import arm_of
 from hil.recording import save_columns
 from hil.recordings import Said
 from hil.robot_tables import Control, PlantTable, TransmissionErrorTable
@@ -92,7 +93,7 @@ def model_of(truth: Truth, seed: int) -> Identified:
     random = np.random.default_rng(20_000 + seed)
     table = truth.robot.axis[AXIS]
     plant = PlantTable(**{name: getattr(table, name) for name in PlantTable.model_fields})
-    arm = arm_of(plant)
+    arm = Arm.of(TwoInertia(reduction_ratio=1.0, **plant.model_dump()))
     part = IdentifiedPlant(
         values=plant,
         antiresonance_hz=arm.resonance_hz * (1.0 + KNOWN["antiresonance_hz"] * random.normal()),

@@ -311,6 +311,15 @@ class Bench(Table):
         """True for the paper's robot."""
         return self.reference == "paper"
 
+    def check_axis(self, number: int) -> None:
+        """Refuse the number of an axis that the bench does not have.
+
+        Raises:
+            NotPossibleError: It has none.
+        """
+        if number not in self.axis:
+            raise NotPossibleError(f"bench {self.name!r} has no axis {number}; it has {', '.join(map(str, self.axis))}")
+
     @property
     def chain_axes(self) -> tuple[int, ...]:
         """Axes of the line motion, from the base on.

@@ -379,15 +379,24 @@ def update_file(
     return updated
 
 
-def with_identified(bench: Bench, identified: Identified) -> Bench:
+def identified_axis(identified: Identified | None, number: int) -> IdentifiedAxis:
+    """Identified parts of an axis; none without a model file, or of an axis that is not in it."""
+    return IdentifiedAxis() if identified is None else identified.axis.get(number, IdentifiedAxis())
+
+
+def with_identified(bench: Bench, identified: Identified | None) -> Bench:
     """Return the bench with identified models in place of assumed ones.
+
+    It is the bench itself without a model file.
 
     If only one part of an axis was identified, the other is kept from the bench. An axis without any plant, or without any
     transmission error, has no model. The bench takes the significant orders of an identified error.
     """
+    if identified is None:
+        return bench
     axes = {}
     for number, table in bench.axis.items():
-        known = identified.axis.get(number, IdentifiedAxis())
+        known = identified_axis(identified, number)
         plant: Mapping[str, Any] | None = None
         if known.plant is not None:
             plant = known.plant.values.model_dump()

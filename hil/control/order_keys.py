@@ -1,5 +1,7 @@
 """Names of an order's amplitude and phase, in files and among estimates."""
 
+from collections.abc import Iterable
+
 
 def amplitude_key(order: float) -> str:
     """Name of an order's amplitude among the standard errors: `a2_arcsec`.
@@ -17,3 +19,8 @@ def phase_key(order: float) -> str:
     'phi2_deg'
     """
     return f"phi{order:g}_deg"
+
+
+def order_keys(orders: Iterable[float]) -> tuple[str, ...]:
+    """Names of amplitude and phase of each order in turn."""
+    return tuple(key(order) for order in orders for key in (amplitude_key, phase_key))

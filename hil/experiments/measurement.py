@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Generic, Literal, Self, TypeVar
+from typing import Any, Generic, Literal, Self, TypeVar
 
 from drive_profiles.address import Address, parse_address
 from drive_profiles.files.safefile import check_writable, naming
@@ -16,6 +16,7 @@ from hil.can.opening import open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.bus_demand import BusDemand, check_load
 from hil.master.drive.needs import ProfileGapsError, run_gaps, run_remarks
+from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter
@@ -192,6 +193,14 @@ class Measurement(Generic[R]):
             recording.save(path)
         self._has_saved = True
         return path.relative_to(self._out).as_posix()
+
+    def made(self, result: RunResult, name: str) -> dict[str, Any]:
+        """Save the recording of a run as `keep` does, and return the fields of its `MadeRun`."""
+        return {
+            "cycles": result.cycles, "missed_cycles": result.missed_cycles, "wall_s": round(result.wall_s, 4),
+            "recording": self.keep(result.recording, name),
+            "stopped": None if result.stopped is None else result.stopped.reason,
+        }  # fmt: skip
 
 
 def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], *, overload: bool = False) -> list[bool]:

@@ -46,8 +46,7 @@ def point_to_point(bench: Bench, axis: int, period_s: float) -> Motion:
 
 
 def _of_one_axis(bench: Bench, axis: int, trajectory: ConstantAcceleration | PointToPoint, period_s: float) -> Motion:
-    if axis not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
+    bench.check_axis(axis)
     check_acceleration(bench.axis[axis], axis, trajectory)
     times = sample_times(trajectory.duration_s, period_s)
     return Motion((axis,), times, trajectory.motor_angle(times)[:, np.newaxis], starts_at_home=False)

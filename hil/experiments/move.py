@@ -80,8 +80,7 @@ class MoveRequest:
             NotPossibleError: The bench has no such axis, or a number is none.
             UnsafeRequestError: The position is beyond the limits of the axis.
         """
-        if self.axis not in bench.axis:
-            raise NotPossibleError(f"bench {bench.name!r} has no axis {self.axis}; it has {', '.join(map(str, bench.axis))}")
+        bench.check_axis(self.axis)
         for value in (self.to_rev, self.by_rev):
             if value is not None and not math.isfinite(value):
                 raise NotPossibleError(f"{value} is not a motor position; expected a number in rev")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
-from hil.experiments.cancellation import tables
+from hil.experiments.cancellation import cancellation
 from hil.experiments.cancellation.effect import Part
 from plant_emulator.rehearsal.survey import Survey
 from plant_emulator.robots.robot import Robot
@@ -87,12 +87,12 @@ KNOWN_BETTER = frozenset({"estimate", "order left out"})
 @contextmanager
 def _up_to(over_resonance: float) -> Iterator[None]:
     """Let cancellations extend to a multiple of f_al in this context."""
-    before = tables.HIGHEST_OVER_RESONANCE
-    tables.HIGHEST_OVER_RESONANCE = over_resonance
+    before = cancellation.HIGHEST_OVER_RESONANCE
+    cancellation.HIGHEST_OVER_RESONANCE = over_resonance
     try:
         yield
     finally:
-        tables.HIGHEST_OVER_RESONANCE = before
+        cancellation.HIGHEST_OVER_RESONANCE = before
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def tip_without(causes: Collection[str], end: PathEnd, rerun: Callable[[Robot, B
         model, left_out = model.with_part(axis, true), ()
     elif not REMOVED.keys() & set(causes):
         return None
-    with _up_to(HIGH_OVER_RESONANCE if "frequency limit" in causes else tables.HIGHEST_OVER_RESONANCE):
+    with _up_to(HIGH_OVER_RESONANCE if "frequency limit" in causes else cancellation.HIGHEST_OVER_RESONANCE):
         return max(Survey(robot, bench, axis).cancelled(model, left_out).peak_mm.values(), default=None)
 
 

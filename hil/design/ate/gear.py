@@ -200,12 +200,7 @@ class BaseMotion:
         return cls(per_sample, period_s / per_sample, rigid, waves.reshape(2, 2 * len(orders), -1))
 
     def shaken(self, noise_rad: Real, reduction_ratio: float) -> tuple[Real, Real]:
-        """What a disturbance of the measured motor angle adds to the input and to its rate; both of shape (2 n + 1,).
-
-        Args:
-            noise_rad: The disturbance at every sample; shape (samples,).
-            reduction_ratio: Reduction ratio N.
-        """
+        """What a disturbance of the measured motor angle adds to the input and to its rate; both of shape (2 n + 1,)."""
         spline = _between(self.step_s * self.per_sample, noise_rad / reduction_ratio)
         halves = 0.5 * self.step_s * np.arange(self.rigid.shape[1])
         return spline(halves), spline(halves, 1)

@@ -120,13 +120,7 @@ def thinned(sweep: Sweep, every: int) -> Sweep:
 
 
 def _decimated(spectrum: Complex, count: int, every: int) -> Real:
-    """Decimate a real signal that is given by its spectrum, without a filter; shape (count,).
-
-    Args:
-        spectrum: One-sided spectrum of the count · every samples.
-        count: Number of samples that are kept.
-        every: One of so many samples is kept.
-    """
+    """Decimate a real signal that is given by its spectrum, without a filter; shape (count,)."""
     whole = np.concatenate([spectrum, spectrum[1 : (count * every + 1) // 2][::-1].conj()])
     return np.asarray(scipy.fft.irfft(whole.reshape(every, count).sum(axis=0)[: count // 2 + 1], count)) / every
 

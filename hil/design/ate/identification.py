@@ -30,18 +30,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.control.order_keys import amplitude_key, phase_key
+from hil.control.order_keys import amplitude_key, order_keys, phase_key
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.misfit import misfit, noise_variance, structured_power
 from hil.design.ate.model import GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
 from hil.design.ate.motion import motion_factor
-from hil.design.ate.refinement import (
-    bend_weight,
-    is_rounding_felt,
-    refined,
-    slopes_by_arm,
-    without_rounding,
-)
+from hil.design.ate.refinement import bend_weight, is_rounding_felt, refined, slopes_by_arm, without_rounding
 from hil.design.estimate import Estimate
 from hil.design.estimation import EstimatedParameter, inverse
 from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
@@ -177,9 +171,7 @@ def identify(
     *,
     is_near: bool = False,
 ) -> JointEstimate:
-    """Estimate A_k, φ_k, arm and sensor delay from ramps.
-
-    The ramps are in both directions.
+    """Estimate A_k, φ_k, arm and sensor delay from ramps in both directions.
 
     Args:
         sweeps: Recordings with at least one ramp in each direction, through the resonance with every order.
@@ -217,12 +209,7 @@ def identify_one_way(
 
     One direction cannot tell φ_k from the sensor's delay, which is taken to be known.
 
-    Args:
-        sweep: Recording of the ramp.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal.
-        start: Arm near the true one, with the delay.
-        orders: Orders k of the error.
+    `start` is an arm near the true one, with the delay.
 
     Raises:
         ValueError: The ramp is too short, or shapes differ.
@@ -291,10 +278,7 @@ def _search(
 
 
 def _least_apart(model: RampsModel, arms: Sequence[Arm], delays_s: Real) -> Arm:
-    """Choose arm and delay with the least residual, directions apart.
-
-    Each direction has a transmission error of its own.
-    """
+    """Choose arm and delay with the least residual, directions apart."""
     delays = [float(delay) for delay in delays_s]
     powers = np.array([model.powers_apart(arm, delays) for arm in arms])
     row, column = divmod(int(np.argmin(powers)), len(delays))
@@ -306,12 +290,7 @@ def with_arm(
 ) -> JointEstimate:
     """Replace the arm of an estimate, with the delay, A_k and φ_k that suit it best.
 
-    Args:
-        estimate: The estimate; its standard errors stay.
-        sweeps: Its recordings.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal.
-        arm: The arm; its delay is searched.
+    The standard errors stay; the delay of the arm is searched.
     """
     model = _model_around(sweeps, reduction_ratio, sensing, estimate.orders, arm.resonance_hz)
     delays = np.linspace(sensing.delay_from_s, sensing.delay_to_s, FINE_DELAYS)
@@ -370,10 +349,6 @@ def missed(components: Real, misses: Real) -> Real:
     """Covariance of A_k cos φ_k and A_k sin φ_k by the missed part of the vibration.
 
     As a variance of the residual it averages out over a ramp; an error of the model need not.
-
-    Args:
-        components: A_k cos φ_k and A_k sin φ_k of n orders; shape (2 n,).
-        misses: The missed part of the vibration of each order; shape (n,).
     """
     square = np.zeros((len(components),) * 2)
     for row, miss in zip(range(0, len(components), 2), misses.tolist(), strict=True):
@@ -398,11 +373,7 @@ def polar(orders: Sequence[float], components: Real, covariance: Real, others: t
         mean[at : at + 2] = size / ARCSEC, math.degrees(turned) % 360.0
         slope[at, at : at + 2] = np.array([math.cos(turned), math.sin(turned)]) / ARCSEC
         slope[at + 1, at : at + 2] = np.degrees([-math.sin(turned), math.cos(turned)]) / max(size, LEAST_SIZE_RAD)
-    return _turned_at_most(Estimate((*_names(orders), *others), mean, slope @ covariance @ slope.T))
-
-
-def _names(orders: Sequence[float]) -> tuple[str, ...]:
-    return tuple(key(order) for order in orders for key in (amplitude_key, phase_key))
+    return _turned_at_most(Estimate((*order_keys(orders), *others), mean, slope @ covariance @ slope.T))
 
 
 def _turned_at_most(values: Estimate) -> Estimate:

@@ -36,9 +36,7 @@ def block_powers(values: Real, length: int) -> Real:
 def noise_power(powers: Real, freedom: float) -> float:
     """Power of white noise, from the quiet ones of some blocks.
 
-    Args:
-        powers: Mean power of each block.
-        freedom: Independent samples of a block.
+    `freedom` is the number of independent samples of a block.
     """
     # Wilson and Hilferty's approximation of the quantile of χ²/n
     spread = 2.0 / (9.0 * max(1.0, freedom))
@@ -81,6 +79,5 @@ def _above_noise(residual: Real, length: int, freedom: float) -> Real:
 def noise_variance(residual: Real, length: int, freedom: float) -> Real:
     """Variance of the residual at each sample: that of the noise, and what is above it in the sample's block; shape (n,)."""
     left = block_powers(residual, length)
-    power = noise_power(left, freedom)
     counts = [len(each) for each in np.array_split(residual, len(left))]
-    return np.repeat(power + np.maximum(0.0, left - CHANCE * power), counts)
+    return np.repeat(noise_power(left, freedom) + _above_noise(residual, length, freedom), counts)

@@ -14,13 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.design.frequency import TwoInertia
-from hil.design.transmission_error import (
-    RING_DOWN,
-    TransmissionError,
-    acceleration_spectrum,
-    shown_error,
-    shown_waves,
-)
+from hil.design.transmission_error import RING_DOWN, TransmissionError, acceleration_spectrum, shown_error, shown_waves
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -144,19 +138,14 @@ class Arm:
         return np.asarray(made * np.exp(-2j * math.pi * frequency_hz * self.delay_s) if self.delay_s else made)
 
     def _follows(self, over_resonance: Real, damping: float) -> Complex:
-        """Motion of a mode on a moving base.
-
-        It is a function of the frequency over the mode's own.
-        """
+        """Motion of a mode on a moving base, by frequency over its own."""
         x = over_resonance
         return np.asarray((1.0 + 2j * self.gear_fraction * damping * x) / (1.0 + 2j * damping * x - x**2))
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of a signal, from sensor and encoder rounding.
-
-    The rounding passes through the arm.
+    """Noise of a signal, from sensor and encoder rounding behind the arm.
 
     Attributes:
         arm: The arm.
@@ -167,10 +156,7 @@ class Noise:
     sensor_variance: float
 
     def seen_with(self, weight: float) -> "Noise":
-        """Noise of a recording that has a weight.
-
-        The weighted residuals of all recordings have similar sizes.
-        """
+        """Noise of a recording with a weight, by which residuals become similar."""
         return replace(self, sensor_variance=self.sensor_variance / weight**2)
 
 
@@ -266,10 +252,7 @@ class SweepModel:
 
 
 def resolution_rad(angle_rad: Real) -> float:
-    """Step of an encoder in its readings; 0 for none.
-
-    It is the smallest difference of two readings.
-    """
+    """Step of an encoder: the smallest difference of two readings; 0 for none."""
     steps = np.diff(np.unique(angle_rad))
     steps = steps[steps > 1e-9]
     return float(steps.min()) if len(steps) else 0.0
@@ -359,9 +342,7 @@ class RampsModel:
         return [np.asarray(each) for each in np.split(values, ends)]
 
     def powers_apart(self, arm: Arm, delays_s: Sequence[float]) -> list[float]:
-        """Power of the residual by delay, directions apart.
-
-        Each direction may have its own amplitudes and phases.
+        """Power of the residual by delay, each direction with its own orders.
 
         The signal is put forward instead of the model back, so the columns are made once for all delays.
         """
@@ -387,10 +368,7 @@ class RampsModel:
         return self._direction_rows[direction]
 
     def _ahead(self, direction: int, delays_s: tuple[float, ...]) -> Real:
-        """Signal advanced by each delay; shape (rows, delays).
-
-        The rows are those of one direction.
-        """
+        """Signal advanced by each delay, in one direction; shape (rows, delays)."""
         key = direction, delays_s
         if key not in self._put_forward:
             whole = [np.concatenate([part.ahead(delay) for part in self._parts]) for delay in delays_s]
@@ -415,17 +393,7 @@ def least_squares(matrix: Real, wanted: Real) -> Real:
 
 
 def modelled(sweep: Sweep, reduction_ratio: float, sensing: Sensing, arm: Arm, error: TransmissionError) -> Real:
-    """Predict the signal of a whole recording; shape (n,).
-
-    Gravity's part is left out.
-
-    Args:
-        sweep: The recording; its signal is not used.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal.
-        arm: Arm with ω, ζ and Δ.
-        error: Transmission error with A_k and φ_k.
-    """
+    """Predict the signal of a whole recording without gravity's part; shape (n,)."""
     angle, period_s = np.asarray(sweep.motor_angle_rad, dtype=np.float64), sweep.period_s
     waves = np.stack([angle / reduction_ratio + shown_error(error, angle, period_s), angle])
     length = int(

@@ -34,13 +34,6 @@ def motion_factor(
     Least squares of the signal on g H(s) e^{−sΔ} θ̈_m/N and the columns of every order, all in a band below the resonance, less
     the encoder's noise. The standard error comes from the scatter between n blocks of time, since the residual is not white.
     Only n − 1 blocks are independent, since their gradients add up to 0. A single block shows no scatter: the error is then 1.
-
-    Args:
-        sweeps: Recordings.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal.
-        orders: Orders of the error.
-        arm: Arm with ω, ζ and Δ.
     """
     count = 1 + 2 * len(orders)
     square, wanted, noise, blocks = np.zeros((count, count)), np.zeros(count), 0.0, []

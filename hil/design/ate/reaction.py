@@ -126,9 +126,6 @@ class Reaction:
         """Posterior probability that the gear reacts on its motor.
 
         r is that of a gear almost without losses if it does, and 0 if it does not.
-
-        Args:
-            before: Prior probability.
         """
 
         def log_density(mean: float, sigma: float) -> float:
@@ -141,9 +138,6 @@ class Reaction:
         """Posterior mean of r with its standard deviation.
 
         A value that is that of no gear says nothing of one: the prior stays.
-
-        Args:
-            before: Prior probability that the gear reacts.
         """
         if self.is_neither:
             return Reaction(before, math.sqrt(before * (1.0 - before)))
@@ -178,10 +172,7 @@ def gear_reaction(motions: Sequence[Turning], known: MotorSide, error: Transmiss
 
     Returns None if no motion turns slowly enough to show it.
 
-    Args:
-        motions: Motions without a cancellation.
-        known: Motor and arm.
-        error: Amplitudes in arcsec and phases in degrees, by order.
+    The motions are without a cancellation.
     """
     orders = tuple(order for order, size in error.amplitude_arcsec.items() if size > 0.0)
     if not orders:
@@ -212,9 +203,7 @@ class _Windows:
 
 
 def _fitted(parts: Sequence[_Windows], count: int) -> Reaction:
-    """Fit r by weighted least squares.
-
-    Each order has a complex factor of the arm's part beside it.
+    """Fit r by weighted least squares, with complex factors of the arm's parts.
 
     The residual is not white noise, and windows overlap, so the standard error is that of the jackknife over blocks of windows:
     few blocks leave no more of their error in the residual than their factors allow.
@@ -255,10 +244,7 @@ def _windows(motion: Turning, known: MotorSide, error: TransmissionError, orders
         back = torque.direction < 0.0
 
         def in_time(values: Complex, back: NDArray[np.bool_] = back) -> Complex:
-            """Convert components by angle to components by time.
-
-            If the motor turns backwards, the component is conjugated.
-            """
+            """Components by time of those by angle, conjugated where it turns backwards."""
             return np.asarray(np.where(back, values.conj(), values), dtype=np.complex128)
 
         seen = in_time(torque.component[:, row]) / (1.0 + known.torque_lag_s * jw)

@@ -33,11 +33,7 @@ def refined(model: RampsModel, start: Arm, free: int = 3, bend_row: float = 0.0)
     If the fit leaves the neighbourhood of its start, or finds no resonance (ζ ≥ 1), the start is returned: the vibration is then
     not that of a linear arm.
 
-    Args:
-        model: Model of the ramps.
-        start: Arm to start from.
-        free: Number of them; the others are held.
-        bend_row: Weight of the bend (`bend_weight`).
+    The first `free` of them are free; the bend has a prior of weight `bend_row` (`bend_weight`).
     """
     step_s = 1.0 / (2.0 * math.pi * start.resonance_hz)
 
@@ -68,10 +64,7 @@ def refined(model: RampsModel, start: Arm, free: int = 3, bend_row: float = 0.0)
 
 
 def bend_weight(model: RampsModel, arm: Arm, left: Real) -> float:
-    """Weight of the prior on the mounting's bend beside a residual.
-
-    The bend is 0 ± (f/110 Hz)².
-    """
+    """Weight of the prior on the mounting's bend, 0 ± (f/110 Hz)²."""
     variance = float(np.sum(left**2)) / max(1.0, len(left) * model.independent)
     return math.sqrt(variance) / (arm.resonance_hz / MOUNTING_HZ) ** 2
 
@@ -119,15 +112,7 @@ def _rounding_slopes(model: RampsModel, arm: Arm) -> tuple[float, float]:
 
 
 def shifted(arm: Arm, hz: float = 0.0, damping: float = 0.0, late_s: float = 0.0, bend: float = 0.0) -> Arm:
-    """An arm with other ω/2π, ζ, Δ and bend.
-
-    Args:
-        arm: The arm.
-        hz: Added to ω/2π.
-        damping: Added to ζ.
-        late_s: Added to Δ.
-        bend: Added to the bend.
-    """
+    """An arm with other ω/2π, ζ, Δ and bend."""
     return replace(
         arm,
         resonance_hz=arm.resonance_hz + float(hz),
@@ -138,13 +123,7 @@ def shifted(arm: Arm, hz: float = 0.0, damping: float = 0.0, late_s: float = 0.0
 
 
 def slopes_by_arm(model: RampsModel, arm: Arm, unknowns: Real) -> Real:
-    """Slopes of the model by ω/2π, ζ, Δ and the bend; shape (rows, 4).
-
-    Args:
-        model: Model of the ramps.
-        arm: The arm.
-        unknowns: The linear unknowns.
-    """
+    """Slopes of the model by ω/2π, ζ, Δ and the bend; shape (rows, 4)."""
     steps = np.diag([1e-4 * arm.resonance_hz, 1e-3 * arm.damping, 1e-5, 1e-4])
     sides = [model.difference(shifted(arm, *step), shifted(arm, *-step), unknowns) for step in steps]
     return np.column_stack(sides) / (2.0 * np.diag(steps))

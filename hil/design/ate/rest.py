@@ -19,9 +19,7 @@ STILL_ROOM = 2.0
 def variance_at_rest(signal: Real, speed: Real) -> float:
     """Least variance of a signal over the rests; infinite if there is none.
 
-    Args:
-        signal: Samples; shape (n,).
-        speed: Speed of the motor, or speeds of several; shape (n,) or (motors, n).
+    The speed is that of the motor, or of several; shape (n,) or (motors, n).
     """
     turning = np.abs(np.atleast_2d(speed))
     is_still = np.all(turning <= STANDING * np.max(turning, initial=0.0), axis=0)

@@ -64,15 +64,7 @@ class AteNotIdentifiedError(HilError):
     ) -> None:
         """Keep the quantity, its value, and the value that it must have.
 
-        Args:
-            what: Quantity that is wrong, in words.
-            value: Its value.
-            needed: Value that it must have.
-            unit: Unit of both values.
-            remedy: Advice, in words; empty for none.
-            at_most: True if `needed` is an upper bound.
-            is_of_orders: True if an order that is not in the set may be the cause.
-            causes: Causes that it names.
+        `at_most` makes `needed` an upper bound; `is_of_orders` says that an order which is not in the set may be the cause.
         """
         self.is_of_orders, self.causes = is_of_orders, causes
         self.what, self.value, self.needed, self.unit, self.remedy, self.at_most = what, value, needed, unit, remedy, at_most
@@ -84,10 +76,7 @@ class AteNotIdentifiedError(HilError):
 def check_run(result: RunResult, *, sensorless: bool, sensor: str = "accelerometer") -> None:
     """Check that a pass is complete.
 
-    Args:
-        result: The pass.
-        sensorless: True if the motor torque is fitted.
-        sensor: Name of the tip's sensor.
+    `sensorless` is for a fit of the motor torque.
 
     Raises:
         AteNotIdentifiedError: Too many cycles lack something.
@@ -98,12 +87,8 @@ def check_run(result: RunResult, *, sensorless: bool, sensor: str = "acceleromet
         remedy = "check it, or use --sensorless"
         raise AteNotIdentifiedError(what, result.sensor_missed, allowed, "", remedy, at_most=True, causes=MISWIRED)
     if result.missed_cycles + result.dropped_cycles > allowed:
-        lost = result.missed_cycles + result.dropped_cycles
-        remedy = "see docs/realtime.md"
-        raise AteNotIdentifiedError(
-            "cycles without an answer or with a late set-point", lost, allowed, "", remedy, at_most=True,
-            causes=("cycle",),
-        )  # fmt: skip
+        what, lost = "cycles without an answer or with a late set-point", result.missed_cycles + result.dropped_cycles
+        raise AteNotIdentifiedError(what, lost, allowed, "", "see docs/realtime.md", at_most=True, causes=("cycle",))
 
 
 def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
@@ -117,14 +102,8 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
     levels, counts = np.unique(tip, return_counts=True)
     if len(levels) < 8:
         what = f"different values of the {sensor} in {len(tip)} samples"
-        raise AteNotIdentifiedError(
-            what,
-            len(levels),
-            8,
-            "",
-            "check that it is powered, sits on the arm, and has a fine enough resolution",
-            causes=MISWIRED,
-        )
+        remedy = "check that it is powered, sits on the arm, and has a fine enough resolution"
+        raise AteNotIdentifiedError(what, len(levels), 8, "", remedy, causes=MISWIRED)
     step = float(np.min(np.diff(levels)))
     for end, count, beside in ((levels[0], counts[0], counts[1:4]), (levels[-1], counts[-1], counts[-4:-1])):
         at_end = tip == end
@@ -142,10 +121,7 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
 
     A fit that further passes may make significant passes too.
 
-    Args:
-        estimate: The fit.
-        sensorless: True if it is of the motor torque.
-        passes_left: Number of passes that may follow.
+    `sensorless` is for a fit of the motor torque.
 
     Raises:
         AteNotIdentifiedError: One of the checks fails.
@@ -176,9 +152,7 @@ def check_factor(factor: float, error: float) -> None:
 
     Such a signal comes from another axis, or from a sensor that feels nothing.
 
-    Args:
-        factor: Factor that the motor's own motion has in the signal.
-        error: Its standard error.
+    It is the factor that the motor's own motion has in the signal, with its standard error.
 
     Raises:
         AteNotIdentifiedError: It is too far from 1.
@@ -216,10 +190,7 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
 
 
 def factor_remark(estimate: JointEstimate) -> str | None:
-    """Describe a doubtful factor of the motor's motion, or None.
-
-    The factor is neither 1 nor certainly wrong.
-    """
+    """Describe a factor of the motor's motion that is doubtful, or None."""
     off = abs(estimate.motion_scale - 1.0)
     if off <= max(SCALE_REMARK, SCALE_REMARK_SIGMAS * estimate.motion_scale_error):
         return None
@@ -234,12 +205,6 @@ def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> 
     """Check that the motor made its motion.
 
     If the motor was stopped on the way, check whether the arm is held.
-
-    Args:
-        motion: Ramps that were asked for.
-        result: The run, which may have been stopped.
-        axis: Axis number.
-        limits: Limits of the axis.
 
     Raises:
         AteNotIdentifiedError: The motor did not move, or pressed against something that holds it.
@@ -267,13 +232,6 @@ def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> 
 
 
 def reached_rps(angle_rad: Real, period_s: float, end_row: int, over_s: float = 0.05) -> float:
-    """Motor speed at the end of a ramp, rev/s.
-
-    Args:
-        angle_rad: Motor angle, shape (n,).
-        period_s: Period of the samples.
-        end_row: Last row of the ramp.
-        over_s: Time over which the speed is averaged.
-    """
+    """Mean motor speed over the last `over_s` of a ramp, rev/s."""
     back = max(1, round(over_s / period_s))
     return abs(float(angle_rad[end_row] - angle_rad[end_row - back])) / (back * period_s * 2.0 * math.pi)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hil.bench.bench import Bench
 from hil.bench.model import Correlation, IdentifiedError
 from hil.control.angles import ARCSEC
-from hil.control.order_keys import amplitude_key, phase_key
+from hil.control.order_keys import order_keys
 from hil.design.ate.gear import GearLaw
 from hil.design.ate.gear_fit import POOR_MISS, on_its_gear
 from hil.design.ate.gravity import weight_of
@@ -25,27 +25,12 @@ from hil.design.ate.reaction import Reaction, Turning, gear_reaction
 from hil.design.estimation import EstimatedParameter
 from hil.design.transmission_error import TransmissionError
 from hil.errors import NotPossibleError
-from hil.experiments.ate.checks import (
-    AteNotIdentifiedError,
-    check_moved,
-    check_run,
-    factor_remark,
-    reached_rps,
-)
-from hil.experiments.ate.motion import Ramps, ramps
-from hil.experiments.ate.order_scan import OrderScan, identify_orders
-from hil.experiments.ate.orders import OrderWatch, checked
-from hil.experiments.ate.passes import PassKeeper, keep_nothing
+from hil.experiments.ate.checks import AteNotIdentifiedError, factor_remark, reached_rps
+from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
+from hil.experiments.ate.order_scan import OrderScan, OrderWatch, checked, identify_orders
 from hil.experiments.ate.ramp import ACCELERATION_AT_HZ, BEYOND_RESONANCE, PASSED, Ramp, plan_ramp, resonance_ramp
-from hil.experiments.ate.request import (
-    AteRequest,
-    AxisKnowledge,
-    Miss,
-    first_ramp,
-    is_seen,
-    sensing_of,
-)
-from hil.experiments.ate.sweeps import late_words, sweep_of
+from hil.experiments.ate.request import AteRequest, AxisKnowledge, Miss, first_ramp, is_seen, sensing_of
+from hil.experiments.ate.sweeps import late_words, run_pass
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -138,20 +123,11 @@ class Identification:
 
 
 def identify_on(
-    session: Session,
-    request: AteRequest,
-    knowledge: AxisKnowledge,
-    keep: PassKeeper = keep_nothing,
-    reporter: Reporter = SILENT,
+    session: Session, request: AteRequest, knowledge: AxisKnowledge, keep: PassKeeper | None = None, reporter: Reporter = SILENT
 ) -> Identification:
     """Run passes until the goal is met or none is left.
 
-    Args:
-        session: Session that has been brought up.
-        request: Axis, passes and goal.
-        knowledge: Knowledge of the axis.
-        keep: Keeper of every pass, the stopped one included, before it is checked.
-        reporter: Listener of each pass.
+    Every pass is kept before it is checked, the stopped one included.
 
     Raises:
         AteNotIdentifiedError: The runs do not identify it; with the number that is wrong and the number needed.
@@ -159,33 +135,28 @@ def identify_on(
         HilError: Limits or nodes do not allow a run.
     """
     bench, axis = session.bench, request.axis
-    reduction_ratio, has_gear = (
-        bench.axis[axis].reduction_ratio,
-        not (request.sensorless or bench.accelerometer.from_load_encoders),
-    )
+    reduction_ratio = bench.axis[axis].reduction_ratio
+    has_gear = not (request.sensorless or bench.accelerometer.from_load_encoders)
     ramp, identification = first_ramp(bench, request, knowledge), Identification()
     for number in range(1, request.passes + 1):
         session.check_interrupt()
         motion = ramps(bench, session.axes[axis].position_rad() / math.tau, ramp)
         words = f"axis {axis} to {ramp.end_rps:.2f} rev/s at {ramp.acceleration_rps_s:.2f} rev/s² and back{ramp.bound}"
         reporter.step(f"pass {number} of at most {request.passes}: {words}")
-        result = session.run(motion.motion, "none", "drive")
-        keep(number, result, motion)
-        check_moved(motion, result, axis, bench.axis[axis].limits)
-        if result.stopped is not None:
-            raise result.stopped
-        check_run(result, sensorless=request.sensorless, sensor=bench.accelerometer.title)
-        made = _fitted(bench, request, knowledge, identification, motion, result.recording)
-        identification.passes.append(made)
-        left = request.passes - number
+        recording, sweep = run_pass(session, motion, number, keep, sensorless=request.sensorless)
         sensing = sensing_of(bench, axis, knowledge, sensorless=request.sensorless)
-        sweeps = [each.sweep for each in identification.passes]
-        watch = OrderWatch(reduction_ratio, sensing, ramp, sweeps)
+        watch = OrderWatch(reduction_ratio, sensing, ramp, [*(each.sweep for each in identification.passes), sweep])
+        start, left = identification.estimate.arm if identification.passes else None, request.passes - number
+        try:
+            estimate = estimate_of(watch.sweeps, reduction_ratio, sensing, knowledge, start, request.orders)
+        except ValueError as error:
+            raise NotPossibleError(f"not identified: {error}{ramp.bound}", ("limits",)) from error
         if has_gear:
-            made = replace(made, estimate=checked_on_gear(watch, made.estimate, knowledge, passes_left=left))
-            identification.passes[-1] = made
+            estimate = checked_on_gear(watch, estimate, knowledge, passes_left=left)
         else:
-            checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
+            checked(watch, estimate, sensorless=request.sensorless, passes_left=left)
+        made = Pass(motion, recording, sweep, estimate)
+        identification.passes.append(made)
         is_through = _is_through(axis, made, passes_left=left)
         before, identification.misses = identification.misses, request.goal.missed(made.estimate)
         if is_through and not _curable(identification, before):
@@ -220,36 +191,6 @@ def _reaction(identification: Identification, axis: int, knowledge: AxisKnowledg
     return gear_reaction(turned, knowledge.side, TransmissionError(seen, {k: error.phase_deg[k] for k in seen}))
 
 
-def _fitted(
-    bench: Bench,
-    request: AteRequest,
-    knowledge: AxisKnowledge,
-    identification: Identification,
-    motion: Ramps,
-    recording: Recording,
-) -> Pass:
-    """Fit all passes so far, and return the new pass.
-
-    Raises:
-        AteNotIdentifiedError: The accelerometer is dead or saturated.
-        NotPossibleError: The passes do not carry a fit.
-    """
-    sweep = sweep_of(motion, recording, request.axis, sensorless=request.sensorless, sensor=bench.accelerometer.title)
-    before = identification.passes
-    try:
-        estimate = estimate_of(
-            [*(each.sweep for each in before), sweep],
-            bench.axis[request.axis].reduction_ratio,
-            sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
-            knowledge,
-            before[-1].estimate.arm if before else None,
-            request.orders,
-        )
-    except ValueError as error:
-        raise NotPossibleError(f"not identified: {error}{motion.ramp.bound}", ("limits",)) from error
-    return Pass(motion, recording, sweep, estimate)
-
-
 def estimate_of(
     sweeps: Sequence[Sweep],
     reduction_ratio: float,
@@ -260,13 +201,7 @@ def estimate_of(
 ) -> JointEstimate:
     """Estimate the transmission error from all passes so far.
 
-    Args:
-        sweeps: The passes.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal.
-        knowledge: Knowledge of the axis.
-        before: Arm of the estimate from all passes but the last; None for the first pass.
-        orders: Orders that are fitted.
+    `before` is the arm of the estimate from all passes but the last; None for the first pass.
 
     Raises:
         ValueError: The passes do not carry a fit.
@@ -278,12 +213,6 @@ def estimate_of(
 
 def checked_on_gear(watch: OrderWatch, estimate: JointEstimate, knowledge: AxisKnowledge, *, passes_left: int) -> JointEstimate:
     """Check an estimate from all passes, on its gear if its linear arm does not explain them.
-
-    Args:
-        watch: The passes.
-        estimate: Estimate from them, with a linear arm.
-        knowledge: Knowledge of the axis.
-        passes_left: Passes that may follow.
 
     Raises:
         AteNotIdentifiedError: Neither explains the passes.
@@ -313,13 +242,6 @@ def simulated(
     The fit starts from the linear arm; if no gear near it explains the vibration well, it starts from the identified plant, and
     the gear that misses less is taken. The motor tells a soft gear's f_a and ζ where the vibration is so far from a linear arm's
     that its fit takes another arm for true.
-
-    Args:
-        estimate: Estimate from all passes, with a linear arm.
-        sweeps: The passes.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal: that of an accelerometer.
-        knowledge: Knowledge of the axis.
     """
     weight = weight_of(sweeps, reduction_ratio, knowledge.arm_inertia)
     found = on_its_gear(estimate, sweeps, reduction_ratio, sensing, weight)
@@ -400,10 +322,7 @@ def _slower(made: Pass) -> float:
 
 
 def _with_inertia_error(estimate: JointEstimate, fraction: float) -> JointEstimate:
-    """Widen the standard errors of A_k by that of J_l.
-
-    Without an accelerometer A_k depends on J_l.
-    """
+    """Widen the errors of A_k by that of J_l, on which it depends."""
     by_inertia = fraction * estimate.values.mean
     by_inertia[1::2] = 0.0
     covariance = estimate.values.covariance + np.outer(by_inertia, by_inertia)
@@ -461,8 +380,7 @@ def _gear_words(gear: GearLaw) -> str:
 
 def standard_errors(estimate: JointEstimate) -> dict[str, float]:
     """Standard errors of A_k and φ_k, by the model file's names."""
-    keys = [key(order) for order in estimate.orders for key in (amplitude_key, phase_key)]
-    return {key: estimate.values.standard_error(key) for key in keys}
+    return {key: estimate.values.standard_error(key) for key in order_keys(estimate.orders)}
 
 
 def delay_of(estimate: JointEstimate, gear_fraction_error: float, plant_damping: float | None = None) -> EstimatedParameter:
@@ -474,10 +392,7 @@ def delay_of(estimate: JointEstimate, gear_fraction_error: float, plant_damping:
     no spring rings at another frequency at each instant of a ramp, which looks like damping and leads by nothing: what the fit
     has of ζ beyond the plant's is loss in part and blur in part, and any part is as likely as any other.
 
-    Args:
-        estimate: The estimate.
-        gear_fraction_error: Standard error of ζ_g/ζ.
-        plant_damping: ζ of the identified plant; None if it is not known.
+    `gear_fraction_error` is the standard error of ζ_g/ζ, `plant_damping` the ζ of the identified plant; None if it is not known.
     """
     if DELAY_KEY in estimate.of_gear:
         return estimate.of_gear[DELAY_KEY]
@@ -516,12 +431,7 @@ def as_part(
 
     An order that is not seen has the amplitude 0 in it.
 
-    Args:
-        estimate: The estimate.
-        request: What was asked for.
-        note: A note.
-        knowledge: Knowledge of the axis.
-        reaction: Reaction of the gear on its motor; the entry has its posterior mean.
+    The entry has the posterior mean of the reaction.
     """
     plant = knowledge.start or estimate.arm
     delay = delay_of(estimate, knowledge.gear_fraction_error, plant.damping)

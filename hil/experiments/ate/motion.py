@@ -1,6 +1,7 @@
 """Motion of a pass from which the transmission error is identified: a ramp forwards, and one back."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from hil.bench.bench import Bench
 from hil.control.trajectory import ConstantAcceleration, Smooth, sample_times
 from hil.experiments.ate.ramp import MARGIN_REV, Ramp
-from hil.master.motion import Motion
+from hil.master.motion import Motion, RunResult
 from hil.master.run import APPROACH_RAMP_S
 
 Real = NDArray[np.float64]
@@ -52,6 +53,10 @@ class Ramps:
         return signs
 
 
+PassKeeper = Callable[[int, RunResult, Ramps], object]
+"""What keeps a pass, counted from 1, with the ramps that were requested; it may have been stopped."""
+
+
 def ramps(bench: Bench, start_rev: float, ramp: Ramp, centre_rev: float | None = None) -> Ramps:
     """Lay out one pass from the present position.
 
@@ -59,11 +64,7 @@ def ramps(bench: Bench, start_rev: float, ramp: Ramp, centre_rev: float | None =
 
     On an arm it ends where it began, so that the next one, and those of other axes, find it in the same posture.
 
-    Args:
-        bench: The bench.
-        start_rev: Present position of the motor, rev.
-        ramp: The ramp, with its axis.
-        centre_rev: Centre of the ramp; None for the present position.
+    The centre is the present position unless it is given.
     """
     axis, travel, braking = ramp.limits.axis, ramp.travel_rev, ramp.limits.braking_rps_s
     limits, period_s = bench.axis[axis].limits, bench.bus.sync_period_s

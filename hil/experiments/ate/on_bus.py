@@ -5,6 +5,7 @@ It makes passes on the bus, with their recordings and their result.
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError
@@ -65,77 +66,51 @@ def identify_ate(
     )
 
     def empty(described: MeasuredBench) -> AteResult:
-        return AteResult(
-            bench=described,
-            axis=request.axis,
-            sensorless=request.sensorless,
-            known_before=KnownArm(
-                source=knowledge.source,
-                start=knowledge.start,
-                resonance_error_hz=knowledge.resonance_error_hz,
-                damping_error=knowledge.damping_error,
-            ),
-            sensing=sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
+        before = KnownArm(
+            source=knowledge.source, start=knowledge.start, resonance_error_hz=knowledge.resonance_error_hz,
+            damping_error=knowledge.damping_error,
+        )  # fmt: skip
+        sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
+        return AteResult(bench=described, axis=request.axis, sensorless=request.sensorless, known_before=before, sensing=sensing)
+
+    def keep(number: int, result: RunResult, motion: Ramps) -> None:
+        measurement.result.passes.append(
+            _run_entry(result, motion, measurement.made(result, f"ate-axis{request.axis}-pass{number}"))
         )
 
     with Measurement(bench, out, empty, channel=channel, reporter=reporter) as measurement:
         with measurement.session([demand], overload=overload) as session:
-            identification = identify_on(session, request, knowledge, _Keeper(measurement, request.axis), reporter)
+            identification = identify_on(session, request, knowledge, keep, reporter)
         today = measurement.started.date().isoformat()
         part = as_part(identification.estimate, request, today, knowledge, identification.reaction)
         _enter(measurement.result, identification, part.model_copy(update={"emulated": measurement.result.emulated}))
     return AteOutcome(measurement.result, measurement.failure)
 
 
-class _Keeper:
-    """Keeper of an axis' passes in the result."""
-
-    def __init__(self, measurement: Measurement[AteResult], axis: int) -> None:
-        self._measurement, self._axis = measurement, axis
-
-    def __call__(self, number: int, result: RunResult, motion: Ramps) -> None:
-        period_s, dwell_s = motion.motion.period_s, motion.trajectory.dwell_s
-        entry = AteRun(
-            acceleration_rps_s=motion.trajectory.acceleration_rps_s,
-            end_rps=motion.trajectory.end_rps,
-            ramp_s=motion.trajectory.ramp_s,
-            forward_from_s=motion.forward.start * period_s + dwell_s,
-            backward_from_s=motion.backward.start * period_s + dwell_s,
-            low_rev=motion.low_rev,
-            high_rev=motion.high_rev,
-            sync_period_s=period_s,
-            cycles=result.cycles,
-            missed_cycles=result.missed_cycles,
-            sensor_missed=result.sensor_missed,
-            motion_s=round(result.motion_s, 6),
-            wall_s=round(result.wall_s, 4),
-            recording=self._measurement.keep(result.recording, f"ate-axis{self._axis}-pass{number}"),
-            timing=timing_of(result),
-            stopped=None if result.stopped is None else result.stopped.reason,
-        )
-        self._measurement.result.passes.append(entry)
+def _run_entry(result: RunResult, motion: Ramps, made: dict[str, Any]) -> AteRun:
+    period_s, made_of = motion.motion.period_s, motion.trajectory
+    return AteRun(
+        acceleration_rps_s=made_of.acceleration_rps_s, end_rps=made_of.end_rps, ramp_s=made_of.ramp_s,
+        forward_from_s=motion.forward.start * period_s + made_of.dwell_s,
+        backward_from_s=motion.backward.start * period_s + made_of.dwell_s,
+        low_rev=motion.low_rev, high_rev=motion.high_rev, sync_period_s=period_s, sensor_missed=result.sensor_missed,
+        motion_s=round(result.motion_s, 6), timing=timing_of(result), **made,
+    )  # fmt: skip
 
 
 def _enter(result: AteResult, identification: Identification, part: IdentifiedError) -> None:
     """Enter an identification into a result."""
     estimate = identification.estimate
     result.ate = part
+    arm, scan = estimate.arm, identification.scan
     result.fit = AteFit(
-        delay_s=estimate.arm.delay_s,
-        delay_error_s=part.standard_error.get("accelerometer_delay_s", estimate.arm_error.delay_s),
-        gear_fraction=estimate.arm.gear_fraction,
-        residual=estimate.residual,
-        explained=estimate.explained,
-        explained_by_error=estimate.explained_by_error,
-        motion_scale=estimate.motion_scale,
-        motion_scale_error=estimate.motion_scale_error,
-        miss=estimate.miss,
-        arm_hz=estimate.arm.resonance_hz,
-        arm_damping=estimate.arm.damping,
-        band_hz=estimate.band_hz,
+        delay_s=arm.delay_s, delay_error_s=part.standard_error.get("accelerometer_delay_s", estimate.arm_error.delay_s),
+        gear_fraction=arm.gear_fraction, arm_hz=arm.resonance_hz, arm_damping=arm.damping, band_hz=estimate.band_hz,
+        residual=estimate.residual, explained=estimate.explained, explained_by_error=estimate.explained_by_error,
+        motion_scale=estimate.motion_scale, motion_scale_error=estimate.motion_scale_error, miss=estimate.miss,
         agreement=tuple(estimate.agreement),
-        carried=None if identification.scan is None else {f"{k:g}": part for k, part in identification.scan.fractions.items()},
-    )
+        carried=None if scan is None else {f"{k:g}": fraction for k, fraction in scan.fractions.items()},
+    )  # fmt: skip
     result.history = tuple(AteStandardErrors(standard_error=standard_errors(each.estimate)) for each in identification.passes)
     result.is_within_goal = identification.is_good
     result.notes = tuple(identification.notes)

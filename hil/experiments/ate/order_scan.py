@@ -10,15 +10,17 @@ least squares, and compared with the orders beside it, which are noise.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.model import SIGNIFICANT_SIGMAS
-from hil.control.order_keys import amplitude_key, phase_key
+from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate, identify
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
+from hil.experiments.ate.checks import AteNotIdentifiedError, check_estimate
+from hil.experiments.ate.ramp import Ramp
 
 Real = NDArray[np.float64]
 
@@ -89,13 +91,7 @@ def identify_orders(
     An order whose resonance no ramp passes, and whose amplitude is below `SIGNIFICANT_SIGMAS` standard errors, is fitted once,
     for its amplitude and errors, and left out of the fit that gives everything else.
 
-    Args:
-        sweeps: Recordings with at least one ramp in each direction.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal in the recordings.
-        start: An arm to start from; it may be wrong.
-        orders: Orders k that are asked for.
-        is_near: True for a start from an estimate of most of these recordings.
+    `start` is an arm to start from, which may be wrong; `is_near` says that it is of an estimate of most of these recordings.
 
     Raises:
         ValueError: As `identify`.
@@ -110,9 +106,8 @@ def identify_orders(
     if not weak or not kept:
         return estimate
     without = identify(sweeps, reduction_ratio, sensing, estimate.arm, kept, is_near=True)
-    keys = [(amplitude_key(order), phase_key(order)) for order in weak]
-    lone = {key: (estimate.values.value(key), estimate.values.standard_error(key)) for pair in keys for key in pair}
-    values = without.values.with_others(lone).part([key for order in orders for key in (amplitude_key(order), phase_key(order))])
+    lone = {key: (estimate.values.value(key), estimate.values.standard_error(key)) for key in order_keys(weak)}
+    values = without.values.with_others(lone).part(order_keys(orders))
     return replace(without, orders=tuple(orders), values=values)
 
 
@@ -143,12 +138,6 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
     order in its frequency, damping and delay: a gear that is softer for small vibrations is not another order. What stands out
     of it is fitted together with the others, and is seen where that fit is much better. An order that has most of the vibration
     leads the fit of the others astray, arm and all: where they explain little, each whole order is tried beside them.
-
-    Args:
-        sweeps: Recordings of the estimate.
-        reduction_ratio: Reduction ratio N.
-        sensing: The kind of signal in the recordings.
-        estimate: The estimate.
     """
     scan, seen = _Scan(sweeps, reduction_ratio, sensing), list[SeenOrder]()
     if estimate.explained_by_error < LITTLE_EXPLAINED:
@@ -196,10 +185,7 @@ class _Scan:
         return SeenOrder(order, size, self.fractions(estimate)[order], sigmas)
 
     def fractions(self, estimate: JointEstimate) -> dict[float, float]:
-        """Fraction of the vibration's power that each order has.
-
-        The vibration is the tip's motion beyond that of the motor.
-        """
+        """Fraction of each order of the tip's motion beyond that of the motor."""
         orders = list(estimate.error.amplitude_arcsec)
         model = self.model(estimate, orders)
         motion, columns = model.columns(estimate.arm)
@@ -244,10 +230,7 @@ class _Scan:
 
 
 def _slopes(model: RampsModel, arm: Arm, count: int) -> list[Real]:
-    """Slopes of a model's first columns by the arm's parameters.
-
-    The parameters are frequency, damping and delay; the column of the motor's motion is included.
-    """
+    """Slopes of motion and first columns by frequency, damping and delay."""
     slopes = []
     for changes in (
         {"resonance_hz": 0.01 * arm.resonance_hz},
@@ -280,3 +263,76 @@ def _powers(basis: Real, signal: Real, candidates: Real) -> Real:
         orthogonal = np.linalg.qr(pair)[0]
         powers[row] = float(np.sum((orthogonal.T @ left) ** 2))
     return powers
+
+
+@dataclass
+class OrderWatch:
+    """Passes of one axis, to be scanned for orders.
+
+    Attributes:
+        reduction_ratio: N.
+        sensing: The kind of signal.
+        ramp: Ramp of the last pass.
+        sweeps: Passes so far.
+    """
+
+    reduction_ratio: float
+    sensing: Sensing
+    ramp: Ramp
+    sweeps: list[Sweep] = field(default_factory=list)
+
+    def scan(self, estimate: JointEstimate) -> OrderScan:
+        """Scan these passes for the orders of an estimate's vibration."""
+        return scan_orders(self.sweeps, self.reduction_ratio, self.sensing, estimate)
+
+    def notes(self, estimate: JointEstimate, scan: OrderScan) -> list[str]:
+        """Sentences on orders that are seen beyond the set, or out of reach."""
+        orders = tuple(estimate.error.amplitude_arcsec)
+        return [*seen_words(scan.seen, orders), *self._out_of_reach(estimate, orders)]
+
+    def _out_of_reach(self, estimate: JointEstimate, orders: Sequence[float]) -> list[str]:
+        words = []
+        for order in orders:
+            needed_rps = estimate.arm.resonance_hz / order
+            if is_passed(self.sweeps, estimate.arm.resonance_hz, order):
+                continue
+            why = self.ramp.short_of(needed_rps) or "no pass reached that speed"
+            words.append(
+                f"order {order:g} meets the arm at {needed_rps:.2f} rev/s, which the ramps do not reach ({why}): A_{order:g} "
+                f"comes from the lower edge of its resonance"
+            )
+        return words
+
+
+def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
+    """Sentences on orders that are seen and not in the set."""
+    if not seen:
+        return []
+    names = ",".join(f"{order:g}" for order in sorted({*orders, *(each.order for each in seen)}))
+    return [
+        f"order {each.order:g} is significant but not in the set: {each.amplitude_arcsec:.2g}″, "
+        f"{100.0 * each.fraction:.0f} % of the vibration; add it with --orders {names}"
+        for each in seen
+    ]
+
+
+def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
+    """Check an estimate; a failure names the unrequested orders seen.
+
+    See `check_estimate`.
+
+    Raises:
+        AteNotIdentifiedError: One of the checks fails.
+    """
+    try:
+        check_estimate(estimate, sensorless=sensorless, passes_left=passes_left)
+    except AteNotIdentifiedError as error:
+        if not error.is_of_orders:
+            raise
+        words = seen_words(watch.scan(estimate).seen, tuple(estimate.error.amplitude_arcsec))
+        if not words:
+            raise
+        remedy = "; ".join(filter(None, (*words, error.remedy)))
+        raise AteNotIdentifiedError(
+            error.what, error.value, error.needed, error.unit, remedy, at_most=error.at_most, causes=error.causes
+        ) from error

@@ -102,10 +102,7 @@ class RampLimits:
         return "joint travel" if self.joint_rev < self.position_rev else "position limits"
 
     def slowest(self, end_rps: float) -> float:
-        """Least acceleration with room for a ramp.
-
-        Infinite if not even the braking has room.
-        """
+        """Least acceleration with room for a ramp; infinite without any."""
         left = 2.0 * self.room_rev / end_rps**2 - 1.0 / self.braking_rps_s if end_rps > 0.0 else math.inf
         return 1.0 / left if left > 0.0 else math.inf
 
@@ -119,15 +116,7 @@ class RampLimits:
         return min(max(ACCELERATION_RPS_S * scale, SLOWEST_RPS_S), self.braking_rps_s)
 
     def low_order_end(self, arm_hz: float, order: float, asked_rps_s: float) -> float:
-        """End speed at which a low order passes the resonance.
-
-        It is 0 if the limits do not allow such a ramp.
-
-        Args:
-            arm_hz: f_a.
-            order: The order.
-            asked_rps_s: Acceleration that is wanted.
-        """
+        """End speed with which a low order passes the resonance, or 0."""
         end = min(FIRST_ORDER_END * arm_hz / order, self.top_rps)
         fastest = self.braking_rps_s
         if self.is_arm:
@@ -174,10 +163,7 @@ class Ramp:
         return f"; the limit is {words[self.binds]}" if self.binds else ""
 
     def short_of(self, end_rps: float) -> str:
-        """Say what keeps this acceleration from a speed, and what is needed.
-
-        Empty if nothing does.
-        """
+        """Say what keeps this acceleration from a speed; empty if nothing does."""
         limits = self.limits
         binds = plan_ramp(limits, self.acceleration_rps_s, end_rps).binds
         if not binds:
@@ -200,8 +186,7 @@ class Ramp:
     def beyond(self, arm_hz: float | None) -> "Ramp":
         """Return the ramp if it passes f_m2.
 
-        Args:
-            arm_hz: f_a; None: any ramp will do that moves at all.
+        Without an f_a any ramp will do that moves at all.
 
         Raises:
             NotPossibleError: Limits keep it from that; with the number needed.
@@ -218,11 +203,7 @@ class Ramp:
 def plan_ramp(limits: RampLimits, asked_rps_s: float, end_rps: float, least_end_rps: float = 0.0) -> Ramp:
     """Fit a ramp into its limits.
 
-    Args:
-        limits: The limits.
-        asked_rps_s: Acceleration that is wanted.
-        end_rps: End speed that is wanted.
-        least_end_rps: End speed for which the acceleration is raised until there is room; 0: it is not raised.
+    The acceleration is raised until there is room for `least_end_rps`; 0: it is not raised.
 
     Raises:
         NotPossibleError: The acceleration is not above 0, or not finite.
@@ -250,11 +231,8 @@ def plan_ramp(limits: RampLimits, asked_rps_s: float, end_rps: float, least_end_
 def resonance_ramp(limits: RampLimits, arm_hz: float | None, asked_rps_s: float, *, is_raised: bool) -> Ramp:
     """Plan a ramp beyond f_m2 = f_a/2, or as near as possible.
 
-    Args:
-        limits: The limits.
-        arm_hz: f_a. If it is None, the ramp aims at `blind_end_rps`, with room for f_m2 of an arm of `ACCELERATION_AT_HZ`.
-        asked_rps_s: Acceleration that is wanted.
-        is_raised: True to raise it where travel is short.
+    Without an f_a it aims at `blind_end_rps`, with room for f_m2 of an arm of `ACCELERATION_AT_HZ`. `is_raised`: where travel is
+    short.
     """
     least = max(END_OVER_RESONANCE * (ACCELERATION_AT_HZ if arm_hz is None else arm_hz) / 2.0, LEAST_WANTED_RPS)
     return plan_ramp(limits, asked_rps_s, limits.blind_end_rps if arm_hz is None else least, least if is_raised else 0.0)

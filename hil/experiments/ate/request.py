@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from hil.bench.bench import Bench
-from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedPlant
+from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedPlant, identified_axis
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import DELAY_S, Arm, OtherMode, Sensing
 from hil.design.ate.reaction import MotorSide
@@ -156,33 +156,30 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
 
     The bench file's own model serves the sensorless variant only.
 
-    Args:
-        bench: The bench file.
-        axis: Axis number.
-        identified: The model file; None without one.
-        sensorless: True for an identification by motor torque and encoder alone.
-
     Raises:
         NotPossibleError: The bench has no such axis, the model file is another robot's, or a plant is needed and there is none.
     """
-    if axis not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
+    bench.check_axis(axis)
     if identified is not None:
         identified.check_robot(bench.name)
-    part_of = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
+    part_of = identified_axis(identified, axis).plant
     if part_of is not None:
         values = part_of.values
         total = values.gear_damping_nm_s_rad + values.arm_damping_nm_s_rad
-        start = Arm(part_of.antiresonance_hz, part_of.damping)
-        start = replace(start, others=_other_modes(part_of))
+        start = Arm(part_of.antiresonance_hz, part_of.damping, others=_other_modes(part_of))
         if total > 0.0:
             start = replace(start, gear_fraction=values.gear_damping_nm_s_rad / total)
         errors = part_of.standard_error
         inertia_error = errors.get("arm_inertia_kg_m2")
         fraction = (inertia_error or 0.0) / values.arm_inertia_kg_m2 if sensorless else 0.0
+        side = MotorSide(
+            bench.axis[axis].reduction_ratio, values.motor_inertia_kg_m2, values.motor_damping_nm_s_rad,
+            part_of.coulomb_friction_nm or 0.0, part_of.torque_lag_s, values.arm_inertia_kg_m2, part_of.antiresonance_hz,
+            part_of.damping,
+        )  # fmt: skip
         return AxisKnowledge(
             start, values, fraction, "the model file", errors.get("antiresonance_hz"), errors.get("damping"),
-            _gear_fraction_error(total, errors), _motor_side(bench.axis[axis].reduction_ratio, part_of),
+            _gear_fraction_error(total, errors), side,
             searched_delay_s(part_of), None if inertia_error is None else (values.arm_inertia_kg_m2, inertia_error),
         )  # fmt: skip
     model = bench.axis[axis].model
@@ -197,10 +194,7 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
 
 
 def _other_modes(plant: IdentifiedPlant) -> tuple[OtherMode, ...]:
-    """Modes of a coupled arm beside the leading one.
-
-    Only modes with a known part of the tip's motion count.
-    """
+    """Modes beside the leading one with a known part of the tip's motion."""
     leading = min((abs(mode.antiresonance_hz - plant.antiresonance_hz) for mode in plant.modes), default=0.0)
     return tuple(
         OtherMode(mode.antiresonance_hz, mode.damping, mode.tip_part)
@@ -210,27 +204,9 @@ def _other_modes(plant: IdentifiedPlant) -> tuple[OtherMode, ...]:
 
 
 def modal_arm(plant: IdentifiedPlant) -> Arm | None:
-    """Leading mode of a coupled arm, with the others beside it.
-
-    None if the plant has one mode.
-    """
+    """Leading mode of a coupled arm with the others, or None."""
     others = _other_modes(plant)
     return Arm(plant.antiresonance_hz, plant.damping, others=others) if others else None
-
-
-def _motor_side(reduction_ratio: float, plant: IdentifiedPlant) -> MotorSide:
-    """Motor and arm of an identified plant."""
-    values = plant.values
-    return MotorSide(
-        reduction_ratio,
-        values.motor_inertia_kg_m2,
-        values.motor_damping_nm_s_rad,
-        plant.coulomb_friction_nm or 0.0,
-        plant.torque_lag_s,
-        values.arm_inertia_kg_m2,
-        plant.antiresonance_hz,
-        plant.damping,
-    )
 
 
 def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
@@ -241,9 +217,6 @@ def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
     A delay of half a period of the resonance less, with φ_k turned by 180°, explains the arm's ringing nearly as well: what tells
     both apart is its envelope and the motor's own motion. The plant's excitation has many frequencies: there the delay
     is a slope of the phase.
-
-    Args:
-        plant: The plant; None without one.
     """
     delay_s = None if plant is None else plant.accelerometer_delay_s
     if plant is None or delay_s is None:
@@ -255,10 +228,7 @@ def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
 
 
 def _gear_fraction_error(damping_nm_s_rad: float, errors: Mapping[str, float]) -> float:
-    """Standard error of D_g/(D_g + D_l).
-
-    It is never larger than that of a value anywhere between 0 and 1.
-    """
+    """Standard error of D_g/(D_g + D_l), at most `LARGEST_FRACTION_ERROR`."""
     error = errors.get("arm_damping_nm_s_rad")
     if error is None or not damping_nm_s_rad > 0.0:
         return GEAR_FRACTION_ERROR
@@ -266,15 +236,7 @@ def _gear_fraction_error(damping_nm_s_rad: float, errors: Mapping[str, float]) -
 
 
 def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless: bool) -> Sensing:
-    """Choose the signal that is fitted.
-
-    It is the tip acceleration, or the motor torque without an accelerometer.
-
-    Args:
-        bench: The bench file.
-        axis: Axis number.
-        knowledge: Knowledge of the axis.
-        sensorless: True for the motor torque.
+    """Choose the fitted signal: tip acceleration, or motor torque without an accelerometer.
 
     Raises:
         NotPossibleError: The motor torque needs a plant, and none is known; or the axis does not move the accelerometer.
@@ -288,9 +250,7 @@ def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless:
 
 
 def first_ramp(bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> Ramp:
-    """Plan the ramp of the first pass.
-
-    It has the requested acceleration, else one that suits f_a and the travel.
+    """Plan the first pass with the requested acceleration, or a suitable one.
 
     Raises:
         NotPossibleError: There is no pass, or limits keep it from passing f_m2.

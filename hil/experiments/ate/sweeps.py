@@ -1,4 +1,4 @@
-"""Recorded passes as input of the fit."""
+"""Passes as they are run, and as input of the fit."""
 
 from collections.abc import Sequence
 
@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from hil.design.ate.model import Signs, Sweep, resolution_rad
 from hil.design.late_samples import on_time
 from hil.errors import NotPossibleError
-from hil.experiments.ate.checks import check_accelerometer
-from hil.experiments.ate.motion import Ramps
+from hil.experiments.ate.checks import check_accelerometer, check_moved, check_run
+from hil.experiments.ate.motion import PassKeeper, Ramps
+from hil.master.session import Session
+from hil.master.set_point_adder import SetPointAdder
 from hil.recording import Recording
 from hil.robot_tables import ORDERS
 
@@ -19,20 +21,38 @@ SKIP_TORQUE = 0.12
 """Fraction of a ramp, from its beginning, that does not count without an accelerometer: there the torque is friction's."""
 
 
-def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool, sensor: str = "accelerometer") -> Sweep:
-    """Recording of a pass as input of the fit.
+def run_pass(
+    session: Session,
+    motion: Ramps,
+    number: int,
+    keep: PassKeeper | None = None,
+    adder: SetPointAdder | None = None,
+    *,
+    sensorless: bool = False,
+) -> tuple[Recording, Sweep]:
+    """Run a pass; return its recording, also as input of the fit.
 
-    Args:
-        motion: Ramps of the pass.
-        recording: Recording of the pass.
-        axis: Axis number.
-        sensorless: True to fit the motor torque instead of the tip acceleration.
-        sensor: Name of the tip's sensor.
+    The pass is kept, a stopped one too, before it is checked. `sensorless` takes the motor torque instead of the tip's
+    acceleration.
 
     Raises:
-        AteNotIdentifiedError: The sensor is dead or saturated.
+        AteNotIdentifiedError: The motor did not move, the pass is incomplete, or the sensor is dead or saturated.
         NotPossibleError: The sensor is not mounted as in the bench file.
+        SafetyStopError: The run was stopped.
+        HilError: Limits or nodes do not allow the run.
     """
+    bench, axis = session.bench, motion.ramp.limits.axis
+    result, sensor = session.run(motion.motion, "none", "drive", adder), bench.accelerometer.title
+    if keep is not None:
+        keep(number, result, motion)
+    check_moved(motion, result, axis, bench.axis[axis].limits)
+    if result.stopped is not None:
+        raise result.stopped
+    check_run(result, sensorless=sensorless, sensor=sensor)
+    return result.recording, _sweep_of(motion, result.recording, axis, sensor, sensorless=sensorless)
+
+
+def _sweep_of(motion: Ramps, recording: Recording, axis: int, sensor: str, *, sensorless: bool) -> Sweep:
     if sensorless:
         torque = recording.axis(axis, "torque_nm")
         return sweep_on_time(recording, axis, torque, motion.direction(SKIP_TORQUE))
@@ -46,12 +66,7 @@ def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool
 def sweep_on_time(recording: Recording, axis: int, signal: Real, direction: Signs, torque_nm: Real | None = None) -> Sweep:
     """Input of the fit; late motor angles are moved back in time.
 
-    Args:
-        recording: Recording of the pass.
-        axis: Axis number.
-        signal: The signal of the tip or the motor; shape (n,).
-        direction: Direction of the ramp at each sample; shape (n,).
-        torque_nm: Torque of the motor beside a tip acceleration; None without.
+    The torque is that of the motor beside a tip acceleration.
     """
     angle = recording.axis(axis, "position_rad")
     found = on_time(angle, recording.period_s, resolution_rad(angle), max(ORDERS))

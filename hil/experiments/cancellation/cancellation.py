@@ -9,34 +9,65 @@ trusted before its trial at the tip: `hil.experiments.cancellation.trial`.
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple, TypedDict, Unpack
+
+import numpy as np
 
 from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
 from hil.bench.bench import AxisTable, Bench, Limits, Model
-from hil.bench.model import Identified, IdentifiedError, significant, with_identified
+from hil.bench.model import Identified, IdentifiedError, identified_axis, significant, with_identified
 from hil.can.channel import Channel
+from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw
 from hil.control.cancellation_table import CancellationTable, MotorLoad
 from hil.design.frequency import CONTROL_PERIOD_S
-from hil.design.inverse import Actuation, CyclicTiming
+from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, check_load, takes_torque_offset
 from hil.experiments.cancellation.effect import Part, Response
-from hil.experiments.cancellation.tables import MAX_TORQUE_FRACTION, Pace, amplitudes_rad, pace_of, table_of
 from hil.experiments.cancellation.waves import response_of
+from hil.experiments.judge import scale_at
 from hil.experiments.motor_inertia import nothing_known
 from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.master.whereabouts import way_out
 from hil.results.acted import CancelledOrder
+from hil.robot_tables import TransmissionErrorTable
 
+MAX_ERROR_ARCSEC = 200.0
+"""Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
+KEPT_OVER_RESONANCE = 1.3
+"""k f_m up to which an order is cancelled whatever the speed limit leaves, in units of f_al: there the arm resonates with it."""
+HIGHEST_OVER_RESONANCE = 3.2
+"""Highest k f_m of a cancellation in units of f_al, where that is more than the usual one.
+
+An order fades over the fifth below: up to 2.5 f_al, where the vibration's band lets nothing more through, it is whole."""
+MAX_TORQUE_FRACTION = 0.2
+"""Largest torque offset as a fraction of the torque limit."""
+TORQUE_USED = 0.95
+"""Fraction of that up to which waves are fitted in."""
+ORDINARY = 0.98
+"""Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
 LOAD_ROOM = 1.5
 """Largest gear torque that counts, over that of gravity and of the motion's largest acceleration."""
 LAG_SIGMAS = 2.0
 """Standard errors from which a lag of the current loop counts."""
 FOLLOWING_PART = 0.05
 """Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`."""
+
+
+class Pace(NamedTuple):
+    """Speed and acceleration of a motion.
+
+    Attributes:
+        peak_rps: Highest motor speed; 0 if it is not known.
+        most_rad_s2: Largest acceleration, likewise.
+    """
+
+    peak_rps: float = 0.0
+    most_rad_s2: float = 0.0
 
 
 @dataclass
@@ -64,11 +95,6 @@ class CancellationAdder:
         """Compute the additions of the next cycle.
 
         They follow from the measured angles and torques of the last cycle.
-
-        Args:
-            references_rad: Not used: the cancellation follows the measured angles.
-            positions_rad: Measured motor angles, in the order of the axes.
-            torques_nm: Measured motor torques.
 
         Returns:
             Additions to the references in rad at the motor, and torque offsets in N·m.
@@ -128,9 +154,7 @@ class Cancellation:
     def adder(self, gain: float = 1.0, only: int | None = None) -> CancellationAdder:
         """Adder for one run.
 
-        Args:
-            gain: Fraction of the cancellation, 0 to 1.
-            only: The only axis to which anything is added; None for all.
+        It has a fraction of the cancellation, 0 to 1, and adds to all axes or to one only.
         """
         wanted = [self.tables[n].scaled(gain) if n in self.tables and only in {None, n} else None for n in self.axes]
         steps = [self.torque_steps_nm.get(number, 0.0) for number in self.axes]
@@ -182,19 +206,31 @@ def allowed_reference_rev(limits: Limits) -> float:
     return FOLLOWING_PART * limits.following_error_rev
 
 
+class Way(TypedDict, total=False):
+    """Way in which a cancellation reaches the drives.
+
+    Attributes:
+        actuation: `reference`, the default, for the set-point alone, `torque` with a torque offset.
+        with_notch: True if the drives' filters act.
+        control_periods_s: T_c by axis; 250 µs where it is not given.
+        torque_steps_nm: Resolution of the drives' torque offsets, by axis.
+    """
+
+    actuation: Actuation
+    with_notch: bool
+    control_periods_s: Mapping[int, float]
+    torque_steps_nm: Mapping[int, float]
+
+
 def cancellation_for(
     bench: Bench,
     identified: Identified | None,
     axes: Sequence[int],
     period_s: float,
     *,
-    actuation: Actuation = "reference",
-    with_notch: bool = False,
-    control_periods_s: Mapping[int, float] | None = None,
-    torque_steps_nm: Mapping[int, float] | None = None,
-    delay_s: float = 0.0,
     paces: Mapping[int, Pace] | None = None,
     by_torque: bool = False,
+    **way: Unpack[Way],
 ) -> Cancellation:
     """Cancellation of some axes, from their models.
 
@@ -207,14 +243,10 @@ def cancellation_for(
         identified: The model file; None for the bench file's own model.
         axes: Axis numbers in the order of the motion.
         period_s: SYNC period.
-        actuation: `reference` for the set-point alone, `torque` with a torque offset.
-        with_notch: True if the drives' filters act.
-        control_periods_s: T_c by axis; 250 µs where it is not given.
-        torque_steps_nm: Resolution of the drives' torque offsets, by axis.
-        delay_s: Delay of the set-points beyond the SYNC period, the interpolation, and the model file's delay.
         paces: Paces of a motion by axis. Where its set-points would be faster than the axis may be, the highest orders are left
             out, though none within the resonance; without it the motor's acceleration is not allowed for either.
         by_torque: True if torque offsets can be sent: what the set-points have no room for is left to them.
+        way: How it reaches the drives.
 
     Raises:
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
@@ -226,34 +258,100 @@ def cancellation_for(
         model = treated_model(bench, identified, number)
         if model is None:
             continue
-        late_s = delay_s + measured_delay_s(identified, number)
-        timing = CyclicTiming(period_s, (control_periods_s or {}).get(number) or CONTROL_PERIOD_S, late_s)
+        error = identified_axis(identified, number).ate
+        late_s = 0.0 if error is None else error.set_point_delay_s
+        timing = CyclicTiming(period_s, way.get("control_periods_s", {}).get(number) or CONTROL_PERIOD_S, late_s)
         pace = (paces or {}).get(number, Pace())
         tables[number], scales[number] = table_of(
-            bench, number, model, timing, pace, actuation,
-            with_notch=with_notch, by_torque=by_torque, torque_lag_s=known_lag_s(identified, number),
+            bench, number, model, timing, pace, way.get("actuation", "reference"),
+            with_notch=way.get("with_notch", False), by_torque=by_torque, torque_lag_s=known_lag_s(identified, number),
             load=motor_load(bench, identified, model, number, pace.most_rad_s2),
         )  # fmt: skip
     if not tables:
         raise NotPossibleError(nothing_known(bench, identified, axes))
     known = {number: response for number in axes if (response := response_of(bench, identified, number)) is not None}
-    return Cancellation(
-        tuple(axes), tables, period_s, torque_steps_nm or {}, scales, known, all(_is_probed(identified, each) for each in tables)
-    )
+    errors = [identified_axis(identified, number).ate for number in tables]
+    is_probed = all(error is not None and error.learnt_by == "probing" for error in errors)
+    return Cancellation(tuple(axes), tables, period_s, way.get("torque_steps_nm", {}), scales, known, is_probed)
 
 
-def _is_probed(identified: Identified | None, number: int) -> bool:
-    part = None if identified is None or number not in identified.axis else identified.axis[number].ate
-    return part is not None and part.learnt_by == "probing"
+def table_of(
+    bench: Bench,
+    number: int,
+    model: Model,
+    timing: CyclicTiming,
+    pace: Pace,
+    actuation: Actuation,
+    *,
+    with_notch: bool,
+    by_torque: bool = False,
+    torque_lag_s: float = 0.0,
+    load: MotorLoad | None = None,
+) -> tuple[CancellationTable, TipScale]:
+    """Table of an axis, and the scale of its vibration.
 
+    A torque offset may do what the set-points' speed limit has no room for (`by_torque`).
 
-def measured_delay_s(identified: Identified | None, number: int) -> float:
-    """Measured delay of an axis' set-points in s, from the model file.
-
-    It is 0 without one.
+    Raises:
+        NotPossibleError: There is nothing to cancel, or no loop.
+        UnsafeRequestError: The model has an error that no gear has.
     """
-    part = None if identified is None or number not in identified.axis else identified.axis[number].ate
-    return 0.0 if part is None else part.set_point_delay_s
+    table = bench.axis[number].model_copy(update={"model": model})
+    table.gains(f"cancellation on axis {number}")
+    _check_size(number, model.ate)
+    loop = table.loop(timing.control_period_s, with_notch=with_notch)
+    assert loop is not None  # noqa: S101 - it has a model and gains
+    scale, limits = scale_at(bench, number, loop.peak_hz()), table.limits
+    highest_hz = max(HIGHEST_HZ, HIGHEST_OVER_RESONANCE * scale.f_al_hz)
+
+    def by(way: Actuation) -> CancellationTable:
+        error, chirp = (amplitudes_rad(model.ate), _phases_rad(model.ate)), pace.most_rad_s2
+        try:
+            return cancellation_table(loop, *error, timing, limits.speed_rps, way, highest_hz, chirp, torque_lag_s, load)
+        except ValueError as error_of:
+            raise NotPossibleError(f"axis {number}: {error_of}", ("nothing to cancel",)) from error_of
+
+    kept_hz = KEPT_OVER_RESONANCE * scale.f_al_hz
+    alone, room_nm = by("torque alone") if by_torque else None, TORQUE_USED * MAX_TORQUE_FRACTION * limits.torque_nm
+    return by(actuation).within_speed(limits.speed_rps, pace.peak_rps, kept_hz, alone, room_nm), scale
+
+
+def _check_size(number: int, ate: TransmissionErrorTable) -> None:
+    """Refuse an error that no gear has.
+
+    Raises:
+        UnsafeRequestError: ΣA_k is beyond `MAX_ERROR_ARCSEC`.
+    """
+    total = sum(ate.amplitudes_arcsec().values())
+    if total > MAX_ERROR_ARCSEC:
+        remedy = "no gear has as much; check the model file"
+        raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
+
+
+def pace_of(bench: Bench, motion: Motion, column: int) -> Pace:
+    """Pace of an axis in a motion and in its approach.
+
+    Jerks of the motion are left out.
+    """
+    angle, period_s = motion.motor_angle_rad[:, column], motion.period_s
+    fastest = float(np.max(np.abs(np.diff(angle)))) / period_s / (2.0 * math.pi)
+    rising = np.abs(np.gradient(np.gradient(angle, period_s), period_s))
+    return Pace(max(fastest, bench.approach_rps), float(np.quantile(rising, ORDINARY)))
+
+
+def amplitudes_rad(ate: TransmissionErrorTable) -> dict[float, float]:
+    """A_k in rad, by order; only amplitudes above 0."""
+    return {order: size * ARCSEC for order, size in ate.amplitudes_arcsec().items()}
+
+
+def _phases_rad(ate: TransmissionErrorTable) -> dict[float, float]:
+    """φ_k from 0 to 2π."""
+    return {order: math.radians(degrees) for order, degrees in phases_deg(ate).items()}
+
+
+def phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
+    """φ_k from 0 to 360°."""
+    return {order: degrees % 360.0 for order, degrees in ate.phases_deg().items()}
 
 
 def known_lag_s(identified: Identified | None, number: int) -> float:
@@ -261,7 +359,7 @@ def known_lag_s(identified: Identified | None, number: int) -> float:
 
     It is 0 if it is not identified, or not significant.
     """
-    part = None if identified is None or number not in identified.axis else identified.axis[number].plant
+    part = identified_axis(identified, number).plant
     if part is None or part.torque_lag_s < LAG_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
         return 0.0
     return part.torque_lag_s
@@ -271,18 +369,11 @@ def motor_load(bench: Bench, identified: Identified | None, model: Model, number
     """Parameters of the gear torque that reacts on a motor, or None.
 
     With them the gear torque follows from the motor's torque; None if no reaction is known.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None without one.
-        model: Model of the axis.
-        number: Axis number.
-        most_rad_s2: Largest acceleration of the motor.
     """
-    known = None if identified is None else identified.axis.get(number)
-    if known is None or known.ate is None or known.ate.gear_reaction == 0.0:
+    known, table = identified_axis(identified, number), bench.axis[number]
+    if known.ate is None or known.ate.gear_reaction == 0.0:
         return None
-    table, plant = bench.axis[number], known.plant
+    plant = known.plant
     gravity_nm = None if plant is None else plant.gravity_moment_nm
     most_nm = table.reduction_ratio * table.limits.torque_nm
     if gravity_nm is not None:
@@ -293,46 +384,21 @@ def motor_load(bench: Bench, identified: Identified | None, model: Model, number
 
 
 def cancellation_of(
-    bench: Bench,
-    identified: Identified | None,
-    motion: Motion,
-    channel: Channel | None = None,
-    *,
-    actuation: Actuation = "reference",
-    with_notch: bool = False,
-    control_periods_s: Mapping[int, float] | None = None,
-    torque_steps_nm: Mapping[int, float] | None = None,
-    delay_s: float = 0.0,
+    bench: Bench, identified: Identified | None, motion: Motion, channel: Channel | None = None, **way: Unpack[Way]
 ) -> Cancellation:
     """Make the cancellation of a motion at its pace.
 
-    It uses torque offsets if set-points do not suffice and drives and bus support them.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None for the bench file's own model.
-        motion: Motion of the run.
-        channel: The bus; None if it is not known.
-        actuation: As in `cancellation_for`, like all that follow.
-        with_notch: True if the drives' filters act.
-        control_periods_s: T_c by axis.
-        torque_steps_nm: Resolution of the drives' torque offsets, by axis.
-        delay_s: Delay of the set-points.
+    It uses torque offsets if set-points do not suffice and drives and bus support them; None for a bus that is not known.
 
     Raises:
         NotPossibleError: As `cancellation_for`.
         UnsafeRequestError: As `cancellation_for`.
     """
     paces = {number: pace_of(bench, motion, column) for column, number in enumerate(motion.axes)}
-
-    def made(*, by_torque: bool) -> Cancellation:
-        return cancellation_for(
-            bench, identified, motion.axes, motion.period_s, actuation=actuation, with_notch=with_notch, delay_s=delay_s,
-            control_periods_s=control_periods_s, torque_steps_nm=torque_steps_nm, paces=paces, by_torque=by_torque,
-        )  # fmt: skip
-
+    made = partial(cancellation_for, bench, identified, motion.axes, motion.period_s, paces=paces, **way)
     with_torque = made(by_torque=True)
-    if not with_torque.uses_torque or actuation == "torque" or _takes_torque(bench, motion, channel, with_notch=with_notch):
+    is_asked_for = not with_torque.uses_torque or way.get("actuation") == "torque"
+    if is_asked_for or _takes_torque(bench, motion, channel, with_notch=way.get("with_notch", False)):
         return with_torque
     return made(by_torque=False)
 
@@ -348,26 +414,10 @@ def _takes_torque(bench: Bench, motion: Motion, channel: Channel | None, *, with
         return False
 
 
-def cancellation_on(
-    session: Session,
-    identified: Identified | None,
-    motion: Motion,
-    *,
-    actuation: Actuation = "reference",
-    with_notch: bool = False,
-    delay_s: float = 0.0,
-) -> Cancellation:
+def cancellation_on(session: Session, identified: Identified | None, motion: Motion, **way: Unpack[Way]) -> Cancellation:
     """Make the cancellation of a motion on a session.
 
     Control periods and scales come from the drives; the limits are checked.
-
-    Args:
-        session: Session that has been brought up.
-        identified: The model file; None for the bench file's own model.
-        motion: Motion of the run.
-        actuation: `reference` for the set-point alone, `torque` with a torque offset.
-        with_notch: True if the drives' filters act.
-        delay_s: Delay of the set-points beyond that of `cancellation_for`.
 
     Raises:
         NotPossibleError: As `cancellation_for`.
@@ -375,17 +425,9 @@ def cancellation_on(
         HilError: A drive does not answer.
     """
     axes = {number: session.axes[number] for number in motion.axes}
-    cancellation = cancellation_of(
-        session.bench,
-        identified,
-        motion,
-        session.network.channel,
-        actuation=actuation,
-        with_notch=with_notch,
-        control_periods_s={number: axis.control_period_s() for number, axis in axes.items()},
-        torque_steps_nm={number: axis.scaling.torque_nm(1) for number, axis in axes.items()},
-        delay_s=delay_s,
-    )
+    way["control_periods_s"] = {number: axis.control_period_s() for number, axis in axes.items()}
+    way["torque_steps_nm"] = {number: axis.scaling.torque_nm(1) for number, axis in axes.items()}
+    cancellation = cancellation_of(session.bench, identified, motion, session.network.channel, **way)
     starts = None if motion.starts_at_home else [axis.position_rad() for axis in axes.values()]
     cancellation.check(session.bench, motion, starts)
     return cancellation
@@ -397,11 +439,6 @@ def cancelled_orders(
     """Orders of a cancellation by set-points, with their model's values.
 
     The result is empty without a cancellation.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None for the bench file's own model.
-        cancellation: The cancellation made from the model.
     """
     found = []
     for part in () if cancellation is None else cancellation.parts:
@@ -420,12 +457,10 @@ def treated_model(bench: Bench, identified: Identified | None, number: int) -> M
     """
     if identified is not None:
         identified.check_robot(bench.name)
-    if number not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
-    model = (bench if identified is None else with_identified(bench, identified)).axis[number].model
-    known = None if identified is None else identified.axis.get(number)
-    if model is None and known is not None and known.ate is not None:
-        model = model_of_error(bench.axis[number], known.ate)
+    bench.check_axis(number)
+    model, error = with_identified(bench, identified).axis[number].model, identified_axis(identified, number).ate
+    if model is None and error is not None:
+        model = model_of_error(bench.axis[number], error)
     return model if model is not None and amplitudes_rad(model.ate) else None
 
 

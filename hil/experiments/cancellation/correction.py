@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.model import Correlation, IdentifiedError, significant
-from hil.control.order_keys import amplitude_key, phase_key
+from hil.control.order_keys import order_keys
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.reaction import REACTS, UNLIKELY, Reaction
 from hil.design.estimate import Estimate
@@ -59,7 +59,7 @@ SAME = 0.1
 LEAST_LEFT = 0.01
 """Fraction of the vibration below which another pass is not worth its time."""
 DELAY, REACTION, GAIN = "delay", "reaction", "gain"
-
+UNKNOWN_YET = Estimate((), np.zeros(0), np.zeros((0, 0)))
 
 _MADE = math.hypot(MADE_ALIKE, MADE_ALONG), MADE_ACROSS
 """Standard errors of one order's correction as the motor makes it, along and across."""
@@ -118,21 +118,20 @@ class Correction:
     """Correction of an axis from pass to pass.
 
     Attributes:
-        known: Significant orders of what was known.
         part: What was known; None if nothing was.
-        delay_s: Delay of the set-points as it was known.
         period_s: SYNC period.
+        known: Significant orders of what was known.
         acted: Values that the last pass cancelled.
         acted_delay_s: Delay that it was made for.
         acted_reaction: Reaction r_c that it was made for.
         torque_shows: Reaction as the motor's torque shows it; None if it is not known.
         contradicted: Orders whose known value the passes contradict, with the known value.
+        passed: Orders whose resonance the ramps have passed.
     """
 
-    known: Mapping[float, OrderValue] = field(default_factory=dict)
     part: IdentifiedError | None = None
-    delay_s: float = 0.0
     period_s: float = 1e-3
+    known: dict[float, OrderValue] = field(default_factory=dict, init=False)
     acted: dict[float, OrderValue] = field(default_factory=dict)
     acted_delay_s: float = 0.0
     acted_reaction: float = 0.0
@@ -140,27 +139,22 @@ class Correction:
     contradicted: dict[float, OrderValue] = field(default_factory=dict)
     _begun: dict[float, OrderValue] = field(default_factory=dict)
     _fits: dict[float, OrderValue] = field(default_factory=dict)
-    _passed: frozenset[float] = frozenset()
+    passed: frozenset[float] = frozenset()
     _returned: dict[float, OrderValue] = field(default_factory=dict)
     _refused: dict[float, list[OrderValue]] = field(default_factory=dict)
     _left: list["_Left"] = field(default_factory=list)
-    _prior: Estimate | None = None
-    _posterior: Estimate | None = None
+    _prior: Estimate = UNKNOWN_YET
+    _posterior: Estimate = UNKNOWN_YET
     _turned: dict[float, complex] = field(default_factory=dict)
 
-    @classmethod
-    def of(cls, part: IdentifiedError | None, period_s: float) -> "Correction":
-        """Correction of a part of a model file, at a SYNC period."""
-        if part is None:
-            return cls(period_s=period_s)
-        table, errors = significant(part), part.standard_error
-        phases = table.phases_deg()
-        return cls({
-            order: OrderValue(
-                "known", amplitude, phases[order] % 360.0, errors.get(amplitude_key(order)), errors.get(phase_key(order))
-            )
-            for order, amplitude in table.amplitudes_arcsec().items()
-        }, part, part.set_point_delay_s, period_s)  # fmt: skip
+    def __post_init__(self) -> None:
+        """Find the significant orders of what was known."""
+        if self.part is not None:
+            table, errors = significant(self.part), self.part.standard_error
+            phases = table.phases_deg()
+            for order, amplitude in table.amplitudes_arcsec().items():
+                along, turned = (errors.get(key) for key in order_keys([order]))
+                self.known[order] = OrderValue("known", amplitude, phases[order] % 360.0, along, turned)
 
     def begin(self, estimate: JointEstimate, passed: Collection[float]) -> set[float]:
         """Take each order's prior from what was known and a fit.
@@ -168,17 +162,15 @@ class Correction:
         A fit that contradicts what was known holds, with their difference for its standard error. An order of which a pass has
         already shown the rest keeps its prior.
 
-        Args:
-            estimate: Fit of the passes so far.
-            passed: Orders whose resonance their ramps pass.
+        `passed` are the orders whose resonance the ramps pass.
 
         Returns:
             Orders that have begun so: what the last pass left of them is in the fit.
         """
-        self._passed = frozenset(passed)
-        delay = self.delay_s, DELAY_PERIODS * self.period_s
+        self.passed = frozenset(passed)
+        delay = self.set_point_delay_s, self.delay_error_s
         # r before its two priors: as wide as they are apart, and either as likely
-        values = {} if self._prior is not None else {DELAY: delay, REACTION: (REACTS, 1.0), GAIN: (0.0, MADE_ALIKE)}
+        values = {} if self._prior.names else {DELAY: delay, REACTION: (REACTS, 1.0), GAIN: (0.0, MADE_ALIKE)}
         shown = {each.order for each in self._left}
         self._fits |= {order: _fitted(order, estimate) for order in estimate.error.amplitude_arcsec}
         begun = {*self.known, *estimate.error.amplitude_arcsec} - shown
@@ -187,7 +179,7 @@ class Correction:
             value = self._first_value(order, is_seen=is_seen)
             self._begun[order] = value
             values |= self._prior_of(order, value)
-        prior = Estimate.independent(values) if self._prior is None else self._prior.with_others(values)
+        prior = self._prior.with_others(values)
         self._prior = self._posterior = self._correlated(prior, begun, estimate)
         if self._left:
             self._posterior = self._learnt()
@@ -200,10 +192,10 @@ class Correction:
             for of in (self.known, self._fits)
         )
         if known and self.part is not None:
-            prior = _with_correlation(prior, {k: self._begun[k] for k in known}, self.part.correlations(_keys(known)))
+            prior = _with_correlation(prior, {k: self._begun[k] for k in known}, self.part.correlations(order_keys(known)))
         fitted = [k for k in fitted if k in estimate.orders and k not in self.contradicted]
         if fitted:
-            errors = estimate.values.part(_keys(fitted))
+            errors = estimate.values.part(order_keys(fitted))
             prior = _with_correlation(prior, {k: self._begun[k] for k in fitted}, errors.correlation)
         return prior
 
@@ -216,7 +208,7 @@ class Correction:
             value = known or fitted
             assert value is not None  # noqa: S101 - the order is of one of both
             return value
-        if order not in self._passed or not is_seen:
+        if order not in self.passed or not is_seen:
             return known
         if known.agrees(fitted):
             return min(known, fitted, key=lambda each: each.sigma_arcsec)
@@ -251,7 +243,6 @@ class Correction:
 
     def _value(self, order: float) -> OrderValue:
         begun, prior, found = self._begun[order], self._prior, self._posterior
-        assert prior is not None and found is not None  # noqa: S101, PT018 - it has begun
         # what says less than the prior leaves more than half of its variance, and of a known value's expected error squared
         error = self.error_arcsec(order)
         says_less = error > math.sqrt(0.5) * math.hypot(*_errors_of(prior, order, begun.amplitude_arcsec))
@@ -271,12 +262,9 @@ class Correction:
         """Correlation of the errors of some values, of the delay and of the reaction.
 
         Those of newly learnt values are the posterior's; kept values have theirs from before.
-
-        Args:
-            values: Values by order, as `values` has them.
         """
         found = self._posterior
-        if found is None:
+        if not found.names:
             return None
         learnt = [k for k, value in values.items() if value.source == "learnt" and value is not self._begun[k]]
         kept = [k for k, value in values.items() if value.source == "known" and value.amplitude_error is not None]
@@ -290,17 +278,17 @@ class Correction:
             errors += values[order].sigmas_arcsec
         rows += [at[name] for name in shared.values()]
         errors += [found.standard_error(name) for name in shared.values()]
-        names = (*_keys(learnt), *shared)
+        names = (*order_keys(learnt), *shared)
         square = np.array(rows) @ found.covariance @ np.array(rows).T
         np.fill_diagonal(square, np.square(errors))
-        together = Estimate(names, np.zeros(len(names)), square).with_others(dict.fromkeys(_keys(kept), (0.0, 1.0)))
+        together = Estimate(names, np.zeros(len(names)), square).with_others(dict.fromkeys(order_keys(kept), (0.0, 1.0)))
         if kept and self.part is not None:
-            together = together.correlated(_keys(kept), self.part.correlations(_keys(kept)))
+            together = together.correlated(order_keys(kept), self.part.correlations(order_keys(kept)))
         return Correlation.of(together)
 
     def _why(self, order: float) -> str:
         """Reason why a known value stays."""
-        if order not in self._passed:
+        if order not in self.passed:
             return "the ramps end below its resonance"
         if not any(each.order == order for each in self._left):
             return "no pass cancelled the whole of it"
@@ -309,7 +297,6 @@ class Correction:
     def _is_made_otherwise(self, order: float) -> bool:
         """True if the correction differs from the error that began."""
         begun, found = self._begun[order], self._posterior
-        assert found is not None  # noqa: S101 - it has begun
         off = (self._phasor(order) - begun.phasor) * self._turned[order].conjugate()
         size = begun.amplitude_arcsec
         errors = zip(begun.sigmas_arcsec, _errors_of(found, order, size), _MADE, strict=True)
@@ -317,52 +304,46 @@ class Correction:
 
     def error_arcsec(self, order: float) -> float:
         """Standard error of an order's correction: of both components together."""
-        assert self._posterior is not None  # noqa: S101 - it has begun
         return math.hypot(*_errors_of(self._posterior, order, self._begun[order].amplitude_arcsec))
 
     def _phasor(self, order: float) -> complex:
-        assert self._posterior is not None  # noqa: S101 - it has begun
         along = self._posterior.value(_along(order)) + self._posterior.value(GAIN) * self._begun[order].amplitude_arcsec
         return complex(along, self._posterior.value(_across(order))) * self._turned[order]
 
     @property
     def set_point_delay_s(self) -> float:
         """Delay of the set-points as it is known so far."""
-        return self.delay_s if self._posterior is None else self._posterior.value(DELAY)
+        known_s = 0.0 if self.part is None else self.part.set_point_delay_s
+        return self._posterior.value(DELAY) if self._posterior.names else known_s
 
     @property
     def delay_error_s(self) -> float:
         """Standard error of the delay."""
-        return DELAY_PERIODS * self.period_s if self._posterior is None else self._posterior.standard_error(DELAY)
+        return self._posterior.standard_error(DELAY) if self._posterior.names else DELAY_PERIODS * self.period_s
 
     @property
     def reaction(self) -> Reaction | None:
         """Reaction of the gear as it is known so far; None if it is not."""
-        if self._posterior is None or not self._left:
+        if not self._left:
             return self.torque_shows
         return Reaction(self._posterior.value(REACTION), self._posterior.standard_error(REACTION))
 
     def take(
         self,
         seen: Mapping[float, Sequence[Seen]],
-        passed: Collection[float],
         resonance_hz: float,
         per_reaction: Mapping[tuple[float, int], complex] | None = None,
     ) -> None:
         """Learn from what a pass with the whole correction leaves.
 
-        Where it contradicts the prior of an order, that is as uncertain as the contradiction is large.
+        Only orders whose resonance is passed count. Where it contradicts the prior of an order, that is as uncertain as the
+        contradiction is large.
 
-        Args:
-            seen: What is left of each order, by direction.
-            passed: Orders whose resonance the ramps have passed; of the others nothing is learnt.
-            resonance_hz: Frequency at which the arm rings.
-            per_reaction: q_k/z_k by order and direction; None if it is not known.
+        `per_reaction` is q_k/z_k by order and direction.
         """
-        self._passed = frozenset(passed)
         made = self.acted_delay_s, self.acted_reaction
         for order, sights in seen.items():
-            if order in passed and order in self.acted:
+            if order in self.passed and order in self.acted:
                 acted, omega = self.acted[order].phasor, 2.0 * math.pi * resonance_hz
                 by = per_reaction or {}
                 self._left += [
@@ -377,7 +358,6 @@ class Correction:
         What the directions differ by beyond a delay is not noise, and returns in each pass, as the motion's own vibration does:
         each direction has a bias of its own.
         """
-        assert self._prior is not None  # noqa: S101 - it has begun
         known_s, error_s = (of(DELAY) for of in (self._prior.value, self._prior.standard_error))
         self._prior = self._prior.replaced(DELAY, known_s, CONTRADICTED_S)
         first = self._observed()
@@ -399,7 +379,6 @@ class Correction:
 
     def _observed(self) -> Estimate:
         """Posterior of z_k, g, δ and r after what passes have left."""
-        assert self._prior is not None  # noqa: S101 - it has begun
         at = {name: index for index, name in enumerate(self._prior.names)}
         rows, values, variances = [], [], []
         for each in self._left:
@@ -421,7 +400,6 @@ class Correction:
     def _with_reaction(self, found: Estimate) -> Estimate:
         """Posterior with the reaction that torque and tip show together."""
         known = self.torque_shows or Reaction(0.0, 0.0)
-        assert self._prior is not None  # noqa: S101 - it has begun
         free = found.standard_error(REACTION)
         if free > math.sqrt(0.5) * self._prior.standard_error(REACTION):  # less than the prior says: the tip shows nothing of it
             return found.with_marginal(REACTION, known.value, known.standard_error)
@@ -431,7 +409,6 @@ class Correction:
 
     def _widen(self, order: float, shown: complex, noise: float) -> None:
         """Widen the prior of an order that passes contradict."""
-        assert self._prior is not None  # noqa: S101 - it has begun
         prior = self._prior
         known = complex(prior.value(_along(order)), prior.value(_across(order)))
         surprise = shown * self._turned[order].conjugate() - known
@@ -444,16 +421,13 @@ class Correction:
         """Expected fraction of the vibration that the last correction leaves.
 
         √(Σ (E|z_k − c_k e^{−jω(δ − δ_c)}|² + |q_k (r − r_c)|²) / Σ|c_k|²) over the orders whose resonance is passed.
-
-        Args:
-            resonance_hz: Frequency at which the arm rings.
         """
         values = self.values()
         omega, late_s = 2.0 * math.pi * resonance_hz, self.set_point_delay_s - self.acted_delay_s
         reacts = 0.0 if self.reaction is None else self.reaction.value - self.acted_reaction
         left = whole = 0.0
         for order, acted in self.acted.items():
-            if order in values and order in self._passed:
+            if order in values and order in self.passed:
                 size = abs(acted.phasor) ** 2
                 whole += size
                 left += abs(values[order].phasor - acted.phasor) ** 2 + self.error_arcsec(order) ** 2
@@ -464,10 +438,7 @@ class Correction:
     def is_open(self, verdicts: Sequence[PartVerdict], wanted: Collection[float], resonance_hz: float) -> bool:
         """True if another pass with the whole correction is worth its time.
 
-        Args:
-            verdicts: Verdicts on the orders of the last one.
-            wanted: Orders that are to be cancelled.
-            resonance_hz: Frequency at which the arm rings.
+        `wanted` are the orders that are to be cancelled.
         """
         is_undecided = any(
             each.verdict == "refused" or (each.verdict == "not judged" and self._is_new(each.part.order)) for each in verdicts
@@ -478,7 +449,7 @@ class Correction:
         """True if an order has a value that was not known."""
         return order not in self.known or order in self.contradicted
 
-    def judged(self, verdicts: Sequence[PartVerdict], passed: Collection[float], *, is_last: bool) -> dict[float, PartVerdict]:
+    def judged(self, verdicts: Sequence[PartVerdict], *, is_last: bool) -> dict[float, PartVerdict]:
         """Orders to leave out after a pass, with the verdicts on them.
 
         A refused value gives way to another one that the pass does not speak against: that which was known, or a fit. The foot of
@@ -486,7 +457,6 @@ class Correction:
 
         Args:
             verdicts: Verdicts on the orders that it cancelled.
-            passed: Orders whose resonance the passes' ramps pass.
             is_last: True after the last pass: then of an order that could not be judged, and of which no pass with the whole
                 correction shows the rest, the known value stays, or none.
         """
@@ -494,7 +464,7 @@ class Correction:
         for verdict in verdicts:
             order = verdict.part.order
             known, acted = self.known.get(order), self.acted[order]
-            if verdict.verdict == "refused" and (known is None or order in passed):
+            if verdict.verdict == "refused" and (known is None or order in self.passed):
                 self._refused.setdefault(order, []).append(acted)
                 other = self._other(order, verdict)
                 if other is None:
@@ -519,7 +489,6 @@ class Correction:
 
     def _return_to(self, order: float, value: OrderValue) -> None:
         """Return to another value of an order."""
-        assert self._posterior is not None and self._prior is not None  # noqa: S101, PT018 - it has begun
         self._begun[order] = self._returned[order] = value
         self.contradicted.pop(order, None)
         self._left = [each for each in self._left if each.order != order]
@@ -551,11 +520,6 @@ class Correction:
 def _would_leave(value: OrderValue, acted: OrderValue, ratio: complex) -> float:
     """Fraction that a value would leave, by the verdict on another."""
     return abs(ratio - value.phasor / acted.phasor) / max(abs(ratio), 1e-30)
-
-
-def _keys(orders: Collection[float]) -> list[str]:
-    """Names of amplitudes and phases in the model file."""
-    return [key(order) for order in orders for key in (amplitude_key, phase_key)]
 
 
 def _with_correlation(prior: Estimate, values: Mapping[float, OrderValue], correlation: Real) -> Estimate:

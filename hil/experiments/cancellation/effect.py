@@ -22,7 +22,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.design.ate.model import Arm
+from hil.design.ate.model import Arm, levelled
 from hil.design.frequency import Loop
 from hil.design.transmission_error import acceleration_spectrum, shown_fraction, shown_waves
 from hil.recording import Recording
@@ -37,8 +37,6 @@ RING_DOWN_S = 3.0
 """Time by which a transform is longer than its recording, so that its end does not ring into its beginning."""
 LEAST_COLUMN, RIDGE = 1e-30, 1e-10
 """Numbers that keep an inverse finite; a column of less is none."""
-EDGE_ROWS = 16
-"""Rows at either end of a recording whose mean is taken for the level there."""
 LEAST_NOISE_M_S2 = 1e-5
 """Noise that every accelerometer has: no verdict rests on less."""
 LEAK = 0.01
@@ -125,10 +123,7 @@ class Response:
         """
         stretch, damping, delay = (float(step) * likely for step, likely in zip(steps, LIKELY, strict=True))
         return replace(
-            self,
-            stretch=self.stretch * math.exp(stretch),
-            damping=self.damping * math.exp(damping),
-            delay_s=self.delay_s + delay,
+            self, stretch=self.stretch * math.exp(stretch), damping=self.damping * math.exp(damping), delay_s=self.delay_s + delay
         )
 
 
@@ -172,17 +167,11 @@ class Sighting:
     jolt: Mapping[Part, float] = field(default_factory=dict)
 
     def wave(self, part: Part, amplitude: complex) -> Real:
-        """Vibration of a part with an amplitude in arcsec.
-
-        The result is in m/s²; shape (rows,).
-        """
+        """Vibration in m/s² of a part with an amplitude in arcsec; shape (rows,)."""
         return np.asarray(self.waves[part] @ np.array([amplitude.real, amplitude.imag]))
 
     def variance(self, part: Part) -> float:
-        """Variance of either component of a part's amplitude.
-
-        It contains the residual, and the leakage from other parts.
-        """
+        """Variance of either component of a part's amplitude, by residual and leakage."""
         noise = max(float(np.mean(self.residual**2)), LEAST_NOISE_M_S2**2)
         leaks = sum(abs(size) ** 2 / self.unit_variance[other] for other, size in self.amplitude.items() if other != part)
         return self.unit_variance[part] * (noise + LEAK**2 * leaks)
@@ -223,7 +212,7 @@ class _Spectra:
         self.frequency = scipy.fft.rfftfreq(self._length, period)
         self._weight = _weight(self.frequency, period, band_hz)
         self.independent = float(np.mean(self._weight**2))
-        self.signal = self._samples(self._weight * scipy.fft.rfft(_level(recording.felt_m_s2), self._length))
+        self.signal = self._samples(self._weight * scipy.fft.rfft(levelled(recording.felt_m_s2), self._length))
         self._waves: dict[int, Complex] = {}
         for axis in axes:
             angle = recording.axis(axis.number, "position_rad")
@@ -269,33 +258,15 @@ def unshown(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -
 def acceleration_of(
     values: Real, period_s: float, band_hz: tuple[float, float], angle_per_value: Callable[[Real], Complex]
 ) -> Real:
-    """Acceleration in a band of the angle that samples cause.
-
-    Shape of `values`.
-
-    Args:
-        values: Samples, of a torque for example; shape (n,).
-        period_s: Their period.
-        band_hz: Band of the vibration.
-        angle_per_value: Response of the angle to them at frequencies in Hz.
-    """
+    """Acceleration in a band of the angle that samples cause; shape of `values`."""
     length = int(scipy.fft.next_fast_len(len(values) + round(RING_DOWN_S / period_s), real=True))
     frequency, spectrum = acceleration_spectrum(values, period_s, length)
     made = scipy.fft.irfft(spectrum * _weight(frequency, period_s, band_hz) * angle_per_value(frequency), length)
     return np.asarray(made[: len(values)])
 
 
-def _level(values: Real) -> Real:
-    """Subtract the straight line from beginning to end: gravity's part."""
-    few = min(EDGE_ROWS, len(values))
-    return np.asarray(values - np.linspace(float(np.mean(values[:few])), float(np.mean(values[-few:])), len(values)))
-
-
 def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
-    """Solve a least-squares problem.
-
-    Returns the unknowns, their variances for a residual of variance 1, and the residual.
-    """
+    """Unknowns of least squares, their variances per residual variance, and the residual."""
     scale = np.sqrt(np.sum(columns**2, axis=0)) + LEAST_COLUMN
     scaled = columns / scale
     # what the rows do not show, or cannot tell from another, has a huge variance so, and not none
@@ -305,16 +276,7 @@ def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
 
 
 def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> Sighting:
-    """Read the complex amplitudes of all orders from one recording.
-
-    The orders are those of all axes.
-
-    Args:
-        recording: The recording.
-        axes: Axes whose orders are read, all at once.
-        rows: Rows that count; shape (n,).
-        band_hz: Band of the vibration.
-    """
+    """Read the complex amplitudes of all orders of all axes from one recording."""
     spectra = _Spectra(recording, axes, rows, band_hz)
     columns = [spectra.columns(axis, axis.response) for axis in axes]
     unknowns, variance, residual = _solved(np.concatenate(columns, axis=1), spectra.signal)
@@ -337,18 +299,10 @@ def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: 
 def refined(
     recordings: Sequence[Recording], axes: Sequence[AxisWaves], rows: Sequence[Rows], band_hz: tuple[float, float]
 ) -> tuple[AxisWaves, ...]:
-    """Refine the responses of the axes on some recordings.
-
-    The axes are refined one after the other.
+    """Refine the responses of the axes on some recordings, one after the other.
 
     Each recording has amplitudes of its own, so a cancellation in it, right or wrong, does not matter. What is known of a
     model (`LIKELY`) counts as much as the noise allows.
-
-    Args:
-        recordings: Recordings that show the vibration.
-        axes: Axes as the model has them.
-        rows: Rows that count in each of the recordings.
-        band_hz: Band of the vibration.
     """
     spectra = [_Spectra(recording, axes, each, band_hz) for recording, each in zip(recordings, rows, strict=True)]
     found = list(axes)
@@ -367,10 +321,7 @@ def refined(
 
 
 class _Refinement:
-    """Cost of one axis' response over some recordings.
-
-    It is the residual power in units of the noise, plus the prior's part.
-    """
+    """Cost of a response: residual power over the noise, plus the prior's part."""
 
     def __init__(self, spectra: Sequence[_Spectra], axis: AxisWaves, others: Sequence[Sequence[Real]]) -> None:
         self._spectra, self._axis, self._others = spectra, axis, others

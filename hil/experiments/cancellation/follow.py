@@ -17,9 +17,8 @@ from hil.control.cancellation import CancellationLaw
 from hil.control.following import ArmModel, Followed, FollowingLaw, FollowingSettings, SecondDifference
 from hil.design.following import arm_model, band_pass, resonance_of, rounding_noise_m_s2
 from hil.errors import NotPossibleError
-from hil.experiments.cancellation.cancellation import Cancellation, treated_model
+from hil.experiments.cancellation.cancellation import Cancellation, amplitudes_rad, phases_deg, treated_model
 from hil.experiments.cancellation.follow_trial import BeginParts, HeardOrder
-from hil.experiments.cancellation.tables import amplitudes_rad, phases_deg
 from hil.experiments.cancellation.waves import planned_levers
 from hil.experiments.treatment import NO_FOLLOWING_BY_ENCODERS, NO_FOLLOWING_ON_ARM
 from hil.master.motion import Motion
@@ -73,11 +72,7 @@ class FollowingSetUp:
         return FollowingAdder(plain.uses_torque, plain.laws, law, self, difference)
 
     def beginning(self, parts: BeginParts) -> "FollowingSetUp":
-        """Copy of the set-up with the part at which each order begins.
-
-        Args:
-            parts: The parts, by axis and order; 0 for what is not named.
-        """
+        """Copy with the part at which each order begins; 0 if not named."""
         orders = tuple(
             tuple(each._replace(begin_part=parts.get((number, each.order), 0.0)) for each in own)
             for number, own in zip(self.axes, self.orders, strict=True)
@@ -126,11 +121,6 @@ class FollowingAdder:
 
         They follow from the measured angles and torques of the last cycle, and from the tip's acceleration.
 
-        Args:
-            references_rad: Motor angles of the motion in the next cycle.
-            positions_rad: Measured motor angles, in the order of the axes.
-            torques_nm: Measured motor torques.
-
         Returns:
             Additions to the references in rad at the motor, and torque offsets in N·m.
         """
@@ -145,10 +135,7 @@ class FollowingAdder:
         return self._cancellation.step(positions_rad, torques_nm)
 
     def _felt_m_s2(self) -> float | None:
-        """Acceleration of the tip; None if it is not known.
-
-        It comes from the sensor, or from the joint's own encoder.
-        """
+        """Acceleration of the tip by sensor or the joint's encoder; None if unknown."""
         tip, turned = self._sensed.tip_m_s2, self._sensed.load_rad
         if self._difference is not None:
             return self._difference(None if turned is None else turned[self._columns[0]])
@@ -176,10 +163,7 @@ class FollowingAdder:
         return tuple(found)
 
     def followed(self) -> tuple[FollowedOrder, ...]:
-        """List how each order of each axis changed over the motion.
-
-        The result is empty before the motion began.
-        """
+        """List how each order of each axis changed; empty before the motion began."""
         if not self._rows:
             return ()
         found, at, set_up = [], 0, self._set_up
@@ -193,30 +177,19 @@ class FollowingAdder:
                 turn = math.degrees(each.phase_rad) + np.degrees(np.angle(factors))
                 found.append(
                     FollowedOrder(
-                        axis=number,
-                        order=each.order,
-                        amplitude_start_arcsec=float(size[0]),
-                        amplitude_end_arcsec=float(size[-1]),
-                        phase_start_deg=float(turn[0]) % 360.0,
-                        phase_end_deg=float(turn[-1]) % 360.0,
-                        turned_deg=float(np.degrees(np.angle(factors[-1]))),
-                        was_taken_back=each.order in self._law.given_up(row),
-                        time_s=times,
-                        amplitude_arcsec=tuple(size[::step].round(4).tolist()),
+                        axis=number, order=each.order,
+                        amplitude_start_arcsec=float(size[0]), amplitude_end_arcsec=float(size[-1]),
+                        phase_start_deg=float(turn[0]) % 360.0, phase_end_deg=float(turn[-1]) % 360.0,
+                        turned_deg=float(np.degrees(np.angle(factors[-1]))), was_taken_back=each.order in self._law.given_up(row),
+                        time_s=times, amplitude_arcsec=tuple(size[::step].round(4).tolist()),
                         phase_deg=tuple(turn[::step].round(3).tolist()),
                     )
-                )
+                )  # fmt: skip
         return tuple(found)
 
 
 def following_of(bench: Bench, identified: Identified | None, cancellation: Cancellation, motion: Motion) -> FollowingSetUp:
-    """Make the set-up of a cancellation that follows on a motion.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None for the bench file's own model.
-        cancellation: The cancellation, of what has passed its trial.
-        motion: The motion.
+    """Make the set-up of following a motion with what has passed its trial.
 
     Raises:
         NotPossibleError: The links of an arm move the tip, the arm of an axis is not known, or several axes move and only

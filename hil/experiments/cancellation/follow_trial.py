@@ -78,11 +78,7 @@ def try_following(
 
     Returns the entry, and the part of each order from which it is to follow.
 
-    Args:
-        bench: The bench file.
-        scale: Scale of the axes that move.
-        run: Runs the motion, following, or with the cancellation alone while the observer listens.
-        reporter: Listener of each run.
+    A run that does not follow has the cancellation alone, while the observer listens.
 
     Raises:
         NotPossibleError: The motion does not excite the arm.
@@ -120,10 +116,7 @@ def try_following(
 
 
 def _changes(runs: Alternation, scale: TipScale) -> list[PeakChange]:
-    """Changes of the peaks by acceleration and by displacement.
-
-    Accelerations are compared in the rows of the orders and everywhere.
-    """
+    """Changes of the peaks by acceleration, everywhere and in the orders' rows, and displacement."""
     low, high = scale.band_hz
 
     def displaced(band: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -140,19 +133,13 @@ def _rise_mm(change: PeakChange) -> float:
 
 
 def _is_louder(changes: Sequence[PeakChange]) -> bool:
-    """True if a peak rises too much.
-
-    A rise counts if it exceeds the noise, or `LITTLE` times the largest fall.
-    """
+    """True if a peak rises beyond noise or `LITTLE` times the fall."""
     gained = max(change.before_mm - change.after_mm for change in changes)
     return any(_rise_mm(each) > min(SIGMAS * each.error_mm, LITTLE * max(gained, 0.0)) for each in changes)
 
 
 def _begin_parts(runs: Sequence[Sequence[HeardOrder]]) -> dict[tuple[int, float], float]:
-    """Remainder of each order from which it begins to follow.
-
-    It is larger than the one that the order left in these runs.
-    """
+    """Remainder of each order, above that of these runs, from which it follows."""
     found: dict[tuple[int, float], float] = {}
     for each in (each for watched in runs for each in watched):
         key = each.axis, each.order

@@ -12,9 +12,8 @@ from hil.bench.bench import Bench, Model
 from hil.bench.model import Identified
 from hil.control.angles import ARCSEC
 from hil.errors import NotPossibleError
-from hil.experiments.cancellation.cancellation import treated_model
+from hil.experiments.cancellation.cancellation import amplitudes_rad, phases_deg, treated_model
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.tables import amplitudes_rad, phases_deg
 from hil.experiments.motor_inertia import nothing_known
 from hil.master.session import Session
 from hil.results.acted import CancelledOrder
@@ -29,12 +28,7 @@ def cancel_inside(
 
     Nothing more goes over the bus in a cycle, and no delay has to be known.
 
-    Args:
-        session: Session that has been brought up.
-        identified: The model file; None for the bench file's own model.
-        axes: Axis numbers of the motion.
-        gain: Fraction of the cancellation, 0 to 1.
-        without: Orders of axes that are left out.
+    A fraction `gain` of it acts, 0 to 1, without some orders of axes.
 
     Returns:
         The orders that the drives cancel, as they hold them.
@@ -54,16 +48,10 @@ def cancel_inside(
         values |= {"motor_inertia_kg_m2": model.motor_inertia_kg_m2, "motor_damping_nm_s_rad": model.motor_damping_nm_s_rad}
         held = {name: axis.write_parameter(f"cancellation.{name}", value) for name, value in values.items()}
         axis.write_parameter("cancellation.mode", 1)
-        cancelled += [
-            CancelledOrder(
-                axis=number,
-                order=order,
-                amplitude_arcsec=held[f"a{order:g}_rad"] / (axis.table.reduction_ratio * ARCSEC),
-                phase_deg=math.degrees(held[f"phi{order:g}_rad"]),
-                held_by="drive",
-            )
-            for order in amplitudes
-        ]
+        for order in amplitudes:
+            size = held[f"a{order:g}_rad"] / (axis.table.reduction_ratio * ARCSEC)
+            phase = math.degrees(held[f"phi{order:g}_rad"])
+            cancelled.append(CancelledOrder(axis=number, order=order, amplitude_arcsec=size, phase_deg=phase, held_by="drive"))
     return tuple(cancelled)
 
 

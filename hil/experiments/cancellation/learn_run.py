@@ -5,10 +5,11 @@ It records passes on the bus, and writes the estimates to the model file.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from hil.bench.bench import Bench
-from hil.bench.model import Identified, IdentifiedAxis, load_identified, update_file
+from hil.bench.model import Identified, identified_axis, load_identified, update_file
 from hil.can.channel import Channel
 from hil.design.inverse import Actuation
 from hil.experiments.ate.motion import Ramps
@@ -105,21 +106,14 @@ def learn_on_bus(
         today = measurement.started.date()
         for axis in request.axes:
             learnt[axis] = learn(
-                session,
-                axis,
-                identified,
-                passes=request.passes,
-                acceleration_rps_s=request.acceleration_rps_s,
-                actuation=request.actuation,
-                motor_inertia_kg_m2=request.motor_inertias_kg_m2.get(axis),
-                orders=request.orders,
-                keep=_Keeper(measurement, axis),
-                reporter=reporter,
-            )
+                session, axis, identified, passes=request.passes, acceleration_rps_s=request.acceleration_rps_s,
+                actuation=request.actuation, motor_inertia_kg_m2=request.motor_inertias_kg_m2.get(axis), orders=request.orders,
+                keep=partial(_enter, measurement, axis), reporter=reporter,
+            )  # fmt: skip
             learnt[axis].emulated = measurement.result.emulated
             measurement.result.learnt.append(learnt[axis].entry(request.note, today))
-            taken_over = None if plant is None or identified is None else identified.axis.get(axis, IdentifiedAxis()).plant
-            if taken_over is not None:
+            taken_over = identified_axis(identified, axis).plant
+            if plant is not None and taken_over is not None:
                 update_file(model, bench.name, axis, taken_over)
             identified = _with_plants(learnt[axis].store(model, bench.name, request.note, today), identified)
     return LearningOutcome(measurement.result, measurement.failure, learnt)
@@ -142,10 +136,7 @@ def _demands(bench: Bench, request: LearnRequest, identified: Identified | None)
 def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | None:
     """Load the model file, with the plants of another file.
 
-    Args:
-        bench: The bench file.
-        model: The model file, which need not exist.
-        plant: Model file with the plants; None without one.
+    The former need not exist.
 
     Raises:
         FileError: A file is not a model file.
@@ -162,37 +153,21 @@ def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | N
 
 
 def _with_plants(identified: Identified, plants: Identified | None) -> Identified:
-    """Add the plants of another file to a model file.
-
-    An axis without a transmission error takes that of the other file too.
-    """
+    """Add the plants of another file, and transmission errors that are missing."""
     for number, known in ({} if plants is None else plants.axis).items():
         if known.plant is not None:
             identified = identified.with_part(number, known.plant)
-        if known.ate is not None and identified.axis.get(number, IdentifiedAxis()).ate is None:
+        if known.ate is not None and identified_axis(identified, number).ate is None:
             identified = identified.with_part(number, known.ate)
     return identified
 
 
-class _Keeper:
-    """Keeper of an axis' passes in the result."""
-
-    def __init__(self, measurement: Measurement[LearningResult], axis: int) -> None:
-        self._measurement, self._axis = measurement, axis
-
-    def __call__(self, number: int, result: RunResult, motion: Ramps) -> None:
-        entry = LearningRun(
-            axis=self._axis,
-            number=number,
-            acceleration_rps_s=motion.trajectory.acceleration_rps_s,
-            end_rps=motion.trajectory.end_rps,
-            cycles=result.cycles,
-            missed_cycles=result.missed_cycles,
-            wall_s=round(result.wall_s, 4),
-            recording=self._measurement.keep(result.recording, f"learn-axis{self._axis}-pass{number}"),
-            stopped=None if result.stopped is None else result.stopped.reason,
-        )
-        self._measurement.result.runs.append(entry)
+def _enter(measurement: Measurement[LearningResult], axis: int, number: int, result: RunResult, motion: Ramps) -> None:
+    made, ramp = measurement.made(result, f"learn-axis{axis}-pass{number}"), motion.trajectory
+    entry = LearningRun(
+        axis=axis, number=number, acceleration_rps_s=ramp.acceleration_rps_s, end_rps=ramp.end_rps, **made
+    )  # fmt: skip
+    measurement.result.runs.append(entry)
 
 
 def summary(outcome: LearningOutcome) -> Sequence[str]:

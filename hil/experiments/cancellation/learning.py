@@ -11,38 +11,37 @@ method see docs/learning.md.
 
 import datetime
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from hil.analysis import TipScale
 from hil.bench.bench import AxisTable, Bench
-from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, significant, update_file
+from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, identified_axis, significant, update_file
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.identification import JointEstimate
-from hil.design.ate.model import Sensing, Sweep
+from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.ate.motion import motion_factor
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
-from hil.experiments.ate.checks import check_factor, check_moved, check_run
+from hil.experiments.ate.checks import check_factor
 from hil.experiments.ate.identify import SEARCHED_PASSES, checked_on_gear, standard_errors
-from hil.experiments.ate.motion import Ramps, ramps
-from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
-from hil.experiments.ate.orders import OrderWatch
-from hil.experiments.ate.passes import PassKeeper, keep_nothing
+from hil.experiments.ate.motion import PassKeeper, Ramps, ramps
+from hil.experiments.ate.order_scan import OrderWatch, identify_orders, is_passed, is_significant
 from hil.experiments.ate.ramp import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramp, RampLimits, plan_ramp, resonance_ramp
-from hil.experiments.ate.request import axis_knowledge, modal_arm, searched_delay_s
-from hil.experiments.ate.sweeps import late_words, sweep_of
+from hil.experiments.ate.request import axis_knowledge, modal_arm
+from hil.experiments.ate.sweeps import late_words, run_pass
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, treated_model
 from hil.experiments.cancellation.correction import Correction, OrderValue, error_of
-from hil.experiments.cancellation.pass_judge import PassJudge
+from hil.experiments.cancellation.effect import Part, Response, refined
+from hil.experiments.cancellation.ramp_trial import seen_by_direction
 from hil.experiments.cancellation.reaction_watch import ReactionWatch
-from hil.experiments.cancellation.verdict import PartVerdict, part_entry
+from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge, part_entry
 from hil.experiments.cancellation.verification import CancellationRefusedError
-from hil.experiments.cancellation.waves import judged_rows, vibration_m_s2
+from hil.experiments.cancellation.waves import judged_rows, response_of, vibration_m_s2, waves_of
 from hil.experiments.judge import axis_scale, scale_at, shown_rps
 from hil.experiments.motor_inertia import given_inertia
-from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -56,6 +55,51 @@ PASSES = 5
 SECOND_GAIN = 0.5
 FIRST_WHOLE = 3
 """Number of the first pass with the whole cancellation."""
+
+
+class PassJudge:
+    """Judge of the passes of one axis.
+
+    A pass may be to another speed than the first, so each is read with its own waves; and each direction for itself, since an
+    unknown delay turns one against the other.
+    """
+
+    def __init__(self, bench: Bench, identified: Identified | None, axis: int, known: Collection[float] = ()) -> None:
+        """Keep the bench, the axis and its known orders.
+
+        The response is that of the model file, or of the first pass' arm.
+        """
+        self._known_orders = tuple(known)
+        self._bench, self._axis, self._known = bench, axis, response_of(bench, identified, axis)
+        self._response: Response | None = None
+        self._without: dict[float, list[Seen]] = {}
+
+    def begin(self, recording: Recording, motion: Ramps, estimate: JointEstimate, scale: TipScale) -> None:
+        """Read the first pass, with which the others are compared."""
+        self._response = self._first(recording, motion, estimate, scale)
+        self._without = self.read(recording, motion, {*estimate.error.amplitude_arcsec, *self._known_orders}, 0.0, scale)
+
+    def read(
+        self, recording: Recording, motion: Ramps, orders: Collection[float], gain: float, scale: TipScale
+    ) -> dict[float, list[Seen]]:
+        """Read what is left of each order in each direction."""
+        assert self._response is not None  # noqa: S101 - made by the first pass
+        fitted = {*orders, *self._without}
+        return seen_by_direction(self._bench, recording, motion, self._response, fitted, orders, gain, scale)
+
+    def verdicts(self, seen: Mapping[float, Sequence[Seen]], gain: float) -> tuple[PartVerdict, ...]:
+        """Verdict on each order of a pass, against the first one."""
+        axis = self._axis
+        return tuple(judge(Part(axis, k), gain, [*self._without[k], *sights]) for k, sights in seen.items())
+
+    def _first(self, recording: Recording, motion: Ramps, estimate: JointEstimate, scale: TipScale) -> Response:
+        """The response, refined on the first pass."""
+        arm = estimate.arm
+        bare = Response(Arm(arm.resonance_hz, arm.damping, gear_fraction=arm.gear_fraction))
+        start = replace(self._known or bare, delay_s=arm.delay_s)
+        orders = {self._axis: tuple(estimate.error.amplitude_arcsec)}
+        waves = waves_of(self._bench, {self._axis: start}, orders, motion.motion, recording)
+        return refined([recording], waves, [motion.direction() != 0], scale.band_hz)[0].response
 
 
 @dataclass(frozen=True)
@@ -82,12 +126,10 @@ class LearntPass:
         """Entry of the pass for the result file."""
         error = error_of(self.values)
         return LearningPass(
-            gain=self.gain,
-            vibration_m_s2=self.vibration_m_s2,
-            set_point_delay_s=self.set_point_delay_s,
+            gain=self.gain, vibration_m_s2=self.vibration_m_s2, set_point_delay_s=self.set_point_delay_s,
             values=TransmissionErrorTable.of(error.amplitude_arcsec, error.phase_deg),
             parts=tuple(part_entry(verdict) for verdict in self.verdicts),
-        )
+        )  # fmt: skip
 
 
 @dataclass
@@ -102,7 +144,6 @@ class AxisLearning:
         left_out: Orders that are not cancelled, with the verdicts on them.
         notes: Sentences for the engineer.
         correction: What is known of the correction of each order.
-        passed: Orders whose resonance the ramps have passed.
         reaction: Reaction of the gear on its motor; None before the learning begins.
     """
 
@@ -113,7 +154,6 @@ class AxisLearning:
     left_out: dict[float, PartVerdict] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     correction: Correction = field(default_factory=Correction)
-    passed: frozenset[float] = frozenset()
     reaction: ReactionWatch | None = None
 
     @property
@@ -126,17 +166,12 @@ class AxisLearning:
 
         They are while the whole cancellation has not acted and an order is not known, if a value was refused, and if an order's
         resonance is reached for the first time.
-
-        Args:
-            sweeps: Passes so far.
-            verdicts: Verdicts on the orders of the last one.
-            orders: Orders that are learnt.
         """
         number = len(self.passes) + 1
         if number == 1 or (number < FIRST_WHOLE and not self.correction.is_known):
             return True
         is_refused = any(verdict.verdict == "refused" for verdict in verdicts)
-        return is_refused or not self.reached(sweeps, orders, self.estimate) <= self.passed
+        return is_refused or not self.reached(sweeps, orders, self.estimate) <= self.correction.passed
 
     @staticmethod
     def reached(sweeps: Sequence[Sweep], orders: Sequence[float], estimate: JointEstimate) -> frozenset[float]:
@@ -163,9 +198,7 @@ class AxisLearning:
     def part(self, note: str = "", on: datetime.date | None = None) -> IdentifiedError:
         """Entry of the model file.
 
-        Args:
-            note: Load, temperature: a note of the engineer.
-            on: Date of the passes; today's unless it is given.
+        The note is of load or temperature; the date is today's unless it is given.
         """
         estimate, values = self.estimate, self.values()
         errors, cancelled = standard_errors(estimate), error_of(values)
@@ -189,25 +222,18 @@ class AxisLearning:
             values=TransmissionErrorTable.of(cancelled.amplitude_arcsec, cancelled.phase_deg),
             standard_error=errors,
             correlation=self.correction.correlation(values),
-            arm_hz=estimate.arm.resonance_hz,
-            damping=estimate.arm.damping,
-            accelerometer_delay_s=estimate.arm.delay_s,
+            arm_hz=estimate.arm.resonance_hz, damping=estimate.arm.damping, accelerometer_delay_s=estimate.arm.delay_s,
             set_point_delay_s=self.correction.set_point_delay_s,
             gear_reaction=0.0 if reaction is None else max(0.0, reaction.value),
-            learnt_by="adaptive",
-            motor_inertia_kg_m2=self.motor_inertia_kg_m2,
+            learnt_by="adaptive", motor_inertia_kg_m2=self.motor_inertia_kg_m2,
             note="; ".join(text for text in (date, f"{len(self.passes)} passes", before, without, note) if text),
             emulated=self.emulated,
-        )
+        )  # fmt: skip
 
     def store(self, path: Path, robot: str, note: str = "", on: datetime.date | None = None) -> Identified:
         """Write the transmission error into the model file.
 
-        Args:
-            path: The model file; made where it is missing.
-            robot: Name of the bench.
-            note: Load, temperature: a note of the engineer.
-            on: Date of the passes; today's unless it is given.
+        It is made where it is missing; for the note and the date see `part`.
 
         Raises:
             FileError: The file is not a model file, or cannot be written.
@@ -218,14 +244,10 @@ class AxisLearning:
     def entry(self, note: str = "", on: datetime.date | None = None) -> LearntAxis:
         """Entry of the axis for the result file."""
         return LearntAxis(
-            axis=self.axis,
-            reduction_fraction=self.reduction_fraction,
-            passes=tuple(each.entry() for each in self.passes),
-            ate=self.part(note, on),
-            left_out=tuple(verdict.words for verdict in self.left_out.values()),
-            kept=self.kept(),
+            axis=self.axis, reduction_fraction=self.reduction_fraction, passes=tuple(each.entry() for each in self.passes),
+            ate=self.part(note, on), left_out=tuple(verdict.words for verdict in self.left_out.values()), kept=self.kept(),
             notes=tuple(self.notes),
-        )
+        )  # fmt: skip
 
 
 def learn(
@@ -238,7 +260,7 @@ def learn(
     actuation: Actuation = "reference",
     motor_inertia_kg_m2: float | None = None,
     orders: Sequence[float] = ORDERS,
-    keep: PassKeeper = keep_nothing,
+    keep: PassKeeper | None = None,
     reporter: Reporter = SILENT,
 ) -> AxisLearning:
     """Learn the transmission error of one axis by cancelling it.
@@ -263,11 +285,14 @@ def learn(
         HilError: Limits or nodes do not allow a run.
     """
     bench, table = session.bench, _table_of(session.bench, axis, passes)
-    learning = _begun(bench, identified, axis, given_inertia(bench, identified, axis, motor_inertia_kg_m2))
+    inertia_kg_m2, known = given_inertia(bench, identified, axis, motor_inertia_kg_m2), identified_axis(identified, axis)
     ramp, scale = learning_ramp(bench, identified, axis, acceleration_rps_s), axis_scale(bench, axis)
-    watch = OrderWatch(table.reduction_ratio, _sensing(table, identified, axis), ramp)
-    correction, knowledge = learning.correction, axis_knowledge(bench, axis, identified, sensorless=False)
-    judge = PassJudge(bench, identified, axis, correction.known)
+    knowledge = axis_knowledge(bench, axis, identified, sensorless=False)
+    watch = OrderWatch(table.reduction_ratio, Sensing(table.felt_lever_m(f"learn --axis {axis}"), 0.0, *knowledge.delay_s), ramp)
+    reaction, correction = ReactionWatch.of(axis, knowledge.side, known.ate), Correction(known.ate, bench.bus.sync_period_s)
+    correction.torque_shows = reaction.known
+    learning = AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, correction=correction, reaction=reaction)
+    passes_judge = PassJudge(bench, identified, axis, correction.known)
     for number in range(1, passes + 1):
         gain = (0.0, SECOND_GAIN)[number - 1] if number < FIRST_WHOLE else 1.0
         session.check_interrupt()
@@ -275,29 +300,30 @@ def learn(
         words = f"axis {axis} to {ramp.end_rps:.2f} rev/s, {100.0 * gain:g} % of the cancellation{ramp.bound}"
         reporter.step(f"pass {number} of at most {passes}: {words}")
         cancellation = _cancellation(session, identified, learning, motion, actuation)
-        result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
-        recording = _kept(number, result, motion, axis, bench, keep)
-        watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False, sensor=bench.accelerometer.title))
+        adder = None if cancellation is None else cancellation.adder(gain)
+        recording, sweep = run_pass(session, motion, number, keep, adder)
+        watch.sweeps.append(sweep)
         seen = (
-            judge.read(recording, motion, tuple(correction.acted), gain, scale) if scale is not None and learning.passes else {}
+            passes_judge.read(recording, motion, tuple(correction.acted), gain, scale)
+            if scale is not None and learning.passes
+            else {}
         )
-        verdicts = judge.verdicts(seen, gain)
+        verdicts = passes_judge.verdicts(seen, gain)
         begun: set[float] = set()
         if learning.is_to_be_fitted(watch.sweeps, verdicts, orders):
-            estimate = _fitted(watch, table, learning, orders, _known_plant(identified, axis))
+            estimate = _fitted(watch, learning, orders, known.plant)
             estimate = checked_on_gear(watch, estimate, knowledge, passes_left=passes - number)
-            learning.passed = learning.reached(watch.sweeps, orders, estimate)
-            begun = correction.begin(estimate, learning.passed)
+            begun = correction.begin(estimate, learning.reached(watch.sweeps, orders, estimate))
         else:
             check_factor(*motion_factor(watch.sweeps[-1:], table.reduction_ratio, watch.sensing, orders, estimate.arm))
         arm_hz = estimate.arm.resonance_hz
         scale = scale or scale_at(bench, axis, arm_hz)  # of the first: all are judged alike
         if not learning.passes:
-            judge.begin(recording, motion, estimate, scale)
+            passes_judge.begin(recording, motion, estimate, scale)
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
         if number >= FIRST_WHOLE:
             left = {k: each for k, each in seen.items() if k not in begun}
-            correction.take(left, learning.passed, arm_hz, _per_reaction(bench, identified, learning, recording, motion))
+            correction.take(left, arm_hz, _per_reaction(bench, identified, learning, recording, motion))
         wanted = significant(learning.part()).amplitudes_arcsec() if learning.passes else {}
         is_last = number == passes or (number >= FIRST_WHOLE and not correction.is_open(verdicts, wanted, arm_hz))
         learning.passes.append(LearntPass(gain, vibration, estimate, correction.set_point_delay_s, learning.values(), verdicts))
@@ -308,44 +334,17 @@ def learn(
     return replace(learning, notes=[*correction.notes(), *watch.notes(estimate, watch.scan(estimate)), *late_words(watch.sweeps)])
 
 
-def _sensing(table: AxisTable, identified: Identified | None, axis: int) -> Sensing:
-    """Signal of the accelerometer, with the delays that the plant allows."""
-    return Sensing(table.felt_lever_m(f"learn --axis {axis}"), 0.0, *searched_delay_s(_known_plant(identified, axis)))
-
-
-def _known_hz(identified: Identified | None, axis: int) -> float | None:
-    """f_a of an axis' identified plant; None without one."""
-    plant = _known_plant(identified, axis)
-    return None if plant is None else plant.antiresonance_hz
-
-
-def _known_plant(identified: Identified | None, axis: int) -> IdentifiedPlant | None:
-    """An axis' identified plant; None without one."""
-    return None if identified is None or axis not in identified.axis else identified.axis[axis].plant
-
-
-def _begun(bench: Bench, identified: Identified | None, axis: int, inertia_kg_m2: float | None) -> AxisLearning:
-    """Begin a learning with the known values of the axis."""
-    part = None if identified is None or axis not in identified.axis else identified.axis[axis].ate
-    reaction, correction = ReactionWatch.of(bench, identified, axis, part), Correction.of(part, bench.bus.sync_period_s)
-    correction.torque_shows = reaction.known
-    return AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, correction=correction, reaction=reaction)
-
-
 def learning_ramp(bench: Bench, identified: Identified | None, axis: int, acceleration_rps_s: float) -> Ramp:
     """Plan the ramp of the first pass.
 
-    Args:
-        bench: The bench file.
-        identified: The model file; None without one.
-        axis: Axis number.
-        acceleration_rps_s: Acceleration of the ramp; on an arm it is raised where travel is short.
+    On an arm the acceleration is raised where travel is short.
 
     Raises:
         NotPossibleError: There is no room for any ramp.
         UnsafeRequestError: The acceleration is beyond its limit.
     """
-    return _ramp(RampLimits.of(bench, axis), acceleration_rps_s, _known_hz(identified, axis))
+    plant = identified_axis(identified, axis).plant
+    return _ramp(RampLimits.of(bench, axis), acceleration_rps_s, None if plant is None else plant.antiresonance_hz)
 
 
 def _ramp(limits: RampLimits, asked_rps_s: float, arm_hz: float | None, end_rps: float = 0.0) -> Ramp:
@@ -369,38 +368,20 @@ def _next_ramp(bench: Bench, learning: AxisLearning, last: Ramp) -> Ramp:
 
 
 def _low_end(end_rps: float, estimate: JointEstimate) -> float:
-    """End speed of the next ramps for a reached order below 2.
-
-    It is 0 if there is no such order.
-    """
+    """End speed for a reached order below 2 in later ramps, or 0."""
     arm_hz = estimate.arm.resonance_hz
     low = [k for k in estimate.error.amplitude_arcsec if k < LOWEST and end_rps >= arm_hz / k and is_significant(estimate, k)]
     return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
 
 
-def _kept(number: int, result: RunResult, motion: Ramps, axis: int, bench: Bench, keep: PassKeeper) -> Recording:
-    """Keep a pass, check it, and return its recording.
-
-    An error that stopped the pass, or missing data, is raised.
-    """
-    keep(number, result, motion)
-    check_moved(motion, result, axis, bench.axis[axis].limits)
-    if result.stopped is not None:
-        raise result.stopped
-    check_run(result, sensorless=False, sensor=bench.accelerometer.title)
-    return result.recording
-
-
 def _leave_out_wrong(learning: AxisLearning, number: int, *, is_last: bool) -> None:
-    """Leave out the orders whose cancellation is wrong.
-
-    After the last pass, orders that could not be judged are left out too.
+    """Leave out wrong orders, after the last pass also those not judged.
 
     Raises:
         CancellationRefusedError: None is left.
     """
     verdicts = learning.passes[-1].verdicts
-    learning.left_out |= learning.correction.judged(verdicts, learning.passed, is_last=is_last)
+    learning.left_out |= learning.correction.judged(verdicts, is_last=is_last)
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
         raise CancellationRefusedError(f"the result of pass {number - 1} for axis {learning.axis}", verdicts)
 
@@ -413,17 +394,12 @@ def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
     """
     if passes < 2:
         raise NotPossibleError(f"{passes} passes are too few to learn; at least 2 are needed, the first without cancellation")
-    if axis not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
+    bench.check_axis(axis)
     return bench.axis[axis]
 
 
 def _cancellation(
-    session: Session,
-    identified: Identified | None,
-    learning: AxisLearning,
-    motion: Ramps,
-    actuation: Actuation,
+    session: Session, identified: Identified | None, learning: AxisLearning, motion: Ramps, actuation: Actuation
 ) -> Cancellation | None:
     """Cancellation of what has been learnt; None before the first pass."""
     if not learning.passes:
@@ -445,10 +421,7 @@ def _known_with(bench: Bench, identified: Identified | None, axis: int, part: Id
 def _per_reaction(
     bench: Bench, identified: Identified | None, learning: AxisLearning, recording: Recording, motion: Ramps
 ) -> dict[tuple[float, int], complex]:
-    """What the gear's reaction adds to each order that was cancelled.
-
-    The pass' torque tells the reaction first.
-    """
+    """What the reaction by the pass' torque adds to each cancelled order."""
     correction, watch = learning.correction, learning.reaction
     assert watch is not None  # noqa: S101 - it has begun
     watch.take(recording, error_of(learning.values()))
@@ -461,9 +434,7 @@ def _per_reaction(
     return watch.per_error(recording, motion.direction(), loop, correction.acted, learning.estimate.arm.resonance_hz)
 
 
-def _fitted(
-    watch: OrderWatch, table: AxisTable, learning: AxisLearning, orders: Sequence[float], plant: IdentifiedPlant | None
-) -> JointEstimate:
+def _fitted(watch: OrderWatch, learning: AxisLearning, orders: Sequence[float], plant: IdentifiedPlant | None) -> JointEstimate:
     """Fit the transmission error to the passes so far.
 
     For an arm with several modes, those of its plant count beside it.
@@ -474,6 +445,6 @@ def _fitted(
     start = learning.estimate.arm if learning.passes else None if plant is None else modal_arm(plant)
     is_near = len(learning.passes) >= SEARCHED_PASSES
     try:
-        return identify_orders(watch.sweeps, table.reduction_ratio, watch.sensing, start, orders, is_near=is_near)
+        return identify_orders(watch.sweeps, watch.reduction_ratio, watch.sensing, start, orders, is_near=is_near)
     except ValueError as error:
         raise NotPossibleError(f"not learnt: {error}", ("limits",)) from error

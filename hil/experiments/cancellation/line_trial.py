@@ -13,13 +13,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hil.analysis import band_passed
 from hil.bench.bench import Bench
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.verdict import PartVerdict, Verdict
 from hil.experiments.cancellation.verification import Trial, Verification
+from hil.experiments.cancellation.waves import ProbedRows
 from hil.experiments.judge import line_scale
 from hil.experiments.peaks import PeakChange
 from hil.experiments.window import NOISE_PEAK, noise_variance
@@ -27,9 +26,8 @@ from hil.master.motion import Motion
 from hil.recording import Recording
 from hil.reporter import Reporter
 from hil.results.runs import CancellationRemainder, RemainderCause
-from hil.tip_vector import displacement_mm, noise_rms_mm, steady_window_s, tip_acceleration
+from hil.tip_vector import noise_rms_mm, tip_acceleration
 
-Real = NDArray[np.float64]
 LineRunner = Callable[[float, int | None, frozenset[Part]], Recording]
 """What runs the motion: with a fraction of the cancellation, on one axis alone or on all, without some parts."""
 
@@ -44,22 +42,14 @@ def is_line_of_arm(bench: Bench, motion: Motion) -> bool:
 
 
 def verify_on_line(bench: Bench, parts: Sequence[Part], gain: float, run: LineRunner, reporter: Reporter) -> Verification:
-    """Try a cancellation on an arm's line as a whole.
-
-    Args:
-        bench: The bench file.
-        parts: Its orders of axes.
-        gain: Fraction that is tried first.
-        run: What runs the line.
-        reporter: Listener of each run.
-    """
+    """Try a cancellation on an arm's line as a whole."""
     trials: list[Trial] = []
 
     def add(what: str, fraction: float) -> Trial:
         reporter.step(f"trial of the cancellation: {what}")
         recording = run(fraction, None, frozenset())
-        felt = [band_passed(each, recording.period_s, _band_hz(bench)) for each in tip_acceleration(recording).T]
-        rms_m_s2 = math.sqrt(float(np.mean(np.sum(np.square(felt)[:, _rows(bench, recording)], axis=0))))
+        felt = _probed(bench, recording).acceleration_m_s2(recording)
+        rms_m_s2 = math.sqrt(float(np.mean(np.sum(np.square(felt), axis=0))))
         made = Trial(what, recording, dict.fromkeys(parts, fraction), rms_m_s2)
         trials.append(made)
         return made
@@ -78,12 +68,7 @@ def verify_on_line(bench: Bench, parts: Sequence[Part], gain: float, run: LineRu
 
 
 def refused_by_vector(bench: Bench, found: Verification) -> Verification:
-    """Refuse a cancellation that raises the tip's peak in any direction.
-
-    Args:
-        bench: The bench file.
-        found: The trial.
-    """
+    """Refuse a cancellation that raises the tip's peak in any direction."""
     used = {verdict.part for verdict in found.verdicts if verdict.verdict == "accepted"}
     without = [trial for trial in found.trials if not any(trial.gains.values())]
     whole = [trial for trial in found.trials if all(gain == float(part in used) for part, gain in trial.gains.items())]
@@ -153,34 +138,19 @@ def _changes(bench: Bench, without: Sequence[Trial], with_it: Sequence[Trial]) -
 
 
 def _peaks_mm(bench: Bench, trials: Sequence[Trial]) -> list[float]:
-    moved = np.mean([_moved_mm(bench, trial.recording) for trial in trials], axis=0)
+    recordings = [trial.recording for trial in trials]
+    moved = np.mean([_probed(bench, each).displacement_mm(each) for each in recordings], axis=0)
     return [*np.max(np.abs(moved), axis=1).tolist(), float(np.max(np.linalg.norm(moved, axis=0)))]
 
 
 def _noise_mm(bench: Bench, trials: Sequence[Trial]) -> float:
-    """Noise of the displacement in the mean of some runs.
-
-    It is the root mean square that the sensor's noise causes.
-    """
+    """Root mean square of the sensor's noise in the mean displacement of runs."""
     recording = trials[0].recording
     variances = [noise_variance(column, recording) / len(trials) for column in tip_acceleration(recording).T]
-    return noise_rms_mm(variances, recording.period_s, _band_hz(bench))
+    return noise_rms_mm(variances, recording.period_s, _probed(bench, recording).band_hz)
 
 
-def _moved_mm(bench: Bench, recording: Recording) -> Real:
-    """Displacement of the tip in the judged times; shape (3, rows)."""
-    moved = displacement_mm(tip_acceleration(recording), recording.period_s, _band_hz(bench))
-    return np.asarray(moved[_rows(bench, recording)].T)
-
-
-def _rows(bench: Bench, recording: Recording) -> NDArray[np.bool_]:
-    line = bench.line_motion
-    assert line is not None  # noqa: S101 - it is run
-    begin_s, end_s = (line.dwell_s + each for each in steady_window_s(line.duration_s, line.ramp_s))
-    return np.asarray((recording.time_s >= begin_s) & (recording.time_s <= end_s))
-
-
-def _band_hz(bench: Bench) -> tuple[float, float]:
-    scale = line_scale(bench)
-    assert scale is not None  # noqa: S101 - is_line_of_arm
-    return scale.band_hz
+def _probed(bench: Bench, recording: Recording) -> ProbedRows:
+    line, scale = bench.line_motion, line_scale(bench)
+    assert line is not None and scale is not None  # noqa: S101, PT018 - is_line_of_arm
+    return ProbedRows.of_line(line, recording, scale)

@@ -1,11 +1,11 @@
-"""Ramp on which a trial judges orders that its motion hides.
+"""Ramps on which a trial judges orders that its motion hides.
 
 An order may ring where the motion's own jerk shakes the arm far more, or not ring at all. A slow ramp through its resonance shows
 it by itself, as the passes of `hil learn` do: without the cancellation, and with the whole of it.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +15,9 @@ from hil.bench.bench import Bench
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import Ramps, ramps
 from hil.experiments.ate.ramp import BEYOND_RESONANCE, END_OVER_RESONANCE, SPEED_FRACTION, RampLimits, plan_ramp
-from hil.experiments.cancellation.effect import AxisWaves, Part, sight
+from hil.experiments.cancellation.effect import Part, Response, sight
 from hil.experiments.cancellation.verdict import Seen
+from hil.experiments.cancellation.waves import waves_of
 from hil.master.motion import Motion
 from hil.recording import Recording
 
@@ -27,13 +28,7 @@ def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: floa
     It has no more travel and speed than the motion, and lies in the middle of that travel: whoever allowed the motion has allowed
     the ramp.
 
-    Args:
-        bench: The bench file.
-        axis: Axis number.
-        orders: Orders k; the ramp passes f_al/k of each.
-        f_al_hz: f_al of the axis.
-        motion: Motion that hides them.
-        stands_rad: Present motor angle.
+    It passes f_al/k of each.
 
     Raises:
         NotPossibleError: The motion or the limits leave no room for it.
@@ -55,23 +50,24 @@ def ramp_through(bench: Bench, axis: int, orders: Sequence[float], f_al_hz: floa
 
 
 def seen_by_direction(
-    recording: Recording, motion: Ramps, waves: Sequence[AxisWaves], orders: Sequence[float], gain: float, scale: TipScale
+    bench: Bench,
+    recording: Recording,
+    motion: Ramps,
+    response: Response,
+    fitted: Collection[float],
+    orders: Collection[float],
+    gain: float,
+    scale: TipScale,
 ) -> dict[float, list[Seen]]:
-    """Read some orders of a pass' axis in each direction of turning.
+    """Read some of a pass' fitted orders in each direction of turning.
 
-    Args:
-        recording: Recording of the pass.
-        motion: Ramps of the pass.
-        waves: Waves of the axis.
-        orders: Orders k.
-        gain: Fraction of the cancellation that acted.
-        scale: Scale of the axis.
+    `gain` is the fraction of the cancellation that acted.
     """
-    directions = motion.direction()[: len(recording.time_s)]
+    axis, directions = motion.ramp.limits.axis, motion.direction()[: len(recording.time_s)]
+    waves = waves_of(bench, {axis: response}, {axis: fitted}, motion.motion, recording)
     found: dict[float, list[Seen]] = {order: [] for order in orders}
     for way in (1, -1):
         sighting = sight(recording, waves, directions == way, scale.band_hz)
         for order, sights in found.items():
-            part = Part(waves[0].number, order)
-            sights.append(Seen(way, gain, sighting.amplitude[part], sighting.variance(part), sighting.bias_variance(part)))
+            sights.append(Seen.of(sighting, Part(axis, order), gain, way))
     return found

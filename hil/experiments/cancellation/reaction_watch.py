@@ -14,13 +14,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hil.bench.bench import Bench
-from hil.bench.model import Identified, IdentifiedError
+from hil.bench.model import IdentifiedError
 from hil.design.ate.model import Signs
 from hil.design.ate.reaction import REACTS, UNLIKELY, MotorSide, Reaction, Turning, felt_as, gear_reaction
 from hil.design.frequency import Loop
 from hil.design.transmission_error import TransmissionError
-from hil.experiments.ate.request import axis_knowledge
 from hil.recording import Recording
 
 
@@ -45,16 +43,8 @@ class ReactionWatch:
     turnings: list[Turning] = field(default_factory=list)
 
     @classmethod
-    def of(cls, bench: Bench, identified: Identified | None, axis: int, known: IdentifiedError | None) -> "ReactionWatch":
-        """Begin a watch with the known reaction.
-
-        Args:
-            bench: The bench file.
-            identified: The model file; None without one.
-            axis: Axis number.
-            known: Transmission error as it was known before; None if it was not.
-        """
-        side = axis_knowledge(bench, axis, identified, sensorless=False).side
+    def of(cls, axis: int, side: MotorSide | None, known: IdentifiedError | None) -> "ReactionWatch":
+        """Begin a watch with the reaction of the transmission error as it was known before."""
         if known is None:
             return cls(axis, side)
         error = known.standard_error.get("gear_reaction")
@@ -75,12 +65,7 @@ class ReactionWatch:
 
         q_k/z_k at the arm's resonance: less the correction that it is felt as, with the load as the order passes it.
 
-        Args:
-            recording: Recording of a pass.
-            direction: +1 or −1 in its ramps, 0 elsewhere; shape (n,).
-            loop: Law and motor.
-            orders: Orders k.
-            resonance_hz: Frequency at which the arm rings.
+        The direction is +1 or −1 in the ramps, 0 elsewhere; shape (n,).
 
         Returns:
             The fraction by order and direction.
@@ -102,12 +87,7 @@ class ReactionWatch:
         return Turning(angle, torque, recording.period_s)
 
     def take(self, recording: Recording, error: TransmissionError) -> None:
-        """Add a pass with the whole cancellation.
-
-        Args:
-            recording: Recording of the pass.
-            error: The error as it is known.
-        """
+        """Add a pass with the whole cancellation."""
         if self.side is None:
             return
         self.turnings.append(self._turning(recording))

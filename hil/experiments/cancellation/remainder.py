@@ -100,14 +100,9 @@ class TrialView:
 
 
 def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float) -> CancellationRemainder | None:
-    """Find the remainder of the vibration and its cause.
+    """Find the remainder of the vibration and its cause; None if not shown.
 
-    Returns None if no run has shown the remainder.
-
-    Args:
-        seen: The trial.
-        tables: Tables of the cancellation by axis; empty if the drives cancel.
-        quiet_mm: Tip that is asked for.
+    There are no tables if the drives cancel.
     """
     with_them, without = alike(seen.looks, seen.used), alike(seen.looks, ())
     if not with_them or not without:
@@ -172,14 +167,9 @@ class _Account:
             causes.append(self._hidden_cause())
         named = tuple(dict.fromkeys([*causes[:1], *(cause for cause in causes if cause not in UNKNOWN)]))
         return CancellationRemainder(
-            order=self._order,
-            left_mm=self._left_mm,
-            asked_mm=self._asked_mm,
-            jolt_mm=self._jolt_mm,
-            noise_mm=hidden_mm,
-            causes=named,
-            words=self._words(named, hidden_mm),
-        )
+            order=self._order, left_mm=self._left_mm, asked_mm=self._asked_mm, jolt_mm=self._jolt_mm, noise_mm=hidden_mm,
+            causes=named, words=self._words(named, hidden_mm),
+        )  # fmt: skip
 
     def _words(self, causes: Sequence[RemainderCause], hidden_mm: float) -> str:
         where = "" if self._order is None else f" in the window of order {self._order:g}"
@@ -234,10 +224,7 @@ class _Account:
         return reckoned
 
     def _bound(self) -> RemainderCause:
-        """Limit that binds the set-points.
-
-        It is the speed of the axis, or the highest frequency of the cancellation.
-        """
+        """Binding limit: the axis' speed, or the cancellation's highest frequency."""
         for number, table in self._tables.items():
             peak_rps = float(np.max(np.abs(motor_speed_rps(self._seen.recording, number))))
             if table.largest_speed_rps(peak_rps) > BINDS * self._seen.speed_rps.get(number, math.inf):
@@ -332,13 +319,9 @@ class _Account:
         return self._found(reckoned, REACTION_TURN)
 
     def _found(self, reckoned: Real, most_turn: float) -> Real:
-        """Part of the remainder that is a reckoned vibration.
+        """Reckoned vibration as found in the remainder, or 0 without it.
 
-        It is zero unless that is found about as large as reckoned.
-
-        Args:
-            reckoned: The vibration.
-            most_turn: Largest angle between it and what is found, rad.
+        `most_turn` is the largest angle between it and what is found, rad.
         """
         none = np.zeros(self._count)
         if not np.any(reckoned):
@@ -354,10 +337,7 @@ class _Account:
         return np.asarray(both @ found)
 
     def _reaction(self, axis: AxisWaves, loop: Loop, table: CancellationTable) -> Real:
-        """Vibration by the torque −τ_g dθ_sync/dθ_m at the motor.
-
-        The whole error counts.
-        """
+        """Vibration by −τ_g dθ_sync/dθ_m of the whole error at the motor."""
         recording, ratio = self._seen.recording, loop.plant.reduction_ratio
         angle, period_s = recording.axis(axis.number, "position_rad"), recording.period_s
         corner = min(0.25 * self._seen.scale.f_al_hz, 0.2 / period_s)
@@ -384,10 +364,7 @@ class _Account:
 
 
 def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.complex128]:
-    """Response θ_l/τ at the motor, X/(N (A + C)), at the sensor.
-
-    It is 0 where X is 0.
-    """
+    """Response θ_l/τ at the sensor, X/(N (A + C)); 0 where X is."""
     response = axis.response.at(frequency_hz)
     inside = response != 0.0
     motor = loop.plant.terms(2j * math.pi * frequency_hz[inside])[0] + loop.controller(frequency_hz[inside])
@@ -396,10 +373,7 @@ def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.c
 
 
 def _without_orders(look: Look) -> Real:
-    """Vibration of a run without noise and orders.
-
-    The rest is what the motion itself causes.
-    """
+    """Vibration that the motion itself causes: without noise and orders."""
     seen = look.sighting
     rest = seen.vibration - seen.residual
     for part, size in seen.amplitude.items():

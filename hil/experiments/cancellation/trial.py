@@ -26,7 +26,7 @@ from hil.experiments.cancellation.inside import cancel_inside, inside_parts
 from hil.experiments.cancellation.line_trial import is_line_of_arm, refused_by_vector, verify_on_line
 from hil.experiments.cancellation.ramp_trial import ramp_through, seen_by_direction
 from hil.experiments.cancellation.remainder import TrialView, remainder
-from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge, judged
+from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
 from hil.experiments.cancellation.verification import CancellationRefusedError, Trial, Verification
 from hil.experiments.cancellation.waves import judged_rows, response_of, seen_rows, vibration_m_s2, waves_of
 from hil.experiments.judge import axis_scale, check_shown, vibration_scale
@@ -75,17 +75,15 @@ class _Protocol:
         parts: Sequence[Part],
         responses: Mapping[int, Response],
         scale: TipScale,
-        gain: float,
         run: Runner,
         reporter: Reporter,
         tables: Mapping[int, CancellationTable] | None = None,
     ) -> None:
         self._session, self._bench, self._motion, self._parts = session, session.bench, motion, tuple(parts)
         self._responses = responses
-        self._scale, self._gain, self._run, self._reporter = scale, gain, run, reporter
+        self._scale, self._run, self._reporter = scale, run, reporter
         self._tables = tables or {}
         self._trials: list[Trial] = []
-        self._sights: dict[Part, list[Seen]] = {part: [] for part in parts}
         self._looks: list[Look] = []
         self._axes: tuple[AxisWaves, ...] = ()
         self._rows = self._judged = np.zeros(0, dtype=np.bool_)
@@ -105,12 +103,12 @@ class _Protocol:
             "two slow ramps more for each axis with an order that the motion hides"
         )
         self._add("untreated", 0.0)
-        percent = f"{100.0 * self._gain:g} % of the cancellation"
+        percent = f"{100.0 * PROBE_GAIN:g} % of the cancellation"
         for only, what in ((None, percent), *((axis, f"{percent} on axis {axis} alone") for axis in alone)):
             self._reporter.step(f"trial of the cancellation: {what}")
-            self._add(what, self._gain, only)
+            self._add(what, PROBE_GAIN, only)
         self._refine(2 + len(alone))
-        verdicts = judged(self._gain, self._sights)
+        verdicts = self._verdicts()
         for number in range(1, MOST_WHOLE + 1):
             wrong = _wrong(verdicts)
             if len(wrong) == len(self._parts):
@@ -121,7 +119,7 @@ class _Protocol:
             what = "the whole cancellation" + (f" but {', '.join(part.words for part in sorted(wrong))}" if wrong else "")
             self._reporter.step(f"trial of the cancellation: {what}")
             self._add(what, 1.0, None, wrong)
-            verdicts = judged(self._gain, self._sights)
+            verdicts = self._verdicts()
             if _wrong(verdicts) == wrong and not _open(verdicts, number):
                 break
         verdicts |= self._on_ramps(verdicts)
@@ -133,13 +131,10 @@ class _Protocol:
         looks, rows = tuple(self._looks), self._rows
         seen = TrialView(looks, used, windows, first, rows, self._axes, self._scale, limits)
         left = remainder(seen, self._tables, self._bench.specification.quiet_mm) if used else None
-        return Verification(self._gain, tuple(self._trials), tuple(verdicts.values()), left)
+        return Verification(PROBE_GAIN, tuple(self._trials), tuple(verdicts.values()), left)
 
     def _on_ramps(self, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
-        """Judge parts that the motion hides on a slow ramp of their axis.
-
-        Returns their verdicts.
-        """
+        """Verdicts of parts that the motion hides, on slow ramps of their axis."""
         found: dict[Part, PartVerdict] = {}
         for axis in self._axes:
             hidden = [part for part, each in verdicts.items() if part.axis == axis.number and each.verdict == "not judged"]
@@ -154,10 +149,8 @@ class _Protocol:
                 for gain, what in ((0.0, "untreated"), (1.0, "with the whole cancellation")):
                     self._reporter.step(f"{words}: hidden; a ramp to {ramp.ramp.end_rps:.2f} rev/s shows it, {what}")
                     recording = self._run(ramp.motion, gain, axis.number, _wrong(verdicts))
-                    waves = waves_of(
-                        self._bench, {axis.number: axis.response}, {axis.number: axis.orders}, ramp.motion, recording
-                    )
-                    for order, sights in seen_by_direction(recording, ramp, waves, orders, gain, scale).items():
+                    read = seen_by_direction(self._bench, recording, ramp, axis.response, axis.orders, orders, gain, scale)
+                    for order, sights in read.items():
                         seen[order] += sights
             except (NotPossibleError, UnsafeRequestError) as error:
                 self._reporter.step(f"{words}: hidden, and no ramp can show it: {error}")
@@ -168,10 +161,7 @@ class _Protocol:
         return found
 
     def _risen(self, windows: Windows, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
-        """Refuse all parts if the tip's largest peak rises with them.
-
-        Returns their verdicts.
-        """
+        """Refusals of all parts if the tip's largest peak rises."""
         used = [part for part, verdict in verdicts.items() if verdict.verdict == "accepted"]
         change = None
         while used and (change is None or change.rises.is_open) and len(self._alike(used)) < MOST_WHOLE:
@@ -204,26 +194,22 @@ class _Protocol:
         rms_m_s2 = vibration_m_s2(recording, self._judged[: len(recording.time_s)], self._scale)
         gains = {part: gain if only in {None, part.axis} and part not in without else 0.0 for part in self._parts}
         self._trials.append(Trial(what, recording, gains, rms_m_s2))
-        self._see(self._trials[-1])
+        self._looks.append(self._look(self._trials[-1]))
 
     def _refine(self, count: int) -> None:
         """Refine the responses on the first runs, and read those anew."""
         recordings = [trial.recording for trial in self._trials[:count]]
         rows = [self._rows[: len(recording.time_s)] for recording in recordings]
         self._axes = refined(recordings, self._axes, rows, self._scale.band_hz)
-        self._looks.clear()
-        for sights in self._sights.values():
-            sights.clear()
-        for trial in self._trials:
-            self._see(trial)
+        self._looks = [self._look(trial) for trial in self._trials]
 
-    def _see(self, trial: Trial) -> None:
-        sighting = sight(trial.recording, self._axes, self._rows[: len(trial.recording.time_s)], self._scale.band_hz)
-        self._looks.append(Look(trial.gains, sighting))
-        for part, sights in self._sights.items():
-            sights.append(
-                Seen(1, trial.gains[part], sighting.amplitude[part], sighting.variance(part), sighting.bias_variance(part))
-            )
+    def _look(self, trial: Trial) -> Look:
+        rows = self._rows[: len(trial.recording.time_s)]
+        return Look(trial.gains, sight(trial.recording, self._axes, rows, self._scale.band_hz))
+
+    def _verdicts(self) -> dict[Part, PartVerdict]:
+        seen = {part: [Seen.of(look.sighting, part, look.gains[part]) for look in self._looks] for part in self._parts}
+        return {part: judge(part, PROBE_GAIN, sights) for part, sights in seen.items()}
 
 
 def _wrong(verdicts: Mapping[Part, PartVerdict]) -> frozenset[Part]:
@@ -241,7 +227,6 @@ def verify(
     motion: Motion,
     filters: FilterUse = "none",
     *,
-    gain: float = PROBE_GAIN,
     shows_filter: bool = True,
     reporter: Reporter = SILENT,
 ) -> Verification:
@@ -254,7 +239,6 @@ def verify(
         cancellation: Cancellation of the motion's axes.
         motion: The very motion that is to be run with it; it must excite the arm.
         filters: Filters of the drives that act, in all of these runs.
-        gain: Fraction that is tried first.
         shows_filter: True if the drives report their filters' state.
         reporter: Listener of each run.
 
@@ -276,11 +260,9 @@ def verify(
 
     is_arm = is_line_of_arm(session.bench, motion)
     if is_arm and cancellation.is_learnt_on_motion:
-        return verify_on_line(session.bench, cancellation.parts, gain, partial(run, motion), reporter)
+        return verify_on_line(session.bench, cancellation.parts, PROBE_GAIN, partial(run, motion), reporter)
     scale = cancellation.scale or vibration_scale(session.bench, motion.axes)
-    protocol = _Protocol(
-        session, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter, cancellation.tables
-    )
+    protocol = _Protocol(session, motion, cancellation.parts, cancellation.responses, scale, run, reporter, cancellation.tables)
     found = protocol.perform()
     return refused_by_vector(session.bench, found) if is_arm else found
 
@@ -295,9 +277,7 @@ def _run(session: Session, motion: Motion, filters: FilterUse, adder: Cancellati
 
 @dataclass(frozen=True)
 class Choice:
-    """Choice after a trial.
-
-    It has the parts of the cancellation that passed, or the notch if none did.
+    """Parts of a cancellation that passed its trial, or the notch without any.
 
     Attributes:
         cancellation: Cancellation without the parts that did not pass; None if it was refused, or the drives cancel.
@@ -327,13 +307,10 @@ def choose(
     *,
     with_notch: bool = False,
     is_shaped: bool = False,
-    gain: float = PROBE_GAIN,
     shows_filter: bool = True,
     reporter: Reporter = SILENT,
 ) -> Choice:
-    """Try a cancellation, and choose what a motion runs with.
-
-    The choice is the parts that pass, or the notch if none does.
+    """Try a cancellation; choose the parts that pass, or the notch.
 
     Args:
         session: Session that has been brought up.
@@ -341,7 +318,6 @@ def choose(
         motion: The very motion that is to be run.
         with_notch: True if the filters act beside it; after a refusal they act alone, where the bench has any.
         is_shaped: True if a shaper has shaped the motion, for a loop without filters; after a refusal it acts alone.
-        gain: Fraction that is tried first.
         shows_filter: True if the drives report their filters' state.
         reporter: Listener of each run.
 
@@ -349,45 +325,31 @@ def choose(
         HilError: As `verify`.
     """
     filters: FilterUse = "notch" if with_notch else "none"
-    verification = verify(session, cancellation, motion, filters, gain=gain, shows_filter=shows_filter, reporter=reporter)
-    if is_shaped:
-        try:
-            verification.demand(stays="the shaper")
-        except CancellationRefusedError as refusal:
-            return Choice(None, filters, verification, refusal)
-    return _chosen(session, motion, filters, verification, cancellation)
+    verification = verify(session, cancellation, motion, filters, shows_filter=shows_filter, reporter=reporter)
+    return _chosen(session, motion, filters, verification, cancellation, is_shaped=is_shaped)
 
 
 def _chosen(
-    session: Session, motion: Motion, filters: FilterUse, verification: Verification, cancellation: Cancellation | None
+    session: Session,
+    motion: Motion,
+    filters: FilterUse,
+    verification: Verification,
+    cancellation: Cancellation | None,
+    *,
+    is_shaped: bool = False,
 ) -> Choice:
     try:
-        verification.demand()
+        verification.demand("the shaper" if is_shaped else "the notch")
     except CancellationRefusedError as refusal:
-        has_notch = any(session.bench.axis[number].notch for number in motion.axes)
-        return Choice(None, "notch" if has_notch else "none", verification, refusal)
+        if not is_shaped:
+            filters = "notch" if any(session.bench.axis[number].notch for number in motion.axes) else "none"
+        return Choice(None, filters, verification, refusal)
     kept = None if cancellation is None else cancellation.without(verification.left_out)
     return Choice(kept, filters, verification, None)
 
 
-def choose_inside(
-    session: Session,
-    identified: Identified | None,
-    motion: Motion,
-    *,
-    gain: float = PROBE_GAIN,
-    reporter: Reporter = SILENT,
-) -> Choice:
-    """Try a cancellation inside the drives, and choose.
-
-    If it is refused, the motion runs with the notch.
-
-    Args:
-        session: Session that has been brought up.
-        identified: The model file; None for the bench file's own model.
-        motion: The very motion that is to be run.
-        gain: Fraction that is tried first.
-        reporter: Listener of each run.
+def choose_inside(session: Session, identified: Identified | None, motion: Motion, *, reporter: Reporter = SILENT) -> Choice:
+    """Try a cancellation inside the drives; choose it, or the notch.
 
     Raises:
         HilError: As `verify`, and as `cancel_inside`.
@@ -404,5 +366,5 @@ def choose_inside(
     known = {number: response_of(bench, identified, number) for number in motion.axes}
     responses = {number: response for number, response in known.items() if response is not None}
     scale = vibration_scale(bench, motion.axes, identified)
-    verification = _Protocol(session, motion, parts, responses, scale, gain, run, reporter).perform()
+    verification = _Protocol(session, motion, parts, responses, scale, run, reporter).perform()
     return _chosen(session, motion, "none", verification, None)

@@ -11,13 +11,13 @@ leaves that open (`decision`), or the noise hides the order, the part is not jud
 
 import cmath
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.effect import Part, Sighting
 from hil.experiments.decision import SIGMAS, Decision
 from hil.results.runs import TrialPart
 
@@ -46,6 +46,11 @@ class Seen:
     amplitude: complex
     variance: float
     bias_variance: float = 0.0
+
+    @classmethod
+    def of(cls, sighting: Sighting, part: Part, gain: float, direction: int = 1) -> "Seen":
+        """The part as one recording shows it."""
+        return cls(direction, gain, sighting.amplitude[part], sighting.variance(part), sighting.bias_variance(part))
 
 
 @dataclass(frozen=True)
@@ -85,10 +90,7 @@ class PartVerdict:
     where: str = ""
 
     def could_be_judged(self, more: float) -> bool:
-        """True if more runs could judge an undecided part.
-
-        `more` is the number of runs as a multiple of the present one.
-        """
+        """True if `more` times as many runs could judge an undecided part."""
         noise = math.sqrt(max(self.left_error**2 - self.lasting_error**2, 0.0))
         least_error = math.hypot(noise / math.sqrt(more), self.lasting_error)
         return self.verdict == "not judged" and _is_seen(least_error)
@@ -125,10 +127,7 @@ class PartVerdict:
 def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     """Judge a part of a cancellation.
 
-    Args:
-        part: Axis and order.
-        gain: Fraction that is tried first.
-        seen: The part in all runs: at least one without it and one with it, in each direction.
+    At least one run is without it and one with it, in each direction; `gain` is the fraction that is tried first.
 
     Raises:
         ValueError: No run is without the part, or none with it.
@@ -146,20 +145,11 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     if lowers.fails and _is_seen(left_error / safe):
         verdict = "refused"
     factor, factor_error, turn_deg, turn_error_deg = _factor(there, taken, covariance)
+    lasting_error = math.sqrt(max(left_error**2 - noise_error**2, 0.0)) / safe
     return PartVerdict(
-        part,
-        gain,
-        fall=1.0 - tried / safe,
-        fall_error=tried_error / safe,
-        left=left / safe,
-        left_error=left_error / safe,
-        lasting_error=math.sqrt(max(left_error**2 - noise_error**2, 0.0)) / safe,
-        factor=factor,
-        factor_error=factor_error,
-        turn_deg=turn_deg,
-        turn_error_deg=turn_error_deg,
-        verdict=verdict,
-    )
+        part, gain, 1.0 - tried / safe, tried_error / safe, left / safe, left_error / safe, lasting_error,
+        factor, factor_error, turn_deg, turn_error_deg, verdict,
+    )  # fmt: skip
 
 
 def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndarray, float]:
@@ -204,10 +194,7 @@ def _lowers(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: 
 
 
 def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: float, most: float) -> tuple[float, float]:
-    """Size of e − g c over the directions, and its error.
-
-    The error is that of the difference from `most` times ‖e‖.
-    """
+    """Size of e − g c, and error of its difference from `most` ‖e‖."""
     remainder = there - gain * taken
     left, size = float(np.linalg.norm(remainder)), float(np.linalg.norm(there))
     total = 0.0
@@ -225,10 +212,7 @@ def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: fl
 def _factor(
     there: np.ndarray, taken: np.ndarray, covariance: np.ndarray
 ) -> tuple[float, float, float, float] | tuple[None, None, None, None]:
-    """Fit e/c over the directions, as factor and angle.
-
-    Both have standard errors; all are None if c is not seen.
-    """
+    """Factor and angle of e/c with errors; None of an unseen c."""
     size, effect = float(np.linalg.norm(there)), float(np.linalg.norm(taken))
     error_e, error_c = (math.sqrt(float(np.max(covariance[:, i, i]))) for i in (0, 1))
     if effect < SIGMAS * error_c or size < SIGMAS * error_e:
@@ -238,25 +222,11 @@ def _factor(
     return abs(ratio), abs(ratio) * relative, math.degrees(cmath.phase(ratio)), math.degrees(relative)
 
 
-def judged(gain: float, seen: Mapping[Part, Sequence[Seen]]) -> dict[Part, PartVerdict]:
-    """Verdicts on all parts."""
-    return {part: judge(part, gain, sights) for part, sights in seen.items()}
-
-
 def part_entry(verdict: PartVerdict) -> TrialPart:
     """Entry of the verdict on one part for the result file."""
     return TrialPart(
-        axis=verdict.part.axis,
-        order=verdict.part.order,
-        verdict=verdict.verdict,
-        expected_fall_fraction=verdict.gain,
-        fall_fraction=verdict.fall,
-        fall_error=verdict.fall_error,
-        left_fraction=verdict.left,
-        left_error=verdict.left_error,
-        factor=verdict.factor,
-        factor_error=verdict.factor_error,
-        turn_deg=verdict.turn_deg,
-        turn_error_deg=verdict.turn_error_deg,
-        words=verdict.words,
-    )
+        axis=verdict.part.axis, order=verdict.part.order, verdict=verdict.verdict, words=verdict.words,
+        expected_fall_fraction=verdict.gain, fall_fraction=verdict.fall, fall_error=verdict.fall_error,
+        left_fraction=verdict.left, left_error=verdict.left_error, factor=verdict.factor, factor_error=verdict.factor_error,
+        turn_deg=verdict.turn_deg, turn_error_deg=verdict.turn_error_deg,
+    )  # fmt: skip

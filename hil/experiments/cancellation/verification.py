@@ -17,10 +17,7 @@ PARTS_TOLD = 4
 
 
 class CancellationRefusedError(HilError):
-    """Error: the cancellation failed its trial at the tip.
-
-    It is not used; the rest of the treatment stays.
-    """
+    """Error: the cancellation failed its trial at the tip, and is not used."""
 
     exit_code = 9
 
@@ -73,10 +70,7 @@ class Verification:
 
     @property
     def left_out(self) -> frozenset[Part]:
-        """Parts that are not to be used.
-
-        They are wrong, or could not be judged.
-        """
+        """Parts that are wrong or could not be judged, and are not used."""
         return frozenset(verdict.part for verdict in self.verdicts if verdict.verdict != "accepted")
 
     def entry(self) -> CancellationTrial:
@@ -91,15 +85,11 @@ class Verification:
             before_m_s2=before, gain=self.gain, is_good=self.is_good, trials=runs, parts=parts, remainder=self.remainder
         )
 
-    def demand(self, what: str = "it", stays: str = "the notch") -> None:
-        """Refuse a cancellation of which nothing has lowered the vibration.
-
-        Args:
-            what: The cancellation in words.
-            stays: What acts instead, in words.
+    def demand(self, stays: str = "the notch") -> None:
+        """Refuse a useless cancellation; say what acts instead.
 
         Raises:
             CancellationRefusedError: No order of any axis passes.
         """
         if not self.is_good:
-            raise CancellationRefusedError(what, self.verdicts, stays)
+            raise CancellationRefusedError("it", self.verdicts, stays)

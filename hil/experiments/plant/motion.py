@@ -122,8 +122,7 @@ def axis_table(bench: Bench, number: int) -> AxisTable:
     Raises:
         NotPossibleError: The bench has no such axis, or does not know its gains.
     """
-    if number not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
+    bench.check_axis(number)
     bench.axis[number].gains(f"the plant of axis {number}")
     return bench.axis[number]
 

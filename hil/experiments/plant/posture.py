@@ -28,8 +28,7 @@ def check_posture(bench: Bench, posture_deg: Mapping[int, float]) -> None:
             f"bench {bench.name!r} has no [arm], and a single axis has one plant in all postures; leave --posture-deg out"
         )
     for number, angle in posture_deg.items():
-        if number not in bench.axis:
-            raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
+        bench.check_axis(number)
         link = bench.arm.link[bench.arm.axes.index(number)]
         low, high = link.range_deg or (-math.inf, math.inf)
         if not low <= angle <= high:

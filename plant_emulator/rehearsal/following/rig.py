@@ -19,7 +19,7 @@ from hil.control.cascade import Cascade
 from hil.control.following import ArmModel, Followed, FollowingLaw, FollowingSettings
 from hil.design.following import Resonance, arm_model, band_pass, resonance_of
 from hil.design.inverse import CyclicTiming
-from hil.experiments.cancellation.tables import Pace, table_of
+from hil.experiments.cancellation.cancellation import Pace, table_of
 from hil.recording import Recording
 from hil.robot_tables import PlantTable, TransmissionErrorTable
 from plant_emulator.motion.axes import Axes

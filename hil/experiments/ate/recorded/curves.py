@@ -37,13 +37,8 @@ def write_curves(
 ) -> None:
     """Write the three files.
 
-    Args:
-        directory: Directory of the result.
-        scan: Blind scan.
-        sections: Stretches, without lines of a fixed frequency.
-        fits: Their fits.
-        speeds_rps: Motor speed in the samples of each.
-        scale: Unit of map and fit in that of the signals; the scan is in arcsec of the joint.
+    Sections are without lines of a fixed frequency. `scale` is the unit of map and fit in that of the signals; the scan is in
+    arcsec of the joint.
     """
     save_columns(
         directory / SCAN,
@@ -67,10 +62,7 @@ def write_curves(
 
 
 def _write_map(path: Path, sections: Sequence[AngleSection], speeds_rps: Sequence[np.ndarray], scale: float) -> None:
-    """Write the amplitudes over order in windows, with their speeds.
-
-    A window has a few revolutions.
-    """
+    """Write the amplitudes over order in windows of a few revolutions."""
     orders = np.arange(SCAN_FROM, SCAN_TO + MAP_STEP / 2, MAP_STEP)
     windows = [
         (section, rows, float(np.median(np.abs(speed[rows]))))

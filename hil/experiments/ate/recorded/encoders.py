@@ -45,11 +45,6 @@ def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float
 def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple[float, str | None]:
     """Reduction ratio, with a sentence if it was found, not given.
 
-    Args:
-        given: Given reduction ratio, or None.
-        found: Ratio that both encoders show.
-        recorded: The recording, for errors.
-
     Raises:
         ContradictedError: The encoders count against each other, the data contradict the ratio, or show none that is whole.
     """
@@ -82,15 +77,9 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
 
 
 def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, per_hz2: float) -> AngleSection:
-    """Section of the joint's angle less the motor's through the gear.
+    """Section of the joint's angle less the motor's through the gear, in rad.
 
-    The difference is in rad.
-
-    Args:
-        recorded: The recording.
-        stretch: The stretch.
-        ratio: Reduction ratio N.
-        per_hz2: Swing of the joint by (k f_m)², in s².
+    The swing of the joint by (k f_m)² is in s².
     """
     motor, speed = recorded.motor_rad[stretch.rows], _speed(recorded, stretch)
     waves = swung_waves(motor, speed, per_hz2)
@@ -98,15 +87,7 @@ def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, pe
 
 
 def joint_swing(stretches: Sequence[tuple[Recorded, MotionStretch]], ratio: float, orders: Sequence[float]) -> JointSwing | None:
-    """Swing of the joint in some stretches, or None.
-
-    It is None if the stretches do not separate it from a larger error.
-
-    Args:
-        stretches: The stretches.
-        ratio: Reduction ratio N.
-        orders: Orders of the transmission error.
-    """
+    """Swing of the joint; None if a larger error hides it."""
     quickest = max(float(np.max(np.abs(_speed(recorded, stretch)))) for recorded, stretch in stretches)
     sections_at = [functools.partial(encoder_section, recorded, stretch, ratio) for recorded, stretch in stretches]
     swing = swing_of(sections_at, orders, max(orders) * quickest)

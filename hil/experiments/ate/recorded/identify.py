@@ -10,7 +10,7 @@ import numpy as np
 
 from drive_profiles.standard.shown import measured
 from hil.bench.bench import Bench
-from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedError
+from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedError, identified_axis
 from hil.control.angles import ARCSEC
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.design.ate.model import Arm
@@ -24,7 +24,6 @@ from hil.design.recorded.swing import JointSwing
 from hil.design.recorded.through_arm import RefinedArm
 from hil.experiments.ate.recorded.curves import write_curves
 from hil.experiments.ate.recorded.encoders import agreed_ratio, encoder_section, found_ratio, joint_swing
-from hil.experiments.ate.recorded.entries import change_entry, file_entry, scan_entry, stretch_entry
 from hil.experiments.ate.recorded.request import (
     MOST_STRETCHES,
     ContradictedError,
@@ -36,8 +35,15 @@ from hil.experiments.ate.recorded.sensed import SensedFiles, sensed_files, witho
 from hil.recordings.reading import Recorded, read_recording
 from hil.results.base import RESULT_FILE, versions
 from hil.results.recorded_ate import (
+    FixedLine,
     Form,
+    OrderChange,
+    OrderEntry,
     RecordedAteResult,
+    RecordedFile,
+    RecordedStretch,
+    ScanEntry,
+    ScanPeak,
 )
 from hil.robot_tables import TransmissionErrorTable
 
@@ -99,10 +105,7 @@ class _Prepared:
         return self.sensed.section(recorded, stretch, self.refined.arm)
 
     def moved(self, recorded: Recorded, stretch: MotionStretch) -> list[AngleSection]:
-        """Sections of a stretch, each with one prior moved.
-
-        A prior about arm or joint is off by its standard error.
-        """
+        """Sections of a stretch, each with one prior moved by its standard error."""
         if self.sensed is not None and self.refined is not None:
             return [self.sensed.section(recorded, stretch, arm) for arm in self.refined.steps]
         if self.swing is None:
@@ -118,7 +121,8 @@ def _prepared(request: RecordedRequest, bench: Bench | None, identified: Identif
     sensed = None if form == "two encoders" else sensed_files(files, request, form, bench, identified)
     even = files if sensed is None else sensed.files
     moved = [(number, each, _stretches(each, is_sensed=sensed is not None)) for number, each in enumerate(even)]
-    enough = [(number, recorded, _long_enough(each, request)) for number, recorded, each in moved]
+    turns = least_turns(request.orders)
+    enough = [(number, recorded, [one for one in each if one.turns >= turns]) for number, recorded, each in moved]
     notes += _too_short(moved, enough, request)
     if sensed is None or bench is None:
         ratio, ratio_found, more = _ratio(enough, request)
@@ -127,11 +131,9 @@ def _prepared(request: RecordedRequest, bench: Bench | None, identified: Identif
         ratio, ratio_found = bench.axis[request.axis].reduction_ratio, None
     chosen = sorted(((n, each, one) for n, each, all_of in enough for one in all_of), key=lambda row: -row[2].turns)
     chosen = sorted(chosen[:MOST_STRETCHES], key=lambda row: (row[0], row[2].from_s))
-    if sensed is None:
-        swing = joint_swing([(each, one) for _, each, one in chosen], ratio, request.orders)
-        return _Prepared(files, form, None, None, swing, ratio, ratio_found, chosen, notes)
-    refined = sensed.refine([(n, one) for n, _, one in chosen], request.orders)
-    return _Prepared(files, form, sensed, refined, None, ratio, ratio_found, chosen, notes)
+    swing = joint_swing([(each, one) for _, each, one in chosen], ratio, request.orders) if sensed is None else None
+    refined = None if sensed is None else sensed.refine([(n, one) for n, _, one in chosen], request.orders)
+    return _Prepared(files, form, sensed, refined, swing, ratio, ratio_found, chosen, notes)
 
 
 def identify_recorded(
@@ -157,11 +159,12 @@ def identify_recorded(
     fitted = _fit(ready, request)
     scan, cleaned, lines = _scan(fitted)
     scale = ARCSEC if form == "two encoders" else 1.0
-    write_curves(directory, scan, cleaned, fitted.fits, [_speeds(each) for each in fitted.found], scale)
+    speeds = [speed_of(each.section.angle_rad, _times(each)) for each in fitted.found]
+    write_curves(directory, scan, cleaned, fitted.fits, speeds, scale)
     part = _entry(fitted.joint, files, refined, is_torque=form == "motor torque")
     notes = [*ready.notes, *_swing_notes(ready, fitted), *_notes(fitted, scan, lines, request)]
     result = RecordedAteResult(
-        robot=_robot(request, bench),
+        robot=request.said.robot or (request.files[0].name.split(".")[0] if bench is None else bench.name),
         axis=request.axis,
         started_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         versions=versions(),
@@ -170,12 +173,12 @@ def identify_recorded(
         ratio_found=ready.ratio_found,
         orders=request.orders,
         files=tuple(
-            file_entry(each, None if sensed is None else sensed.clocks[number].words) for number, each in enumerate(files)
+            _file_entry(each, None if sensed is None else sensed.clocks[number].words) for number, each in enumerate(files)
         ),
-        stretches=tuple(stretch_entry(each, fit) for each, fit in zip(fitted.found, fitted.fits, strict=True)),
-        parts=tuple(stretch_entry(each, fit) for each, fit in fitted.parts),
-        changes=tuple(change_entry(each) for each in fitted.changes.values()),
-        scan=scan_entry(scan, lines, scale),
+        stretches=tuple(_stretch_entry(each, fit) for each, fit in zip(fitted.found, fitted.fits, strict=True)),
+        parts=tuple(_stretch_entry(each, fit) for each, fit in fitted.parts),
+        changes=tuple(OrderChange(is_seen=each.is_seen, **vars(each)) for each in fitted.changes.values()),
+        scan=_scan_entry(scan, lines, scale),
         ate=part,
         is_identified=_is_identified(fitted.joint),
         notes=tuple(notes),
@@ -183,11 +186,6 @@ def identify_recorded(
     )
     result.write(directory / RESULT_FILE)
     return result
-
-
-def _robot(request: RecordedRequest, bench: Bench | None) -> str:
-    """Name of the robot: given, the bench's, or the first file's."""
-    return request.said.robot or (bench.name if bench is not None else request.files[0].name.split(".")[0])
 
 
 def _arm_words(arm: Arm, source: str) -> str:
@@ -209,23 +207,16 @@ def _stretches(recorded: Recorded, *, is_sensed: bool) -> list[MotionStretch]:
 
 
 def _tells_tip(request: RecordedRequest, bench: Bench | None, identified: Identified | None) -> bool:
-    """True if load encoders give the tip and the plant is known.
-
-    The arm's resonance is then no obstacle.
-    """
+    """True if load encoders give the tip through a known plant."""
     if bench is None or request.axis not in bench.axis or not bench.accelerometer.from_load_encoders:
         return False
-    known = None if identified is None else identified.axis.get(request.axis)
-    return bench.axis[request.axis].model is not None or (known is not None and known.plant is not None)
+    return bench.axis[request.axis].model is not None or identified_axis(identified, request.axis).plant is not None
 
 
 def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joints: bool) -> Form:
     """Choose the signal that all files have beside the motor angle.
 
-    Args:
-        files: The recordings.
-        request: The request.
-        is_told_by_joints: True if the joint's encoder gives the tip through a known plant.
+    `is_told_by_joints`: the joint's encoder gives the tip through a known plant.
 
     Raises:
         ContradictedError: There is none.
@@ -241,10 +232,6 @@ def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joi
         f"{files[0].path}: no signal except the motor angle is in every file; one of joint angle, tip "
         "acceleration or motor torque is needed; name it, for example with --column load=NAME,UNIT"
     )
-
-
-def _long_enough(each: Sequence[MotionStretch], request: RecordedRequest) -> list[MotionStretch]:
-    return [stretch for stretch in each if stretch.turns >= least_turns(request.orders)]
 
 
 def _too_short(
@@ -347,21 +334,15 @@ def _times(each: FoundStretch) -> np.ndarray:
     return np.interp(np.linspace(0.0, 1.0, len(each.section.signal)), np.linspace(0.0, 1.0, len(rows)), rows)
 
 
-def _speeds(each: FoundStretch) -> np.ndarray:
-    return speed_of(each.section.angle_rad, _times(each))
-
-
 def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | None, *, is_torque: bool) -> IdentifiedError:
     """Entry of the model file."""
-    errors = {}
-    for order, value in joint.values.items():
-        errors[amplitude_key(order)] = value.a_error_arcsec
-        errors[phase_key(order)] = value.phi_error_deg
+    errors: dict[str, float] = {}
+    values = joint.values
+    for order, value in values.items():
+        errors |= {amplitude_key(order): value.a_error_arcsec, phase_key(order): value.phi_error_deg}
+    phases = {order: value.phi_deg for order, value in values.items()}
     return IdentifiedError(
-        values=TransmissionErrorTable.of(
-            {order: value.a_arcsec for order, value in joint.values.items()},
-            {order: value.phi_deg for order, value in joint.values.items()},
-        ),
+        values=TransmissionErrorTable.of({order: value.a_arcsec for order, value in values.items()}, phases),
         standard_error=errors,
         arm_hz=None if refined is None else refined.arm.resonance_hz,
         damping=None if refined is None else refined.arm.damping,
@@ -433,3 +414,42 @@ def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], re
     if weak:
         notes.append(f"order {', '.join(weak)}: below {SIGNIFICANT_SIGMAS:g} standard errors, which noise alone can reach")
     return notes
+
+
+def _file_entry(each: Recorded, clock: str | None = None) -> RecordedFile:
+    """Entry of a recording."""
+    columns = tuple(column.words + (", by its name" if column.is_guessed else "") for column in each.column.values())
+    return RecordedFile(
+        path=str(each.path), columns=columns, rows=len(each.time_s), duration_s=float(each.time_s[-1]), period_s=each.period_s,
+        jitter_s=each.jitter_s, clock=clock,
+    )  # fmt: skip
+
+
+def _stretch_entry(each: FoundStretch, fit: SectionFit) -> RecordedStretch:
+    """Entry of a stretch or a part, with its orders."""
+    values, stretch = tuple(OrderEntry(order=order, **vars(value)) for order, value in values_of(fit).items()), each.stretch
+    return RecordedStretch(
+        file=each.file, direction=stretch.direction, turns=stretch.turns, speed_rps=stretch.speed_rps, from_s=stretch.from_s,
+        to_s=stretch.to_s, degree=fit.degree, values=values,
+    )  # fmt: skip
+
+
+def _scan_entry(scan: BlindScan, lines: Sequence[FixedFrequency], scale: float) -> ScanEntry:
+    """Convert a blind scan to its entry.
+
+    Its amplitudes are in arcsec of the joint; those of lines are in the unit of the signal.
+
+    `scale` is the unit of the signal.
+    """
+
+    def peak(order: float, amplitude: float, level: float) -> ScanPeak:
+        return ScanPeak(order=round(order, 3), amplitude=amplitude / ARCSEC, level=level / ARCSEC)
+
+    top = scan.highest
+    return ScanEntry(
+        unit="arcsec",
+        false_alarm=FALSE_ALARM,
+        highest=peak(top.order, top.amplitude, top.level),
+        peaks=tuple(peak(each.order, each.amplitude, each.level) for each in scan.peaks[:20]),
+        lines=tuple(FixedLine(hz=each.hz, order=each.order, amplitude=each.amplitude / scale) for each in lines),
+    )

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.bench.bench import Bench
-from hil.bench.model import Identified
+from hil.bench.model import Identified, identified_axis
 from hil.design.ate.model import Arm
 from hil.design.recorded.clock import SampledInstants, clock_of
 from hil.design.recorded.fit import AngleSection
@@ -20,7 +20,6 @@ from hil.experiments.ate.recorded.request import MOST_SAMPLES, ContradictedError
 from hil.experiments.ate.request import axis_knowledge, sensing_of
 from hil.recordings.reading import Recorded
 from hil.results.recorded_ate import Form
-from hil.robot_tables import PlantTable
 
 RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S = 0.03, 0.3, 0.002
 """Standard errors of values that state none: resonance and damping as fractions, and the delay of a sensor."""
@@ -48,13 +47,9 @@ class SensedFiles:
     prior: ArmPrior
     source: str
 
-    def rows(self, found: Sequence[tuple[int, MotionStretch]]) -> list[tuple[ThroughArm, slice]]:
-        """Stretches as rows of their recordings."""
-        return [(self.through[number], stretch.rows) for number, stretch in found]
-
     def refine(self, found: Sequence[tuple[int, MotionStretch]], orders: Sequence[float]) -> RefinedArm:
         """Refine the arm on some stretches."""
-        return refined_arm(self.rows(found), orders, self.prior)
+        return refined_arm([(self.through[number], stretch.rows) for number, stretch in found], orders, self.prior)
 
     def section(self, recorded: Recorded, stretch: MotionStretch, arm: Arm) -> AngleSection:
         """Section of a stretch for the fit with an arm."""
@@ -65,16 +60,7 @@ class SensedFiles:
 def sensed_files(
     files: Sequence[Recorded], request: RecordedRequest, form: Form, bench: Bench | None, identified: Identified | None
 ) -> SensedFiles:
-    """Put recordings of a sensor on an even grid.
-
-    The result also has the prior of the arm.
-
-    Args:
-        files: The recordings.
-        request: The request.
-        form: Kind of the sensor.
-        bench: Bench with lever and plant; None without one.
-        identified: Model file; None without one.
+    """Put recordings on an even grid, and find the arm's prior.
 
     Raises:
         ContradictedError: There is no bench, no plant, or another ratio; or a recording does not show the arm.
@@ -88,7 +74,7 @@ def sensed_files(
     is_torque = form == "motor torque"
     knowledge = axis_knowledge(bench, request.axis, identified, sensorless=is_torque)
     table = bench.axis[request.axis]
-    prior, source = _prior(bench, request.axis, identified, is_torque=is_torque)
+    prior, source = _prior(bench, request.axis, identified, knowledge.start, is_torque=is_torque)
     given = request.said.reduction_ratio
     if given is not None and not math.isclose(given, table.reduction_ratio, rel_tol=1e-6):
         raise ContradictedError(
@@ -110,10 +96,7 @@ def sensed_files(
 
 
 def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | None:
-    """Cut the first half second if a recording starts in motion.
-
-    Returns None if nothing is left of the stretch.
-    """
+    """Stretch without a recording's first half second in motion, or None."""
     if each.rows.start > 8:
         return each
     start = int(np.searchsorted(recorded.time_s, STEADY_S))
@@ -124,36 +107,22 @@ def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | No
     return replace(each, rows=slice(start, each.rows.stop), turns=turns, from_s=float(recorded.time_s[start]))
 
 
-def _prior(bench: Bench, axis: int, identified: Identified | None, *, is_torque: bool) -> tuple[ArmPrior, str]:
+def _prior(bench: Bench, axis: int, identified: Identified | None, start: Arm | None, *, is_torque: bool) -> tuple[ArmPrior, str]:
     """Arm and delay from the model file, else the bench file."""
-    part = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
-    knowledge = axis_knowledge(bench, axis, identified, sensorless=is_torque)
-    if part is not None and knowledge.start is not None:
+    part = identified_axis(identified, axis).plant
+    if part is not None and start is not None:
         errors = part.standard_error
         resonance = errors.get("antiresonance_hz", 0.0) / part.antiresonance_hz
         damping = errors.get("damping", 0.0) / part.damping
         delay = part.torque_lag_s if is_torque else part.accelerometer_delay_s
-        arm = replace(knowledge.start, delay_s=delay or 0.0)
-        found = ArmPrior(
-            arm,
-            max(resonance, LEAST_RESONANCE_FRACTION),
-            max(damping, LEAST_DAMPING_FRACTION),
-            DELAY_ERROR_S if delay is None else 0.5 * DELAY_ERROR_S,
-        )
-        return found, "the model file"
-    model = bench.axis[axis].model
-    if model is None:
+        least = max(resonance, LEAST_RESONANCE_FRACTION), max(damping, LEAST_DAMPING_FRACTION)
+        error_s = DELAY_ERROR_S if delay is None else 0.5 * DELAY_ERROR_S
+        return ArmPrior(replace(start, delay_s=delay or 0.0), *least, error_s), "the model file"
+    plant = bench.axis[axis].plant()
+    if plant is None:
         raise ContradictedError(
             f"no plant of axis {axis} is known, neither in the model file nor in the bench file; find it with hil identify plant"
         )
-    return ArmPrior(arm_of(model), RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"
-
-
-def arm_of(plant: PlantTable) -> Arm:
-    """Arm of a plant on its gear, with the motor held."""
-    stiffness, inertia = plant.gear_stiffness_nm_rad, plant.arm_inertia_kg_m2
-    total = plant.gear_damping_nm_s_rad + plant.arm_damping_nm_s_rad
-    fraction = plant.gear_damping_nm_s_rad / total if total > 0.0 else 1.0
-    return Arm(
-        math.sqrt(stiffness / inertia) / (2.0 * math.pi), max(0.5 * total / math.sqrt(stiffness * inertia), 1e-4), 0.0, fraction
-    )
+    arm = Arm.of(plant)
+    arm = replace(arm, damping=max(arm.damping, 1e-4))
+    return ArmPrior(arm, RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"

@@ -21,19 +21,10 @@ from hil.bench.model import Identified, with_identified
 from hil.design.probing import Effects, ProbedStep, step_to_nothing
 from hil.errors import HilError, NotPossibleError
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.motion import (
-    LEAST_REACH_S,
-    GearReaction,
-    PartOutcome,
-    learnt_part,
-    left_out_part,
-    peak_and_rms,
-    seen_fraction,
-    sigmas,
-)
+from hil.experiments.cancellation.probing.motion import LEAST_REACH_S, GearReaction, PartOutcome, peak_and_rms, told_part
 from hil.experiments.cancellation.probing.pace import KnownSettings, at_pace, learn_at_pace
 from hil.experiments.cancellation.probing.reaction import shown_reactions
-from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper, keep_no_run
+from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper
 from hil.experiments.cancellation.probing.runs import Runs
 from hil.experiments.judge import axis_scale, line_scale, missing_words
 from hil.experiments.motor_inertia import given_inertia
@@ -54,8 +45,6 @@ MOST_ARCSEC = 180.0
 """Largest sum of what is cancelled on an axis and its probes: beyond 200″ no gear's error is cancelled."""
 SPREAD_ARCSEC = 30.0
 """Root mean square of A_k cos φ_k and A_k sin φ_k of gears, before anything is known."""
-LEAST_PART_SEEN = 0.9
-"""Fraction of an order that is seen from which it is said to be."""
 FIRST_RUNS = 2
 """Most runs with what follows from the first round."""
 APPLIED_RUNS, CONVERGED_FRACTION = 4, 0.9
@@ -71,10 +60,7 @@ BETTER_SIGMAS = 3.0
 
 
 class MotionNotLearntError(HilError):
-    """Error: nothing learnt on a motion makes its tip quieter.
-
-    Nothing is kept.
-    """
+    """Error: nothing learnt on a motion makes its tip quieter; nothing is kept."""
 
     exit_code = 9
 
@@ -89,13 +75,11 @@ def learn_on_motion(
     probe_arcsec: float | None = None,
     inertias_kg_m2: Mapping[int, float] | None = None,
     pace: float | None = None,
-    keep: MotionRunKeeper = keep_no_run,
+    keep: MotionRunKeeper | None = None,
     read: Callable[[MotionLearning], None] | None = None,
     reporter: Reporter = SILENT,
 ) -> MotionLearning:
-    """Learn the transmission errors of all axes of a motion.
-
-    The motion is run for it.
+    """Learn the transmission errors of all axes of a motion by running it.
 
     Args:
         session: Session that has been brought up.
@@ -138,10 +122,7 @@ def learn_on_motion(
 
 
 def _two_rounds(bench: Bench, known: Identified, runs: Runs, parts: tuple[Part, ...]) -> "_Led":
-    """Probe in two rounds, and run on to the quietest settings.
-
-    The first round is without any cancellation, the second about the settings of the first.
-    """
+    """Probe without cancellation and about its result, then run the quietest settings."""
     learning = runs.learning
     effects = runs.probe(parts, np.full(len(parts), learning.probe_arcsec))
     learning.noise_m_s2 = effects.noise_rms
@@ -156,19 +137,14 @@ def _two_rounds(bench: Bench, known: Identified, runs: Runs, parts: tuple[Part, 
 
 
 def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) -> TipScale:
-    """Scale of a motion.
+    """Scale of a motion by the bench's band, or by the axes' models.
 
-    It comes from the bench's band, or from the models of the axes.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None for the bench file's own models.
-        axis: The axis of a ramp; None for a line of the tip.
+    `axis` is that of a ramp; None for a line of the tip.
 
     Raises:
         NotPossibleError: Neither is known.
     """
-    known = bench if identified is None else with_identified(bench, identified)
+    known = with_identified(bench, identified)
     scale = line_scale(known) if axis is None else axis_scale(known, axis)
     if scale is None:
         asked = bench.chain_axes if axis is None else (axis,)
@@ -178,9 +154,7 @@ def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) 
 
 
 def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[float]) -> list[Part]:
-    """List the orders that the motion brings into the band.
-
-    The other orders get the outcome `not reached`.
+    """List the orders in the band of the motion; others are `not reached`.
 
     Raises:
         NotPossibleError: There is none.
@@ -236,10 +210,7 @@ def _step(effects: Effects, run: MotionRun | None = None) -> ProbedStep:
 
 
 def _lead(runs: Runs, led: _Led, most: int) -> _Led:
-    """Run with the settings, and improve them while the tip becomes quieter.
-
-    Returns the quietest run.
-    """
+    """Run with the settings while the tip becomes quieter; return the quietest run."""
     tried: list[tuple[_Led, ProbedStep]] = []
     vector = led.vector
     for number in range(1, most + 1):
@@ -274,10 +245,7 @@ def _at_another_pace(runs: Runs, others: Runs, led: _Led, orders: Sequence[float
 
 
 def _with_reactions(bench: Bench, known: Identified, learning: MotionLearning, led: _Led, runs: Sequence[MotionRun]) -> _Led:
-    """Add a step to the settings, with the gears' reactions.
-
-    A reaction counts if the motors' torque shows it.
-    """
+    """Add a step to the settings, with the reactions that the torque shows."""
     shown = shown_reactions(bench, known, learning, led.parts, led.vector, led.step.settings, runs)
     learning.reactions |= {number: each.estimate for number, each in shown.items()}
     change = sum((each.change for each in shown.values() if each.is_seen), np.zeros(len(led.vector)))
@@ -302,21 +270,15 @@ def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: 
 def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> Real:
     """Set insignificant orders to 0, and enter all outcomes.
 
-    Args:
-        learning: Record of the learning.
-        led: Settings of all orders.
-        least: Standard errors from which an order is significant.
+    `least` are the standard errors from which an order is significant.
 
     Raises:
         MotionNotLearntError: None is.
     """
-    vector, step = led.vector.copy(), led.step
+    vector = led.vector.copy()
     for index, part in enumerate(led.parts):
-        if sigmas(vector, step.covariance, index) >= least:
-            learning.outcomes[part] = learnt_part(part, vector, step, index)
-        else:
-            is_seen = seen_fraction(step, index) >= LEAST_PART_SEEN
-            learning.outcomes[part] = left_out_part(part, replace(step, settings=vector), index, is_seen=is_seen)
+        learning.outcomes[part] = told_part(part, index, vector, led.step, least)
+        if learning.outcomes[part].outcome != "learnt":
             vector[2 * index : 2 * index + 2] = 0.0
     if not np.any(vector):
         said = "; ".join(outcome.words for outcome in learning.outcomes.values())
@@ -325,9 +287,7 @@ def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> 
 
 
 def _keep(learning: MotionLearning, runs: Runs, led: _Led) -> None:
-    """Keep the significant orders, or also those that are not.
-
-    A run decides with which of them the tip is quieter.
+    """Keep the significant orders, or also others if the tip is quieter so.
 
     Raises:
         MotionNotLearntError: It is quieter with neither.

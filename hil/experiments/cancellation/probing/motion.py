@@ -11,16 +11,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.analysis import TipScale, band_passed
 from hil.bench.bench import Bench
-from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError
+from hil.bench.model import Identified, IdentifiedError, identified_axis
 from hil.design.probing import Effects, ProbedStep
 from hil.experiments.cancellation.effect import Part, sight
-from hil.experiments.cancellation.waves import response_of, seen_rows, waves_of
+from hil.experiments.cancellation.waves import ProbedRows, response_of, waves_of
 from hil.master.motion import Motion
 from hil.recording import Recording
 from hil.robot_tables import TransmissionErrorTable
-from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
 
 Real = NDArray[np.float64]
 Outcome = Literal["learnt", "not reached", "not seen", "nothing found"]
@@ -31,81 +29,12 @@ CHANGES_HZ = 3.0
 """Frequency up to which amplitude and phase of what an order does to the tip change: as the motor passes a resonance."""
 LEAST_KEPT = 0.5
 """Fraction of the rest of an effect that must be no noise, so that it is kept."""
-REACH = (0.45, 1.2)
-"""Frequencies that count as in the band, in units of its ends: its skirts let through what is large beside it, and sums and
-differences of its orders with others are inside."""
 DAMPING = 0.03
 """Damping of the one resonance by which a trial reads the orders; the trial refines it on its own runs."""
+LEAST_PART_SEEN = 0.9
+"""Fraction of an order that is seen from which it is said to be."""
 GRID, SWEEPS = 24, 2
 """Resonances that are tried for each axis, from the band's one end to the other; times that all axes are gone through."""
-
-
-@dataclass(frozen=True)
-class ProbedRows:
-    """Tip's motion in the rows of every run of one motion.
-
-    It has the components x, y and z in the band; the rows are those that judge the motion.
-
-    Settings are learnt from its acceleration, in which a sensor's noise is alike at all frequencies; a displacement would hardly
-    show orders in the band's upper half. The displacement judges a run.
-
-    Attributes:
-        band_hz: Band of the vibration.
-        rows: The rows, in one piece.
-    """
-
-    band_hz: tuple[float, float]
-    rows: slice
-
-    @classmethod
-    def of(cls, bench: Bench, recording: Recording, scale: TipScale) -> "ProbedRows":
-        """The rows of a motion, from one recording of it.
-
-        Raises:
-            NotPossibleError: The motion does not excite the arm.
-        """
-        line = bench.line_motion
-        if len(recording.axes) > 1 and line is not None and bench.arm is not None:
-            begin_s, end_s = (line.dwell_s + each for each in steady_window_s(line.duration_s, line.ramp_s))
-            counted = np.flatnonzero((recording.time_s >= begin_s) & (recording.time_s <= end_s))
-        else:
-            counted = np.flatnonzero(seen_rows(bench, recording, scale.f_al_hz))
-        return cls(scale.band_hz, slice(int(counted[0]), int(counted[-1]) + 1))
-
-    def acceleration_m_s2(self, recording: Recording) -> Real:
-        """Acceleration of the tip along x, y and z; shape (3, rows).
-
-        Raises:
-            ValueError: The sampling period is too long for the band.
-        """
-        felt = tip_acceleration(recording).T
-        return np.stack([band_passed(each, recording.period_s, self.band_hz)[self.rows] for each in felt])
-
-    def displacement_mm(self, recording: Recording) -> Real:
-        """Displacement of the tip along x, y and z; shape (3, rows).
-
-        Raises:
-            ValueError: The sampling period is too long for the band.
-        """
-        moved = displacement_mm(tip_acceleration(recording), recording.period_s, self.band_hz)
-        return np.asarray(moved[self.rows].T)
-
-    def reached(self, bench: Bench, motion: Motion, orders: Sequence[float]) -> dict[Part, float]:
-        """Time in s for which each order lies in the band.
-
-        Args:
-            bench: The bench file.
-            motion: The motion.
-            orders: Orders that are asked for.
-        """
-        found = {}
-        for column, number in enumerate(motion.axes):
-            turns = np.gradient(motion.motor_angle_rad[:, column], motion.period_s)[self.rows] / (2.0 * np.pi)
-            for order in orders:
-                frequency = order * np.abs(turns)
-                inside = (frequency >= REACH[0] * self.band_hz[0]) & (frequency <= REACH[1] * self.band_hz[1])
-                found[Part(number, order)] = motion.period_s * float(np.count_nonzero(inside))
-        return found
 
 
 def smoothed(found: Effects, parts: Sequence[Part], recording: Recording, rows: slice) -> Effects:
@@ -116,12 +45,6 @@ def smoothed(found: Effects, parts: Sequence[Part], recording: Recording, rows: 
         b_cos = Re h(t) e^{j k θ_m}, b_sin = Re j h(t) e^{j k θ_m}
 
     What else an effect has, such as sums and differences with other orders, is kept as far as it is beyond the noise.
-
-    Args:
-        found: Effects of A_k cos φ_k and A_k sin φ_k of each part in turn.
-        parts: The parts.
-        recording: A recording of the motion.
-        rows: Rows that count.
     """
     count = found.effects.shape[2]
     time_s = np.arange(count) * recording.period_s
@@ -184,17 +107,12 @@ def with_values(
 
     Returns the model file with them and no others on these axes.
 
-    Args:
-        known: The model file, with plants, delay of set-points and gear reactions.
-        motion: The motion.
-        values: A_k e^{jφ_k} in arcsec, by part.
-        inertias: J_m by axis, where no file has a plant.
-        arm_hz: Resonance of the axes, from which the highest frequency of a cancellation follows.
-        reactions: Reactions by axis; of the others that of the model file.
+    The values are A_k e^{jφ_k} in arcsec. J_m is given where no file has a plant; from the resonance follows the highest
+    frequency of a cancellation; a reaction that is not given is that of the model file.
     """
     for number in motion.axes:
         own = {part.order: value for part, value in values.items() if part.axis == number and value != 0.0}
-        before = known.axis.get(number, IdentifiedAxis()).ate
+        before = identified_axis(known, number).ate
         reaction = GearReaction() if before is None else GearReaction(before.gear_reaction, before.motor_friction_nm)
         reaction = (reactions or {}).get(number, reaction)
         error = IdentifiedError(
@@ -222,18 +140,11 @@ def table_of_values(values: Mapping[float, complex]) -> TransmissionErrorTable:
 def resonances_hz(
     bench: Bench, identified: Identified, motion: Motion, recordings: Sequence[Recording], rows: ProbedRows
 ) -> dict[int, float]:
-    """Find one resonance per axis that explains its orders best.
-
-    A trial reads the orders by it.
+    """Find the resonance of each axis by which a trial reads its orders.
 
     An arm has several; each axis gets that in which it takes part most. What an axis without one would be is not in it.
 
-    Args:
-        bench: The bench file.
-        identified: Model file with the values of the axes.
-        motion: The motion.
-        recordings: Runs in which the orders shake the tip, each with amplitudes of its own.
-        rows: Rows that count.
+    The recordings are of runs in which the orders shake the tip, each with amplitudes of its own.
     """
     responses = {number: made for number in motion.axes if (made := response_of(bench, identified, number)) is not None}
     orders = {number: tuple(part.values.amplitudes_arcsec()) for number in responses if (part := identified.axis[number].ate)}
@@ -299,63 +210,25 @@ def settings_of(parts: Sequence[Part], values: Mapping[Part, complex]) -> Real:
     return np.array([each for value in pairs for each in (value.real, value.imag)])
 
 
-def seen_fraction(step: ProbedStep, index: int) -> float:
-    """Fraction of a part that is seen, by its position."""
-    return float(np.mean(step.seen[2 * index : 2 * index + 2]))
+def told_part(part: Part, index: int, vector: Real, step: ProbedStep, least_sigmas: float) -> PartOutcome:
+    """Outcome of a part, by its position among the settings.
 
-
-def part_errors(vector: Real, covariance: Real, index: int) -> tuple[complex, float, float]:
-    """Value A e^{jφ} of a part, with errors along and across."""
+    It is learnt if its amplitude has so many standard errors, of that along A e^{jφ} and that across the larger one.
+    """
     own = slice(2 * index, 2 * index + 2)
-    value, block = complex(*vector[own]), covariance[own, own]
-    along = vector[own] / max(abs(value), 1e-300)
-    across = np.array([-along[1], along[0]])
-    sizes = [math.sqrt(max(float(each @ block @ each), 0.0)) for each in (along, across)]
-    return value, sizes[0], sizes[1]
-
-
-def sigmas(vector: Real, covariance: Real, index: int) -> float:
-    """Amplitude of a part in standard errors.
-
-    The larger of the errors along and across it counts.
-    """
-    value, along, across = part_errors(vector, covariance, index)
-    return abs(value) / max(along, across, 1e-300)
-
-
-def learnt_part(part: Part, vector: Real, step: ProbedStep, index: int) -> PartOutcome:
-    """Outcome of a part that is learnt.
-
-    Args:
-        part: Axis and order.
-        vector: A cos φ and A sin φ of all parts in turn.
-        step: Step with the errors of the parts.
-        index: Position of the part.
-    """
-    value, along, across = part_errors(vector, step.covariance, index)
-    phase, phase_error = math.degrees(math.atan2(value.imag, value.real)) % 360.0, math.degrees(across / abs(value))
-    words = f"{part.words}: {abs(value):.2f} ± {along:.2f}″ ∠ {phase:.1f}° ± {phase_error:.1f}°"
-    return PartOutcome(part, "learnt", value, along, phase_error, seen_fraction(step, index), words)
-
-
-def left_out_part(part: Part, step: ProbedStep, index: int, *, is_seen: bool) -> PartOutcome:
-    """Outcome of a part that is left at 0.
-
-    Either nothing of the part is seen, or its value is not significant.
-
-    Args:
-        part: Axis and order.
-        step: Settings that were found, with their errors.
-        index: Position of the part.
-        is_seen: False if it is not seen.
-    """
-    seen = seen_fraction(step, index)
-    if not is_seen:
+    value, block, seen = complex(*vector[own]), step.covariance[own, own], float(np.mean(step.seen[own]))
+    direction = vector[own] / max(abs(value), 1e-300)
+    both = (direction, np.array([-direction[1], direction[0]]))
+    along, across = (math.sqrt(max(float(each @ block @ each), 0.0)) for each in both)
+    if abs(value) / max(along, across, 1e-300) >= least_sigmas:
+        phase, phase_error = math.degrees(math.atan2(value.imag, value.real)) % 360.0, math.degrees(across / abs(value))
+        words = f"{part.words}: {abs(value):.2f} ± {along:.2f}″ ∠ {phase:.1f}° ± {phase_error:.1f}°"
+        return PartOutcome(part, "learnt", value, along, phase_error, seen, words)
+    if seen < LEAST_PART_SEEN:
         words = (
             f"{part.words}: left at 0: it hardly moves the tip, or cannot be separated from another order; the runs "
             f"show {100.0 * seen:.0f} % of it"
         )
         return PartOutcome(part, "not seen", seen=seen, words=words)
-    value, along, _ = part_errors(step.settings, step.covariance, index)
     words = f"{part.words}: left at 0: {abs(value):.2f} ± {along:.2f}″ is not significant"
     return PartOutcome(part, "nothing found", amplitude_error=along, seen=seen, words=words)

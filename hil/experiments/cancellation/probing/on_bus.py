@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hil.bench.bench import Bench
-from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError, update_file
+from hil.bench.model import Identified, IdentifiedError, identified_axis, update_file
 from hil.can.channel import Channel
 from hil.control.order_keys import amplitude_key, phase_key
 from hil.experiments.bus_demand import BusDemand
@@ -89,9 +89,7 @@ def learn_motion_on_bus(
     overload: bool = False,
     reporter: Reporter = SILENT,
 ) -> MotionLearningOutcome:
-    """Learn on a motion, and write the result to the model file.
-
-    It is written if the tip is quieter with it.
+    """Learn on a motion, and write what makes the tip quieter.
 
     Args:
         bench: The bench file.
@@ -130,8 +128,8 @@ def learn_motion_on_bus(
         result, today = measurement.result, measurement.started.date()
         entries = _learnt(bench, learning, identified, request, today, result.emulated)
         for number, entry in entries.items():
-            taken_over = None if plant is None or identified is None else identified.axis.get(number, IdentifiedAxis()).plant
-            if taken_over is not None:
+            taken_over = identified_axis(identified, number).plant
+            if plant is not None and taken_over is not None:
                 update_file(model, bench.name, number, taken_over)
             update_file(model, bench.name, number, entry)
         result.learnt = [LearntOnMotion(axis=number, ate=entry) for number, entry in entries.items()]
@@ -164,10 +162,7 @@ def _learnt(
     on: datetime.date,
     emulated: bool | None,
 ) -> dict[int, IdentifiedError]:
-    """Entries of the model file by axis.
-
-    Axes of which nothing was learnt have none.
-    """
+    """Entries of the model file for axes with learnt orders."""
     assert learning.probed is not None  # noqa: S101 - there were runs
     values = {part: outcome.value for part, outcome in learning.outcomes.items()}
     known = Identified(robot=bench.name) if identified is None else identified
@@ -207,12 +202,8 @@ class _MotionKeeper:
         self._learning: MotionLearning | None = None
 
     def __call__(self, number: int, kind: RunKind, result: RunResult) -> None:
-        entry = ProbingRun(
-            number=number, what=kind, cycles=result.cycles, missed_cycles=result.missed_cycles, wall_s=round(result.wall_s, 4),
-            recording=self._measurement.keep(result.recording, f"learn-{self._request.motion}-{number:02d}-{kind}"),
-            stopped=None if result.stopped is None else result.stopped.reason,
-        )  # fmt: skip
-        self._measurement.result.runs.append(entry)
+        made = self._measurement.made(result, f"learn-{self._request.motion}-{number:02d}-{kind}")
+        self._measurement.result.runs.append(ProbingRun(number=number, what=kind, **made))
 
     def read(self, learning: MotionLearning) -> None:
         """Take the learning to which these runs belong."""
@@ -247,10 +238,7 @@ def _part_entry(learning: MotionLearning, part: Part) -> ProbedPart:
 
 
 def motion_summary(outcome: MotionLearningOutcome) -> Sequence[str]:
-    """Describe the learnt orders and the tip.
-
-    The text has a line for each order of each axis.
-    """
+    """Describe each learnt order of each axis in a line, and the tip."""
     result = outcome.result
     lines = [part.words for part in result.parts]
     lines += [

@@ -72,13 +72,7 @@ class KnownSettings:
 
 
 def paced_line(bench: Bench, pace: float) -> Motion:
-    """Line of the bench file in a multiple of its time.
-
-    It has room for the probes and for the vibration.
-
-    Args:
-        bench: The bench file.
-        pace: The multiple.
+    """Line in a multiple of its time, with room for probes and vibration.
 
     Raises:
         NotPossibleError: The bench file has no line.
@@ -99,14 +93,7 @@ def paced_line(bench: Bench, pace: float) -> Motion:
 
 
 def at_pace(bench: Bench, learning: MotionLearning, pace: float) -> MotionLearning:
-    """Record of learning the same line at another pace.
-
-    Its runs are counted among those of the first.
-
-    Args:
-        bench: The bench file.
-        learning: Record of learning it at its own pace.
-        pace: Multiple of the line's time.
+    """Record of the same line at another pace; runs are counted together.
 
     Raises:
         UnsafeRequestError: An axis comes too near to its limit of speed.
@@ -115,15 +102,9 @@ def at_pace(bench: Bench, learning: MotionLearning, pace: float) -> MotionLearni
 
 
 def learn_at_pace(runs: Runs, known: KnownSettings, orders: Sequence[float], spread_arcsec: float) -> KnownSettings:
-    """Learn at another pace, starting from known settings.
+    """Learn at another pace; known settings stay unless the tip becomes quieter.
 
-    If the tip does not become quieter, the known settings are returned.
-
-    Args:
-        runs: Runs at that pace.
-        known: Known settings.
-        orders: Orders that are learnt.
-        spread_arcsec: Spread of those of which nothing is known.
+    The spread is that of orders of which nothing is known.
     """
     learning = runs.learning
     runs.say(f"in {learning.pace:g} times the line's time")

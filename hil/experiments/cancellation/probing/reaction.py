@@ -30,8 +30,9 @@ from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.probing import Effects, autocovariance, effects_of
 from hil.experiments.cancellation.cancellation import treated_model
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.motion import GearReaction, ProbedRows, settings_of, values_by_part, with_values
+from hil.experiments.cancellation.probing.motion import GearReaction, settings_of, values_by_part, with_values
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun
+from hil.experiments.cancellation.waves import ProbedRows
 from hil.recording import Recording
 
 Real = NDArray[np.float64]

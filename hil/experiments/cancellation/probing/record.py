@@ -3,9 +3,9 @@
 It has the runs, and the outcome of each order.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 from hil.analysis import TipScale
 from hil.design.probing import RunScatter, scatter_of
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, ProbedRows, peak_and_rms
+from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, peak_and_rms
+from hil.experiments.cancellation.waves import ProbedRows
 from hil.master.motion import Motion, RunResult
 from hil.recording import Recording
 
 Real = NDArray[np.float64]
 RunKind = Literal["base", "probe", "applied"]
+MotionRunKeeper = Callable[[int, RunKind, RunResult], object]
+"""What keeps a run, counted from 1; it may have been stopped."""
 
 
 @dataclass(frozen=True)
@@ -50,17 +53,6 @@ class MotionRun:
     def rms_mm(self) -> float:
         """Root mean square of the displacement."""
         return peak_and_rms(self.moved_mm)[1]
-
-
-class MotionRunKeeper(Protocol):
-    """Keeper of the runs of a motion."""
-
-    def __call__(self, number: int, kind: RunKind, result: RunResult) -> None:
-        """Keep a run, counted from 1; it may have been stopped."""
-
-
-def keep_no_run(number: int, kind: RunKind, result: RunResult) -> None:
-    """Keep nothing, for callers that need the learnt values only."""
 
 
 @dataclass
@@ -103,10 +95,7 @@ class MotionLearning:
 
     @property
     def base_mm(self) -> tuple[float, float]:
-        """Peak and root mean square of the tip without cancellation.
-
-        They are those of the mean of the base runs.
-        """
+        """Peak and root mean square of the mean of the base runs."""
         return peak_and_rms(np.mean([run.moved_mm for run in self.of_kind("base")], axis=0))
 
     @property

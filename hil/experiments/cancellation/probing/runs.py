@@ -16,8 +16,9 @@ from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.ate.checks import check_run
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.probing.motion import ProbedRows, settings_of, smoothed, values_by_part, with_values
+from hil.experiments.cancellation.probing.motion import settings_of, smoothed, values_by_part, with_values
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper, RunKind
+from hil.experiments.cancellation.waves import ProbedRows
 from hil.experiments.window import check_range
 from hil.master.session import Session
 from hil.reporter import Reporter
@@ -29,12 +30,7 @@ BASE_RUNS = 3
 
 
 def paced(bench: Bench, pace: float) -> Bench:
-    """Slow down or speed up the line of a bench file.
-
-    Args:
-        bench: The bench file.
-        pace: The multiple; 1 leaves it as it is.
-    """
+    """Slow down or speed up the line of a bench file."""
     line = bench.line_motion
     if pace == 1.0 or line is None:
         return bench
@@ -53,7 +49,7 @@ class Runs:
     """
 
     def __init__(
-        self, session: Session, learning: MotionLearning, known: Identified, keep: MotionRunKeeper, reporter: Reporter
+        self, session: Session, learning: MotionLearning, known: Identified, keep: MotionRunKeeper | None, reporter: Reporter
     ) -> None:
         self._session, self.learning, self._known = session, learning, known
         self._keep, self._reporter = keep, reporter
@@ -78,16 +74,10 @@ class Runs:
 
         Level runs lie among the probing runs and behind them. Returns the effect of each setting.
 
-        Args:
-            parts: Orders of axes that are probed.
-            probes_arcsec: Amplitude of the probe of each.
-            level: Settings of all parts to which the probes are added; None: none, and the level's runs are base runs.
+        The amplitude is that of each part's probe, which is added to the level; without a level, its runs are base runs.
         """
         middle = np.zeros(2 * len(parts)) if level is None else level
-        sizes = np.repeat(probes_arcsec, 2) / math.sqrt(2.0)
-        settings = sizes * balanced_signs(2 * len(parts))
-        # all are checked before one moves
-        made = [self.cancellation(values_by_part(parts, middle + row), "a probe") for row in settings]
+        settings, made = self._probes(parts, probes_arcsec, middle)  # all are checked before one moves
         seconds = float(self.learning.motion.time_s[-1])
         self._reporter.step(
             f"{len(settings)} probing runs of {seconds:.1f} s for {len(parts)} orders of axes, each cancelled by "
@@ -112,16 +102,17 @@ class Runs:
 
         They are as large as requested, or half of that. If neither fits, they are a quarter, which is not checked here.
         """
-        signs = balanced_signs(2 * len(parts))
         for part_of in (1.0, 0.5):
-            sizes = part_of * np.repeat(probes_arcsec, 2) / math.sqrt(2.0)
             try:
-                for row in sizes * signs:
-                    self.cancellation(values_by_part(parts, level + row), "a probe")
+                self._probes(parts, part_of * probes_arcsec, level)
             except UnsafeRequestError:
                 continue
             return part_of * probes_arcsec
         return 0.25 * probes_arcsec
+
+    def _probes(self, parts: Sequence[Part], probes_arcsec: Real, level: Real) -> tuple[Real, list[Cancellation]]:
+        settings = np.repeat(probes_arcsec, 2) / math.sqrt(2.0) * balanced_signs(2 * len(parts))
+        return settings, [self.cancellation(values_by_part(parts, level + row), "a probe") for row in settings]
 
     def _at_level(self, parts: Sequence[Part], level: Real | None) -> None:
         if level is None:
@@ -156,7 +147,8 @@ class Runs:
         session.check_interrupt()
         adder = None if cancellation is None else cancellation.adder()
         result = session.run(learning.motion, "none", "drive", adder, shows_filter=False)
-        self._keep(len(learning.all_runs) + 1, kind, result)
+        if self._keep is not None:
+            self._keep(len(learning.all_runs) + 1, kind, result)
         if result.stopped is not None:
             raise result.stopped
         check_run(result, sensorless=False, sensor=session.bench.accelerometer.title)

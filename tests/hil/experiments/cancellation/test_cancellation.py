@@ -9,9 +9,8 @@ import pytest
 from hil.bench.bench import Bench, load_bench
 from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError, IdentifiedPlant
 from hil.errors import NotPossibleError, UnsafeRequestError
-from hil.experiments.cancellation.cancellation import cancellation_for, cancellation_of
+from hil.experiments.cancellation.cancellation import Pace, cancellation_for, cancellation_of
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.tables import Pace
 from hil.experiments.cancellation.trial import averaged
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
 from hil.experiments.cancellation.verification import CancellationRefusedError, Trial, Verification

@@ -35,7 +35,7 @@ def known(values: Mapping[float, tuple[float, float]] = TRUE, error: float = 0.1
     """What an identification has found."""
     errors = {amplitude_key(order): error for order in values} | {phase_key(order): error_deg for order in values}
     table = TransmissionErrorTable.of({k: each[0] for k, each in values.items()}, {k: each[1] for k, each in values.items()})
-    return Correction.of(IdentifiedError(values=table, standard_error=errors), 0.002)
+    return Correction(IdentifiedError(values=table, standard_error=errors), 0.002)
 
 
 def fitted(values: Mapping[float, tuple[float, float]] = TRUE, error: float = 0.2, error_deg: float = 1.0) -> JointEstimate:
@@ -78,7 +78,7 @@ def test_passes_end_at_the_correction_that_silences_the_tip_though_the_motor_mak
     silent = {order: phasor(value) * cmath.rect(1.02, math.radians(1.0)) for order, value in TRUE.items()}
     for _ in range(4):
         act(correction)
-        correction.take(left(correction, silent, late_s=4e-4, response=response), ALL, ARM_HZ)
+        correction.take(left(correction, silent, late_s=4e-4, response=response), ARM_HZ)
     for order, value in correction.values().items():
         assert value.source == "learnt"
         assert abs(value.phasor - silent[order]) < 0.002 * abs(silent[order]) + 3.0 * correction.error_arcsec(order)
@@ -96,10 +96,10 @@ def test_an_error_that_all_amplitudes_share_is_told_by_the_orders_that_passes_sh
     shared = Correlation.of(Estimate(tuple(keys), np.zeros(3), np.ones((3, 3)) + 1e-3 * np.eye(3)))
     for correlation, least, most in ((None, 0.019, 0.021), (shared, 0.0, 0.002)):
         part = correction.part.model_copy(update={"standard_error": correction.part.standard_error | errors})
-        each = Correction.of(part.model_copy(update={"correlation": correlation}), 0.002)
+        each = Correction(part.model_copy(update={"correlation": correlation}), 0.002)
         each.begin(fitted(off, error=20.0, error_deg=90.0), {2, 4})
         act(each)
-        each.take(left(each, {order: phasor(value) for order, value in TRUE.items()}), {2, 4}, ARM_HZ)
+        each.take(left(each, {order: phasor(value) for order, value in TRUE.items()}), ARM_HZ)
         assert least < abs(each.values()[1].phasor / phasor(TRUE[1]) - 1.0) < most
 
 
@@ -130,7 +130,7 @@ def after_passes(true: float, torque: Reaction | None, per_reaction: Mapping[tup
             ]
             for order, sights in left(correction, silent).items()
         }
-        correction.take(seen, ALL, ARM_HZ, per_reaction)
+        correction.take(seen, ARM_HZ, per_reaction)
     return correction
 
 
@@ -174,7 +174,7 @@ def test_a_delay_of_several_milliseconds_is_found(late_s: float) -> None:
     silent = {order: phasor(value) for order, value in TRUE.items()}
     for _ in range(4):
         act(correction)
-        correction.take(left(correction, silent, late_s=late_s), ALL, ARM_HZ)
+        correction.take(left(correction, silent, late_s=late_s), ARM_HZ)
     assert correction.set_point_delay_s == pytest.approx(late_s, abs=5e-5)
     assert correction.values()[1].phasor == pytest.approx(silent[1], rel=0.003)
 
@@ -186,7 +186,7 @@ def test_a_standard_error_is_that_of_the_noise_and_falls_with_the_passes() -> No
     correction.begin(fitted(error=2.0), ALL)
     for _ in range(3):
         act(correction)
-        correction.take(left(correction, silent, noise=0.1), ALL, ARM_HZ)
+        correction.take(left(correction, silent, noise=0.1), ARM_HZ)
         errors.append(correction.error_arcsec(2))
     assert errors == pytest.approx([0.1 / math.sqrt(n) for n in (1, 2, 3)], rel=0.15)
 
@@ -200,7 +200,7 @@ def test_the_motions_own_vibration_does_not_contradict_what_is_known() -> None:
         act(correction)
         seen = left(correction, silent, noise=0.5)
         seen[4.0] = [replace(each, bias_variance=10.0**2) for each in seen[4.0]]
-        correction.take(seen, ALL, ARM_HZ)
+        correction.take(seen, ARM_HZ)
     assert correction.values()[4].source == "known"
     assert correction.values()[2].phasor == pytest.approx(phasor(TRUE[2]), abs=0.3)
 
@@ -210,7 +210,7 @@ def test_noise_above_what_is_known_changes_nothing_and_the_order_says_so() -> No
     correction.begin(fitted(), ALL)
     act(correction)
     silent = {order: phasor(value) + 0.4 for order, value in TRUE.items()}
-    correction.take(left(correction, silent, noise=3.0), ALL, ARM_HZ)
+    correction.take(left(correction, silent, noise=3.0), ARM_HZ)
     found = correction.values()[4]
     assert (found.source, found.amplitude_arcsec, found.why) == ("known", 1.7, "the passes show it less exactly")
     assert "A_4 = 1.70 ± 0.10″, φ_4 = 58.0 ± 0.50°" in found.words(4)
@@ -221,7 +221,7 @@ def test_an_order_that_the_ramps_do_not_reach_is_kept_with_its_standard_errors()
     correction.begin(fitted({**TRUE, 1: (24.5, 33.0)}, 0.01, 0.01), {2, 4})
     act(correction)
     silent = {order: phasor(value) + (9.0 if order == 1 else 0.0) for order, value in TRUE.items()}
-    correction.take(left(correction, silent), {2, 4}, ARM_HZ)
+    correction.take(left(correction, silent), ARM_HZ)
     found = correction.values()[1]
     assert (found.source, found.amplitude_arcsec, found.phase_deg) == ("known", 28.0, 30.0)
     assert (found.amplitude_error, found.phase_error) == (0.1, 0.5)
@@ -240,7 +240,7 @@ def test_of_two_values_that_agree_the_more_exact_one_begins() -> None:
         correction = known()
         correction.begin(fitted(slightly, *errors), ALL)
         assert correction.values()[2].amplitude_arcsec == pytest.approx(wanted)
-    without = Correction.of(IdentifiedError(values=TransmissionErrorTable(a2_arcsec=14.0, phi2_deg=240.0)), 0.002)
+    without = Correction(IdentifiedError(values=TransmissionErrorTable(a2_arcsec=14.0, phi2_deg=240.0)), 0.002)
     without.begin(fitted(), ALL)
     assert without.values()[2].amplitude_arcsec == 14.6, "a value without a standard error is no exact one"
 
@@ -262,7 +262,7 @@ def test_a_fit_that_is_wrong_is_corrected_by_the_passes_though_it_claimed_to_be_
     silent = {order: phasor(value) for order, value in TRUE.items()}
     for _ in range(4):
         act(correction)
-        correction.take(left(correction, silent), ALL, ARM_HZ)
+        correction.take(left(correction, silent), ARM_HZ)
     assert correction.values()[2].phasor == pytest.approx(silent[2], rel=0.005)
 
 
@@ -273,7 +273,7 @@ def refused(correction: Correction, true: tuple[float, float], *, is_last: bool 
     """Orders that are left out after the verdict on what acted on order 2."""
     wrong = verdict(2, correction.acted[2], true)
     assert wrong.verdict == "refused"
-    return set(correction.judged([wrong], ALL, is_last=is_last))
+    return set(correction.judged([wrong], is_last=is_last))
 
 
 def test_a_refused_fit_gives_way_to_the_known_value_and_does_not_come_back() -> None:
@@ -322,10 +322,10 @@ def test_learning_goes_on_until_next_to_nothing_is_left_and_every_new_order_is_j
     for correction, is_open in ((known(), False), (Correction(), True)):
         correction.begin(fitted(), ALL)
         act(correction)
-        correction.take(left(correction, {order: 1.05 * each for order, each in silent.items()}), ALL, ARM_HZ)
+        correction.take(left(correction, {order: 1.05 * each for order, each in silent.items()}), ARM_HZ)
         assert correction.is_open([], ALL, ARM_HZ), "5 % is left"
         act(correction)
-        correction.take(left(correction, {order: 1.05 * each for order, each in silent.items()}), ALL, ARM_HZ)
+        correction.take(left(correction, {order: 1.05 * each for order, each in silent.items()}), ARM_HZ)
         assert not correction.is_open([], ALL, ARM_HZ)
         assert correction.is_open([], {*ALL, 3}, ARM_HZ), "an order has not been cancelled yet"
         unclear = verdict(2, correction.acted[2], TRUE[2], sigma=2.0)
@@ -339,7 +339,7 @@ def test_the_foot_of_a_resonance_refuses_nothing_that_was_known() -> None:
         act(correction)
         at_the_foot = verdict(1, correction.acted[1], (28.0, 210.0))
         assert at_the_foot.verdict == "refused"
-        assert set(correction.judged([at_the_foot], {2, 4}, is_last=True)) == refused
+        assert set(correction.judged([at_the_foot], is_last=True)) == refused
 
 
 def test_an_order_that_a_last_pass_cannot_judge_returns_to_what_was_known() -> None:
@@ -348,7 +348,7 @@ def test_an_order_that_a_last_pass_cannot_judge_returns_to_what_was_known() -> N
     act(correction)
     assert correction.acted[4].phase_deg == 238.0
     unclear = verdict(4, correction.acted[4], TRUE[4], sigma=2.0)
-    assert correction.judged([unclear], ALL, is_last=True) == {}
+    assert correction.judged([unclear], is_last=True) == {}
     assert correction.values()[4].phase_deg == 58.0
 
 
@@ -358,7 +358,7 @@ def test_a_correction_that_is_not_made_as_calculated_is_said_and_no_exact_transm
     silent = {order: 1.3 * phasor(value) for order, value in TRUE.items()}
     for _ in range(4):
         act(correction)
-        correction.take(left(correction, silent), ALL, ARM_HZ)
+        correction.take(left(correction, silent), ARM_HZ)
     value = correction.values()[2]
     assert value.amplitude_arcsec == pytest.approx(1.3 * 14.6, rel=0.01)
     assert value.amplitude_error == pytest.approx(0.3 * 14.6 / math.sqrt(2.0), rel=0.05)
@@ -370,7 +370,7 @@ def test_a_motor_does_not_lead_its_set_points() -> None:
     correction.begin(fitted(), ALL)
     silent = {order: phasor(value) for order, value in TRUE.items()}
     act(correction)
-    correction.take(left(correction, silent, late_s=-3e-3), ALL, ARM_HZ)
+    correction.take(left(correction, silent, late_s=-3e-3), ARM_HZ)
     assert abs(correction.set_point_delay_s) < 4e-4
 
 
@@ -380,8 +380,8 @@ def test_what_a_last_pass_cannot_judge_is_kept_where_it_was_known_and_else_left_
         act(correction)
         unclear = verdict(2, correction.acted[2], TRUE[2], sigma=2.0)
         assert unclear.verdict == "not judged"
-        assert correction.judged([unclear], ALL, is_last=False) == {}
-        assert set(correction.judged([unclear], ALL, is_last=True)) == without
+        assert correction.judged([unclear], is_last=False) == {}
+        assert set(correction.judged([unclear], is_last=True)) == without
 
 
 @pytest.mark.parametrize(("value", "error", "expected"), [(0.0, None, None), (1.0, None, 0.0), (0.9, 0.1, 0.1), (0.0, 0.2, 0.2)])
@@ -401,7 +401,7 @@ def test_an_order_that_the_noise_hides_is_corrected_by_what_the_motor_makes_of_t
         act(correction)
         seen = left(correction, silent, noise=0.003)
         seen[4.0] = [replace(each, amplitude=each.amplitude + 0.05, variance=1.0) for each in seen[4.0]]
-        correction.take(seen, ALL, ARM_HZ)
+        correction.take(seen, ARM_HZ)
     found = correction.values()
     for order in (1, 2):
         assert found[order].phasor == pytest.approx(silent[order], rel=1e-3)

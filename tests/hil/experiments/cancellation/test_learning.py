@@ -30,10 +30,10 @@ def learnt(*verdicts, error_arcsec=8.0, left=None):
     correction.begin(made, {2.0, 4.0})
     correction.acted = correction.values()
     if left is not None:
-        correction.take({2.0: [Seen(way, 1.0, left, 0.1**2) for way in (1, -1)]}, {2.0, 4.0}, 12.0)
+        correction.take({2.0: [Seen(way, 1.0, left, 0.1**2) for way in (1, -1)]}, 12.0)
     passes = [LearntPass(1.0, 0.5, made, 0.0, correction.values(), verdicts)]
     learning = AxisLearning(2, passes, correction=correction)
-    learning.left_out |= correction.judged(verdicts, {2.0, 4.0}, is_last=True)
+    learning.left_out |= correction.judged(verdicts, is_last=True)
     return learning
 
 
