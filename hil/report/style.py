@@ -116,6 +116,9 @@ NAME_GROUND: dict[str, Any] = {"facecolor": PAPER, "edgecolor": "none", "pad": 0
 WIDTH_IN = 8.8
 """Width of all figures: that of the page's column."""
 
+BOTH = "measured and computed"
+"""Origin of a figure that shows a measurement beside a model."""
+
 MAX_POINTS = 1500
 """Largest number of points of a line: more than the column has pixels cannot be seen."""
 
@@ -307,13 +310,12 @@ def decibel(gain: NDArray[Any]) -> Real:
 
 
 def to_svg(figure: Figure, key: str, *, is_zoomable: bool = False) -> SvgPicture:
-    """Return a figure as an inline SVG element.
-
-    It is scalable, uses the palette's variables, has ids of its own and no external references.
-
-    Args:
-        figure: The figure, which does not change any more.
-        key: Anchor of the figure.
-        is_zoomable: True if an interactive page shows it so that it can be zoomed.
-    """
+    """Return a figure, which does not change any more, as an inline SVG element."""
     return SvgPicture(figure, key, is_zoomable=is_zoomable)
+
+
+def drawing(
+    figure: Figure, key: str, title: str, caption: str, origin: str = "measured", paper: str = "", *, is_zoomable: bool = False
+) -> Drawing:
+    """Return a finished figure as one of the report; the arguments are those of `Drawing` and `SvgPicture`."""
+    return Drawing(key, title, paper, origin, caption, to_svg(figure, key, is_zoomable=is_zoomable))

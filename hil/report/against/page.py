@@ -235,15 +235,11 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
     band = new.band_hz(axis)
     limit = "" if axis is None else f" {limit_words(new, axis)}"
     name = pair_name(pair)
-    return Drawing(
-        key,
-        f"{name[0].upper()}{name[1:]}: the tip, old and new",
-        "",
-        "measured",
+    caption = (
         f"Above: tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase, each from the beginning of "
-        f"its recording.{limit} Below: {below_words}",
-        style.to_svg(figure, key, is_zoomable=True),
+        f"its recording.{limit} Below: {below_words}"
     )
+    return style.drawing(figure, key, f"{name[0].upper()}{name[1:]}: the tip, old and new", caption, is_zoomable=True)
 
 
 def _draw_orders(panel: Axes, drawn: list[PlottedRun], axis: int) -> str:
@@ -251,8 +247,7 @@ def _draw_orders(panel: Axes, drawn: list[PlottedRun], axis: int) -> str:
         found = order_amplitudes(run.recording, axis)
         if found is not None:
             panel.plot(*found, **run.look)
-    panel.set(xlabel="Order k (per turn of the motor)", ylabel="Amplitude (m/s²)")
-    panel.set_ylim(0.0, None)
+    panel.set(xlabel="Order k (per turn of the motor)", ylabel="Amplitude (m/s²)", ylim=(0.0, None))
     return "the largest amplitude of each order while the motor speeds up, in windows of two turns."
 
 
@@ -271,8 +266,7 @@ def order_amplitudes(recording: Recording, axis: int) -> tuple[Real, Real] | Non
 def _draw_spectra(panel: Axes, drawn: list[PlottedRun]) -> str:
     for run in drawn:
         panel.plot(*smooth_spectrum(shown_acceleration(run), run.recording.period_s, SPECTRUM_TO_HZ), **run.look)
-    panel.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, SPECTRUM_TO_HZ))
-    panel.set_ylim(0.0, None)
+    panel.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, SPECTRUM_TO_HZ), ylim=(0.0, None))
     return "Hann spectrum of the whole recording."
 
 
@@ -288,13 +282,10 @@ def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
         abscissa = np.array([float(order) for order in values]) + shift
         points: style.Line = {**look, "linestyle": "", "elinewidth": 0.9, "capsize": 2.0}
         panel.errorbar(abscissa, list(values.values()), errors, label=name, **points)
-    panel.set(xlabel="Order k", ylabel="Amplitude A_k (arcsec)")
-    panel.set_ylim(0.0, None)
+    panel.set(xlabel="Order k", ylabel="Amplitude A_k (arcsec)", ylim=(0.0, None))
     style.legend_above(figure, panel)
     words = "Discs: new; squares: old; bars: standard errors."
-    return Drawing(
-        "errors-by-order", "Transmission error by order", "", "measured", words, style.to_svg(figure, "errors-by-order")
-    )
+    return style.drawing(figure, "errors-by-order", "Transmission error by order", words)
 
 
 def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:

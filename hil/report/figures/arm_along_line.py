@@ -60,7 +60,7 @@ def arm_along_line(material: Material, key: str = "arm-line") -> Drawing | None:
         loops.draw(panels)
     style.legend_above(figure, *panels.values(), columns=5)
     title = "The arm along its line" + ("" if loops is None else f", its tip error drawn {loops.magnification:g} times as large")
-    return Drawing(key, title, "", "measured", _caption(material, loops), style.to_svg(figure, key))
+    return style.drawing(figure, key, title, _caption(material, loops))
 
 
 def _way_m(moved: MovedArm) -> float:

@@ -68,7 +68,7 @@ def arm_swinging(material: Material, key: str = "arm-resonances") -> Drawing | N
     style.legend_above(figure, *panels.values())
     text = _caption(material, arms, swings, magnification) + _mode_words(modes)
     origin = "measured and computed" if shapes else "measured"
-    return Drawing(key, "How the tip swings at its resonances", "", origin, text, style.to_svg(figure, key))
+    return style.drawing(figure, key, "How the tip swings at its resonances", text, origin)
 
 
 @dataclass(frozen=True)

@@ -181,15 +181,11 @@ def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False)
     panels[-1, 0].set_xlabel("Motor angle (rev)")
     panel.set_ylabel(r"$\theta_{sync}$ (arcsec)")
     style.legend_above(figure, panel)
-    return Drawing(
-        key,
-        f"Synchronous transmission error of axis {axis}",
-        "Fig. 5",
-        "measured and computed",
+    caption = (
         f"θ_sync at the arm over two motor revolutions: {order_words(error.amplitude_arcsec)} as identified, with two standard "
-        "errors. Dotted lines: whole revolutions.",
-        style.to_svg(figure, key),
+        "errors. Dotted lines: whole revolutions."
     )
+    return style.drawing(figure, key, f"Synchronous transmission error of axis {axis}", caption, style.BOTH, "Fig. 5")
 
 
 def against_speed(material: AteMaterial) -> Drawing | None:
@@ -220,15 +216,14 @@ def against_speed(material: AteMaterial) -> Drawing | None:
     panels[0, 0].set_ylim(low, high + ROOM_FOR_NAMES * (high - low))
     panels[-1, 0].set_xlabel("Motor speed (rev/s)")
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        "against-speed",
-        f"{material.signal_name} against motor speed",
-        "Fig. 7" if material.axis == 2 else "Fig. 8",
-        "measured and computed",
+    caption = (
         f"The {material.signal_name.lower()} of pass {material.furthest + 1} in the band of the fit, and the identified model's "
         "response to the measured motor angle, over motor speed. Below each: the residual, enlarged. Order k excites the arm's "
-        "resonance at f_a/k.",
-        style.to_svg(figure, "against-speed", is_zoomable=True),
+        "resonance at f_a/k."
+    )
+    title = f"{material.signal_name} against motor speed"
+    return style.drawing(
+        figure, "against-speed", title, caption, style.BOTH, "Fig. 7" if material.axis == 2 else "Fig. 8", is_zoomable=True
     )
 
 
@@ -257,8 +252,7 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
         for values, look in ((drawn.measured, style.BROAD), (drawn.model, style.MODEL)):
             bottom.plot(*smooth_spectrum(values[rows], period, 30.0), **look)
         style.stack_over_time(top, middle, rest)
-        bottom.set_xlabel("Frequency (Hz)")
-        bottom.set_xlim(0.0, 30.0)
+        bottom.set(xlabel="Frequency (Hz)", xlim=(0.0, 30.0))
     panels[3, 0].set_ylim(0.0, None)  # once all are drawn: the row has one scale
     panels[0, 0].set_ylabel("Speed (rev/s)")
     panels[1, 0].set_ylabel(f"{material.signal_name} ({material.unit})")
@@ -266,16 +260,14 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
     panels[3, 0].set_ylabel(f"Amplitude ({material.unit})")
     style.legend_above(figure, panels[1, 0])
     key = f"windows-{TURNS[direction]}"
-    return Drawing(
-        key,
-        f"Axis {material.axis} through its resonant speeds, {TURNS[direction]}",
-        {2: "Fig. 7", 3: "Fig. 8"}.get(material.axis, "as Figs. 7 and 8"),
-        "measured and computed",
+    caption = (
         f"Constant acceleration of one motor in pass {material.furthest + 1}. Top: its speed. Middle: the signal in the band of "
         "the fit. Dashed: response of the identified transmission error and arm to the measured motor angle; below it the "
-        "residual, enlarged. Bottom: amplitude spectrum (Hann window, interpolated between its bins).",
-        style.to_svg(figure, key, is_zoomable=True),
+        "residual, enlarged. Bottom: amplitude spectrum (Hann window, interpolated between its bins)."
     )
+    title = f"Axis {material.axis} through its resonant speeds, {TURNS[direction]}"
+    paper = {2: "Fig. 7", 3: "Fig. 8"}.get(material.axis, "as Figs. 7 and 8")
+    return style.drawing(figure, key, title, caption, style.BOTH, paper, is_zoomable=True)
 
 
 def errors(

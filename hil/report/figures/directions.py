@@ -57,16 +57,12 @@ def directions_of(material: Material, drawn: list[PlottedRun], axis: int | None,
             loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=min(len(runs), 3), borderaxespad=0.1
         )  # above: curves fill the panel
     panels[-1, 0].set_xlabel("Time (s)")
-    return Drawing(
-        key,
-        title,
-        "",
-        "measured",
+    caption = (
         f"Displacement of the tip in the base frame: its acceleration from {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz, "
         f"integrated twice. Dotted: the specification of ±{limit:g} mm, which holds for every direction. "
-        f"{window_words(material, axis)}{_worst(runs)}",
-        style.to_svg(figure, key, is_zoomable=True),
+        f"{window_words(material, axis)}{_worst(runs)}"
     )
+    return style.drawing(figure, key, title, caption, is_zoomable=True)
 
 
 def _draw(panel: Axes, run: PlottedRun, column: int, band_hz: tuple[float, float]) -> None:

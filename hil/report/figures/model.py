@@ -33,26 +33,20 @@ def plants(material: Material) -> Drawing | None:
         style.flag(gain, high, f"$f_r$ = {high:.2f} Hz")
         for panel in (low, high):
             phase.axvline(panel, **style.MARK)
-        gain.set_title(f"Axis {number}: $P_{number}(s)$")
-        gain.set_xlim(1.0, 100.0)
+        gain.set(title=f"Axis {number}: $P_{number}(s)$", xlim=(1.0, 100.0))
         phase.set_yticks([-180, -90, 0])
-        phase.set_ylim(-200, 20)
-        phase.set_xlabel("Frequency (Hz)")
+        phase.set(ylim=(-200, 20), xlabel="Frequency (Hz)")
     panels[0, 0].set_ylabel(r"Gain $|\theta_m/\tau|$ (dB re 1 rad/N·m)")
     panels[1, 0].set_ylabel("Phase (°)")
     _plain_frequencies(panels[1])
-    return Drawing(
-        "plants",
-        "Plant: motor angle per torque",
-        "Fig. 4",
-        "computed",
+    caption = (
         "Frequency response of each axis' two-inertia model from motor torque to motor angle, from the "
         f"{material.model_source}'s parameters. "
         "At the anti-resonance f_a the arm swings on its gear and holds the motor still; at the resonance f_r motor "
         "and arm swing "
-        f"against each other.{' The paper has about 12 Hz and 22 Hz.' if material.bench.is_paper else ''}",
-        style.to_svg(figure, "plants"),
+        f"against each other.{' The paper has about 12 Hz and 22 Hz.' if material.bench.is_paper else ''}"
     )
+    return style.drawing(figure, "plants", "Plant: motor angle per torque", caption, "computed", "Fig. 4")
 
 
 def transmission_errors(material: Material) -> Drawing | None:
@@ -78,8 +72,7 @@ def transmission_errors(material: Material) -> Drawing | None:
             panel.axvline(turn, **style.MARK)
         panel.set_title(f"Axis {number}")
         rest.set_ylabel("Residual (arcsec)")
-        panel.set_ylabel(r"$\theta_{sync}$ (arcsec)")
-        panel.set_xlim(0.0, 2.0)
+        panel.set(ylabel=r"$\theta_{sync}$ (arcsec)", xlim=(0.0, 2.0))
     panels[-1, 0].set_xlabel("Motor angle (rev)")
     style.legend_above(figure, *panels[:2, 0])
     how = (
@@ -88,14 +81,13 @@ def transmission_errors(material: Material) -> Drawing | None:
         if identified
         else "There is no run without a notch from which it could be identified. "
     )
-    return Drawing(
-        "transmission-errors",
-        "Synchronous transmission error",
-        "Fig. 5",
-        "measured and computed" if identified else "computed",
+    caption = (
         f"θ_sync over two revolutions of the motor, at the arm. {how}The dashed line is that of the {material.model_source}. "
-        "Below each: their difference, enlarged, and the range that noise alone explains. Dotted lines: whole revolutions.",
-        style.to_svg(figure, "transmission-errors"),
+        "Below each: their difference, enlarged, and the range that noise alone explains. Dotted lines: whole revolutions."
+    )
+    title = "Synchronous transmission error"
+    return style.drawing(
+        figure, "transmission-errors", title, caption, "measured and computed" if identified else "computed", "Fig. 5"
     )
 
 
@@ -128,21 +120,15 @@ def resonances(material: Material) -> Drawing | None:
         peak = material.f_al_hz[number]
         style.flag(panel, peak, rf"$f_{{al}}$ = {peak:.2f} Hz" + (_beside(number) if material.bench.is_paper else ""), height=0.3)
         panel.plot([peak], [np.interp(peak, frequency, gain)], "o", color=style.BLUE)
-        panel.set_xlim(1.0, 100.0)
-        panel.set_title(f"Axis {number}")
-        panel.set_xlabel("Frequency (Hz)")
+        panel.set(xlim=(1.0, 100.0), title=f"Axis {number}", xlabel="Frequency (Hz)")
     panels[0, 0].set_ylabel(r"$|G_{al}|$ (dB re 1/s²)")
     _plain_frequencies(panels[0])
-    return Drawing(
-        "resonances",
-        "Arm acceleration per transmission error",
-        "Fig. 6",
-        "computed",
+    caption = (
         f"|G_al| = |a_l/θ_sync| of the closed loop without a notch, sampled at {1e6 * material.control_period_s:.0f} "
         f"µs. Where the "
-        "motor turns so fast that the k-th harmonic meets the peak, f_m = f_al/k, the arm rings (Table 1).",
-        style.to_svg(figure, "resonances"),
+        "motor turns so fast that the k-th harmonic meets the peak, f_m = f_al/k, the arm rings (Table 1)."
     )
+    return style.drawing(figure, "resonances", "Arm acceleration per transmission error", caption, "computed", "Fig. 6")
 
 
 def _beside(number: int) -> str:
@@ -189,16 +175,15 @@ def identification(material: Material, axis: int) -> Drawing | None:
         else " The axis has no model to compare with."
     )
     limit = limit_words(material, axis, ", around the mean")
-    return Drawing(
-        f"identification-{axis}",
-        f"Axis {axis} through its resonant speeds, untreated",
-        paper,
-        "measured" if model is None else "measured and computed",
+    caption = (
         "Constant acceleration of one motor. Top: its speed; shaded: the speeds in which the run is judged. Middle: "
         "vertical "
         f"acceleration of the tip, as the sensor gave it.{computed} {limit} Bottom: amplitude spectrum of the shaded "
-        "part (Hann window, interpolated between its bins, mean removed).",
-        style.to_svg(figure, f"identification-{axis}"),
+        "part (Hann window, interpolated between its bins, mean removed)."
+    )
+    title = f"Axis {axis} through its resonant speeds, untreated"
+    return style.drawing(
+        figure, f"identification-{axis}", title, caption, "measured" if model is None else "measured and computed", paper
     )
 
 
@@ -217,8 +202,7 @@ def _window(material: Material, axis: int, recording: Recording, model: Real | N
     top.set_title(f"k = {order}" + ("" if window is None else f": {window[0]:.3g} to {window[1]:.3g} rev/s"))
     inside = judged_samples(material, recording, axis, order)
     style.stack_over_time(top, middle, rest)
-    bottom.set_xlabel("Frequency (Hz)")
-    bottom.set_xlim(0.0, 30.0)
+    bottom.set(xlabel="Frequency (Hz)", xlim=(0.0, 30.0))
     if len(inside) < FEWEST:
         for panel in panels:
             style.note(panel, "no model: not judged" if window is None else "the run did not reach these speeds")

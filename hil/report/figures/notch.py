@@ -95,10 +95,8 @@ class NotchFigures:
                 _schedule(damping, frequency, table.notch(), speed, (low, high), with_names=index == 0)
             reported += self._reported(number, frequency)
             damping.set_title(f"Axis {number}")
-            frequency.set_xlim(low, high)
-            frequency.set_xlabel("Motor speed $f_m$ (rev/s)")
-        panels[0, 0].set_ylabel(r"Pole damping $\zeta_{rd}$ (–)")
-        panels[0, 0].set_ylim(0.0, 1.12 * panels[0, 0].get_ylim()[1])
+            frequency.set(xlim=(low, high), xlabel="Motor speed $f_m$ (rev/s)")
+        panels[0, 0].set(ylabel=r"Pole damping $\zeta_{rd}$ (–)", ylim=(0.0, 1.12 * panels[0, 0].get_ylim()[1]))
         panels[1, 0].set_ylabel("Frequency (Hz)")
         style.legend_above(figure, panels[1, 0], columns=5)
         dots = (
@@ -107,15 +105,12 @@ class NotchFigures:
             else " No drive reported its filter's frequency in these runs."
         )
         key = f"schedules{filters_end(self.nth)}"
-        return Drawing(
-            key,
-            f"Variable parameters of the notch{self.name}",
-            "Fig. 10",
-            "measured and computed" if reported else "computed",
+        caption = (
             "Above: the damping of the poles. The filter switches on between f_s and f_e, and off when the speed has left that "
-            "range by the hysteresis (thin lines). Below: its zeros follow k f_m, its poles lie ω_d above." + dots,
-            style.to_svg(figure, key),
+            "range by the hysteresis (thin lines). Below: its zeros follow k f_m, its poles lie ω_d above." + dots
         )
+        title = f"Variable parameters of the notch{self.name}"
+        return style.drawing(figure, key, title, caption, "measured and computed" if reported else "computed", "Fig. 10")
 
     def _reported(self, number: int, panel: Axes) -> int:
         """Draw the filter frequency that the drive reported.
@@ -167,17 +162,14 @@ class NotchFigures:
         style.legend_above(figure, panels[2, 0])
         colour_bar(figure, panels[:2], norm)
         key = f"families{filters_end(self.nth)}"
-        return Drawing(
-            key,
-            f"Gain of the notch and of G_al{self.name}",
-            "Fig. 11",
-            "computed",
+        caption = (
             f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong). Middle: dots mark each curve at its own "
             "harmonic ω = 2π k f_m, the only frequency of the transmission error at that speed. Only there must constraint (5), "
             "|G_al| ≤ A_acc ω²/(L A_k), hold. Bottom: the same dots for all speeds as one curve, without and with the notch, at "
-            "constant speed.",
-            style.to_svg(figure, key, is_zoomable=True),
+            "constant speed."
         )
+        title = f"Gain of the notch and of G_al{self.name}"
+        return style.drawing(figure, key, title, caption, "computed", "Fig. 11", is_zoomable=True)
 
     def _bound(self, number: int, order: int) -> Any:
         """Return constraint (5) in dB as a function of frequency."""
@@ -233,17 +225,14 @@ class NotchFigures:
         style.legend_above(figure, panels[0, 0])
         colour_bar(figure, panels, norm)
         key = f"nyquist{filters_end(self.nth)}"
-        return Drawing(
-            key,
-            f"Open loop with the notch{self.name}",
-            "Fig. 12",
-            "computed",
+        caption = (
             f"Nyquist diagrams of L(jω) with the filter frozen at motor speeds from f_s (faint) to f_e (strong), sampled at "
             f"{1e6 * self.material.loop(self.axes[0], self.filters).period_s:.0f} µs; cross: −1. The dashed circle around it "
             "has the radius 1/M_s, the smallest distance at any speed, which the thick curve reaches at the dot: "
-            f"M_s = {', '.join(peaks)}.",
-            style.to_svg(figure, key, is_zoomable=True),
+            f"M_s = {', '.join(peaks)}."
         )
+        title = f"Open loop with the notch{self.name}"
+        return style.drawing(figure, key, title, caption, "computed", "Fig. 12", is_zoomable=True)
 
     def margin_curves(self) -> Drawing | None:
         """M_s, gain margin and phase margin over the motor speed."""
@@ -270,17 +259,14 @@ class NotchFigures:
             else "OUTSIDE the unit circle at one or more of these speeds: the loop is unstable there"
         )
         key = f"margins{filters_end(self.nth)}"
-        return Drawing(
-            key,
-            f"Stability margins at all motor speeds{self.name}",
-            "with Fig. 12",
-            "computed",
+        caption = (
             f"Peak of the sensitivity |1/(1 + L)|, gain margin and phase margin with the filter frozen at "
             f"{counts[0]}. All closed-loop poles of the sampled loop lie {verdict}. Dotted: what `hil design notch` requires, "
             f"M_s ≤ {asked.max_sensitivity:g}, {asked.gain_margin_db:g} dB and {asked.phase_margin_deg:g}°; "
-            "the paper requires only stability.",
-            style.to_svg(figure, key, is_zoomable=True),
+            "the paper requires only stability."
         )
+        title = f"Stability margins at all motor speeds{self.name}"
+        return style.drawing(figure, key, title, caption, "computed", "with Fig. 12", is_zoomable=True)
 
 
 def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, shown: tuple[float, float], *, with_names: bool) -> None:

@@ -96,17 +96,13 @@ def order_maps(
         if has_frequencies
         else ""
     )
-    return Drawing(
-        key,
-        title,
-        "",
-        "measured",
+    caption = (
         "Amplitude of the vertical tip acceleration at k times the motor's angle, in windows of two turns. An error of order k "
         f"shows at that height and grows where it crosses the resonance. {dashed} Dotted: other frequencies. "
         f"{below}"
-        "Because of the window of two turns an order appears about ±1 wide.",
-        style.to_svg(figure, key, is_zoomable=True),
+        "Because of the window of two turns an order appears about ±1 wide."
     )
+    return style.drawing(figure, key, title, caption, is_zoomable=True)
 
 
 def ramp_map(recording: Recording, axis: int) -> OrderMap | None:

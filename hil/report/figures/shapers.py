@@ -62,13 +62,12 @@ def after_stop(material: Material, axis: int, experiment: str, key: str, title: 
         panel.set_xlabel("Time after the set-points stop (s)")
     figure.supylabel("Tip acceleration (m/s²)", fontsize=8.5)
     style.legend_above(figure, panels[0, 0], columns=2)
-    return Drawing(
-        key, title, "", material.word,
+    caption = (
         "Tip acceleration as recorded, less its mean at rest. Dotted line: the set-points stop. The smooth decay after it "
         "is the motor settling; the oscillation is the arm. In millimetres: the oscillation at that instant, separated "
-        "from the rest by the closed loop's poles.",
-        style.to_svg(figure, key),
-    )  # fmt: skip
+        "from the rest by the closed loop's poles."
+    )
+    return style.drawing(figure, key, title, caption, material.word)
 
 
 def _after(recording: Recording, axis: int) -> tuple[style.Real, ...]:
@@ -106,10 +105,9 @@ def residuals(runs: Sequence[RunEntry], key: str, title: str) -> Drawing | None:
     panel.set_xlim(float(RATIOS[0]), float(RATIOS[-1]))
     style.legend_above(figure, panel, columns=5)
     modes = {mode_words(made.modes[0]) for made in found.values()}
-    return Drawing(
-        key, title, "", "computed",
+    caption = (
         f"V of the mode of {'; '.join(sorted(modes))}, in % of what the motion would leave without a shaper. Shaded: ±10 %. "
         f"Dotted: {100.0 * EI_TOLERANCE:g} %. A shaper for two modes has the impulses of both, and leaves even less between "
-        "them.",
-        style.to_svg(figure, key),
-    )  # fmt: skip
+        "them."
+    )
+    return style.drawing(figure, key, title, caption, "computed")

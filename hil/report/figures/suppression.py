@@ -54,23 +54,19 @@ def _ramp(material: Material, axis: int, runs: list[PlottedRun], key: str) -> Dr
     shade_speeds(material, axis, recording, top)
     top.set_xlim(float(recording.time_s[0]), _end_of_ramp(recording, axis))
     finish_vibration(material, top, f_al)
-    bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 30.0))
-    bottom.set_ylim(0.0, None)
+    bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 30.0), ylim=(0.0, None))
     _inner_legend(bottom)
     style.legend_above(figure, top)
     paper, band = {2: "Fig. 13", 3: "Fig. 14"}.get(axis, "as Figs. 13 and 14"), material.band_hz(axis)
-    return Drawing(
-        key,
-        f"Axis {axis}: tip vibration{what_acted(runs)}",
-        paper,
-        "measured",
+    caption = (
         f"{direction_words(material, axis).capitalize()} of the constant-acceleration runs, band-passed {band[0]:.3g} to "
         f"{band[1]:.3g} Hz with zero phase, "
         f"as the run is judged{_scale_words(f_al)}. {window_words(material, axis)} {limit_words(material, axis)} "
         "Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are those of the "
-        f"bins).{_changes(material, runs)}",
-        style.to_svg(figure, key, is_zoomable=True),
+        f"bins).{_changes(material, runs)}"
     )
+    title = f"Axis {axis}: tip vibration{what_acted(runs)}"
+    return style.drawing(figure, key, title, caption, "measured", paper, is_zoomable=True)
 
 
 def line_motion(material: Material) -> list[Drawing]:
@@ -100,24 +96,20 @@ def _line(material: Material, runs: list[PlottedRun], key: str) -> Drawing:
     shade_line(material, top, runs[-1].recording)
     top.set_xlim(float(time[0]), float(time[-1]))
     finish_vibration(material, top, material.f_al(None))
-    bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 50.0))
-    bottom.set_ylim(0.0, None)
+    bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 50.0), ylim=(0.0, None))
     _inner_legend(bottom)
     style.legend_above(figure, top)
-    return Drawing(
-        key,
-        f"Line motion: tip vibration{what_acted(runs)}",
-        "Fig. 15",
-        "measured",
+    caption = (
         f"Straight line of the tip with axes {', '.join(map(str, material.bench.chain_axes))}. Above: "
         f"{direction_words(material, None)}, "
         f"band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase; shaded: {line_words(material)}, in which it is judged. "
         "Below: amplitude spectrum of the unfiltered acceleration over the whole motion (rectangular window); "
         f"{_area_words(material)} "
         f"50 Hz is compared.{' The paper has −26 %.' if material.bench.is_paper else ''}"
-        f"{_changes(material, runs)}",
-        style.to_svg(figure, key, is_zoomable=True),
+        f"{_changes(material, runs)}"
     )
+    title = f"Line motion: tip vibration{what_acted(runs)}"
+    return style.drawing(figure, key, title, caption, "measured", "Fig. 15", is_zoomable=True)
 
 
 def loop_sides(material: Material, axis: int) -> Drawing | None:
@@ -155,20 +147,16 @@ def loop_sides(material: Material, axis: int) -> Drawing | None:
         bottom.set(xlabel="Frequency (Hz)", xlim=(0.0, 30.0))
     if reach > 0.0:
         panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
-    panels[1, 0].set_ylabel("Amplitude (m/s²)")
-    panels[1, 0].set_ylim(0.0, None)
+    panels[1, 0].set(ylabel="Amplitude (m/s²)", ylim=(0.0, None))
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        f"loop-places-{axis}",
-        f"Axis {axis}: the loop in the drive and on the host",
-        "",
-        "measured",
+    caption = (
         "The same law in two places: inside the drive, with set-points over the bus, and on the host, with torque "
         "over the bus in every "
         f"period of the loop. {_periods(pairs)} Band-passed tip acceleration around the k = 2 window (shaded) and "
-        f"its Hann spectrum there.",
-        style.to_svg(figure, f"loop-places-{axis}", is_zoomable=True),
+        f"its Hann spectrum there."
     )
+    title = f"Axis {axis}: the loop in the drive and on the host"
+    return style.drawing(figure, f"loop-places-{axis}", title, caption, is_zoomable=True)
 
 
 def _peaks(runs: list[PlottedRun]) -> str:
@@ -237,13 +225,10 @@ def following(material: Material) -> Drawing | None:
     top.set_ylabel("Factor of A")
     bottom.set(xlabel="Time (s)", ylabel="Change of φ (°)")
     style.legend_above(figure, top)
-    return Drawing(
-        "following",
-        f"{run_name(run, with_window=False)}: amplitude and phase as the cancellation followed them",
-        "",
-        "measured",
+    caption = (
         "Amplitude and phase of each cancelled order, relative to the identified ones. They are held at rest, while the "
         "motion's own jerks shake the tip, and while an order does not exceed the sensor's noise. "
-        + " ".join(f"{each.words}." for each in orders),
-        style.to_svg(figure, "following"),
+        + " ".join(f"{each.words}." for each in orders)
     )
+    title = f"{run_name(run, with_window=False)}: amplitude and phase as the cancellation followed them"
+    return style.drawing(figure, "following", title, caption)

@@ -90,18 +90,13 @@ def line_dips(result: ArmResult) -> Drawing | None:
     ticks = [hz for hz in (2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100) if 0.7 * np.min(dips) < hz < 1.4 * np.max(dips)]
     panel.set_yticks(ticks, [str(hz) for hz in ticks])
     panel.minorticks_off()
-    panel.set_xlabel("Position along the line (%)")
-    panel.set_ylabel("Frequency (Hz)")
+    panel.set(xlabel="Position along the line (%)", ylabel="Frequency (Hz)")
     style.legend_above(figure, panel)
-    return Drawing(
-        "line-dips",
-        "Resonances of the arm along its line",
-        "",
-        "computed",
+    caption = (
         "Resonances of the arm with all motors held: dips in every motor's response. Shaded: two standard errors. Points: "
-        "measured in postures near the line.",
-        style.to_svg(figure, "line-dips"),
+        "measured in postures near the line."
     )
+    return style.drawing(figure, "line-dips", "Resonances of the arm along its line", caption, "computed")
 
 
 def fitted_dips(result: ArmResult) -> Drawing:
@@ -114,15 +109,10 @@ def fitted_dips(result: ArmResult) -> Drawing:
         errors = [100.0 * row.standard_error_hz / row.measured_hz for row in rows]
         panel.errorbar(hz, off, yerr=errors, label=f"axis {axis}", **(look | {"linestyle": "none"}))
     panel.axhline(0.0, **style.MARK)
-    panel.set_xlabel("Measured dip (Hz)")
-    panel.set_ylabel("Measured − fitted (%)")
+    panel.set(xlabel="Measured dip (Hz)", ylabel="Measured − fitted (%)")
     style.legend_above(figure, panel)
-    return Drawing(
-        "fitted-dips",
-        "Residuals of the dips",
-        "",
-        "measured and computed",
+    caption = (
         "Every dip that an axis has measured in a posture, with its standard error. The fit counts an error of at least 0.3 %, "
-        "because an excited joint turns by several degrees.",
-        style.to_svg(figure, "fitted-dips"),
+        "because an excited joint turns by several degrees."
     )
+    return style.drawing(figure, "fitted-dips", "Residuals of the dips", caption, style.BOTH)

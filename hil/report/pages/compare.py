@@ -381,8 +381,7 @@ def _overlay(
     if f_al is not None:
         below.axhline(limit_m_s2(material, f_al), **style.LIMIT)
         displacement_scale(below, f_al, "Displacement (mm)")
-    below.set_ylim(0.0, panel.get_ylim()[1])
-    below.set(xlabel="Time (s)", ylabel="Envelope (m/s²)")
+    below.set(ylim=(0.0, panel.get_ylim()[1]), xlabel="Time (s)", ylabel="Envelope (m/s²)")
     style.legend_above(figure, panel, columns=3)
     return style.to_svg(figure, key, is_zoomable=True)
 
@@ -448,22 +447,17 @@ def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
             panel.plot([peak], [y], linestyle="", markersize=5.5, zorder=3, **look)
             side, shift = _side(peak, robot.tip_mm, reach * LABEL_FRACTION * len(columns))
             panel.annotate(f"{peak:.3f}", (peak, y), xytext=(shift, 5.5), textcoords="offset points", ha=side, fontsize=7.0)
-        panel.set_title(case_name(*case).capitalize())
-        panel.set_xlabel("Tip peak (mm)")
-        panel.set_ylim(-0.6, len(names) - 0.2)
+        panel.set(title=case_name(*case).capitalize(), xlabel="Tip peak (mm)", ylim=(-0.6, len(names) - 0.2))
     panels[0, 0].set_xlim(0.0, reach)
     panels[0, 0].locator_params(axis="x", nbins=5)
     panels[0, 0].set_yticks([height[name] for name in names], names)
     several = len(result.robots) > 1
-    return Drawing(
-        key,
-        f"{robot.name}: tip peaks against the specification" if several else "Tip peaks against the specification",
-        "",
-        "measured",
+    caption = (
         f"Dotted line and shade: the specification of ±{robot.tip_mm:g} mm. Blue discs are within it, red squares outside; "
-        "the thin line leads to the peak with no treatment and the loop closed in the same place.",
-        style.to_svg(figure, key),
+        "the thin line leads to the peak with no treatment and the loop closed in the same place."
     )
+    title = f"{robot.name}: tip peaks against the specification" if several else "Tip peaks against the specification"
+    return style.drawing(figure, key, title, caption)
 
 
 LABEL_FRACTION = 0.022

@@ -281,16 +281,13 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         panel.set_ylabel(name)
     style.legend_above(figure, panels[2, 0])
     colour_bar(figure, panels[:2], norm, shrink=0.6)
-    return Drawing(
-        "families",
-        "Gain of the filter and of G_al",
-        "Figs. 9 and 11",
-        "computed",
+    caption = (
         f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong), for the nominal plant. Middle: dots mark each "
         "curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; dashed: without "
-        "a filter. Bottom: these dots for all speeds as one curve.",
-        style.to_svg(figure, "families", is_zoomable=True),
+        "a filter. Bottom: these dots for all speeds as one curve."
     )
+    title = "Gain of the filter and of G_al"
+    return style.drawing(figure, "families", title, caption, "computed", "Figs. 9 and 11", is_zoomable=True)
 
 
 def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
@@ -356,16 +353,12 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     panels[0, 1].set(xlim=(-1.9, 0.3), ylim=(-1.2, 0.8), title="near −1")
     style.legend_above(figure, panels[0, 0])
     colour_bar(figure, panels, norm, shrink=0.6)
-    return Drawing(
-        "nyquist",
-        "Open loop with the filter",
-        "Fig. 12",
-        "computed",
+    caption = (
         "Nyquist diagrams of L(jω) for the nominal plant. The filters are frozen at motor speeds from f_s (faint) to f_e "
         f"(strong); the loop is sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay. "
-        "Cross: −1. No curve may enter the dashed circle of the allowed M_s.",
-        style.to_svg(figure, "nyquist", is_zoomable=True),
+        "Cross: −1. No curve may enter the dashed circle of the allowed M_s."
     )
+    return style.drawing(figure, "nyquist", "Open loop with the filter", caption, "computed", "Fig. 12", is_zoomable=True)
 
 
 def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
@@ -380,15 +373,11 @@ def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
         bottom, top = panel.get_ylim()
         panel.set_ylim(1.0 if column == 0 else 0.0, max(top, 1.1 * limit) if column else max(top, limit + 0.1, bottom + 0.2))
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        "margins",
-        "Margins at every motor speed",
-        "with Fig. 12",
-        "computed",
+    caption = (
         "Nominal plant, filters frozen at each speed from rest to the speed limit; a switched filter also counts as active "
-        "within its hysteresis. Dotted: the requirements. Their table lists the worst of all plants.",
-        style.to_svg(figure, "margins", is_zoomable=True),
+        "within its hysteresis. Dotted: the requirements. Their table lists the worst of all plants."
     )
+    return style.drawing(figure, "margins", "Margins at every motor speed", caption, "computed", "with Fig. 12", is_zoomable=True)
 
 
 def ramps(outcome: NotchDesignOutcome) -> Drawing:
@@ -418,13 +407,9 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
     panels[0, 1].invert_xaxis()
     panels[0, 0].set_ylabel("Tip displacement (mm)")
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        "ramps",
-        "Tip on the ramp, predicted",
-        "Figs. 13 and 14",
-        "computed",
+    caption = (
         "Simulated ramps up and down with the bench file's constant acceleration, the nominal plant and the law at its sampling "
         f"time: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: the judged speeds; dotted: "
-        "the specification. The filter does better at constant speed: on a ramp it has no time to settle.",
-        style.to_svg(figure, "ramps", is_zoomable=True),
+        "the specification. The filter does better at constant speed: on a ramp it has no time to settle."
     )
+    return style.drawing(figure, "ramps", "Tip on the ramp, predicted", caption, "computed", "Figs. 13 and 14", is_zoomable=True)

@@ -100,4 +100,4 @@ def finding_picture(finding: Finding, number: int) -> Drawing | None:
     panel.set(xlabel=picture.x_label, ylabel=picture.y_label)
     said = f"{finding.words[:1].upper()}{finding.words[1:]}"
     words = f"{said}. Vertical lines: the first {len(finding.stamps_s)} of {finding.count} occurrences."
-    return Drawing(key, f"{number}. {finding.kind}", "", "measured", words, style.to_svg(figure, key))
+    return style.drawing(figure, key, f"{number}. {finding.kind}", words)

@@ -142,13 +142,12 @@ def order_over_dates(amplitude: Trend, phase: Trend | None, key: str, title: str
     figure, panels = style.panels(1, len(shown), 2.4)
     for panel, trend in zip(panels[0], shown, strict=True):
         _draw(panel, trend)
-    return Drawing(
-        key, title, "", "measured",
+    caption = (
         "Discs: runs with their standard errors. Shaded: the range in which each run was expected; a run outside of it is an "
         "alarm. The range depends on the conditions of the run, and is wide while there are few runs. Squares: runs from the "
-        "first alarm on.",
-        style.to_svg(figure, key),
-    )  # fmt: skip
+        "first alarm on."
+    )
+    return style.drawing(figure, key, title, caption)
 
 
 def _draw(panel: Axes, trend: Trend) -> None:

@@ -152,20 +152,15 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
         )
     panel.set(xlim=(float(curve["order"][0]), float(curve["order"][-1])), ylim=(0.0, top))
     panel.set_xticks(range(1, 11))
-    panel.set_xlabel("Order k (per motor revolution)")
-    panel.set_ylabel(f"Amplitude ({entry.unit})")
+    panel.set(xlabel="Order k (per motor revolution)", ylabel=f"Amplitude ({entry.unit})")
     style.legend_above(figure, panel)
-    return Drawing(
-        key,
-        f"Order spectrum of axis {material.result.axis}",
-        "",
-        "measured",
+    caption = (
         "Amplitude of each order in a scan of all orders, each fitted by itself, together with the slow part"
         f"{_THROUGH[material.is_sensed]}. Dotted: the floor, which is the median of the neighbours, and the level that noise "
         "alone reaches anywhere in the scan with the given probability. The side lobes of an order come from the small number "
-        "of revolutions.",
-        style.to_svg(figure, key),
+        "of revolutions."
     )
+    return style.drawing(figure, key, f"Order spectrum of axis {material.result.axis}", caption)
 
 
 def speed_map(material: RecordedMaterial) -> Drawing | None:
@@ -194,20 +189,15 @@ def speed_map(material: RecordedMaterial) -> Drawing | None:
     panel.plot(centres, np.full(len(centres), float(orders[0])), "|", color=style.BLACK, markersize=7, clip_on=False)
     panel.set(xlim=(float(centres[0]), float(centres[-1])), ylim=(float(orders[0]), float(orders[-1])))
     panel.set_yticks(range(1, 11))
-    panel.set_xlabel("Motor speed (rev/s)")
-    panel.set_ylabel("Order k (per motor revolution)")
+    panel.set(xlabel="Motor speed (rev/s)", ylabel="Order k (per motor revolution)")
     draw_colour_scale(figure, panels, levels, f"Amplitude ({material.unit})", aspect=30)
-    return Drawing(
-        key,
-        f"Orders of axis {material.result.axis} over the speed",
-        "",
-        "measured",
+    caption = (
         "Amplitude over motor speed and order, in windows of 2.5 revolutions. Ticks at the bottom: speeds with data; between "
         "them the colours are interpolated. An order of the gear stays at its height at every speed"
         f"{', strongest where it passes the resonance of the arm' if material.is_sensed else ''}; a line of a fixed frequency "
-        "falls as the speed rises.",
-        style.to_svg(figure, key),
+        "falls as the speed rises."
     )
+    return style.drawing(figure, key, f"Orders of axis {material.result.axis} over the speed", caption)
 
 
 def fit(material: RecordedMaterial) -> Drawing | None:
@@ -236,16 +226,12 @@ def fit(material: RecordedMaterial) -> Drawing | None:
     panels[2, 0].set_xlabel("Motor revolutions from the beginning of the stretch")
     style.legend_above(figure, panels[0, 0], panels[1, 0])
     stretch = material.result.stretches[int(longest)]
-    return Drawing(
-        key,
-        f"The longest stretch of axis {material.result.axis}",
-        "",
-        "measured and computed",
+    caption = (
         f"{stretch.turns:.1f} revolutions of the motor {TURNS[stretch.direction]}, about {stretch.speed_rps:.1f} rev/s. Above: "
         f"the {_SIGNAL[material.result.form]} with its slow part, a polynomial of degree {stretch.degree}, chosen by "
-        "cross-validation. Below: the signal less its slow part, the fitted orders, and the residual.",
-        style.to_svg(figure, key),
+        "cross-validation. Below: the signal less its slow part, the fitted orders, and the residual."
     )
+    return style.drawing(figure, key, f"The longest stretch of axis {material.result.axis}", caption, style.BOTH)
 
 
 def change(material: RecordedMaterial) -> Drawing | None:
@@ -273,15 +259,11 @@ def change(material: RecordedMaterial) -> Drawing | None:
         range(len(parts)), names, fontsize=6.5 if len(parts) < 8 else 5.5, rotation=0 if len(parts) < 7 else 40
     )
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        key,
-        f"Transmission error of axis {material.result.axis}, part by part",
-        "",
-        "measured",
+    caption = (
         "Amplitudes and phases of the orders that exceed their noise, in parts of the stretches, with two standard errors. A "
-        "feed-forward with one phase leaves 2 sin(Δ/2) of an order whose phase differs by Δ: half of it at 30°.",
-        style.to_svg(figure, key),
+        "feed-forward with one phase leaves 2 sin(Δ/2) of an order whose phase differs by Δ: half of it at 30°."
     )
+    return style.drawing(figure, key, f"Transmission error of axis {material.result.axis}, part by part", caption)
 
 
 def orders(material: RecordedMaterial) -> ReportTable | None:

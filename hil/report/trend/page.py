@@ -182,15 +182,11 @@ def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
         panel.set_xlabel("Date (UTC)")
     style.legend_above(figure, *panels.flat)
     left = "" if len(treatments) <= MOST_LINES else f" Only {MOST_LINES} of {len(treatments)} treatments are drawn."
-    return Drawing(
-        key,
-        title,
-        "",
-        "measured and computed",
+    caption = (
         f"A point for each run; runs that were stopped or not judged have none.{left} Margins: from the model with the active "
-        "filters, the worst over all speeds.",
-        style.to_svg(figure, key),
+        "filters, the worst over all speeds."
     )
+    return style.drawing(figure, key, title, caption, style.BOTH)
 
 
 def _scale(panel: Axes, *, from_zero: bool) -> None:
