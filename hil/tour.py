@@ -99,9 +99,6 @@ def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
 
     The filters are the designed ones, or those of the bench file if they are predicted to leave less at the tip and keep
     all margins. The clause is on the bench file's.
-
-    Args:
-        outcome: Outcome of a design that has found filters.
     """
     given = outcome.given
     if given is None or outcome.designed is None:
@@ -152,12 +149,8 @@ class TourRunner(ABC):
     def step(self, name: str, make: Step, report: str = "") -> None:
         """Make one step, and note name, result, duration and report.
 
-        A step that is refused may have left a report, too.
-
-        Args:
-            name: Name of the step in words.
-            make: The step; its result in words, and the path of its report from the tour's directory.
-            report: Path of the report that it may leave after a failure.
+        A step that is refused may have left a report, too. `make` returns its result in words and its report's path from the
+        tour's directory; `report` is that of a failure.
         """
         self.reporter.step(name)
         began = time.monotonic()
@@ -174,11 +167,7 @@ class TourRunner(ABC):
             self.steps.append(TourStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
 
     def run_side_by_side(self, knowledge: Knowledge) -> tuple[str, str]:
-        """Run the comparison that a tour ends with, as its last step.
-
-        Args:
-            knowledge: All that is known of the robot by now.
-        """
+        """Run the comparison that a tour ends with, as its last step."""
         planned = plan(KnownRobot(self.bench, knowledge, BENCH_FILE), self.request)
         outcome = compare([planned], self.request, self.out, reporter=self.reporter)
         self.comparisons.append(outcome)

@@ -64,12 +64,6 @@ class ArmDrawing:
 def draft(name: str, address: str, nodes: Sequence[FoundNode], drawing: ArmDrawing | None = None) -> str:
     """Text of the bench file.
 
-    Args:
-        name: Name of the bench.
-        address: The bus.
-        nodes: What answers there.
-        drawing: The arm's drawing; None without one.
-
     Raises:
         NotPossibleError: There is no drive, or the joints do not fit the drives.
     """
@@ -206,10 +200,7 @@ def _arm_lines(drawing: ArmDrawing) -> list[str]:
 def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str, ...]] | None) -> list[str]:
     """One axis.
 
-    Args:
-        number: Number of the axis.
-        node: Its drive.
-        drawn: Its joint, None if that is not known, and all joints of the drawing; None without a drawing.
+    `drawn` has its joint, None if unknown, and all joints of the drawing.
     """
     identity, known = node.identity, node.profile is not None
     who = identity.name or "a drive"

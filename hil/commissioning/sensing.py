@@ -138,13 +138,8 @@ def _load_encoder(of: Checked, table: AxisTable, recording: Recording, rows: sli
 def _ratio(expected: Real, seen: Real, period_s: float, derivative: int = 0) -> Ratio:
     """Return the ratio of components at the swing's frequency.
 
-    Measured over expected signal, with its standard error.
-
-    Args:
-        expected: The expected signal over whole periods of the swing; shape (n,).
-        seen: The measured signal; shape (n,).
-        period_s: Sampling time.
-        derivative: Order of the time derivative that applies to the expected one.
+    Measured over expected signal, with its standard error. Signals have the shape (n,), whole periods of the swing; `derivative`
+    is the order that applies to the expected one.
     """
     count = len(expected)
     line = round(SWING_HZ * count * period_s)

@@ -62,10 +62,6 @@ class NodeUnits:
     def __init__(self, node: Node, bench: Bench | None) -> None:
         """Look for the scales.
 
-        Args:
-            node: The node.
-            bench: Bench file; None if there is none.
-
         Raises:
             NodeError: The log contradicts the bench file.
         """
@@ -198,10 +194,6 @@ class Decoded:
 
 def decoded(trace: Trace, bench: Bench | None) -> Decoded:
     """Name the process data of a log.
-
-    Args:
-        trace: The log.
-        bench: Bench file of the run; None if there is none.
 
     Raises:
         NodeError: The log contradicts the bench file.

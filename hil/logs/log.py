@@ -200,11 +200,7 @@ class LogBuilder:
     def add(self, stamp_ns: Integers, can_id: NDArray[np.uint32], length: NDArray[np.uint8], data: Words) -> None:
         """Add frames.
 
-        Args:
-            stamp_ns: Stamps of the file; one that runs backwards counts as that of the frame before it; shape (n,).
-            can_id: Identifiers with flags; shape (n,).
-            length: Bytes of data; shape (n,).
-            data: Data; shape (n,).
+        A stamp that runs backwards counts as that of the frame before it; all columns have the shape (n,).
         """
         if not len(stamp_ns):
             return
@@ -231,11 +227,7 @@ class LogBuilder:
         self.frames += len(stamps)
 
     def log(self, damage: Damage) -> Log:
-        """The log; the builder holds nothing any more.
-
-        Args:
-            damage: Parts that could not be read.
-        """
+        """The log; the builder holds nothing any more."""
         streams = {}
         for can_id in sorted(self._parts):
             streams[can_id] = Stream(can_id, *self._parts.pop(can_id).columns())

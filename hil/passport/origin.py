@@ -97,11 +97,7 @@ def origin_of_order(
 ) -> tuple[OriginName, str]:
     """Origin of an order, and the reason for it.
 
-    Args:
-        order: Order k.
-        motor: Poles and slots of the motor.
-        found: The order in all runs.
-        sides: The order in either direction, of runs that were read from the motor's torque.
+    `sides` are of runs that were read from the motor's torque.
     """
     how, change, turn = motor.makes(order), _change(found), _turn(sides)
     gears = []

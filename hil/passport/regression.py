@@ -153,12 +153,7 @@ class _Filter:
     def step(self, value: Real, variance: Real, i: int) -> tuple[Real, Real, Real]:
         """Predict run i, then learn it.
 
-        Return mean, standard deviation and weights of its expectation.
-
-        Args:
-            value: The run; shape (...).
-            variance: Its own variance; shape (...).
-            i: Its number.
+        Return mean, standard deviation and weights of its expectation. Values and variances have the shape (...).
         """
         h = np.concatenate(([1.0], self.design.columns[i]))
         below = self.tau2 + self.factor2 * variance[..., None] + (self.design.extra[i] * self.size) ** 2

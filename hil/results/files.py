@@ -135,10 +135,7 @@ def _with_orders(value: dict[str, Any]) -> str:
 def load_result(directory: Path, kind: type[R], what: str) -> R:
     """Read the result.json of a directory, which must be of one kind.
 
-    Args:
-        directory: Directory of the file.
-        kind: Class of the result.
-        what: Origin of the result in words, for the error: `a comparison`.
+    An error names the expected origin, `what`: `a comparison`.
 
     Raises:
         OSError: The file is missing, or cannot be read.

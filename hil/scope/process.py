@@ -23,13 +23,7 @@ class ScopeProcess:
     """
 
     def __init__(self, address: str, bench_file: str, port: int) -> None:
-        """Keep bus, bench file and port.
-
-        Args:
-            address: Address of the bus.
-            bench_file: Bench file.
-            port: Port of the page; 0 for a free one.
-        """
+        """Keep bus, bench file and port."""
         self.url = ""
         self._command = [
             sys.executable, "-m", "hil", "scope", "--bus", address, "--bench", bench_file, "--port", str(port),

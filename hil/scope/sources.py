@@ -37,10 +37,7 @@ class BusSource:
     def __init__(self, listener: Listener, decoder: SignalDecoder, title: str) -> None:
         """Begin with nothing.
 
-        Args:
-            listener: The bus; it is not closed.
-            decoder: Decoder of its frames.
-            title: Title of the page.
+        The listener is not closed.
         """
         self.title, self.past = title, Past()
         self.signals: tuple[Signal, ...] = ()
