@@ -188,10 +188,6 @@ class Material:
         """Return the loop of an axis with a model.
 
         It is closed in the drive, or on the side on which its filters acted.
-
-        Args:
-            axis: Axis number.
-            filters: Filters in it; None for none.
         """
         table, period_s, delay = self.bench.axis[axis], self.control_period_s, 0
         if filters is not None:
@@ -231,14 +227,7 @@ class Material:
     ) -> RunEntry | None:
         """Return the entry of a run, or None.
 
-        Without an order, the entry of its first window.
-
-        Args:
-            experiment: Name of the experiment.
-            axis: Axis of a constant-acceleration run, else None.
-            treatment: Name of the treatment.
-            loop: Side that closes the loop, the drive or the host.
-            order: Order k of the window; None for any.
+        Without an order, the entry of its first window. The axis is None for a motion of several.
         """
         for run in self.result.runs:
             same = (run.experiment, run.axis, run.treatment, run.loop) == (experiment, axis, treatment, loop)

@@ -136,13 +136,7 @@ class SvgPicture:
     """A figure as SVG, drawn in parallel, and its zoomable data."""
 
     def __init__(self, figure: Figure, key: str, *, is_zoomable: bool = False) -> None:
-        """Begin to draw it.
-
-        Args:
-            figure: The figure, which does not change any more.
-            key: Anchor of the figure.
-            is_zoomable: True if an interactive page shows it so that it can be zoomed.
-        """
+        """Begin to draw it."""
         _load_formulas()
         self._text = LaterText(partial(svg.inline, figure, key))
         self._figure = figure if is_zoomable else None
@@ -230,6 +224,12 @@ def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
         figure.legend(list(handles.values()), list(handles), loc="outside upper left", ncols=columns)
 
 
+def name_rows(panels: Panels, *names: str) -> None:
+    """Name the ordinates of the panels in the first column, from the top."""
+    for panel, name in zip(panels[:, 0], names, strict=True):
+        panel.set_ylabel(name)
+
+
 def stack_over_time(*panels: Axes) -> None:
     """Share the time axis of panels in a column.
 
@@ -244,12 +244,7 @@ def stack_over_time(*panels: Axes) -> None:
 def residual(panel: Axes, x: Real, rest: Real, unit: str, names: str = "measured − model") -> None:
     """Draw the residual of a model, with its rms in the title.
 
-    Args:
-        panel: Panel of the residual alone.
-        x: Abscissa, of shape (n,).
-        rest: Measurement less model, of shape (n,).
-        unit: Unit of both.
-        names: Names of the two, with a minus between them.
+    `x` and `rest` have the shape (n,); `unit` is that of `rest`.
     """
     panel.axhline(0.0, **MARK)
     panel.plot(*thin(x, rest), label=names, **RESIDUAL)
@@ -264,12 +259,7 @@ def note(axes: Axes, text: str) -> None:
 def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "left") -> None:
     """Draw a dotted vertical line with its name beside it.
 
-    Args:
-        axes: Panel.
-        x: Position of the line, in the data's unit.
-        text: Name of the line.
-        height: Height of the name as a fraction of the panel.
-        side: Side of the text on which the line is, `left` or `right`.
+    `height` is a fraction of the panel's; `side` is the side of the text on which the line is.
     """
     keep_name(axes.axvline(x, **MARK), text)
     pad = 3 if side == "left" else -3

@@ -61,9 +61,7 @@ def inline(figure: Figure, key: str) -> str:
 def standalone(svg: str, title: str) -> str:
     """Return inline SVG as a file with its own title and colours.
 
-    Args:
-        svg: Element that `inline` made.
-        title: Title, which the element's `aria-labelledby` names.
+    The element's `aria-labelledby` names the title.
     """
     name = re.search(r'aria-labelledby="([^"]*)"', svg)
     if name is None:

@@ -113,16 +113,7 @@ def _show_recordings(directory: Path, port: int, *, until_stdin_closes: bool) ->
 def _show_bus(
     bench_file: str | None, bus: str | None, descriptions: list[str], ask: str, port: int, *, until_stdin_closes: bool
 ) -> None:
-    """Listen to a bus, and show it.
-
-    Args:
-        bench_file: Bench file, or None.
-        bus: Address of the bus, or None.
-        descriptions: Device descriptions as `--description` gives them.
-        ask: Nodes whose mapping is read.
-        port: Port of the page.
-        until_stdin_closes: End with standard input.
-    """
+    """Listen to a bus, and show it."""
     from drive_profiles.address import choose_bus, parse_address
     from hil.bench.bench import load_bench
     from hil.can.listening import open_listener

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from hil.control.order_keys import amplitude_key
 from hil.errors import NotPossibleError
 from hil.recording import Recording
+from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.against.alike import PairedRuns, RunPair, check_robot, paired_runs
 from hil.report.against.numbers import (
@@ -29,17 +30,6 @@ from hil.report.figures.order_map import ramp_map
 from hil.report.material import CONSTANT_ACCELERATION, Material, run_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, moment_text, render
-from hil.report.plotted_run import (
-    PlottedRun,
-    draw_vibration,
-    finish_vibration,
-    limit_words,
-    plotted_run,
-    shade_line,
-    shade_speeds,
-    shown_acceleration,
-    smooth_spectrum,
-)
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
 from hil.report.style import Drawing, Real
 from hil.results.ate import AteResult
@@ -77,11 +67,6 @@ class _Content:
 
 def write_against(directory: Path, old_directory: Path, *, is_interactive: bool = False) -> Path:
     """Write `against.html` into the new result's directory; return its path.
-
-    Args:
-        directory: Directory of the new result.
-        old_directory: Directory of the old one.
-        is_interactive: True if its figures can be zoomed.
 
     Raises:
         NotPossibleError: The two are unlike: another kind, robot, axis or motion. Or Bokeh is needed, and is not installed.
@@ -213,7 +198,7 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
 
     For a ramp, the lower panel shows orders instead of the spectrum. None without both recordings.
     """
-    runs = [plotted_run(old, pair.old, "old", OLD), plotted_run(new, pair.new, "new", NEW)]
+    runs = [plotted.plotted_run(old, pair.old, "old", OLD), plotted.plotted_run(new, pair.new, "new", NEW)]
     drawn = [run for run in runs if run is not None]
     if len(drawn) < 2:
         return None
@@ -221,19 +206,19 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
     figure, panels = style.panels(2, 1, 5.2, height_ratios=(3, 2))
     top, below = panels[:, 0]
     for run in drawn:
-        draw_vibration(top, run, new.band_hz(axis))
+        plotted.draw_vibration(top, run, new.band_hz(axis))
     recording = drawn[-1].recording
     if axis is None:
-        shade_line(new, top, recording)
+        plotted.shade_line(new, top, recording)
     elif pair.new.experiment == CONSTANT_ACCELERATION:
-        shade_speeds(new, axis, recording, top, with_names=False)
+        plotted.shade_speeds(new, axis, recording, top, with_names=False)
     top.set_xlim(float(recording.time_s[0]), float(recording.time_s[-1]))
-    finish_vibration(new, top, new.f_al(axis))
+    plotted.finish_vibration(new, top, new.f_al(axis))
     is_ramp = axis is not None and pair.new.experiment == CONSTANT_ACCELERATION
     below_words = _draw_orders(below, drawn, axis) if is_ramp and axis is not None else _draw_spectra(below, drawn)
     style.legend_above(figure, top)
     band = new.band_hz(axis)
-    limit = "" if axis is None else f" {limit_words(new, axis)}"
+    limit = "" if axis is None else f" {plotted.limit_words(new, axis)}"
     name = pair_name(pair)
     caption = (
         f"Above: tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase, each from the beginning of "
@@ -242,7 +227,7 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
     return style.drawing(figure, key, f"{name[0].upper()}{name[1:]}: the tip, old and new", caption, is_zoomable=True)
 
 
-def _draw_orders(panel: Axes, drawn: list[PlottedRun], axis: int) -> str:
+def _draw_orders(panel: Axes, drawn: list[plotted.PlottedRun], axis: int) -> str:
     for run in drawn:
         found = order_amplitudes(run.recording, axis)
         if found is not None:
@@ -263,9 +248,9 @@ def order_amplitudes(recording: Recording, axis: int) -> tuple[Real, Real] | Non
     return found.orders[seen], np.nanmax(found.amplitude[:, seen], axis=0)
 
 
-def _draw_spectra(panel: Axes, drawn: list[PlottedRun]) -> str:
+def _draw_spectra(panel: Axes, drawn: list[plotted.PlottedRun]) -> str:
     for run in drawn:
-        panel.plot(*smooth_spectrum(shown_acceleration(run), run.recording.period_s, SPECTRUM_TO_HZ), **run.look)
+        panel.plot(*plotted.smooth_spectrum(plotted.shown_acceleration(run), run.recording.period_s, SPECTRUM_TO_HZ), **run.look)
     panel.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, SPECTRUM_TO_HZ), ylim=(0.0, None))
     return "Hann spectrum of the whole recording."
 

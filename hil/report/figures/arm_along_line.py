@@ -6,17 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from hil.arm.kinematics import Kinematics
-from hil.report import style
-from hil.report.arm_motion import (
-    MovedArm,
-    draw_directions,
-    draw_ground,
-    draw_skeleton,
-    fit_limits,
-    moved_arms,
-    recorded_line,
-    round_down,
-)
+from hil.report import arm_motion, style
+from hil.report.arm_motion import MovedArm
 from hil.report.material import Material
 from hil.report.plotted_run import line_words
 from hil.report.projection import ABOVE, ANGLE, SIDE
@@ -45,7 +36,7 @@ def arm_along_line(material: Material, key: str = "arm-line") -> Drawing | None:
 
     Three views of the arm, and below them the magnified error. None without an arm's line.
     """
-    arms, way = moved_arms(material), recorded_line(material)
+    arms, way = arm_motion.moved_arms(material), arm_motion.recorded_line(material)
     if way is None or material.bench.arm is None:
         return None
     has_loops = bool(arms) and _way_m(arms[0]) >= LEAST_WAY_M
@@ -74,12 +65,12 @@ def _draw_views(panels: dict[str, Axes], kinematics: Kinematics, angles_rad: Rea
     skeletons = kinematics.skeleton(angles_rad[rows])
     for name, view in VIEWS.items():
         panel = panels[name]
-        draw_ground(panel, view)
+        arm_motion.draw_ground(panel, view)
         for skeleton, strength in zip(skeletons, POSTURES, strict=True):
-            draw_skeleton(panel, view, skeleton, strength=strength)
+            arm_motion.draw_skeleton(panel, view, skeleton, strength=strength)
         panel.plot(*view.flat(tip_m), zorder=5, label="path of the tip", **PATH)
         panel.set_title(view.title)
-        draw_directions(panel, view)
+        arm_motion.draw_directions(panel, view)
     way = np.abs(tip_m[-1] - tip_m[0])
     beside: Line = (
         {"xytext": (7, 0), "ha": "left", "va": "center"} if way[2] > way[0] else {"xytext": (0, -5), "ha": "center", "va": "top"}
@@ -87,7 +78,7 @@ def _draw_views(panels: dict[str, Axes], kinematics: Kinematics, angles_rad: Rea
     for words, point in (("start", tip_m[0]), ("end", tip_m[-1])):
         panels["side"].annotate(words, SIDE.flat(point), textcoords="offset points", fontsize=7.5, **beside)
     points = np.concatenate([skeletons.reshape(-1, 3), tip_m])
-    fit_limits([(panels[name], view) for name, view in VIEWS.items()], points)
+    arm_motion.fit_limits([(panels[name], view) for name, view in VIEWS.items()], points)
 
 
 class _Loops:
@@ -112,7 +103,7 @@ class _Loops:
         self.count = min(MOST_LOOPS, max(1, int(lasts_s * low_hz / PERIODS)))
         way_mm = 1e3 * _way_m(first)
         self.reach_mm = max(limit_mm, *(moved.peak_mm for moved in arms))
-        self.magnification = round_down(LOOP_FRACTION * way_mm / self.count / (2.0 * self.reach_mm))
+        self.magnification = arm_motion.round_down(LOOP_FRACTION * way_mm / self.count / (2.0 * self.reach_mm))
         self.length_mm = way_mm * (1.0 + 1.0 / self.count)
 
     @property

@@ -89,13 +89,8 @@ class KnownModes:
 def known_modes(bench: Bench, known: IdentifiedArm | None, angles_rad: Real, moving: tuple[int, ...]) -> KnownModes | None:
     """Return the modes of the bench's arm in a posture, if known.
 
-    They come from the bodies of the links, or without those from identified masses.
-
-    Args:
-        bench: The bench file.
-        known: Masses and stiffness that were identified; None without.
-        angles_rad: The posture; shape (joints,).
-        moving: Axes that move: the stiffness of each must be known.
+    They come from the bodies of the links, or without those from identified masses. `angles_rad` has the shape (joints,); the
+    stiffness of each `moving` axis must be known.
     """
     arm = bench.arm
     if arm is None:

@@ -22,11 +22,10 @@ from hil.report import style
 from hil.report.order_names import BY_ORDER, order_words, symbol, symbol_of
 from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
-from hil.report.plotted_run import smooth_spectrum
+from hil.report.plotted_run import FEWEST, draw_passage, passage_panels, spread_arcsec
 from hil.report.report_table import Cell, Mark, ReportTable, number, value_and_error
 from hil.report.style import Drawing, Real
 from hil.results.ate import AteResult, AteRun
-from hil.results.files import load_result
 
 AROUND = (0.75, 1.3)
 """Motor speeds of a window, by that at which its order meets the resonance."""
@@ -56,18 +55,11 @@ class DrawnPass:
 
 
 class AteMaterial:
-    """Material of the page: result.json and passes in the fit's band."""
+    """Material of the page: the result, and its passes in the fit's band."""
 
-    def __init__(self, directory: Path) -> None:
-        """Read result.json.
-
-        Raises:
-            OSError: The file cannot be read.
-            ResultFileError: The file is not the result of an identification of the transmission error.
-        """
-        self.directory = directory
-        self.result = load_result(directory, AteResult, "an identification of the transmission error")
-        self.axis, self.is_sensorless = self.result.axis, self.result.sensorless
+    def __init__(self, directory: Path, result: AteResult) -> None:
+        self.directory, self.result = directory, result
+        self.axis, self.is_sensorless = result.axis, result.sensorless
 
     @property
     def part(self) -> IdentifiedError | None:
@@ -160,12 +152,8 @@ def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False)
     panel, turns = panels[0, 0], np.linspace(0.0, 2.0, 721)
     angle = 2.0 * math.pi * turns
     middle = error.angle_rad(angle) / ARCSEC
-    variance = np.zeros_like(angle)
-    for order, amplitude in error.amplitude_arcsec.items():
-        phase = order * angle + math.radians(error.phase_deg[order])
-        variance += (part.standard_error.get(amplitude_key(order), 0.0) * np.cos(phase)) ** 2
-        variance += (amplitude * math.radians(part.standard_error.get(phase_key(order), 0.0)) * np.sin(phase)) ** 2
-    spread = 2.0 * np.sqrt(variance)
+    own = [{k: part.standard_error.get(key(k), 0.0) for k in error.amplitude_arcsec} for key in (amplitude_key, phase_key)]
+    spread = spread_arcsec(error, own[0], own[1], turns)
     panel.fill_between(turns, middle - spread, middle + spread, color=style.SKY, alpha=0.6, label="± 2 standard errors")
     panel.plot(turns, middle, label="identified", **style.MEASURED)
     if paper is not None:
@@ -232,32 +220,20 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
     part = material.part
     if not material.passes or part is None or part.arm_hz is None:
         return None
-    drawn, rest_name = material.passes[material.furthest], f"{material.word} − model"
+    drawn = material.passes[material.furthest]
     orders = [k for k in shown_orders(part) if np.max(np.abs(drawn.speed_rps)) >= part.arm_hz / k] or shown_orders(part)[-1:]
-    figure, panels = style.panels(4, len(orders), 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
+    figure, panels = passage_panels(len(orders), material.signal_name, material.unit)
+    speed = np.abs(drawn.speed_rps)
     for column, order in enumerate(orders):
         centre = part.arm_hz / order
-        speed = np.abs(drawn.speed_rps)
         rows = (drawn.direction == direction) & (speed >= AROUND[0] * centre) & (speed <= AROUND[1] * centre)
-        top, middle, rest, bottom = panels[:, column]
-        top.set_title(f"k = {order:g}: {AROUND[0] * centre:.1f} to {AROUND[1] * centre:.1f} rev/s")
-        if np.count_nonzero(rows) < 16:
-            style.note(top, "the run did not reach these speeds")
+        panels[0, column].set_title(f"k = {order:g}: {AROUND[0] * centre:.1f} to {AROUND[1] * centre:.1f} rev/s")
+        if np.count_nonzero(rows) < FEWEST:
+            style.note(panels[0, column], "the run did not reach these speeds")
             continue
-        time, period = drawn.time_s[rows], float(drawn.time_s[1] - drawn.time_s[0])
-        style.plot_thin(top, time, speed[rows], **style.BROAD)
-        style.plot_thin(middle, time, drawn.measured[rows], label=material.word, **style.BROAD)
-        style.plot_thin(middle, time, drawn.model[rows], label="model", **style.MODEL)
-        style.residual(rest, time, drawn.measured[rows] - drawn.model[rows], material.unit, rest_name)
-        for values, look in ((drawn.measured, style.BROAD), (drawn.model, style.MODEL)):
-            bottom.plot(*smooth_spectrum(values[rows], period, 30.0), **look)
-        style.stack_over_time(top, middle, rest)
-        bottom.set(xlabel="Frequency (Hz)", xlim=(0.0, 30.0))
+        passage = drawn.time_s, speed, drawn.measured, drawn.model
+        draw_passage(panels[:, column], passage, rows, rows, material.unit, material.word)
     panels[3, 0].set_ylim(0.0, None)  # once all are drawn: the row has one scale
-    panels[0, 0].set_ylabel("Speed (rev/s)")
-    panels[1, 0].set_ylabel(f"{material.signal_name} ({material.unit})")
-    panels[2, 0].set_ylabel(f"Residual ({material.unit})")
-    panels[3, 0].set_ylabel(f"Amplitude ({material.unit})")
     style.legend_above(figure, panels[1, 0])
     key = f"windows-{TURNS[direction]}"
     caption = (
@@ -276,12 +252,6 @@ def errors(
     """Tabulate a transmission error with its standard errors.
 
     For the paper's robot beside the paper's Table 2.
-
-    Args:
-        axis: Axis number.
-        part: The transmission error; None for no table.
-        is_sensorless: True if it was identified without an accelerometer.
-        is_paper: True for the paper's robot.
     """
     if part is None:
         return None

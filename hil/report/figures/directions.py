@@ -17,11 +17,6 @@ def directions(material: Material, experiment: str, axis: int | None) -> Drawing
     """Draw the displacement of the tip along x, y and z.
 
     Without and with treatments; None if no run has a vector.
-
-    Args:
-        material: Result and recordings.
-        experiment: Name of the experiment.
-        axis: Axis of a constant-acceleration run, else None.
     """
     what = "Line motion" if axis is None else f"Axis {axis}"
     key = f"directions-{experiment if axis is None else axis}"
@@ -33,13 +28,6 @@ def directions_of(material: Material, drawn: list[PlottedRun], axis: int | None,
     """Draw the tip along x, y and z in given runs.
 
     The runs are of one motion; None if none has a vector.
-
-    Args:
-        material: Result and recordings.
-        drawn: The runs.
-        axis: Axis of a constant-acceleration run, else None.
-        key: Key of the figure.
-        title: Title of the figure.
     """
     runs, scale = [run for run in drawn if run.entry.directions is not None], material.scale(axis)
     if not runs or scale is None:

@@ -8,10 +8,10 @@ from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
+from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.material import CONSTANT_ACCELERATION, Material
 from hil.report.paper import TABLE_1
-from hil.report.plotted_run import FEWEST, judged_samples, limit_m_s2, limit_words, smooth_spectrum
 from hil.report.style import Drawing, Real
 
 
@@ -36,8 +36,7 @@ def plants(material: Material) -> Drawing | None:
         gain.set(title=f"Axis {number}: $P_{number}(s)$", xlim=(1.0, 100.0))
         phase.set_yticks([-180, -90, 0])
         phase.set(ylim=(-200, 20), xlabel="Frequency (Hz)")
-    panels[0, 0].set_ylabel(r"Gain $|\theta_m/\tau|$ (dB re 1 rad/N·m)")
-    panels[1, 0].set_ylabel("Phase (°)")
+    style.name_rows(panels, r"Gain $|\theta_m/\tau|$ (dB re 1 rad/N·m)", "Phase (°)")
     _plain_frequencies(panels[1])
     caption = (
         "Frequency response of each axis' two-inertia model from motor torque to motor angle, from the "
@@ -92,16 +91,8 @@ def transmission_errors(material: Material) -> Drawing | None:
 
 
 def _difference(panel: Axes, estimate: JointEstimate, table: TransmissionError, turns: style.Real, source: str) -> None:
-    """Draw the identified error less that of a file.
-
-    With a band of two standard errors around zero.
-    """
-    variance = np.zeros_like(turns)
-    for order, amplitude in estimate.error.amplitude_arcsec.items():
-        phase = 2.0 * np.pi * order * turns + np.radians(estimate.error.phase_deg[order])
-        variance += (estimate.amplitude_error_arcsec[order] * np.cos(phase)) ** 2
-        variance += (amplitude * np.radians(estimate.phase_error_deg[order]) * np.sin(phase)) ** 2
-    spread = 2.0 * np.sqrt(variance)
+    """Draw the identified error less that of a file, with a band of two standard errors around zero."""
+    spread = plotted.spread_arcsec(estimate.error, estimate.amplitude_error_arcsec, estimate.phase_error_deg, turns)
     panel.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.5, linewidth=0.0, label="± 2 standard errors")
     style.residual(panel, turns, _arcsec(estimate.error, turns) - _arcsec(table, turns), "arcsec", f"identified − {source}")
 
@@ -157,14 +148,10 @@ def identification(material: Material, axis: int) -> Drawing | None:
         return None
     model = _modelled(material, axis, recording)
     orders = material.judged_orders(axis)
-    figure, panels = style.panels(4, len(orders), 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
+    figure, panels = plotted.passage_panels(len(orders), "Tip acceleration", "m/s²")
     for column, order in enumerate(orders):
         _window(material, axis, recording, model, order, panels[:, column])
     panels[3, 0].set_ylim(0.0, None)  # once all are drawn: the row has one scale
-    panels[0, 0].set_ylabel("Speed (rev/s)")
-    panels[1, 0].set_ylabel("Tip acceleration (m/s²)")
-    panels[2, 0].set_ylabel("Residual (m/s²)")
-    panels[3, 0].set_ylabel("Amplitude (m/s²)")
     style.legend_above(figure, panels[1, 0])
     paper = {2: "Fig. 7", 3: "Fig. 8"}.get(axis, "as Figs. 7 and 8")
     computed = (
@@ -174,7 +161,7 @@ def identification(material: Material, axis: int) -> Drawing | None:
         if model is not None
         else " The axis has no model to compare with."
     )
-    limit = limit_words(material, axis, ", around the mean")
+    limit = plotted.limit_words(material, axis, ", around the mean")
     caption = (
         "Constant acceleration of one motor. Top: its speed; shaded: the speeds in which the run is judged. Middle: "
         "vertical "
@@ -197,15 +184,14 @@ def _modelled(material: Material, axis: int, recording: Recording) -> Real | Non
 
 
 def _window(material: Material, axis: int, recording: Recording, model: Real | None, order: int, panels: style.Panels) -> None:
-    top, middle, rest, bottom = panels
+    top, middle, rest, _ = panels
     window = material.window_rps(axis, order)
     top.set_title(f"k = {order}" + ("" if window is None else f": {window[0]:.3g} to {window[1]:.3g} rev/s"))
-    inside = judged_samples(material, recording, axis, order)
-    style.stack_over_time(top, middle, rest)
-    bottom.set(xlabel="Frequency (Hz)", xlim=(0.0, 30.0))
-    if len(inside) < FEWEST:
+    inside = plotted.judged_samples(material, recording, axis, order)
+    if len(inside) < plotted.FEWEST:
         for panel in panels:
             style.note(panel, "no model: not judged" if window is None else "the run did not reach these speeds")
+        plotted.name_passage(panels)
         return
     time, tip = recording.time_s, recording.felt_m_s2
     margin = round(0.3 / recording.period_s)
@@ -214,18 +200,12 @@ def _window(material: Material, axis: int, recording: Recording, model: Real | N
     for panel in (top, middle, rest):
         panel.axvspan(begin, end, color=style.SHADE, zorder=0)
         panel.set_xlim(float(time[rows][0]), float(time[rows][-1]))
-    top.plot(*style.thin(time[rows], np.abs(motor_speed_rps(recording, axis)[rows])), **style.BROAD)
-    middle.plot(*style.thin(time[rows], tip[rows]), label=material.word, **style.BROAD)
-    if model is not None:
-        middle.plot(*style.thin(time[rows], model[rows]), label="model", **style.MODEL)
-        style.residual(rest, time[rows], tip[rows] - model[rows], "m/s²", f"{material.word} − model")
-    else:
+    passage = time, np.abs(motor_speed_rps(recording, axis)), tip, model
+    plotted.draw_passage(panels, passage, rows, inside, "m/s²", material.word)
+    if model is None:
         style.note(rest, "no model to compare with")
     f_al = material.f_al(axis)
     if f_al is not None:
-        centre, limit = float(np.mean(tip[inside])), limit_m_s2(material, f_al)
+        centre, limit = float(np.mean(tip[inside])), plotted.limit_m_s2(material, f_al)
         for sign, name in ((1.0, f"±{material.bench.specification.tip_mm:g} mm equivalent"), (-1.0, None)):
             middle.axhline(centre + sign * limit, label=name, **style.LIMIT)
-    for values, look in ((tip, style.BROAD), (model, style.MODEL)):
-        if values is not None:
-            bottom.plot(*smooth_spectrum(values[inside], recording.period_s, 30.0), **look)

@@ -156,9 +156,7 @@ class NotchFigures:
             for panel in (gain, arm):
                 panel.set(xlim=(low_hz, high_hz), xlabel="Frequency (Hz)")
             line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
-        panels[0, 0].set_ylabel("Notch $|F_n|$ (dB)")
-        panels[1, 0].set_ylabel(r"$|G_{al}|$ (dB re 1/s²)")
-        panels[2, 0].set_ylabel("$|G_{al}|$ on the line (dB re 1/s²)")
+        style.name_rows(panels, "Notch $|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "$|G_{al}|$ on the line (dB re 1/s²)")
         style.legend_above(figure, panels[2, 0])
         colour_bar(figure, panels[:2], norm)
         key = f"families{filters_end(self.nth)}"
@@ -302,15 +300,8 @@ def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, shown: 
 def draw_family(gain: Axes, arm: Axes, loop: Loop, notch: Notch, norm: Normalize, frequency_hz: Real) -> None:
     """Draw |F_n| and |G_al| at a few speeds of a filter.
 
-    A dot above all curves marks each |G_al| at the harmonic of its speed, ω/2π = k f_m.
-
-    Args:
-        gain: Panel of |F_n|.
-        arm: Panel of |G_al|.
-        loop: Loop with its filters.
-        notch: Filter from whose f_s to f_e the speeds are.
-        norm: Speeds for their colours.
-        frequency_hz: Frequencies of the curves; shape (n,).
+    A dot above all curves marks each |G_al| at the harmonic of its speed, ω/2π = k f_m. The speeds are from f_s to f_e of
+    `notch`; frequencies have the shape (n,).
     """
     edge: style.Line = {"markeredgecolor": style.PAPER, "markeredgewidth": 0.8}
     for speed, colour in _speeds(notch, norm, FEW):
@@ -378,9 +369,7 @@ def draw_worst(panel: Axes, response: Any, name: str) -> None:
 def draw_critical_point(panel: Axes, *circles: tuple[float, str, style.Line]) -> None:
     """Draw the unit circle and −1, with circles around it, in a Nyquist diagram.
 
-    Args:
-        panel: Panel of the diagram.
-        circles: Radius, name and line style of each.
+    Each circle has radius, name and line style.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)

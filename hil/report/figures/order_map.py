@@ -50,15 +50,7 @@ class MarkedResonance:
 def order_maps(
     key: str, title: str, runs: Sequence[tuple[str, Recording]], axis: int, resonance: MarkedResonance
 ) -> Drawing | None:
-    """Draw order maps of runs in one colour scale.
-
-    Args:
-        key: Anchor of the figure.
-        title: Title of the figure.
-        runs: Recordings of ramps, each with its name.
-        axis: Axis that moved.
-        resonance: MarkedResonance of the axis.
-    """
+    """Draw order maps of runs in one colour scale."""
     maps = [(name, found) for name, recording in runs if (found := ramp_map(recording, axis)) is not None]
     top = max((float(np.nanmax(found.amplitude)) for _, found in maps), default=0.0)
     if top <= 0.0:
@@ -122,10 +114,7 @@ def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
 def _longest_rise(speed_rps: Real) -> tuple[int, int]:
     """Return first and last row of the longest rise from rest.
 
-    The last row is exclusive. The longest rise is the ramp, not the fast motion to its starting point.
-
-    Args:
-        speed_rps: |f_m|; shape (n,).
+    The last row is exclusive. The longest rise is the ramp, not the fast motion to its starting point. |f_m| has the shape (n,).
     """
     rests = np.flatnonzero(speed_rps < SLOWEST_RPS)
     edges = np.unique(np.concatenate([[0], rests, [len(speed_rps)]]))

@@ -34,13 +34,6 @@ def after_stop(material: Material, axis: int, experiment: str, key: str, title: 
     """Draw the tip after a stop, with and without each treatment.
 
     None without an untreated and a treated recording.
-
-    Args:
-        material: Result and recordings.
-        axis: The axis.
-        experiment: Name of the experiment.
-        key: Anchor of the figure.
-        title: Title of the figure.
     """
     runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
     found = [(run, recording) for run in runs if (recording := material.recording(run)) is not None and run.stopped is None]

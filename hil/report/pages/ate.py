@@ -4,7 +4,7 @@ from pathlib import Path
 
 from hil.bench.model import values_in_words
 from hil.recording import Recording
-from hil.report.figures import ate as figures_ate
+from hil.report.figures import ate as figures
 from hil.report.figures.ate import AteMaterial
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.pages.page import Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
@@ -14,7 +14,7 @@ from hil.results.ate import AteResult
 
 def page_of(directory: Path, result: AteResult) -> Page:
     """Return the page of a directory that `hil identify ate` has filled."""
-    material = AteMaterial(directory)
+    material = AteMaterial(directory, result)
     head = PageHead.of(result, f"Transmission error of axis {material.axis}")
     lines = bench_lines(result.bench, ("Known before", result.known_before.source))
     return Page(head, verdict(material), sections(material), provenance=lines)
@@ -22,24 +22,12 @@ def page_of(directory: Path, result: AteResult) -> Page:
 
 def sections(material: AteMaterial) -> list[Section]:
     """All chapters for which there is data."""
+    passages = (figures.windows(material, direction) for direction in (1, -1))
     return filled_sections(
         ("result", "Transmission error", _result(material)),
-        (
-            "evidence",
-            "Signal and model",
-            (
-                _order_maps(material),
-                figures_ate.against_speed(material),
-                figures_ate.windows(material, 1),
-                figures_ate.windows(material, -1),
-            ),
-        ),
-        (
-            "confidence",
-            "Confidence",
-            (figures_ate.arm(material), figures_ate.arm_twice(material), figures_ate.agreement(material)),
-        ),
-        ("runs", "Runs", (figures_ate.passes(material),)),
+        ("evidence", "Signal and model", (_order_maps(material), figures.against_speed(material), *passages)),
+        ("confidence", "Confidence", (figures.arm(material), figures.arm_twice(material), figures.agreement(material))),
+        ("runs", "Runs", (figures.passes(material),)),
     )
 
 
@@ -61,8 +49,8 @@ def _order_maps(material: AteMaterial) -> Drawing | None:
 def _result(material: AteMaterial) -> tuple[Item, ...]:
     axis, part, is_paper = material.axis, material.part, material.is_paper
     return (
-        figures_ate.errors(axis, part, is_sensorless=material.is_sensorless, is_paper=is_paper),
-        figures_ate.waveform(axis, part, is_paper=is_paper),
+        figures.errors(axis, part, is_sensorless=material.is_sensorless, is_paper=is_paper),
+        figures.waveform(axis, part, is_paper=is_paper),
     )
 
 

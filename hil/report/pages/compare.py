@@ -13,6 +13,7 @@ from hil.analysis import band_passed, motor_speed_rps
 from hil.bench.bench import load_bench
 from hil.experiments.treatment import TITLES
 from hil.recording import Recording
+from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.figures import shapers as figures_shapers
 from hil.report.figures.arm_along_line import arm_along_line
@@ -22,19 +23,6 @@ from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.material import LINE_MOTION, POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, filled_sections, versions_text
-from hil.report.plotted_run import (
-    PlottedRun,
-    direction_words,
-    displacement_scale,
-    draw_vibration,
-    finish_vibration,
-    key_end,
-    limit_m_s2,
-    plotted_run,
-    shade_judged,
-    shown_acceleration,
-    window_words,
-)
 from hil.report.report_table import Mark
 from hil.report.style import Drawing, Real, SvgPicture
 from hil.report.tables import compare as tables_compare
@@ -80,12 +68,12 @@ class ComparedMotion:
         return f"{self.robot.name}, {case}" if self.several else f"{case[0].upper()}{case[1:]}"
 
     @cached_property
-    def runs(self) -> list[tuple[ComparisonRow, PlottedRun]]:
+    def runs(self) -> list[tuple[ComparisonRow, plotted.PlottedRun]]:
         """Rows of the motion with their recorded runs."""
         case = self.experiment, self.axis
         rows = [row for row in self.robot.rows if (row.experiment, row.axis) == case and row.recording is not None]
         found = ((row, self.material.find(*case, row.treatment, row.loop)) for row in rows)
-        drawn = ((row, plotted_run(self.material, one, treatment_words(row), style.WITH)) for row, one in found)
+        drawn = ((row, plotted.plotted_run(self.material, one, treatment_words(row), style.WITH)) for row, one in found)
         return [(row, run) for row, run in drawn if run is not None]
 
     def vibration(self) -> Drawing | None:
@@ -107,8 +95,8 @@ class ComparedMotion:
             f"{self.title}: tip vibration",
             "",
             "measured",
-            f"{direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase. "
-            f"{window_words(material, axis)} {limit}{behind}",
+            f"{plotted.direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero "
+            f"phase. {plotted.window_words(material, axis)} {limit}{behind}",
             (_overlay if overlaid else _multiples)(material, self.runs, axis, f_al, key),
         )
 
@@ -124,7 +112,7 @@ class ComparedMotion:
         parts = [runs[start : start + MAPPED] for start in range(0, len(runs), MAPPED)]
         resonance = MarkedResonance(self.material.f_al(self.axis))
         made = [
-            order_maps(f"orders-{self.key}{key_end(number)}", title, part, self.axis, resonance)
+            order_maps(f"orders-{self.key}{plotted.key_end(number)}", title, part, self.axis, resonance)
             for number, part in enumerate(parts)
         ]
         return [drawing for drawing in made if drawing is not None]
@@ -352,7 +340,7 @@ def _shade(material: Material, panel: Axes, axis: int | None, recording: Recordi
     The time begins before the window of the fourth harmonic and ends behind that of the second.
     """
     time = recording.time_s
-    shade_judged(material, panel, axis, recording)
+    plotted.shade_judged(material, panel, axis, recording)
     if axis is None:
         panel.set_xlim(float(time[0]), float(time[-1]))
         return
@@ -367,32 +355,34 @@ def _shade(material: Material, panel: Axes, axis: int | None, recording: Recordi
 
 
 def _overlay(
-    material: Material, runs: list[tuple[ComparisonRow, PlottedRun]], axis: int | None, f_al: float | None, key: str
+    material: Material, runs: list[tuple[ComparisonRow, plotted.PlottedRun]], axis: int | None, f_al: float | None, key: str
 ) -> SvgPicture:  # fmt: skip
     figure, panels = style.panels(2, 1, 5.6, sharex=True, height_ratios=(3, 2))
     panel, below = panels[:, 0]
     for (row, run), look in zip(runs, style.OVERLAY_LINES, strict=False):
-        draw_vibration(panel, PlottedRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False)
+        plotted.draw_vibration(
+            panel, plotted.PlottedRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False
+        )
         style.plot_thin(below, run.recording.time_s, _envelope(run, material.band_hz(axis)), **look)
     for each in (panel, below):
         _shade(material, each, axis, runs[0][1].recording)
-    finish_vibration(material, panel, f_al)
+    plotted.finish_vibration(material, panel, f_al)
     panel.set_xlabel("")
     if f_al is not None:
-        below.axhline(limit_m_s2(material, f_al), **style.LIMIT)
-        displacement_scale(below, f_al, "Displacement (mm)")
+        below.axhline(plotted.limit_m_s2(material, f_al), **style.LIMIT)
+        plotted.displacement_scale(below, f_al, "Displacement (mm)")
     below.set(ylim=(0.0, panel.get_ylim()[1]), xlabel="Time (s)", ylabel="Envelope (m/s²)")
     style.legend_above(figure, panel, columns=3)
     return style.to_svg(figure, key, is_zoomable=True)
 
 
-def _envelope(run: PlottedRun, band_hz: tuple[float, float]) -> Real:
+def _envelope(run: plotted.PlottedRun, band_hz: tuple[float, float]) -> Real:
     """Return the amplitude of the band-passed vibration in m/s²; shape (n,)."""
-    return np.abs(scipy.signal.hilbert(band_passed(shown_acceleration(run), run.recording.period_s, band_hz)))
+    return np.abs(scipy.signal.hilbert(band_passed(plotted.shown_acceleration(run), run.recording.period_s, band_hz)))
 
 
 def _multiples(
-    material: Material, runs: list[tuple[ComparisonRow, PlottedRun]], axis: int | None, f_al: float | None, key: str
+    material: Material, runs: list[tuple[ComparisonRow, plotted.PlottedRun]], axis: int | None, f_al: float | None, key: str
 ) -> SvgPicture:  # fmt: skip
     plain, band = {row.loop: run for row, run in runs if row.treatment == "none"}, material.band_hz(axis)
     shown = [(row, run) for row, run in runs if row.treatment != "none" or len(runs) == 1]
@@ -403,12 +393,16 @@ def _multiples(
         panel = panels[number // 2, number % 2]
         behind = plain.get(row.loop)
         if behind is not None:
-            draw_vibration(panel, PlottedRun(behind.entry, behind.recording, "untreated", BEHIND), band, with_peak=False)
-        draw_vibration(panel, PlottedRun(run.entry, run.recording, "with the treatment", style.WITH), band, with_peak=False)
+            plotted.draw_vibration(
+                panel, plotted.PlottedRun(behind.entry, behind.recording, "untreated", BEHIND), band, with_peak=False
+            )
+        plotted.draw_vibration(
+            panel, plotted.PlottedRun(run.entry, run.recording, "with the treatment", style.WITH), band, with_peak=False
+        )
         _shade(material, panel, axis, run.recording)
-        reach = max(reach, finish_vibration(material, panel, f_al, with_name=False, with_scale=False))
+        reach = max(reach, plotted.finish_vibration(material, panel, f_al, with_name=False, with_scale=False))
         if f_al is not None and (number % 2 == 1 or number == len(shown) - 1):
-            displacement_scale(panel, f_al)
+            plotted.displacement_scale(panel, f_al)
         panel.set_title(_label(row))
         if number + 2 < len(shown):
             panel.set_xlabel("")

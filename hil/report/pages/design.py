@@ -17,18 +17,7 @@ from hil.design.uncertainty import plants_words
 from hil.experiments.judge import scale_at
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
-from hil.report.figures.notch import (
-    FAMILY,
-    FEW,
-    colour_bar,
-    draw_critical_point,
-    draw_family,
-    draw_margins,
-    draw_required_margins,
-    draw_worst,
-    on_the_line_db,
-    speed_norm,
-)
+from hil.report.figures import notch as notches
 from hil.report.origin import origin_of_design
 from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
@@ -261,14 +250,14 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
     if not own:
         return None
     figure, panels = style.panels(3, len(own), 7.6, sharey="row", height_ratios=(2, 3, 3))
-    norm = speed_norm(own)
+    norm = notches.speed_norm(own)
     shown = _shown_hz(outcome)
     frequency = np.linspace(*shown, 1601)
     loop = outcome.loop(best.notches)
     for column, notch in enumerate(own):
         gain, arm, line = panels[:, column]
         bound = _bound(outcome, notch.order, frequency)
-        draw_family(gain, arm, loop, notch, norm, frequency)
+        notches.draw_family(gain, arm, loop, notch, norm, frequency)
         arm.plot(frequency, bound, **style.CONSTRAINT)
         bare = outcome.loop().acceleration_per_transmission_error(frequency)
         arm.plot(frequency, style.decibel(bare), **style.WITHOUT)
@@ -277,14 +266,13 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         for panel in (gain, arm):
             panel.set(xlim=shown, xlabel="Frequency (Hz)")
         line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
-    for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB)"), strict=True):
-        panel.set_ylabel(name)
+    style.name_rows(panels, "$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB)")
     style.legend_above(figure, panels[2, 0])
-    colour_bar(figure, panels[:2], norm, shrink=0.6)
+    notches.colour_bar(figure, panels[:2], norm, shrink=0.6)
     caption = (
-        f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong), for the nominal plant. Middle: dots mark each "
-        "curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; dashed: without "
-        "a filter. Bottom: these dots for all speeds as one curve."
+        f"Filters frozen at {notches.FEW} motor speeds from f_s (faint) to f_e (strong), for the nominal plant. Middle: dots "
+        "mark each curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; dashed: "
+        "without a filter. Bottom: these dots for all speeds as one curve."
     )
     title = "Gain of the filter and of G_al"
     return style.drawing(figure, "families", title, caption, "computed", "Figs. 9 and 11", is_zoomable=True)
@@ -295,7 +283,7 @@ def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
     speeds = np.linspace(0.25 * low_hz / order, min(outcome.problem.speed_limit_rps, high_hz / order), 361)
     line = order * speeds
     for name, verdict, look in verdicts(outcome):
-        panel.plot(line, on_the_line_db(outcome.loop(verdict.notches), order, speeds), label=name, **look)
+        panel.plot(line, notches.on_the_line_db(outcome.loop(verdict.notches), order, speeds), label=name, **look)
     panel.plot(line, _bound(outcome, order, line), label="constraint (5)", **style.CONSTRAINT)
     panel.set_xlim(low_hz, high_hz)
     panel.set_ylim(bottom=style.decibel(np.array([(2.0 * math.pi * low_hz) ** 2]))[0] - 3.0)
@@ -322,7 +310,7 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     if not best.notches:
         return None
     figure, panels = style.panels(1, 2, 4.4)
-    norm = speed_norm(best.notches)
+    norm = notches.speed_norm(best.notches)
     loop = outcome.loop(best.notches)
     grid = np.unique(
         np.concatenate(
@@ -333,7 +321,7 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
         )
     )
     low, high = min(n.start_rps for n in best.notches), max(n.end_rps for n in best.notches)
-    for speed in np.linspace(low, high, 2 * FAMILY):
+    for speed in np.linspace(low, high, 2 * notches.FAMILY):
         response = loop.open_loop(grid, float(speed))
         for panel in panels[0]:
             panel.plot(response.real, response.imag, color=style.SPEED_COLOURS(norm(speed)), linewidth=0.6)
@@ -342,9 +330,9 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     worst = best.margins[worst_rps].sensitivity_peak
     response = loop.open_loop(grid, float(worst_rps))
     for panel in panels[0]:
-        draw_worst(panel, response, f"worst speed, {worst_rps:.2f} rev/s")
+        notches.draw_worst(panel, response, f"worst speed, {worst_rps:.2f} rev/s")
     for panel in panels[0]:
-        draw_critical_point(
+        notches.draw_critical_point(
             panel,
             (1.0 / allowed, f"$M_s$ = {allowed:g}, allowed", style.CONSTRAINT),
             (1.0 / worst, f"$M_s$ = {worst:.2f}, nominal plant", style.MODEL),
@@ -352,7 +340,7 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     panels[0, 0].set(xlim=(-5.0, 5.0), ylim=(-5.0, 4.0), ylabel="Imaginary part (–)")
     panels[0, 1].set(xlim=(-1.9, 0.3), ylim=(-1.2, 0.8), title="near −1")
     style.legend_above(figure, panels[0, 0])
-    colour_bar(figure, panels, norm, shrink=0.6)
+    notches.colour_bar(figure, panels, norm, shrink=0.6)
     caption = (
         "Nyquist diagrams of L(jω) for the nominal plant. The filters are frozen at motor speeds from f_s (faint) to f_e "
         f"(strong); the loop is sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay. "
@@ -366,8 +354,8 @@ def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
     figure, panels = style.panels(1, 3, 2.6, sharex=True)
     requirements = outcome.problem.requirements
     for name, verdict, look in verdicts(outcome):
-        draw_margins(panels[0], verdict.margins, label=name, **look)
-    draw_required_margins(panels[0], requirements, outcome.problem.speed_limit_rps, "asked")
+        notches.draw_margins(panels[0], verdict.margins, label=name, **look)
+    notches.draw_required_margins(panels[0], requirements, outcome.problem.speed_limit_rps, "asked")
     limits = (requirements.max_sensitivity, requirements.gain_margin_db, requirements.phase_margin_deg)
     for column, (panel, limit) in enumerate(zip(panels[0], limits, strict=True)):
         bottom, top = panel.get_ylim()

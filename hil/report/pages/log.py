@@ -78,12 +78,7 @@ def _nodes(found: Explanation) -> ReportTable:
 
 
 def finding_picture(finding: Finding, number: int) -> Drawing | None:
-    """Draw the numbers behind a finding; None without any.
-
-    Args:
-        finding: The finding.
-        number: Its number on the page, from 1.
-    """
+    """Draw the numbers behind a finding; None without any."""
     picture = finding.picture
     if picture is None or not len(picture.x):
         return None

@@ -75,11 +75,7 @@ Item = Drawing | ReportTable | None
 
 
 def filled_sections(*chapters: tuple[str, str, Iterable[Item]]) -> list[Section]:
-    """Return the chapters that have something to show.
-
-    Args:
-        chapters: Anchor, title and items of each; those without data are left out.
-    """
+    """Return the chapters that have something to show."""
     filled = (Section(key, title, tuple(filter(None, items))) for key, title, items in chapters)
     return [section for section in filled if section.items]
 
@@ -212,11 +208,6 @@ def versions_text(versions: Mapping[str, str]) -> str:
 
 def render(path: Path, page: Page, *, is_interactive: bool = False) -> Path:
     """Write a page: one file, no network, no scripts unless interactive.
-
-    Args:
-        path: File to write.
-        page: Its content.
-        is_interactive: True if its figures can be zoomed, as far as they have what that takes.
 
     Returns:
         `path`.

@@ -28,15 +28,6 @@ def write_passport(
 ) -> Path:  # fmt: skip
     """Write the page of a passport.
 
-    Args:
-        path: The page.
-        trends: Trends of all gears.
-        origins: Origins of all orders.
-        file: The passport.
-        made_utc: Date of the page.
-        left_out: Files that were not read.
-        is_emulated: True if a run was made on an emulated robot.
-
     Raises:
         OSError: The page cannot be written.
     """
@@ -130,14 +121,7 @@ WIDE = 4.0
 
 
 def order_over_dates(amplitude: Trend, phase: Trend | None, key: str, title: str) -> Drawing:
-    """An order over its dates.
-
-    Args:
-        amplitude: Trend of A_k.
-        phase: Trend of φ_k; None if no run shows it.
-        key: Anchor of the figure.
-        title: Title of the figure.
-    """
+    """An order over its dates."""
     shown = [each for each in (amplitude, phase) if each is not None]
     figure, panels = style.panels(1, len(shown), 2.4)
     for panel, trend in zip(panels[0], shown, strict=True):

@@ -16,7 +16,6 @@ from hil.report.order_names import BY_ORDER, symbol
 from hil.report.pages.page import Page, PageHead, PageVerdict, Section, filled_sections, versions_text
 from hil.report.report_table import Cell, ReportTable, number, value_and_error
 from hil.report.style import Drawing, Real
-from hil.results.files import load_result
 from hil.results.recorded_ate import SIGNAL_UNIT, Form, OrderEntry, RecordedAteResult, RecordedStretch
 
 NAMED_PEAKS = 6
@@ -37,17 +36,10 @@ _SIGNAL: dict[Form, str] = {
 
 
 class RecordedMaterial:
-    """Material of the page: result.json and the three curves beside it."""
+    """Material of the page: the result, and the three curves beside it."""
 
-    def __init__(self, directory: Path) -> None:
-        """Read result.json.
-
-        Raises:
-            OSError: The file cannot be read.
-            ResultFileError: The file is not the result of an identification from recordings.
-        """
-        self.directory = directory
-        self.result = load_result(directory, RecordedAteResult, "an identification from recordings")
+    def __init__(self, directory: Path, result: RecordedAteResult) -> None:
+        self.directory, self.result = directory, result
 
     @property
     def unit(self) -> str:
@@ -77,7 +69,7 @@ class RecordedMaterial:
 
 def page_of(directory: Path, result: RecordedAteResult) -> Page:
     """Return the page of a directory that `hil identify ate --recording` has filled."""
-    material = RecordedMaterial(directory)
+    material = RecordedMaterial(directory, result)
     head = PageHead(
         f"{result.robot}, from recordings",
         result.started_utc,

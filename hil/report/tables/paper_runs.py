@@ -109,11 +109,6 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
     """Tabulate filters with their margins at the worst speed.
 
     Beside the paper's Table 3.
-
-    Args:
-        material: Result and bench.
-        filters: The filters.
-        nth: Which of the filters on the page these are, from 0.
     """
     rows: list[list[Cell]] = []
     is_paper = material.bench.is_paper and "notch" in filters.treatments

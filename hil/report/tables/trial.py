@@ -9,13 +9,7 @@ HEADER = ("", "Order", "Expected fall (%)", "Fall (%)", "± (%)", "Remaining (%)
 
 
 def trial_table(key: str, title: str, parts: Iterable[tuple[str, TrialPart]]) -> ReportTable:
-    """Table of the verdicts of one or more trials; None without any.
-
-    Args:
-        key: Key of the table on its page.
-        title: Its title.
-        parts: Runs by their names, with the verdicts of their trials.
-    """
+    """Table of the verdicts of one or more trials; None without any."""
     rows = [_row(name, part) for name, part in parts]
     caption = (
         "A cancellation is tried in part, on all axes and on each alone, then in full. Each order of each axis is judged by its "
