@@ -89,6 +89,7 @@ def plant(
 
         from hil.bench.model import Identified  # noqa: PLC0415
         from hil.experiments.plant.motion import PlantRequest, axis_table  # noqa: PLC0415
+        from hil.experiments.plant.on_bus import run_identify_plant  # noqa: PLC0415
 
         request = PlantRequest(
             axis, amplitude_nm, low_hz, high_hz, bias_rps, periods, excitation.value, shape.value,
@@ -98,9 +99,12 @@ def plant(
         if model is not None:
             Identified.check_file(model, bench.name)
         where = console.result_directory(out, f"identify-plant-axis{axis}", force=force)
+        file = model or where / "model.toml"
         console.confirm_motion(bench, _motion_lines(bench, request), yes=yes)
         with shown_live(live, bench.bus.address, bench_file):
-            _identify(bench, request, where, model or where / "model.toml", overload=overload, as_json=as_json)
+            outcome = run_identify_plant(bench, request, where, model=file, overload=overload, reporter=console.SpokenReporter())
+            written = None if outcome.result.model_file is None else file
+            console.tell_measurement(outcome, where, lambda: _summary(outcome.result), written, as_json=as_json)
 
 
 def _posture(text: str | None) -> dict[int, float]:
@@ -117,15 +121,6 @@ def _posture(text: str | None) -> dict[int, float]:
         except ValueError:
             raise fail(f"--posture-deg {text!r}: give joint angles like 2=30,3=-90", ExitStatus.USAGE) from None
     return found
-
-
-def _identify(bench: "Bench", request: "PlantRequest", where: Path, file: Path, *, overload: bool, as_json: bool) -> None:
-    """Identify, write the report, and print the result."""
-    from hil.experiments.plant.on_bus import run_identify_plant  # noqa: PLC0415
-
-    outcome = run_identify_plant(bench, request, where, model=file, overload=overload, reporter=console.SpokenReporter())
-    written = None if outcome.result.model_file is None else file
-    console.tell_measurement(outcome, where, lambda: _summary(outcome.result), written, as_json=as_json)
 
 
 def _summary(result: "PlantResult") -> None:

@@ -97,8 +97,7 @@ def learn(
     Example: hil learn --bench bench.toml --axis 2 --axis 3 --plant model.toml --model learnt.toml --note "22 °C, no load"
     """
     with console.exit_on_error():
-        _check_axes(axes := tuple(dict.fromkeys(axis or ())), motion)
-        _check_pace(pace, motion)
+        _check(axes := tuple(dict.fromkeys(axis or ())), motion, pace)
         bench = console.bench_on(bench_file, bus)
 
         from hil.bench.model import Identified  # noqa: PLC0415
@@ -135,8 +134,8 @@ def learn(
             console.tell_measurement(outcome, where, lambda: console.echo_lines(lines), written, as_json=as_json)
 
 
-def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
-    """Refuse axes that do not go with the motion.
+def _check(axes: tuple[int, ...], motion: LearnedMotion | None, pace: float | None) -> None:
+    """Refuse axes and a pace that do not go with the motion.
 
     Raises:
         typer.Exit: They do not.
@@ -147,14 +146,6 @@ def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
         raise fail("a line-motion takes no --axis", ExitStatus.USAGE)
     if motion is LearnedMotion.CONSTANT_ACCELERATION and len(axes) != 1:
         raise fail("a constant-acceleration run needs one --axis", ExitStatus.USAGE)
-
-
-def _check_pace(pace: float | None, motion: LearnedMotion | None) -> None:
-    """Refuse --pace without the line motion, or a pace of 1.
-
-    Raises:
-        typer.Exit: It is refused.
-    """
     if pace is not None and motion is not LearnedMotion.LINE_MOTION:
         raise fail("--pace is for --motion line-motion; a ramp passes all speeds anyway", ExitStatus.USAGE)
     if pace == 1.0:

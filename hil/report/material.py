@@ -21,7 +21,7 @@ from hil.recording import Recording
 from hil.report.origin import origin_of
 from hil.results.acted import FilterSet, notches_of
 from hil.results.files import load_result
-from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison, leading
+from hil.results.runs import ExperimentsResult, RunEntry
 from hil.robot_tables import NotchTable
 
 CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT = "constant-acceleration", "line-motion", "point-to-point"
@@ -234,35 +234,6 @@ class Material:
             if same and order in (None, run.order):
                 return run
         return None
-
-    def lead(self, experiment: str, axis: int | None, treatment: str, loop: str) -> RunEntry | None:
-        """Leading window of a run, or None.
-
-        Args:
-            experiment: Name of the experiment.
-            axis: Axis of a constant-acceleration run, else None.
-            treatment: Name of the treatment.
-            loop: Side that closes the loop, the drive or the host.
-        """
-        wanted = (experiment, axis, treatment, loop)
-        return next(
-            (run for run in leading(self.result.runs) if (run.experiment, run.axis, run.treatment, run.loop) == wanted), None
-        )
-
-    def comparison(
-        self, experiment: str, axis: int | None, loop: str = "drive", treatment: str = "notch"
-    ) -> TreatmentComparison | None:
-        """Comparison of a treatment with none, or None.
-
-        Args:
-            experiment: Name of the experiment.
-            axis: Axis of a constant-acceleration run, else None.
-            loop: Side that closes the loop, the drive or the host.
-            treatment: Name of the treatment.
-        """
-        wanted = (experiment, axis, loop, treatment)
-        keys = ((c.experiment, c.axis, c.loop, c.treatment) for c in self.result.comparisons)
-        return next((c for c, key in zip(self.result.comparisons, keys, strict=True) if key == wanted), None)
 
     def recording(self, run: RunEntry | None) -> Recording | None:
         """Return the recording of a run, or None."""

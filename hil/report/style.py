@@ -262,18 +262,13 @@ def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "
     `height` is a fraction of the panel's; `side` is the side of the text on which the line is.
     """
     keep_name(axes.axvline(x, **MARK), text)
-    pad = 3 if side == "left" else -3
-    axes.annotate(
-        text,
-        (x, height),
-        xycoords=("data", "axes fraction"),
-        xytext=(pad, 0),
-        textcoords="offset points",
-        ha=side,
-        va="top",
-        fontsize=7.5,
-        bbox=NAME_GROUND,
-    )
+    shift = (3 if side == "left" else -3, 0)
+    name_at(axes, text, (x, height), shift, xycoords=("data", "axes fraction"), ha=side, va="top", bbox=NAME_GROUND)
+
+
+def name_at(panel: Axes, text: str, at: tuple[float, float], shift: tuple[float, float], **look: Any) -> None:
+    """Write a name beside a point, shifted by so many points of the paper."""
+    panel.annotate(text, at, xytext=shift, textcoords="offset points", **({"fontsize": 7.5} | look))
 
 
 def thin(*columns: Real, points: int = MAX_POINTS) -> tuple[Real, ...]:

@@ -176,7 +176,7 @@ def numbers_table(pairs: list[NumberPair]) -> ReportTable:
         "not judged: one run of each does not show how much runs differ."
     )
     header = ("", "old", "new", "unit", "difference", "beyond chance")
-    return ReportTable("numbers", "Old and new", "", header, rows, frozenset({0, 3, 5}), caption, groups=groups)
+    return ReportTable("numbers", "Old and new", header, rows, {0, 3, 5}, caption, groups=groups)
 
 
 def _told(pair: NumberPair) -> tuple[str, str]:

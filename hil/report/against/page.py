@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 
 from hil.control.order_keys import amplitude_key
 from hil.errors import NotPossibleError
-from hil.recording import Recording
 from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.against.alike import PairedRuns, RunPair, check_robot, paired_runs
@@ -31,11 +30,11 @@ from hil.report.material import CONSTANT_ACCELERATION, Material, run_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, moment_text, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
-from hil.report.style import Drawing, Real
+from hil.report.style import Drawing
 from hil.results.ate import AteResult
 from hil.results.base import RESULT_FILE, MeasuredResult
 from hil.results.files import load_any
-from hil.results.plant import FrequencyResponseEntry, PlantResult
+from hil.results.plant import PlantResult
 from hil.results.runs import ExperimentsResult
 
 AGAINST_FILE = "against.html"
@@ -228,24 +227,14 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
 
 
 def _draw_orders(panel: Axes, drawn: list[plotted.PlottedRun], axis: int) -> str:
+    """Draw the largest amplitude of each order on a ramp, in m/s²."""
     for run in drawn:
-        found = order_amplitudes(run.recording, axis)
+        found = ramp_map(run.recording, axis)
         if found is not None:
-            panel.plot(*found, **run.look)
+            seen = ~np.all(np.isnan(found.amplitude), axis=0)
+            panel.plot(found.orders[seen], np.nanmax(found.amplitude[:, seen], axis=0), **run.look)
     panel.set(xlabel="Order k (per turn of the motor)", ylabel="Amplitude (m/s²)", ylim=(0.0, None))
     return "the largest amplitude of each order while the motor speeds up, in windows of two turns."
-
-
-def order_amplitudes(recording: Recording, axis: int) -> tuple[Real, Real] | None:
-    """Return orders and their largest amplitudes on a ramp, in m/s².
-
-    Both of shape (n,); None if the motor turns too little.
-    """
-    found = ramp_map(recording, axis)
-    if found is None:
-        return None
-    seen = ~np.all(np.isnan(found.amplitude), axis=0)
-    return found.orders[seen], np.nanmax(found.amplitude[:, seen], axis=0)
 
 
 def _draw_spectra(panel: Axes, drawn: list[plotted.PlottedRun]) -> str:
@@ -280,19 +269,14 @@ def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:
     figure, panels = style.panels(2, 1, 4.6, sharex=True, height_ratios=(3, 2))
     gain, phase = panels[:, 0]
     for name, response, look in (("old", old.response, OLD), ("new", new.response, NEW)):
-        frequency, value = _complex(response)
+        frequency, value = np.asarray(response.frequency_hz), np.asarray(response.real) + 1j * np.asarray(response.imaginary)
         gain.semilogx(frequency, style.decibel(value), label=name, **look)
         phase.semilogx(frequency, np.degrees(np.unwrap(np.angle(value))), **look)
     gain.set_ylabel(r"$|\theta_m/\tau|$ (dB re 1 rad/N·m)")
     phase.set(xlabel="Frequency (Hz)", ylabel="Phase (°)")
     style.legend_above(figure, gain)
     words = "Frequency response of each result at its excited frequencies."
-    svg = style.to_svg(figure, "responses", is_zoomable=True)
-    return Drawing("responses", "Motor angle per torque", "", "measured", words, svg)
-
-
-def _complex(response: FrequencyResponseEntry) -> tuple[Real, style.Panels]:
-    return np.asarray(response.frequency_hz), np.asarray(response.real) + 1j * np.asarray(response.imaginary)
+    return style.drawing(figure, "responses", "Motor angle per torque", words, is_zoomable=True)
 
 
 def differing(new: MeasuredResult, old: MeasuredResult) -> list[Setting]:
@@ -320,7 +304,7 @@ def settings_table(found: list[Setting]) -> ReportTable:
     more = len(found) - MOST_DIFFERING
     caption = f"{more} more are not shown." if more > 0 else "" if found else "No setting differs."
     header = ("Setting", "old", "new")
-    return ReportTable("settings", "Settings that differ", "", header, rows, frozenset({0, 1, 2}), caption, True, groups)
+    return ReportTable("settings", "Settings that differ", header, rows, {0, 1, 2}, caption, is_prose=True, groups=groups)
 
 
 def _settings(result: MeasuredResult) -> Iterator[tuple[str, Any]]:

@@ -264,21 +264,18 @@ def errors(
             value, key = (amplitudes, phases)[column][order], (amplitude_key, phase_key)[column](order)
             shown = [number(value, form), number(part.standard_error.get(key), form)]
             rows.append([symbol(letter, order), unit, *printed, *shown])
-    return ReportTable(
-        f"table-2-axis{axis}",
-        f"Parameters of the synchronous transmission error of axis {axis}",
-        "Table 2",
-        ("Parameter", "Unit", *([] if paper is None else ["Paper"]), "Identified", "Standard error"),
-        rows,
-        frozenset({0, 1}),
+    header = ("Parameter", "Unit", *([] if paper is None else ["Paper"]), "Identified", "Standard error")
+    caption = (
         "The standard error covers noise only. "
         + (
             "Without an accelerometer a relative error of J_l appears unchanged in the amplitudes, "
             if is_sensorless
             else "A relative error of the tip lever appears unchanged in the amplitudes, "
         )
-        + "an error of the motor angle's zero in the phases.",
+        + "an error of the motor angle's zero in the phases."
     )
+    title = f"Parameters of the synchronous transmission error of axis {axis}"
+    return ReportTable(f"table-2-axis{axis}", title, header, rows, {0, 1}, caption, paper="Table 2")
 
 
 def arm(material: AteMaterial) -> ReportTable | None:
@@ -287,40 +284,23 @@ def arm(material: AteMaterial) -> ReportTable | None:
     if part is None or fit is None:
         return None
     errors = part.standard_error
+    torsion = "" if part.torsion_arcsec is None else f", at a torsion of {part.torsion_arcsec:.3g} arcsec"
+    delays_s = fit.delay_s if material.is_sensorless else part.accelerometer_delay_s, fit.delay_error_s
+    motion = (number(fit.motion_scale, "{:.3f}"), number(fit.motion_scale_error, "{:.3f}"))
     late = "torque" if material.is_sensorless else material.result.bench.file.accelerometer.title
     rows: list[list[Cell]] = [
-        [f"arm on its gear{_at_torsion(part)}", "Hz", number(part.arm_hz, "{:.3f}"), number(errors.get("arm_hz"), "{:.3f}")],
+        [f"arm on its gear{torsion}", "Hz", number(part.arm_hz, "{:.3f}"), number(errors.get("arm_hz"), "{:.3f}")],
         ["its damping ζ", "", number(part.damping, "{:.4f}"), number(errors.get("damping"), "{:.4f}")],
-        [
-            f"delay of the {late} behind the motor angle",
-            "ms",
-            number(1e3 * (fit.delay_s if material.is_sensorless else part.accelerometer_delay_s), "{:.3f}"),
-            number(1e3 * fit.delay_error_s, "{:.3f}"),
-        ],
-        [
-            "gain of the motor's own motion (1: lever and ratio are right)",
-            "",
-            number(fit.motion_scale, "{:.3f}"),
-            number(fit.motion_scale_error, "{:.3f}"),
-        ],
+        [f"delay of the {late} behind the motor angle", "ms", *(number(1e3 * each, "{:.3f}") for each in delays_s)],
+        ["gain of the motor's own motion (1: lever and ratio are right)", "", *motion],
         ["share of the vibration that θ_sync explains", "%", number(100.0 * fit.explained_by_error, "{:.2f}"), ""],
         ["residual in the band", material.unit, number(fit.residual, "{:.4f}"), ""],
     ]
-    return ReportTable(
-        "arm",
-        "Arm and time alignment",
-        "",
-        ("", "Unit", "Found", "Standard error"),
-        rows,
-        frozenset({0, 1}),
+    caption = (
         f"The gear is assumed to cause {100.0 * fit.gear_fraction:.0f} % of the damping. A change of this fraction by 0.1 "
-        "changes only the delay, by 0.2 ζ/ω, about 0.1 ms.",
+        "changes only the delay, by 0.2 ζ/ω, about 0.1 ms."
     )
-
-
-def _at_torsion(part: IdentifiedError) -> str:
-    """Torsion of the gear for which f_a and ζ hold, in words."""
-    return "" if part.torsion_arcsec is None else f", at a torsion of {part.torsion_arcsec:.3g} arcsec"
+    return ReportTable("arm", "Arm and time alignment", ("", "Unit", "Found", "Standard error"), rows, {0, 1}, caption)
 
 
 def arm_twice(material: AteMaterial) -> ReportTable | None:
@@ -337,36 +317,22 @@ def arm_twice(material: AteMaterial) -> ReportTable | None:
     for name, unit, before, before_error, now, now_error in pairs:
         texts = (" ± ".join(value_and_error(value, error or 0.0)) for value, error in ((before, before_error), (now, now_error)))
         sigma = None if before_error is None or now_error is None else abs(now - before) / math.hypot(before_error, now_error)
-        rows.append([name, unit, *texts, number(100.0 * (now / before - 1.0), "{:+.2f}"), number(sigma, "{:.1f}"), _agree(sigma)])
-    return ReportTable(
-        "arm-twice",
-        "The arm: both identifications compared",
-        "",
-        (
-            "",
-            "Unit",
-            f"Before ({known.source})",
-            "Now (ramps)",
-            "Difference (%)",
-            "Difference (standard errors of noise)",
-            "Noise alone",
-        ),
-        rows,
-        frozenset({0, 1, 6}),
+        words = "not known" if sigma is None else "explains it" if sigma <= FAR_SIGMA else "does not explain it"
+        mark = Mark(True if words == "explains it" else None, words)
+        rows.append([name, unit, *texts, number(100.0 * (now / before - 1.0), "{:+.2f}"), number(sigma, "{:.1f}"), mark])
+    differences = ("Difference (%)", "Difference (standard errors of noise)", "Noise alone")
+    header = ("", "Unit", f"Before ({known.source})", "Now (ramps)", *differences)
+    caption = (
         "Both standard errors cover noise only. A difference of more than three is not noise but an error of a model: one run "
         "excites the arm by motor torque, the other by the transmission error, at another amplitude. The difference in percent "
-        "then shows better how well f_a is known.",
+        "then shows better how well f_a is known."
     )
+    title = "The arm: both identifications compared"
+    return ReportTable("arm-twice", title, header, rows, {0, 1, 6}, caption)
 
 
 FAR_SIGMA = 3.0
 """Standard errors from which two estimates differ by more than noise."""
-
-
-def _agree(sigma: float | None) -> Mark:
-    if sigma is None:
-        return Mark(None, "not known")
-    return Mark(True, "explains it") if sigma <= FAR_SIGMA else Mark(None, "does not explain it")
 
 
 def agreement(material: AteMaterial) -> ReportTable | None:
@@ -378,20 +344,13 @@ def agreement(material: AteMaterial) -> ReportTable | None:
     for each in fit.agreement:
         numbers = (number(each.forward, "{:.3f}"), number(each.backward, "{:.3f}"), number(each.sigma, "{:.1f}"))
         rows.append([symbol_of(each.name), *numbers, Mark(each.sigma <= 4.0)])
-    return ReportTable(
-        "agreement",
-        "Both directions compared",
-        "",
-        ("", "Forwards", "Backwards", "Difference (standard errors of noise)", "Agree"),
-        rows,
-        frozenset({0, 4}),
-        "Amplitudes and phases from the ramps of each direction alone, with the arm and delay of the joint fit."
-        + (
-            ""
-            if fit.miss is None
-            else f" The standard errors contain the {100.0 * fit.miss:.2g} % of the vibration that the model misses."
-        ),
+    header = ("", "Forwards", "Backwards", "Difference (standard errors of noise)", "Agree")
+    caption = "Amplitudes and phases from the ramps of each direction alone, with the arm and delay of the joint fit." + (
+        ""
+        if fit.miss is None
+        else f" The standard errors contain the {100.0 * fit.miss:.2g} % of the vibration that the model misses."
     )
+    return ReportTable("agreement", "Both directions compared", header, rows, {0, 4}, caption)
 
 
 def passes(material: AteMaterial) -> ReportTable:
@@ -414,13 +373,7 @@ def passes(material: AteMaterial) -> ReportTable:
                 each.recording if each.stopped is None else "stopped",
             ]
         )
-    header = ("Pass", "Acceleration (rev/s²)", "Top speed (rev/s)", "Travel (rev)", "Missed")
-    return ReportTable(
-        "passes",
-        "Passes",
-        "",
-        (*header, *(Markup("{} ± ({})").format(sign, unit) for _, sign, unit in names), "Recording"),
-        rows,
-        frozenset({0, len(header) + len(names)}),
-        "Each pass goes forwards and back; the standard errors are those of all passes so far.",
-    )
+    columns = (Markup("{} ± ({})").format(sign, unit) for _, sign, unit in names)
+    header = ("Pass", "Acceleration (rev/s²)", "Top speed (rev/s)", "Travel (rev)", "Missed", *columns, "Recording")
+    caption = "Each pass goes forwards and back; the standard errors are those of all passes so far."
+    return ReportTable("passes", "Passes", header, rows, {0, len(header) - 1}, caption)

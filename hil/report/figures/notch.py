@@ -273,14 +273,8 @@ def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, shown: 
     zeta = notch.zeta_rn + weight * (notch.zeta_rdth - notch.zeta_rn)
     damping.plot(inside, zeta, color=style.BLUE, linewidth=1.6)
     damping.axhline(notch.zeta_rn, **style.MARK)
-    damping.annotate(
-        rf"$\zeta_{{rn}}$ = {notch.zeta_rn:g}",
-        (shown[1] - 0.011 * (shown[1] - shown[0]), notch.zeta_rn),
-        xytext=(0, 3),
-        textcoords="offset points",
-        ha="right",
-        fontsize=7.5,
-    )
+    at = shown[1] - 0.011 * (shown[1] - shown[0]), notch.zeta_rn
+    style.name_at(damping, rf"$\zeta_{{rn}}$ = {notch.zeta_rn:g}", at, (0, 3), ha="right")
     for edge, outside, text, side in (
         (notch.start_rps, notch.start_rps - notch.hysteresis_rps, f"$f_s$ = {notch.start_rps:g} rev/s", "right"),
         (notch.end_rps, notch.end_rps + notch.hysteresis_rps, f"$f_e$ = {notch.end_rps:g} rev/s", "left"),
@@ -289,9 +283,7 @@ def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, shown: 
             damping.plot([edge, edge], [0.0, notch.zeta_rdth], color=style.BLUE, linewidth=1.6)
             damping.plot([outside, outside, edge], [0.0, notch.zeta_rdth, notch.zeta_rdth], color=style.BLUE, linewidth=0.7)
         pad = -3 if side == "right" else 3
-        damping.annotate(
-            text, (outside, notch.zeta_rdth), xytext=(pad, -2), textcoords="offset points", ha=side, va="top", fontsize=7.5
-        )
+        style.name_at(damping, text, (outside, notch.zeta_rdth), (pad, -2), ha=side, va="top")
     names = ("zeros, k $f_m$", r"poles, k $f_m + \omega_d/2\pi$") if with_names else (None, None)
     frequency.plot(inside, notch.order * inside, color=style.BLUE, label=names[0])
     frequency.plot(inside, notch.order * inside + weight * notch.offset_hz, label=names[1], **style.MODEL)

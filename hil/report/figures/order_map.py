@@ -159,16 +159,11 @@ def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, resonance: Mar
     for order in RAYS:
         ends = np.array([low, min(high, top / order)])
         panel.plot(ends, order * ends, **style.MARK)
-        panel.annotate(
-            f"k = {order}", (float(ends[1]), order * float(ends[1])), xytext=(-2, -8), textcoords="offset points", ha="right",
-            va="top", fontsize=7.5, bbox=style.NAME_GROUND,
-        )  # fmt: skip
+        at = float(ends[1]), order * float(ends[1])
+        style.name_at(panel, f"k = {order}", at, (-2, -8), ha="right", va="top", bbox=style.NAME_GROUND)
     if resonance.hz is not None:
         panel.axhline(resonance.hz, **{**style.CONSTRAINT, "color": style.VERMILLION})
-        panel.annotate(
-            _printed(resonance), (low, resonance.hz), xytext=(3, 2), textcoords="offset points", ha="left", va="bottom",
-            fontsize=7.5,
-        )  # fmt: skip
+        style.name_at(panel, _printed(resonance), (low, resonance.hz), (3, 2), ha="left", va="bottom")
     panel.set(xlim=(low, high), ylim=(0.0, top))
 
 
@@ -187,10 +182,8 @@ def _hyperbola(panel: Axes, speeds: Real, frequency_hz: float, name: str, look: 
     panel.plot(speeds[inside], orders[inside], **look)
     at = inside[0]
     is_high = orders[at] > ORDERS[-1] - 1.0
-    panel.annotate(
-        name, (speeds[at], orders[at]), xytext=(8 if is_high else 3, -1 if is_high else 2), textcoords="offset points",
-        ha="left", va="top" if is_high else "bottom", fontsize=7.5,
-    )  # fmt: skip
+    shift, side = ((8, -1), "top") if is_high else ((3, 2), "bottom")
+    style.name_at(panel, name, (speeds[at], orders[at]), shift, ha="left", va=side)
 
 
 def level_colours() -> list[str]:

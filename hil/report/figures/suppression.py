@@ -11,7 +11,6 @@ from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite, run_name, treatment_name
 from hil.report.style import Drawing
-from hil.results.runs import RunEntry
 
 
 def suppression(material: Material, axis: int) -> list[Drawing]:
@@ -39,10 +38,11 @@ def _ramp(material: Material, axis: int, runs: list[plotted.PlottedRun], key: st
     _inner_legend(bottom)
     style.legend_above(figure, top)
     paper, band = {2: "Fig. 13", 3: "Fig. 14"}.get(axis, "as Figs. 13 and 14"), material.band_hz(axis)
+    scale = "" if f_al is None else "; the scale on the right is the same as a displacement, divided by (2π f_al)²"
     caption = (
         f"{plotted.direction_words(material, axis).capitalize()} of the constant-acceleration runs, band-passed {band[0]:.3g} to "
         f"{band[1]:.3g} Hz with zero phase, "
-        f"as the run is judged{_scale_words(f_al)}. {plotted.window_words(material, axis)} {plotted.limit_words(material, axis)} "
+        f"as the run is judged{scale}. {plotted.window_words(material, axis)} {plotted.limit_words(material, axis)} "
         "Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are those of the "
         f"bins).{_changes(material, runs)}"
     )
@@ -80,11 +80,12 @@ def _line(material: Material, runs: list[plotted.PlottedRun], key: str) -> Drawi
     bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 50.0), ylim=(0.0, None))
     _inner_legend(bottom)
     style.legend_above(figure, top)
+    area = "its area from 0 to" if material.bench.arm is None else "the area of all directions together from 0.2 f_al to"
     caption = (
         f"Straight line of the tip with axes {', '.join(map(str, material.bench.chain_axes))}. Above: "
         f"{plotted.direction_words(material, None)}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase; shaded: "
         f"{plotted.line_words(material)}, in which it is judged. Below: amplitude spectrum of the unfiltered acceleration over "
-        f"the whole motion (rectangular window); {_area_words(material)} 50 Hz is compared."
+        f"the whole motion (rectangular window); {area} 50 Hz is compared."
         f"{' The paper has −26 %.' if material.bench.is_paper else ''}{_changes(material, runs)}"
     )
     title = f"Line motion: tip vibration{plotted.what_acted(runs)}"
@@ -156,36 +157,24 @@ def _end_of_ramp(recording: Recording, axis: int) -> float:
     return float(recording.time_s[max(plotted.FEWEST, int(np.argmax(speed)) - before)])
 
 
-def _area_words(material: Material) -> str:
-    return "its area from 0 to" if material.bench.arm is None else "the area of all directions together from 0.2 f_al to"
-
-
 def _inner_legend(panel: Axes) -> None:
     if panel.get_legend_handles_labels()[0]:
         panel.legend(loc="upper right")
 
 
-def _scale_words(f_al: float | None) -> str:
-    """Clause on the scale of displacement, if there is one."""
-    return "" if f_al is None else "; the scale on the right is the same as a displacement, divided by (2π f_al)²"
-
-
 def _changes(material: Material, runs: list[plotted.PlottedRun]) -> str:
     """Return a sentence on each comparison of the drawn runs."""
-    return "".join(_change(material, run.entry) for run in runs if run.entry.treatment != "none")
-
-
-def _change(material: Material, run: RunEntry) -> str:
-    comparison = material.comparison(run.experiment, run.axis, run.loop, run.treatment)
-    if comparison is None:
-        return ""
-    parts = []
-    if finite(comparison.tip_peak_reduction_pct):
-        parts.append(f"tip peak {-comparison.tip_peak_reduction_pct:+.0f} %")
-    if finite(comparison.spectrum_area_reduction_pct):
-        parts.append(f"spectrum area {-comparison.spectrum_area_reduction_pct:+.0f} %")
-    name = "the notch" if run.treatment == "notch" else treatment_name(run.treatment)
-    return f" With {name}: {', '.join(parts)}.".replace("-", "−") if parts else ""
+    found = {(each.experiment, each.axis, each.loop, each.treatment): each for each in material.result.comparisons}
+    words = ""
+    for run in (each.entry for each in runs if each.entry.treatment != "none"):
+        comparison = found.get((run.experiment, run.axis, run.loop, run.treatment))
+        pairs = () if comparison is None else (
+            ("tip peak", comparison.tip_peak_reduction_pct), ("spectrum area", comparison.spectrum_area_reduction_pct),
+        )  # fmt: skip
+        parts = [f"{what} {-percent:+.0f} %" for what, percent in pairs if finite(percent)]
+        name = "the notch" if run.treatment == "notch" else treatment_name(run.treatment)
+        words += f" With {name}: {', '.join(parts)}.".replace("-", "−") if parts else ""
+    return words
 
 
 def following(material: Material) -> Drawing | None:

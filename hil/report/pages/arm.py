@@ -47,7 +47,7 @@ def dips(result: ArmResult) -> ReportTable:
         rows.append([f"axis {row.axis}", posture, measured, *numbers])
     header = ("axis", "joints (°)", "measured (Hz)", "fitted (Hz)", "measured − fitted (%)", "measured − bodies (%)")
     caption = "Last column: against the bench file's bodies on the fitted gears; empty if its links have no bodies."
-    return ReportTable("dips", "Measured and fitted dips", "", header, rows, frozenset({0, 1}), caption)
+    return ReportTable("dips", "Measured and fitted dips", header, rows, {0, 1}, caption)
 
 
 def gears(result: ArmResult) -> ReportTable:
@@ -57,7 +57,7 @@ def gears(result: ArmResult) -> ReportTable:
         [f"axis {axis}", " ± ".join(value_and_error(1e-3 * stiffness, 1e-3 * error))]
         for axis, stiffness, error in zip(known.axes, known.stiffness_nm_rad, known.standard_error_nm_rad, strict=True)
     ]
-    return ReportTable("gears", "Gears", "", ("axis", "K_g (kN·m/rad)"), rows)
+    return ReportTable("gears", "Gears", ("axis", "K_g (kN·m/rad)"), rows)
 
 
 BAND_SIGMAS = 2.0

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from drive_profiles.errors import FileError
 from hil.analysis import band_passed, motor_speed_rps
@@ -24,7 +25,7 @@ from hil.report.material import LINE_MOTION, POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, filled_sections, versions_text
 from hil.report.report_table import Mark
-from hil.report.style import Drawing, Real, SvgPicture
+from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
 from hil.report.tables.directions import directions as direction_table
@@ -80,25 +81,98 @@ class ComparedMotion:
         """Draw the band-passed tip acceleration of all treatments, with the limit."""
         if len(self.runs) < 2:
             return None
-        key, material, axis = f"vibration-{self.key}", self.material, self.axis
+        material, axis = self.material, self.axis
         f_al, band = material.f_al(axis), material.band_hz(axis)
         overlaid = len(self.runs) <= OVERLAID
-        limit = (
-            _without_f_al(material)
-            if f_al is None
-            else f"Dotted: the specification of ±{self.robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
-        )
+        figure = self._overlay(f_al, band) if overlaid else self._multiples(f_al, band)
+        limit = "Without a model the specification cannot be converted to an acceleration."
+        if f_al is not None:
+            limit = f"Dotted: the specification of ±{self.robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
+        elif material.bench.arm is not None:
+            limit = "The peaks of the displacement, which is the acceleration integrated twice, are in the table."
         below = " Below: their envelopes, which separate lines that overlap above." if overlaid else ""
         behind = below if overlaid else " Orange, behind each: no treatment, with the loop closed in the same place."
-        return Drawing(
-            key,
-            f"{self.title}: tip vibration",
-            "",
-            "measured",
+        caption = (
             f"{plotted.direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero "
-            f"phase. {plotted.window_words(material, axis)} {limit}{behind}",
-            (_overlay if overlaid else _multiples)(material, self.runs, axis, f_al, key),
+            f"phase. {plotted.window_words(material, axis)} {limit}{behind}"
         )
+        return style.drawing(figure, f"vibration-{self.key}", f"{self.title}: tip vibration", caption, is_zoomable=True)
+
+    def _overlay(self, f_al: float | None, band_hz: tuple[float, float]) -> Figure:
+        """Draw all runs in one diagram, and below it the amplitudes of their vibrations in m/s²."""
+        figure, panels = style.panels(2, 1, 5.6, sharex=True, height_ratios=(3, 2))
+        panel, below = panels[:, 0]
+        for (row, run), look in zip(self.runs, style.OVERLAY_LINES, strict=False):
+            plotted.draw_vibration(panel, replace(run, label=_label(row), look=look), band_hz, with_peak=False)
+            vibration = band_passed(plotted.shown_acceleration(run), run.recording.period_s, band_hz)
+            style.plot_thin(below, run.recording.time_s, np.abs(scipy.signal.hilbert(vibration)), **look)
+        for each in (panel, below):
+            self._shade(each, self.runs[0][1].recording)
+        plotted.finish_vibration(self.material, panel, f_al)
+        panel.set_xlabel("")
+        if f_al is not None:
+            below.axhline(plotted.limit_m_s2(self.material, f_al), **style.LIMIT)
+            plotted.displacement_scale(below, f_al, "Displacement (mm)")
+        below.set(ylim=(0.0, panel.get_ylim()[1]), xlabel="Time (s)", ylabel="Envelope (m/s²)")
+        style.legend_above(figure, panel, columns=3)
+        return figure
+
+    def _multiples(self, f_al: float | None, band_hz: tuple[float, float]) -> Figure:
+        """Draw each treated run in a diagram of its own, with the untreated run behind it."""
+        plain = {row.loop: run for row, run in self.runs if row.treatment == "none"}
+        shown = [(row, run) for row, run in self.runs if row.treatment != "none" or len(self.runs) == 1]
+        count = -(-len(shown) // 2)
+        figure, panels = style.panels(count, 2, 0.5 + 1.75 * count, sharex=self.axis is None, sharey=True)
+        reach = 0.0
+        for number, (row, run) in enumerate(shown):
+            panel, behind = panels.flat[number], plain.get(row.loop)
+            if behind is not None:
+                plotted.draw_vibration(panel, replace(behind, label="untreated", look=BEHIND), band_hz, with_peak=False)
+            plotted.draw_vibration(panel, replace(run, label="with the treatment", look=style.WITH), band_hz, with_peak=False)
+            self._shade(panel, run.recording)
+            reach = max(reach, plotted.finish_vibration(self.material, panel, f_al, with_name=False, with_scale=False))
+            if f_al is not None and (number % 2 == 1 or number == len(shown) - 1):
+                plotted.displacement_scale(panel, f_al)
+            panel.set_title(_label(row))
+            if number + 2 < len(shown):
+                panel.set_xlabel("")
+        for panel in panels.flat[len(shown) :]:
+            panel.set_visible(False)
+        if reach > 0.0:
+            panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
+        figure.supylabel("Tip acceleration, band-passed (m/s²)", fontsize=8.5)
+        style.legend_above(figure, panels[0, 0], columns=3)
+        return figure
+
+    def _shade(self, panel: Axes, recording: Recording) -> None:
+        """Shade the judged window, and limit the panel's time.
+
+        The time begins before the window of the fourth harmonic and ends behind that of the second.
+        """
+        time, axis = recording.time_s, self.axis
+        plotted.shade_judged(self.material, panel, axis, recording)
+        if axis is None:
+            panel.set_xlim(float(time[0]), float(time[-1]))
+            return
+        speed = np.abs(motor_speed_rps(recording, axis))
+        rising = np.arange(len(speed)) < int(np.argmax(speed))
+        fourth, second = self.material.window_rps(axis, 4), self.material.window_rps(axis, 2)
+        if fourth is None or second is None:
+            return
+        shown = time[(speed >= 0.8 * fourth[0]) & (speed <= 1.15 * second[1]) & rising]
+        if len(shown):
+            panel.set_xlim(float(shown[0]), float(shown[-1]))
+
+    def shapers(self) -> list[Item]:
+        """Return the table of the shapers, the tip after a stop, and the residual over the frequency."""
+        material, case = self.material, f"{self.title[0].upper()}{self.title[1:]}"
+        runs = [run for run in material.result.runs if (run.experiment, run.axis) == (self.experiment, self.axis)]
+        made: list[Item] = [shaper_table(runs, f"shapers-{self.key}", f"{case}: remaining vibration and cost of the shapers")]
+        if self.axis is not None and self.experiment == POINT_TO_POINT:
+            title = f"{case}: the tip after the stop"
+            made.append(figures_shapers.after_stop(material, self.axis, self.experiment, f"stop-{self.key}", title))
+        title = f"{case}: remaining vibration at other frequencies"
+        return [*made, figures_shapers.residuals(runs, f"residual-{self.key}", title)]
 
     def orders(self) -> list[Drawing]:
         """Draw order maps of a ramp with each treatment.
@@ -172,17 +246,9 @@ def _bench_name(directory: Path, result: TreatmentTable) -> str:
 def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> list[Section]:
     """All chapters for which there is data."""
     several = len(result.robots) > 1
-    chapters: list[tuple[str, str, list[Item]]] = [
-        (
-            "side-by-side",
-            "Side by side",
-            [
-                tables_compare.overview(result),
-                tables_compare.claims(result),
-                *(peaks(result, robot) for robot in result.robots),
-            ],
-        ),
-    ]
+    first: list[Item] = [tables_compare.overview(result), tables_compare.claims(result)]
+    first += [peaks(result, robot) for robot in result.robots]
+    chapters: list[tuple[str, str, list[Item]]] = [("side-by-side", "Side by side", first)]
     for experiment, axis in cases(result):
         items: list[Item] = [tables_compare.experiment(result, experiment, axis)]
         for robot in result.robots:
@@ -190,7 +256,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
             if material is None:
                 continue
             motion = ComparedMotion(robot, material, experiment, axis, several)
-            items += _shaped(motion)
+            items += motion.shapers()
             if experiment != POINT_TO_POINT:
                 items += [motion.vibration(), motion.directions(), *motion.arm(), *motion.orders()]
         title = case_name(experiment, axis).capitalize()
@@ -202,21 +268,6 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
     return filled_sections(*chapters)
-
-
-def _shaped(motion: ComparedMotion) -> list[Item]:
-    """Return tables and figures of the shapers for one motion.
-
-    Their table, the tip after a stop, and the residual over the frequency.
-    """
-    material, experiment, axis = motion.material, motion.experiment, motion.axis
-    key, case = motion.key, f"{motion.title[0].upper()}{motion.title[1:]}"
-    runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
-    made: list[Item] = [shaper_table(runs, f"shapers-{key}", f"{case}: remaining vibration and cost of the shapers")]
-    if axis is not None and experiment == POINT_TO_POINT:
-        made.append(figures_shapers.after_stop(material, axis, experiment, f"stop-{key}", f"{case}: the tip after the stop"))
-    made.append(figures_shapers.residuals(runs, f"residual-{key}", f"{case}: remaining vibration at other frequencies"))
-    return made
 
 
 def verdict(result: TreatmentTable) -> PageVerdict:
@@ -320,99 +371,12 @@ def provenance(result: TreatmentTable) -> list[tuple[str, str]]:
     return [(name, text) for name, text in lines if text]
 
 
-def _without_f_al(material: Material) -> str:
-    if material.bench.arm is not None:
-        return "The peaks of the displacement, which is the acceleration integrated twice, are in the table."
-    return "Without a model the specification cannot be converted to an acceleration."
-
-
 def _label(row: ComparisonRow) -> str:
     """Treatment of a run, with its peak and its change."""
     if row.tip_peak_mm is None:
         return f"{treatment_words(row)}: " + ("refused by its trial" if row.trial == "refused" else "not judged")
     change_text = "" if row.tip_peak_change_pct is None else f" ({change(row.tip_peak_change_pct)})"
     return f"{treatment_words(row)}: {row.tip_peak_mm:.3f} mm{change_text}"
-
-
-def _shade(material: Material, panel: Axes, axis: int | None, recording: Recording) -> None:
-    """Shade the judged window, and limit the panel's time.
-
-    The time begins before the window of the fourth harmonic and ends behind that of the second.
-    """
-    time = recording.time_s
-    plotted.shade_judged(material, panel, axis, recording)
-    if axis is None:
-        panel.set_xlim(float(time[0]), float(time[-1]))
-        return
-    speed = np.abs(motor_speed_rps(recording, axis))
-    rising = np.arange(len(speed)) < int(np.argmax(speed))
-    fourth, second = material.window_rps(axis, 4), material.window_rps(axis, 2)
-    if fourth is None or second is None:
-        return
-    shown = time[(speed >= 0.8 * fourth[0]) & (speed <= 1.15 * second[1]) & rising]
-    if len(shown):
-        panel.set_xlim(float(shown[0]), float(shown[-1]))
-
-
-def _overlay(
-    material: Material, runs: list[tuple[ComparisonRow, plotted.PlottedRun]], axis: int | None, f_al: float | None, key: str
-) -> SvgPicture:  # fmt: skip
-    figure, panels = style.panels(2, 1, 5.6, sharex=True, height_ratios=(3, 2))
-    panel, below = panels[:, 0]
-    for (row, run), look in zip(runs, style.OVERLAY_LINES, strict=False):
-        plotted.draw_vibration(
-            panel, plotted.PlottedRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False
-        )
-        style.plot_thin(below, run.recording.time_s, _envelope(run, material.band_hz(axis)), **look)
-    for each in (panel, below):
-        _shade(material, each, axis, runs[0][1].recording)
-    plotted.finish_vibration(material, panel, f_al)
-    panel.set_xlabel("")
-    if f_al is not None:
-        below.axhline(plotted.limit_m_s2(material, f_al), **style.LIMIT)
-        plotted.displacement_scale(below, f_al, "Displacement (mm)")
-    below.set(ylim=(0.0, panel.get_ylim()[1]), xlabel="Time (s)", ylabel="Envelope (m/s²)")
-    style.legend_above(figure, panel, columns=3)
-    return style.to_svg(figure, key, is_zoomable=True)
-
-
-def _envelope(run: plotted.PlottedRun, band_hz: tuple[float, float]) -> Real:
-    """Return the amplitude of the band-passed vibration in m/s²; shape (n,)."""
-    return np.abs(scipy.signal.hilbert(band_passed(plotted.shown_acceleration(run), run.recording.period_s, band_hz)))
-
-
-def _multiples(
-    material: Material, runs: list[tuple[ComparisonRow, plotted.PlottedRun]], axis: int | None, f_al: float | None, key: str
-) -> SvgPicture:  # fmt: skip
-    plain, band = {row.loop: run for row, run in runs if row.treatment == "none"}, material.band_hz(axis)
-    shown = [(row, run) for row, run in runs if row.treatment != "none" or len(runs) == 1]
-    count = -(-len(shown) // 2)
-    figure, panels = style.panels(count, 2, 0.5 + 1.75 * count, sharex=axis is None, sharey=True)
-    reach = 0.0
-    for number, (row, run) in enumerate(shown):
-        panel = panels[number // 2, number % 2]
-        behind = plain.get(row.loop)
-        if behind is not None:
-            plotted.draw_vibration(
-                panel, plotted.PlottedRun(behind.entry, behind.recording, "untreated", BEHIND), band, with_peak=False
-            )
-        plotted.draw_vibration(
-            panel, plotted.PlottedRun(run.entry, run.recording, "with the treatment", style.WITH), band, with_peak=False
-        )
-        _shade(material, panel, axis, run.recording)
-        reach = max(reach, plotted.finish_vibration(material, panel, f_al, with_name=False, with_scale=False))
-        if f_al is not None and (number % 2 == 1 or number == len(shown) - 1):
-            plotted.displacement_scale(panel, f_al)
-        panel.set_title(_label(row))
-        if number + 2 < len(shown):
-            panel.set_xlabel("")
-    for number in range(len(shown), 2 * count):
-        panels[number // 2, number % 2].set_visible(False)
-    if reach > 0.0:
-        panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
-    figure.supylabel("Tip acceleration, band-passed (m/s²)", fontsize=8.5)
-    style.legend_above(figure, panels[0, 0], columns=3)
-    return style.to_svg(figure, key, is_zoomable=True)
 
 
 def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:

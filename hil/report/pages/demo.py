@@ -21,7 +21,6 @@ from hil.report.figures import (
 )
 from hil.report.figures.notch import NotchFigures
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
-from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.plotted_run import key_end, shown_runs
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
@@ -46,15 +45,7 @@ def page_of(directory: Path, _: ExperimentsResult) -> Page:
     """Return the page of a directory of runs, with `result.json` and the recordings that it names."""
     material = Material(directory)
     chapters = sections(material)  # they add to the notes
-    head = PageHead(
-        material.bench.name,
-        material.result.bench.started_utc,
-        tuple(material.notes),
-        aftermath=material.result.aftermath,
-        origin=origin_of(material.result),
-        is_paper=material.bench.is_paper,
-        heading=heading(material),
-    )
+    head = PageHead.of(material.result, heading(material), tuple(material.notes))
     return Page(head, verdict(material), chapters, cards(material), provenance(material))
 
 
@@ -93,11 +84,8 @@ def sections(material: Material) -> list[Section]:
             "model",
             "Axes and transmission error",
             [
-                tables.resonances(material),
-                model.plants(material),
-                model.resonances(material),
-                tables.transmission_errors(material),
-                model.transmission_errors(material),
+                *(tables.resonances(material), model.plants(material), model.resonances(material)),
+                *(tables.transmission_errors(material), model.transmission_errors(material)),
                 *(model.identification(material, axis) for axis in driven),
             ],
         ),
@@ -110,12 +98,8 @@ def sections(material: Material) -> list[Section]:
             "all-runs",
             "Runs",
             [
-                tables.runs(material),
-                direction_table(material),
-                _trials(material),
-                suppression.following(material),
-                tables.motions(material),
-                tables.timing_table(material),
+                *(tables.runs(material), direction_table(material), _trials(material)),
+                *(suppression.following(material), tables.motions(material), tables.timing_table(material)),
             ],
         ),
     )
@@ -133,13 +117,8 @@ def _tip_title(material: Material) -> str:
 def _filters(material: Material, filters: FilterSet, number: int) -> list[Item]:
     """Table and figures of filters that acted together."""
     figures = NotchFigures(material, filters, number)
-    return [
-        tables.notches(material, filters, number),
-        figures.schedules(),
-        figures.families(),
-        figures.nyquist(),
-        figures.margin_curves(),
-    ]
+    table = tables.notches(material, filters, number)
+    return [table, figures.schedules(), figures.families(), figures.nyquist(), figures.margin_curves()]
 
 
 def _stops(material: Material) -> list[Item]:
@@ -206,7 +185,7 @@ def _whole_arm(material: Material) -> list[Item]:
 
 def _ended_early(result: TourResult, key: str, caption: str | Markup) -> ReportTable:
     rows: list[list[Cell]] = [[step.name, step.what, Mark(step.holds, "")] for step in result.tour.steps]
-    return ReportTable(key, "It ended early", "", ("step", "result", "done"), rows, frozenset({0, 1, 2}), caption, is_prose=True)
+    return ReportTable(key, "It ended early", ("step", "result", "done"), rows, {0, 1, 2}, caption, is_prose=True)
 
 
 def _own_robot(material: Material) -> ReportTable | None:
@@ -384,10 +363,11 @@ def cards(material: Material) -> list[Card]:
     for each in material.result.comparisons:
         groups.setdefault((each.experiment, each.axis, each.loop), []).append(each)
     limit_mm, wanted = material.bench.specification.tip_mm, material.bench.specification.line_area_reduction_pct
+    leads = {(run.experiment, run.axis, run.loop, run.treatment): run for run in reversed(leading(material.result.runs))}
     made, areas = [], []
     for (experiment, axis, loop), comparisons in groups.items():
-        without = material.lead(experiment, axis, "none", loop)
-        treated = [(each, material.lead(experiment, axis, each.treatment, loop)) for each in comparisons]
+        without = leads.get((experiment, axis, loop, "none"))
+        treated = [(each, leads.get((experiment, axis, loop, each.treatment))) for each in comparisons]
         pairs = [(each, run) for each, run in treated if run is not None]
         if without is None or not pairs:
             continue

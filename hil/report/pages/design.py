@@ -98,7 +98,7 @@ def filters(outcome: NotchDesignOutcome) -> ReportTable | None:
         "hysteresis_rps": "hysteresis (rev/s)", "speed_lowpass_hz": "low-pass of f_m (Hz)",
     }  # fmt: skip
     rows: list[list[Cell]] = [[text, *(_cell(values[key]) for _, values in columns)] for key, text in names.items()]
-    return ReportTable("filters", "Parameters of the notch", "Table 3", ("", *(name for name, _ in columns)), rows)
+    return ReportTable("filters", "Parameters of the notch", ("", *(name for name, _ in columns)), rows, paper="Table 3")
 
 
 def _cell(value: object) -> str:
@@ -131,7 +131,7 @@ def peaks(outcome: NotchDesignOutcome) -> ReportTable:
         "with the bench file's constant acceleration. `hil run constant-acceleration` measures the rising one. Other ramps: the "
         "nominal plant, the larger of up and down."
     )
-    return ReportTable("peaks", "Predicted tip peak on the ramp", "Figs. 13 and 14", header, rows, frozenset({0, 5}), caption)
+    return ReportTable("peaks", "Predicted tip peak on the ramp", header, rows, {0, 5}, caption, paper="Figs. 13 and 14")
 
 
 def requirements(outcome: NotchDesignOutcome) -> ReportTable:
@@ -152,7 +152,7 @@ def requirements(outcome: NotchDesignOutcome) -> ReportTable:
         f"The worst of all plants and of all motor speeds from rest to the speed limit, {step}. Peaks relative to those without "
         "a filter: on the bench file's ramp, and the largest of an order on any ramp."
     )
-    return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 3, 5, 6}), caption, groups=groups)
+    return ReportTable("requirements", "Requirements", header, rows, {0, 3, 5, 6}, caption, groups=groups)
 
 
 def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable:
@@ -172,7 +172,7 @@ def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable:
         + " ".join(f"{note[0].upper()}{note[1:]}." for note in outcome.notes)
     )
     header = ("posture", "M_s", "at (rev/s)", "phase margin (°)", "gain margin (dB)", "holds")
-    return ReportTable("arm-margins", "Margins on the arm", "", header, rows, frozenset({0, 5}), caption)
+    return ReportTable("arm-margins", "Margins on the arm", header, rows, {0, 5}, caption)
 
 
 def plants(outcome: NotchDesignOutcome) -> ReportTable:
@@ -181,27 +181,14 @@ def plants(outcome: NotchDesignOutcome) -> ReportTable:
     orders = [order for order, size in sorted(outcome.problem.members[0].error.amplitude_arcsec.items()) if size > 0.0]
     for member in outcome.problem.members:
         plant = member.plant
-        peak = outcome.problem.loop(member).peak_hz()
-        numbers = (
-            1e-3 * plant.gear_stiffness_nm_rad,
-            plant.arm_inertia_kg_m2,
-            plant.gear_damping_nm_s_rad,
-            plant.antiresonance_hz,
-            peak,
-        )
+        gear = 1e-3 * plant.gear_stiffness_nm_rad, plant.arm_inertia_kg_m2, plant.gear_damping_nm_s_rad
+        numbers = (*gear, plant.antiresonance_hz, outcome.problem.loop(member).peak_hz())
         amplitudes = (f"{member.error.amplitude_arcsec[order]:.3g}" for order in orders)
         rows.append([member.label, *(number(value, "{:.4g}") for value in numbers), *amplitudes])
-    header = (
-        "plant",
-        "K_g (kN·m/rad)",
-        "J_l (kg·m²)",
-        "D_g (N·m·s/rad)",
-        "f_a (Hz)",
-        "f_al (Hz)",
-        *(f"A_{order:g} (arcsec)" for order in orders),
-    )
+    sizes = (f"A_{order:g} (arcsec)" for order in orders)
+    header = ("plant", "K_g (kN·m/rad)", "J_l (kg·m²)", "D_g (N·m·s/rad)", "f_a (Hz)", "f_al (Hz)", *sizes)
     caption = f"Plant from {outcome.source}. Every requirement is checked for each plant."
-    return ReportTable("plant-set", "Plants for which the filter is designed", "", header, rows, caption=caption)
+    return ReportTable("plant-set", "Plants for which the filter is designed", header, rows, caption=caption)
 
 
 def provenance(outcome: NotchDesignOutcome) -> list[tuple[str, str]]:
@@ -312,14 +299,8 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     figure, panels = style.panels(1, 2, 4.4)
     norm = notches.speed_norm(best.notches)
     loop = outcome.loop(best.notches)
-    grid = np.unique(
-        np.concatenate(
-            [
-                np.geomspace(1.0, 0.49 / loop.period_s, 700),
-                np.linspace(FINE_BAND[0] * outcome.f_al_hz, FINE_BAND[1] * outcome.f_al_hz, 1400),
-            ]
-        )
-    )
+    fine = np.linspace(FINE_BAND[0] * outcome.f_al_hz, FINE_BAND[1] * outcome.f_al_hz, 1400)
+    grid = np.unique(np.concatenate([np.geomspace(1.0, 0.49 / loop.period_s, 700), fine]))
     low, high = min(n.start_rps for n in best.notches), max(n.end_rps for n in best.notches)
     for speed in np.linspace(low, high, 2 * notches.FAMILY):
         response = loop.open_loop(grid, float(speed))
@@ -375,12 +356,8 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
     scale = scale_at(outcome.bench, outcome.request.axis, outcome.f_al_hz)
     low = 0.8 * min(problem.window_rps(order)[0] for order in outcome.orders)
     for name, verdict, look in verdicts(outcome):
-        motion = follow(
-            outcome.loop(verdict.notches),
-            problem.members[0].error,
-            problem.ramps[0].reference_rad,
-            load_nm=(problem.friction_nm + problem.gravity_nm, 0.0),
-        )
+        loop, load_nm = outcome.loop(verdict.notches), (problem.friction_nm + problem.gravity_nm, 0.0)
+        motion = follow(loop, problem.members[0].error, problem.ramps[0].reference_rad, load_nm=load_nm)
         tip = tip_displacement_mm(problem.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, scale)
         top = int(np.argmax(motion.motor_speed_rps))
         for panel, rows in zip(panels[0], (slice(0, top), slice(top, None)), strict=True):

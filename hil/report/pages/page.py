@@ -47,11 +47,11 @@ class PageHead:
     is_bench: bool = True
 
     @classmethod
-    def of(cls, result: MeasuredResult, heading: str) -> "PageHead":
+    def of(cls, result: MeasuredResult, heading: str, notes: tuple[str, ...] = ()) -> "PageHead":
         """Return the head of the page of one measurement on one bench."""
         bench, origin = result.bench, origin_of(result)
         is_paper, aftermath = bench.file.is_paper, result.aftermath
-        return cls(bench.name, bench.started_utc, heading=heading, aftermath=aftermath, origin=origin, is_paper=is_paper)
+        return cls(bench.name, bench.started_utc, notes, heading, aftermath=aftermath, origin=origin, is_paper=is_paper)
 
     def tag(self, drawing: Drawing) -> str:
         """Return the origin of a figure in words.

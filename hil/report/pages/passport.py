@@ -96,16 +96,14 @@ def table(trends: Sequence[Trend]) -> ReportTable:
         "An alarm stays from its first run on; --since starts anew. Scatter: that of the earlier runs, without the part "
         "that their conditions explain."
     )
-    return ReportTable("orders", "Orders", "", header, rows, frozenset({0, 1, 2, 4, 8, 9}), caption)
+    return ReportTable("orders", "Orders", header, rows, {0, 1, 2, 4, 8, 9}, caption)
 
 
 def origin_table(origins: Sequence[OrderOrigin]) -> ReportTable:
     """Every order with its origin, and the reason."""
     rows: list[list[Cell]] = [[f"{each.robot}, axis {each.axis}", f"{each.order:g}", each.name, each.why] for each in origins]
     caption = "The runs do not show whether motor or gear is the cause."
-    return ReportTable(
-        "origins", "Origins of the orders", "", ("gear", "order", "from", "why"), rows, frozenset({0, 2, 3}), caption
-    )
+    return ReportTable("origins", "Origins of the orders", ("gear", "order", "from", "why"), rows, {0, 2, 3}, caption)
 
 
 def _state(trend: Trend) -> str:

@@ -27,11 +27,7 @@ def page_of(_: Path, result: PlantResult) -> Page:
 def sections(result: PlantResult) -> list[Section]:
     """All chapters for which there is data."""
     return filled_sections(
-        (
-            "plant",
-            "Plant",
-            (parameters(result), modes(result), frequency_response(result)),
-        ),
+        ("plant", "Plant", (parameters(result), modes(result), frequency_response(result))),
         ("arm", "The arm at the tip", (tip(result),)),
         ("slow", "Friction and gravity", (friction(result),)),
         ("limits", "How far these data reach", (_cannot_tell(result), checks(result))),
@@ -40,7 +36,7 @@ def sections(result: PlantResult) -> list[Section]:
 
 def _cannot_tell(result: PlantResult) -> ReportTable:
     rows: list[list[Cell]] = [[line] for line in result.cannot_tell or ()]
-    return ReportTable("cannot-tell", "What these data cannot tell", "", ("",), rows, is_prose=True)
+    return ReportTable("cannot-tell", "What these data cannot tell", ("",), rows, is_prose=True)
 
 
 def verdict(result: PlantResult) -> PageVerdict:
@@ -99,15 +95,15 @@ def parameters(result: PlantResult) -> ReportTable | None:
         value, error = values[each.name].value, values[each.name].standard_error
         relative = 100.0 * error / abs(value) if value else math.inf
         rows.append([each.title, *value_and_error(each.scale * value, each.scale * error), each.page_unit, _percent(relative)])
-    return ReportTable(
-        "parameters", "Parameters", "", ("Parameter", "Value", "Standard error", "Unit", "Relative"), rows,
-        frozenset({0, 3}),
+    header = ("Parameter", "Value", "Standard error", "Unit", "Relative")
+    caption = (
         "Gear and arm refer to the arm side, motor and friction to the motor side. Standard errors come from the scatter "
         "between periods, multiplied by the misfit of the model if that is above 1. They include the "
         "dependence on the torsion, as the pilot run and this run show it. The checks below give the part that comes from "
         "noise alone; more periods lower it. “What these data cannot tell” lists the errors that are not "
-        f"included. Misfit: {result.misfit:.2f} standard deviations; {plan.periods} periods.",
-    )  # fmt: skip
+        f"included. Misfit: {result.misfit:.2f} standard deviations; {plan.periods} periods."
+    )
+    return ReportTable("parameters", "Parameters", header, rows, {0, 3}, caption)
 
 
 def modes(result: PlantResult) -> ReportTable:
@@ -116,11 +112,12 @@ def modes(result: PlantResult) -> ReportTable:
     for mode in result.modes:
         values = (mode.antiresonance_hz, mode.resonance_hz, mode.damping, mode.inertia_kg_m2, mode.tip_part)
         rows.append(["–" if each is None else " ± ".join(value_and_error(each.value, each.standard_error)) for each in values])
-    return ReportTable(
-        "modes", "Modes", "", ("Dip, Hz", "Peak, Hz", "ζ", "Inertia, kg·m²", "Part of the tip's motion"), rows, frozenset(),
+    header = ("Dip, Hz", "Peak, Hz", "ζ", "Inertia, kg·m²", "Part of the tip's motion")
+    caption = (
         "Modes of the arm with this motor held, the lowest first. Their inertias add up to the inertia about the joint, their "
-        "parts of the tip's motion to 1. J_l, K_g, D_g, f_a, f_r and ζ above are those of the leading mode.",
-    )  # fmt: skip
+        "parts of the tip's motion to 1. J_l, K_g, D_g, f_a, f_r and ζ above are those of the leading mode."
+    )
+    return ReportTable("modes", "Modes", header, rows, (), caption)
 
 
 def checks(result: PlantResult) -> ReportTable:
@@ -129,7 +126,7 @@ def checks(result: PlantResult) -> ReportTable:
     for check in result.checks:
         needed = f"{check.needed:.3g} {check.unit}".strip()
         rows.append([check.name, f"{check.value:.3g} {check.unit}".strip(), needed, Mark(check.holds)])
-    return ReportTable("checks", "Checks", "", ("Check", "Found", "Limit", "Holds"), rows, frozenset({0, 3}))
+    return ReportTable("checks", "Checks", ("Check", "Found", "Limit", "Holds"), rows, {0, 3})
 
 
 def frequency_response(result: PlantResult) -> Drawing | None:

@@ -132,16 +132,8 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
     panel.plot(curve["order"], curve["level"], label=f"false alarm in {100 * entry.false_alarm:g} % of scans", **style.LIMIT)
     top = 1.18 * float(np.max(curve["amplitude"]))
     for peak in entry.peaks[:NAMED_PEAKS]:
-        panel.annotate(
-            f"{peak.order:.2f}",
-            (peak.order, peak.amplitude),
-            xytext=(0, 3),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-            fontsize=7.5,
-            bbox=style.NAME_GROUND,
-        )
+        at = peak.order, peak.amplitude
+        style.name_at(panel, f"{peak.order:.2f}", at, (0, 3), ha="center", va="bottom", bbox=style.NAME_GROUND)
     panel.set(xlim=(float(curve["order"][0]), float(curve["order"][-1])), ylim=(0.0, top))
     panel.set_xticks(range(1, 11))
     panel.set(xlabel="Order k (per motor revolution)", ylabel=f"Amplitude ({entry.unit})")
@@ -273,16 +265,13 @@ def orders(material: RecordedMaterial) -> ReportTable | None:
             seen = changes.get(order)
             words = "" if seen is None or letter == "A" else "changes" if seen.is_seen else "noise explains it"
             rows.append([symbol(letter, order), unit, value, width, words])
-    return ReportTable(
-        "orders",
-        f"Transmission error of axis {material.result.axis}",
-        "",
-        ("Parameter", "Unit", "Identified", "Standard error", "From part to part"),
-        rows,
-        frozenset({0, 1, 4}),
+    header = ("Parameter", "Unit", "Identified", "Standard error", "From part to part")
+    caption = (
         "The standard error is that of the mean of all stretches; it includes the choice of the slow part and the "
-        "correlation of neighbouring samples. Phases count from the zero of the recorded motor encoder.",
+        "correlation of neighbouring samples. Phases count from the zero of the recorded motor encoder."
     )
+    title = f"Transmission error of axis {material.result.axis}"
+    return ReportTable("orders", title, header, rows, {0, 1, 4}, caption)
 
 
 def stretches(material: RecordedMaterial) -> ReportTable:
@@ -299,12 +288,10 @@ def stretches(material: RecordedMaterial) -> ReportTable:
             cells += [" ± ".join(value_and_error(value.a_arcsec, value.a_error_arcsec))]
             cells += [" ± ".join(value_and_error(value.phi_deg, value.phi_error_deg))]
         rows.append(cells)
-    header = ("Recording", "Way", "Turns", "Speed (rev/s)", "From, to (s)", "Degree")
     names = [f"{letter}_{order:g} ({unit})" for order in shown for _, letter, unit in BY_ORDER]
-    return ReportTable(
-        "stretches", "Stretches", "", (*header, *names), rows, frozenset({0, 1}),
-        "A stretch is a motion one way without a stop. Degree: that of the slow part.",
-    )  # fmt: skip
+    header = ("Recording", "Way", "Turns", "Speed (rev/s)", "From, to (s)", "Degree", *names)
+    caption = "A stretch is a motion one way without a stop. Degree: that of the slow part."
+    return ReportTable("stretches", "Stretches", header, rows, {0, 1}, caption)
 
 
 def _shown_orders(material: RecordedMaterial) -> list[float]:

@@ -42,7 +42,7 @@ def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportT
         rows.append(["worst" if direction == "worst" else f"along {direction}", *cells])
     header = ("Tip peak (mm)", *(TITLES.get(name, name) for name in names))
     title = "The tip along x, y and z, side by side"
-    return ReportTable(key, title, "", header, rows, frozenset(range(len(header))), caption)
+    return ReportTable(key, title, header, rows, range(len(header)), caption)
 
 
 def directions(material: Material, key: str = "directions") -> ReportTable:

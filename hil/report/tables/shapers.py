@@ -45,7 +45,7 @@ def shapers(
     left = [mode_words(mode) for run in runs if run.shaper is not None for mode in run.shaper.left]
     if left:
         caption += f" Not shaped, because a shaper takes at most two modes: {'; '.join(dict.fromkeys(left))}."
-    return ReportTable(key, title, "", header, rows, frozenset({0, 1, 2}), caption)
+    return ReportTable(key, title, header, rows, {0, 1, 2}, caption)
 
 
 def mode_words(mode: SwingingMode) -> str:

@@ -17,7 +17,7 @@ def trial_table(key: str, title: str, parts: Iterable[tuple[str, TrialPart]]) ->
         "little effect to be seen above the sensor's noise. Factor and change of φ: the corrections that amplitude and phase of "
         "the cancellation need."
     )
-    return ReportTable(key, title, "", HEADER, rows, frozenset({0, 1, 9}), caption)
+    return ReportTable(key, title, HEADER, rows, {0, 1, 9}, caption)
 
 
 def _row(name: str, part: TrialPart) -> list[Cell]:

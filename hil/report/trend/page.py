@@ -98,7 +98,7 @@ def _table(runs: Sequence[TrendRun], key: str) -> ReportTable:
         "phase margin (°)", "missed", "largest SYNC lateness (µs)", "within",
     )  # fmt: skip
     caption = "The newest first. Margins: from the model with the active filters, the worst over all speeds."
-    return ReportTable(key, "Runs", "", header, rows, frozenset({0, 1, 2, 12}), caption)
+    return ReportTable(key, "Runs", header, rows, {0, 1, 2, 12}, caption)
 
 
 def _margin_cells(run: TrendRun) -> tuple[str, str, str]:
