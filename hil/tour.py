@@ -343,10 +343,7 @@ class _TourRunner(TourRunner):
         return "; ".join(map(str, outcomes)), self.parameter_set(self._uploaded[0]).name
 
     def _check_same(self, axis: int) -> None:
-        """Check that parameter set and design file have the same filter.
-
-        A run would write the filter of the design file.
-        """
+        """Check that parameter set and design file have the same filter."""
         wanted = ParameterSet.load(self.parameter_set(axis)).tuning
         for column, table in enumerate(load_designs(self.design).axis[axis].notch, start=1):
             for key, value in vars(table.notch()).items():
@@ -360,20 +357,14 @@ class _TourRunner(TourRunner):
         return self.run_side_by_side(known_from(self.out / BENCH_FILE, self.bench, model=self.model, design=design))
 
     def read_back(self) -> tuple[str, str]:
-        """Check that the drives still have the uploaded sets.
-
-        Every run should have restored its changes.
-        """
+        """Check that the drives still have the uploaded sets."""
         differing = self._transact(lambda uploads: [str(write.entry) for each in uploads for write, _ in each.changes])
         if differing:
             raise NotPossibleError(f"after the runs the drives no longer hold the uploaded values: {', '.join(differing)}")
         return "after the runs every object holds the uploaded value", self.parameter_set(self._uploaded[-1]).name
 
     def _transact(self, then: Callable[[list[Upload]], T]) -> T:
-        """Prepare the transaction of `drive-profiles upload` for `then`.
-
-        Each drive is identified and read.
-        """
+        """Prepare the transaction of `drive-profiles upload` for `then`."""
         options = UploadOptions(store=True, journals=self.out / "drive-journals")
         with SdoBus(self.bench.bus.address) as bus:
             uploads = []
@@ -398,10 +389,7 @@ def _design_page(axis: int) -> str:
 
 
 def _written(uploads: list[Upload]) -> list[UploadResult]:
-    """Upload to all drives or none.
-
-    Ctrl-C waits until the changes are restored.
-    """
+    """Upload to all drives or none; Ctrl-C waits for that."""
     with Interrupts(is_last=False) as interrupts:
         if threading.current_thread() is threading.main_thread():
             late = "the interrupt came too late: everything has been written; a second one ends the demo"

@@ -81,10 +81,7 @@ def exit_status_of(error: Exception) -> int:
 
 
 def message_of(error: Exception) -> str:
-    """Return the message of an error.
-
-    For a file error: the file's name, the reason, and notes on the robot.
-    """
+    """Return an error's message; of a file error file, reason and notes."""
     if isinstance(error, OSError):
         return "; ".join([f"{error.filename or 'output'}: {error.strerror or error}", *getattr(error, "__notes__", ())])
     return str(error)

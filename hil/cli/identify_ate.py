@@ -9,18 +9,8 @@ import typer
 from drive_profiles.cli.application import command
 from drive_profiles.standard.shown import measured
 from hil.cli import console, options
+from hil.cli import identify_recording as recorded
 from hil.cli.console import ExitStatus
-from hil.cli.identify_recording import (
-    ColumnOption,
-    DescriptionOption,
-    LayoutOption,
-    NodeOption,
-    RatioOption,
-    RecordingOption,
-    RecordingWords,
-    RobotNameOption,
-    from_recordings,
-)
 from hil.cli.live import LiveCommand, LiveOption, shown_live
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
@@ -60,13 +50,13 @@ def ate(
     sensorless: SensorlessOption = False,
     encoder: EncoderOption = False,
     orders: options.OrdersOption = "1,2,4",
-    recording: RecordingOption = None,
-    column: ColumnOption = None,
-    layout: LayoutOption = None,
-    ratio: RatioOption = None,
-    robot: RobotNameOption = None,
-    description: DescriptionOption = None,
-    node: NodeOption = None,
+    recording: recorded.RecordingOption = None,
+    column: recorded.ColumnOption = None,
+    layout: recorded.LayoutOption = None,
+    ratio: recorded.RatioOption = None,
+    robot: recorded.RobotNameOption = None,
+    description: recorded.DescriptionOption = None,
+    node: recorded.NodeOption = None,
     out: options.NewOutOption = None,
     force: options.ForceOption = False,
     overload: options.OverloadOption = False,
@@ -81,13 +71,15 @@ def ate(
 
     Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
-    words = RecordingWords(column or [], layout, ratio, robot, description, node)
+    words = recorded.RecordingWords(column or [], layout, ratio, robot, description, node)
     with console.exit_on_error():
         if recording:
             where = console.result_directory(out, f"identify-ate-axis{axis}", force=force)
             if encoder:
                 raise typer.BadParameter("with --recording, the columns name the encoders; leave it out", param_hint="--encoder")
-            from_recordings(recording, words, axis, orders, bench_file, model, where, sensorless=sensorless, as_json=as_json)
+            recorded.from_recordings(
+                recording, words, axis, orders, bench_file, model, where, sensorless=sensorless, as_json=as_json
+            )
             return
         words.refuse_without_recording()
         if bench_file is None:

@@ -37,10 +37,7 @@ RECORDED_S: Final = 20.0
 
 
 def narrowed(bench: Bench, number: int, start_rev: float) -> Bench:
-    """Return a bench with limits that suffice for the checks.
-
-    They are never wider than those of the bench file.
-    """
+    """Return a bench with limits that suffice for the checks, none wider."""
     table = bench.axis[number]
     limits = table.limits
     update = {
@@ -110,10 +107,7 @@ class HeldAxis(Run):
         return self.go(np.zeros(max(1, round(duration_s / self.period_s))))
 
     def watch(self, duration_s: float) -> Real:
-        """Return motor angles while the drive has no torque; shape (n,).
-
-        Stops the run if the bus fails.
-        """
+        """Return motor angles while the drive has no torque; shape (n,)."""
         seen: list[float] = []
         for _ in range(max(1, round(duration_s / self.period_s))):
             self.slot.control_word = DISABLE_VOLTAGE

@@ -64,10 +64,7 @@ def _check(of: Checked, sign: float) -> CheckEntry:
 
 
 def _there(held: HeldAxis) -> Real:
-    """Return angles to the requested position, and a rest there.
-
-    From the start; shape (n,).
-    """
+    """Return angles to the requested position and a rest; shape (n,)."""
     times = sample_times(ASKED_S, held.period_s)
     way = math.tau * ASKED_REV * np.asarray(Smooth(ASKED_S, ASKED_RAMP_S).position(times))
     return np.concatenate([way, np.full(round(0.1 / held.period_s), way[-1])])

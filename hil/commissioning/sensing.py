@@ -83,10 +83,7 @@ def check_sensing(of: Checked) -> list[CheckEntry]:
 
 
 def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: slice, path: str) -> CheckEntry:
-    """Check the sensor's axis and direction, and the encoder's scale.
-
-    The scale follows from the size of the signal.
-    """
+    """Check the sensor's axis and direction, and the encoder's scale."""
     name, period_s = "accelerometer", recording.period_s
     if of.session.bench.accelerometer.from_load_encoders:
         return of.entry(name, "NOT JUDGED", "there is none: the joints' encoders give the tip", path)

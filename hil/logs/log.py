@@ -78,10 +78,7 @@ class Stream:
         return Stream(self.can_id, self.position[rows], self.stamp_ns[rows], self.length[rows], self.data[rows])
 
     def byte(self, number: int) -> NDArray[np.uint8]:
-        """Return a byte of each frame; shape (n,).
-
-        0 for a shorter frame.
-        """
+        """Return a byte of each frame, 0 if shorter; shape (n,)."""
         return ((self.data >> np.uint64(8 * number)) & np.uint64(0xFF)).astype(np.uint8)
 
     def bytes_of(self, row: int) -> bytes:
@@ -184,10 +181,7 @@ def _thin(column: NDArray[Any]) -> NDArray[Any]:
 
 
 class LogBuilder:
-    """Builder of a log from chunks of frames.
-
-    It sorts the frames by identifier, without a second copy.
-    """
+    """Builder of a log from chunks of frames, sorted by identifier."""
 
     def __init__(self, path: Path) -> None:
         """Begin with nothing."""

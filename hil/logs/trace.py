@@ -98,10 +98,7 @@ class Trace:
 
     @cached_property
     def cycles(self) -> Cycles | None:
-        """Cycles of the log, or None.
-
-        None if there are too few SYNCs, or most of them have one stamp.
-        """
+        """Cycles of the log; None with too few SYNCs or stamps."""
         if len(self.sync) < LEAST_FRAMES:
             return None
         period_ns = float(np.median(np.diff(self.sync.stamp_ns)))

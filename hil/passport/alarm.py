@@ -132,10 +132,7 @@ def _last(x: Real, own: Real, design: Design, first: int | None, size: float | N
 
 
 def _without_conditions(x: Real, own: Real, design: Design, size: float | None) -> tuple[Real, dict[str, float]]:
-    """Remove the effects of conditions from values.
-
-    Return the values, and the fraction that each condition explains.
-    """
+    """Return values without conditions' effects, and the fraction that each explains."""
     whole = float(np.var(x)) if len(x) else 0.0
     if not design.names or len(x) <= FEWEST_BEFORE or whole == 0.0:
         return x, {}
@@ -150,10 +147,7 @@ def _without_conditions(x: Real, own: Real, design: Design, size: float | None) 
 
 
 def filled(errors: Real) -> Real:
-    """Fill unknown standard errors (0) with the mean before them.
-
-    The mean is of the known ones; shape (n,).
-    """
+    """Fill unknown standard errors (0) with the mean before; shape (n,)."""
     own = np.asarray(errors, dtype=np.float64)
     is_known = own > 0.0
     mean = np.cumsum(own) / np.maximum(1, np.cumsum(is_known))
@@ -170,10 +164,7 @@ def scores(values: Real, errors: Real, design: Design | None = None) -> Real:
 
 
 def cumulative(score: Real) -> Real:
-    """Return the larger cumulative sum after each run.
-
-    Shape (..., n) for scores of that shape.
-    """
+    """Return the larger cumulative sum after each run; shape (..., n)."""
     known = np.nan_to_num(score)
     up, down, made = np.zeros(known.shape[:-1]), np.zeros(known.shape[:-1]), np.zeros(known.shape)
     for i in range(FEWEST_BEFORE, known.shape[-1]):

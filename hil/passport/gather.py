@@ -133,10 +133,7 @@ def gather(folders: Iterable[Path], note: str = "") -> Gathered:
 
 
 def _files(folders: Iterable[Path]) -> list[Path]:
-    """Return the files, results first.
-
-    A result has more on a run than its model file.
-    """
+    """Return the files, results first: they have more on a run."""
     found: list[Path] = []
     for folder in folders:
         for here, below, names in os.walk(folder):

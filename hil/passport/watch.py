@@ -84,10 +84,7 @@ class Trend:
 
     @property
     def explained_words(self) -> str:
-        """Fractions of the scatter that conditions explain, in words.
-
-        `temperature 82 %`; empty if no condition explains any.
-        """
+        """Fractions of the scatter that conditions explain: `temperature 82 %`."""
         found = self.watch.explained.items()
         return ", ".join(f"{name} {100.0 * part:.0f} %" for name, part in found if part >= LEAST_TOLD)
 

@@ -56,10 +56,7 @@ class MovedArm:
 
 
 def recorded_line(material: Material) -> tuple[Real, Real] | None:
-    """Return joint angles and tip along the first complete recorded line.
-
-    None without an arm.
-    """
+    """Return joint angles and tip along the first complete line, or None."""
     arm = material.bench.arm
     if arm is None:
         return None
@@ -146,18 +143,12 @@ def fit_limits(panels: Sequence[tuple[Axes, View]], points_m: Real, margin_m: fl
 
 
 def draw_ground(panel: Axes, view: View) -> None:
-    """Draw the plane under the base.
-
-    From the side it is a line; from above and at an angle it is a square.
-    """
+    """Draw the plane under the base."""
     panel.fill(*view.flat(GROUND_M), facecolor=style.SHADE, edgecolor=style.GREY, linewidth=1.0, zorder=1)
 
 
 def draw_directions(panel: Axes, view: View) -> None:
-    """Name the panel's axes, or draw the directions of the base frame.
-
-    A view without names for its axes shows the three directions at a corner of the ground.
-    """
+    """Name the panel's axes, or draw the directions of the base frame."""
     if view.names is not None:
         right, up = view.names
         panel.set(xlabel=f"{right} (m)", ylabel=f"{up} (m)")

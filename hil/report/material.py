@@ -109,18 +109,12 @@ class Material:
         }
 
     def f_al(self, axis: int | None) -> float | None:
-        """Return the frequency that converts an acceleration into a displacement.
-
-        None if it is not known, and for the line of an arm.
-        """
+        """Return f_al for displacements; None if unknown, or on an arm's line."""
         scale = self.scale(axis)
         return None if scale is None or (axis is None and self.bench.arm is not None) else scale.f_al_hz
 
     def band_hz(self, axis: int | None) -> tuple[float, float]:
-        """Return the band in which a vibration is drawn.
-
-        Without an f_al, a band that suits arms like the paper's.
-        """
+        """Return the band of a drawn vibration, the paper's without an f_al."""
         scale = self.scale(axis)
         return PAPER_BAND_HZ if scale is None else scale.band_hz
 

@@ -39,10 +39,7 @@ class PlottedRun:
 
 
 def plotted_run(material: Material, run: RunEntry | None, label: str, look: style.Line) -> PlottedRun | None:
-    """Return a run with label and line style, None without recording.
-
-    The label of a run that ended early is marked.
-    """
+    """Return a run to draw, marked if stopped; None without recording."""
     recording = material.recording(run)
     if run is None or recording is None:
         return None
@@ -90,10 +87,7 @@ def key_end(number: int) -> str:
 
 
 def what_acted(runs: list[PlottedRun]) -> str:
-    """Return the treatments of runs for a title.
-
-    For example `with and without the notch`.
-    """
+    """Return treatments for a title: `with and without the notch`."""
     names = [run.entry.treatment for run in runs if run.entry.treatment != "none"]
     if not names:
         return ""
@@ -153,10 +147,7 @@ def finish_vibration(
 
 
 def displacement_scale(panel: Axes, f_al: float, name: str = "mm") -> None:
-    """Draw the scale of displacement on the right.
-
-    Its name should fit the panel's height.
-    """
+    """Draw the scale of displacement on the right."""
     scale = 1e3 / (2.0 * math.pi * f_al) ** 2
     right = panel.secondary_yaxis("right", functions=(lambda a: np.asarray(a) * scale, lambda d: np.asarray(d) / scale))
     right.set_ylabel(name)
@@ -188,10 +179,7 @@ def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axe
 
 
 def judged_samples(material: Material, recording: Recording, axis: int, order: int = SHADED_ORDER) -> NDArray[np.int_]:
-    """Return the indices of the samples in which an order is judged.
-
-    Shape (n,); none without an f_al.
-    """
+    """Return the samples in which an order is judged; shape (n,)."""
     window = material.window_rps(axis, order)
     return np.flatnonzero(speed_window(recording, axis, window)) if window is not None else np.zeros(0, dtype=np.int_)
 
@@ -215,10 +203,7 @@ def window_words(material: Material, axis: int | None) -> str:
 
 
 def judged_line_s(material: Material) -> tuple[float, float]:
-    """Return begin and end of the judged part of the line.
-
-    In s after the start of the motion.
-    """
+    """Return the line's judged part, in s after the motion's start."""
     motion = material.bench.line_motion
     if motion is None:
         return 0.0, 0.0
@@ -246,10 +231,7 @@ def limit_m_s2(material: Material, f_al: float) -> float:
 
 
 def limit_words(material: Material, axis: int, where: str = "") -> str:
-    """Return a sentence on the dotted lines of the specification.
-
-    `where` ends it, for lines around a mean.
-    """
+    """Return a sentence on the dotted lines of the specification."""
     f_al = material.f_al(axis)
     if f_al is None:
         return "Without f_al the specification cannot be converted to an acceleration."

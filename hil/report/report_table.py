@@ -91,10 +91,7 @@ _NEGATIVE_ZERO = re.compile(r"-0(\.0*)?(?![\d.])")
 
 
 def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
-    """Format a number for a cell.
-
-    With a proper minus sign; a dash for None.
-    """
+    """Format a number for a cell; a dash for None."""
     if value is None:
         return NONE
     if isinstance(value, str):

@@ -194,10 +194,7 @@ def styled() -> Iterator[None]:
 
 
 def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[Figure, NDArray[Any]]:
-    """Make a figure with a grid of axes.
-
-    Shape (rows, columns); `options` go to `Figure.subplots`.
-    """
+    """Make a figure with a grid of axes; shape (rows, columns)."""
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     FigureCanvasSVG(figure)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
@@ -205,20 +202,14 @@ def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[F
 
 
 def mosaic(rows: list[Any], height_in: float, **options: Any) -> tuple[Figure, dict[str, Axes]]:
-    """Make a figure of rows of named panels.
-
-    A panel may span several rows; `options` go to `Figure.subplot_mosaic`.
-    """
+    """Make a figure of rows of named panels."""
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     FigureCanvasSVG(figure)
     return figure, figure.subplot_mosaic(rows, **options)
 
 
 def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
-    """Draw one legend of several panels above all of them.
-
-    It cannot cover data there; equal names appear once.
-    """
+    """Draw one legend of several panels above; equal names appear once."""
     handles = {name: handle for panel in axes for handle, name in zip(*panel.get_legend_handles_labels(), strict=True)}
     if handles:
         figure.legend(list(handles.values()), list(handles), loc="outside upper left", ncols=columns)
@@ -231,10 +222,7 @@ def name_rows(panels: Panels, *names: str) -> None:
 
 
 def stack_over_time(*panels: Axes) -> None:
-    """Share the time axis of panels in a column.
-
-    Only the last panel is labelled.
-    """
+    """Share the time axis of panels in a column, the last labelled."""
     for panel in panels[:-1]:
         panel.sharex(panels[-1])
         panel.tick_params(labelbottom=False)
@@ -272,19 +260,13 @@ def name_at(panel: Axes, text: str, at: tuple[float, float], shift: tuple[float,
 
 
 def thin(*columns: Real, points: int = MAX_POINTS) -> tuple[Real, ...]:
-    """Return every n-th sample of slow signals.
-
-    Each has the shape (n,); about `points` samples remain at most.
-    """
+    """Return every n-th sample, about `points` at most; shapes (n,)."""
     step = max(1, len(columns[0]) // points)
     return tuple(column[::step] for column in columns)
 
 
 def plot_thin(panel: Axes, x: Real, y: Real, **look: Any) -> None:
-    """Draw a slow signal thinned out, and keep all samples for zooming.
-
-    `x` and `y` have the shape (n,); `look` as for a line.
-    """
+    """Draw a slow signal thinned out, and keep it whole; shapes (n,)."""
     (line,) = panel.plot(*thin(x, y), **look)
     keep_whole(line, x, y)
 

@@ -100,19 +100,13 @@ def _words(match: re.Match[str]) -> str:
 
 
 def _shorter(match: re.Match[str]) -> str:
-    """Shorten coordinates to two decimals.
-
-    A hundredth of a point is below every resolution.
-    """
+    """Shorten coordinates to two decimals, below every resolution."""
     text = " ".join(_NUMBER.sub(lambda number: f"{float(number[0]):.2f}", match[2] or match[3] or "").split())
     return f"translate({text})" if match[1] is None else f' {match[1]}="{text}"'
 
 
 def _own_ids(text: str, key: str) -> str:
-    """Return text with only the ids that are referred to.
-
-    They are numbered in order: Matplotlib derives its ids from memory addresses.
-    """
+    """Return text with the ids referred to, numbered: Matplotlib's are memory addresses."""
     numbers: dict[str, int] = {}
     for name in re.findall(r'(?:href="|url\()#([^")]+)', text):
         numbers.setdefault(name, len(numbers))

@@ -25,10 +25,7 @@ _FILES_OF_A_RESULT = (RESULT_FILE, "check.json", "design.json", LOG_FILE, "runs/
 
 
 def new_directory(name: str) -> Path:
-    """Return a new directory, so that no recording replaces another.
-
-    It is not made yet.
-    """
+    """Return a new directory for recordings, which is not made yet."""
     stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
     return Path("bench-out") / f"{stamp}-{name}"
 
@@ -168,10 +165,7 @@ class Result(_Written):
 
 
 def aftermath(all_disabled: bool | None, not_restored: Iterable[str]) -> tuple[str, ...]:
-    """Return a sentence per setting that was not restored on drives.
-
-    Standard error has the same sentences.
-    """
+    """Return a sentence per setting that was not restored on drives."""
     unconfirmed = () if all_disabled is not False else (NOT_DISABLED,)
     return (*unconfirmed, *(not_restored_words(what) for what in not_restored))
 

@@ -81,10 +81,7 @@ def load_any(path: Path) -> AnyResult:
 
 
 def _unknown_bench_keys(error: ValidationError) -> list[tuple[str, ...]]:
-    """Return the places of keys in a result's bench file that this version does not know.
-
-    The result is empty if anything else is wrong too.
-    """
+    """Return the bench file's unknown keys, if nothing else is wrong."""
     places = [
         tuple(str(each) for each in problem["loc"][1:]) for problem in error.errors() if problem["type"] == "extra_forbidden"
     ]

@@ -243,10 +243,7 @@ class SignalDecoder:
         return columns, missed, bits
 
     def _missed(self, streams: Mapping[int, tuple[Stream, NDArray[np.intp]]], count: int) -> Real:
-        """Count missing answers in each row.
-
-        Of nodes that are operational and have answered before.
-        """
+        """Count missing answers of operational nodes in each row."""
         missed = np.zeros(count)
         seen_in_open: set[int] = set()
         for can_id, node in self._reading.expected.items():
@@ -310,10 +307,7 @@ class SignalDecoder:
         return found
 
     def _gaps(self, time_s: Real) -> list[HeardEvent]:
-        """Find stretches with missing cycles.
-
-        No node has sent SYNC, or this listener has not received it.
-        """
+        """Find stretches without SYNC, sent or received."""
         steps_s = np.diff(time_s)
         found = [
             HeardEvent(float(time_s[row]), "gap", 0, f"nothing heard for {1e3 * steps_s[row]:.3g} ms")

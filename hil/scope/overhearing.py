@@ -78,10 +78,7 @@ class Overhearing:
         return np.array(sorted([*rows, (last + 1, int(FunctionCode.SYNC), 0, 0)]), FRAME_RECORD)
 
     def _assumed(self) -> Iterable[OverheardValue]:
-        """Yield the mapping of this package's own master.
-
-        It follows from the bench file; overheard mappings replace it.
-        """
+        """Yield this package's own mapping, by the bench file."""
         if self._bench is None:
             return
         for axis in self._bench.axis.values():

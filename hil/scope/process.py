@@ -17,10 +17,7 @@ SCOPE_START_S = 60.0
 
 
 class ScopeProcess:
-    """A process of `hil scope` on the bus of a run.
-
-    It ends when its standard input closes.
-    """
+    """A process of `hil scope` that ends with its standard input."""
 
     def __init__(self, address: str, bench_file: str, port: int) -> None:
         """Keep bus, bench file and port."""

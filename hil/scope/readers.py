@@ -62,10 +62,7 @@ def scales_of(node: Node, number: int, table: AxisTable | None, profile: Profile
 
 
 def _by_the_standard(node: Node, table: AxisTable | None) -> Scales:
-    """Return scales by 608Fh and 6076h.
-
-    Only for a drive without units of its own.
-    """
+    """Return scales by 608Fh and 6076h, without units of its own."""
     asked = OverheardQuestions(node)
 
     def said(index: int, subindex: int = 0) -> int | None:

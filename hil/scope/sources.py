@@ -52,10 +52,7 @@ class BusSource:
         return self._listener.lost
 
     def poll(self) -> None:
-        """Take new rows.
-
-        A lost bus ends the rows; the past ones remain.
-        """
+        """Take new rows; a lost bus ends them."""
         if self.ended:
             return
         try:

@@ -61,10 +61,7 @@ class Trigger:
         return float(time_s[min(fired)]) if fired else None
 
     def _first(self, series: Real, column: int) -> int | None:
-        """Return the first row of a series in which it fires.
-
-        The first value of the series is the last one before it.
-        """
+        """Return a series' first firing row; its first value is past."""
         there = np.flatnonzero(~np.isnan(series))
         known = series[there]
         if self._last is not None and len(known):

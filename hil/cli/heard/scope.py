@@ -145,10 +145,7 @@ def _run(made: "Callable[[], ScopeServer]", *, until_stdin_closes: bool) -> None
 
 
 async def _serve(server: "ScopeServer", *, until_stdin_closes: bool) -> None:
-    """Print the page's address, and serve it until the end.
-
-    The end is Ctrl-C, or the end of standard input.
-    """
+    """Print the page's address; serve until Ctrl-C or standard input's end."""
     import asyncio
 
     over = asyncio.Event()

@@ -280,10 +280,7 @@ def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:
 
 
 def differing(new: MeasuredResult, old: MeasuredResult) -> list[Setting]:
-    """Return the settings that differ, by groups.
-
-    A setting of one result alone has a dash for the other.
-    """
+    """Return the differing settings by groups; a missing one is a dash."""
     own, other = dict(_settings(new)), dict(_settings(old))
     found = [
         Setting(_group(key), key, _text(other.get(key)), _text(own.get(key)))
@@ -321,10 +318,7 @@ def _settings(result: MeasuredResult) -> Iterator[tuple[str, Any]]:
 
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Yield the single values in a value, with their dotted keys.
-
-    Places in a list count from 1.
-    """
+    """Yield the single values with their dotted keys; lists count from 1."""
     if isinstance(value, dict):
         parts = [(str(key), each) for key, each in value.items()]
     elif isinstance(value, list | tuple) and any(isinstance(each, dict | list | tuple) for each in value):

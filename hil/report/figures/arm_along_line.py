@@ -32,10 +32,7 @@ VIEWS_IN, MARGIN_IN, LOOPS_IN = 3.3, 0.55, 7.9
 
 
 def arm_along_line(material: Material, key: str = "arm-line") -> Drawing | None:
-    """Draw the arm along the recorded line, and the tip's error.
-
-    Three views of the arm, and below them the magnified error. None without an arm's line.
-    """
+    """Draw three views of an arm along its line, and its error."""
     arms, way = arm_motion.moved_arms(material), arm_motion.recorded_line(material)
     if way is None or material.bench.arm is None:
         return None
@@ -112,10 +109,7 @@ class _Loops:
         return LOOPS_IN * 2.2 * self.reach_mm * self.magnification / self.length_mm + MARGIN_IN
 
     def draw(self, panels: dict[str, Axes]) -> None:
-        """Draw the loops in both directions across the path.
-
-        A ring around each shows the specification.
-        """
+        """Draw the loops in both directions, each in the specification's ring."""
         turn = np.linspace(0.0, 2.0 * math.pi, 73)
         for name, words, across in zip(ACROSS, self.names, self.across, strict=True):
             panel, rings = panels[name], list[tuple[Real, Real]]()

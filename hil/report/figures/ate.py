@@ -249,10 +249,7 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
 def errors(
     axis: int, part: IdentifiedError | None, *, is_sensorless: bool = False, is_paper: bool = False
 ) -> ReportTable | None:  # fmt: skip
-    """Tabulate a transmission error with its standard errors.
-
-    For the paper's robot beside the paper's Table 2.
-    """
+    """Tabulate a transmission error, for the paper's robot beside Table 2."""
     if part is None:
         return None
     rows: list[list[Cell]] = []

@@ -54,10 +54,7 @@ class NotchFigures:
 
     @property
     def name(self) -> str:
-        """End of a title that names the filters.
-
-        Empty for the bench file's notch alone.
-        """
+        """End of a title, empty for the bench file's notch alone."""
         names = self.filters.treatments
         return "" if names == ("notch",) else f": {' and '.join(map(treatment_name, names))}"
 
@@ -80,10 +77,7 @@ class NotchFigures:
         return speed_norm([self.filters.notches[number][0] for number in self.axes])
 
     def schedules(self) -> Drawing | None:
-        """Draw ζ_rd and filter frequencies over motor speed; Fig. 10.
-
-        With the frequencies that the drive reported.
-        """
+        """Draw ζ_rd and filter frequencies, planned and reported, over speed; Fig. 10."""
         axes = sorted(self.filters.notches)
         figure, panels = style.panels(2, len(axes), 4.2, sharex=True, sharey="row", height_ratios=(2, 3))
         low, high = self.speed_range_rps
@@ -113,10 +107,7 @@ class NotchFigures:
         return style.drawing(figure, key, title, caption, "measured and computed" if reported else "computed", "Fig. 10")
 
     def _reported(self, number: int, panel: Axes) -> int:
-        """Draw the filter frequency that the drive reported.
-
-        Return 1 if there was any, else 0.
-        """
+        """Draw the filter frequency that the drive reported; 1 if any."""
         runs = (self.material.find(CONSTANT_ACCELERATION, number, name) for name in self.filters.treatments)
         run = next((run for run in runs if run is not None), None)
         recording = self.material.recording(run)
@@ -178,10 +169,7 @@ class NotchFigures:
         return lambda frequency: style.decibel(acceleration_bound(frequency, amplitude, lever, limit))
 
     def nyquist(self) -> Drawing | None:
-        """Draw the open loop from f_s to f_e; Fig. 12.
-
-        Whole and near −1.
-        """
+        """Draw the open loop, whole and near −1; Fig. 12."""
         if not self.axes:
             return None
         if len(self.axes) == 1:  # one above the other, two square panels would leave half of the page empty

@@ -98,10 +98,7 @@ def order_maps(
 
 
 def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
-    """Return the order map of the tip on the ramp.
-
-    None if the motor turns too little.
-    """
+    """Return the tip's order map on the ramp; None for few turns."""
     begin, end = _longest_rise(np.abs(motor_speed_rps(recording, axis)))
     angle, tip = recording.axis(axis, "position_rad")[begin:end], recording.felt_m_s2[begin:end]
     try:
@@ -145,10 +142,7 @@ def _draw(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance
 
 
 def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance) -> None:
-    """Draw the map over frequency k f_m.
-
-    In it the resonance is a horizontal line, and an order is a ray.
-    """
+    """Draw the map over frequency k f_m: orders are rays."""
     speeds, orders = np.meshgrid(found.speed_rps, found.orders, indexing="ij")
     amplitude = np.ma.masked_invalid(found.amplitude)
     panel.grid(visible=False)

@@ -51,10 +51,7 @@ def _ramp(material: Material, axis: int, runs: list[plotted.PlottedRun], key: st
 
 
 def line_motion(material: Material) -> list[Drawing]:
-    """Draw tip vibration and spectrum on the line; Fig. 15.
-
-    The spectrum ends at 50 Hz; without and with treatments.
-    """
+    """Draw tip vibration and spectrum on the line; Fig. 15."""
     groups = plotted.shown_runs(material, LINE_MOTION, None)
     return [_line(material, runs, f"line-motion{plotted.key_end(number)}") for number, runs in enumerate(groups)]
 

@@ -65,10 +65,7 @@ BAND_SIGMAS = 2.0
 
 
 def line_dips(result: ArmResult) -> Drawing | None:
-    """Draw the predicted dips along the line with their standard errors.
-
-    With the dips from the bench file's bodies, if it has any.
-    """
+    """Draw predicted dips along the line, beside those of the bodies."""
     if not result.line:
         return None
     figure, ((panel,),) = style.panels(1, 1, 3.6)

@@ -19,7 +19,7 @@ from hil.report import style
 from hil.report.figures import shapers as figures_shapers
 from hil.report.figures.arm_along_line import arm_along_line
 from hil.report.figures.arm_swinging import arm_swinging
-from hil.report.figures.directions import directions_of
+from hil.report.figures.directions import direction_table, directions_of
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.material import LINE_MOTION, POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
@@ -28,8 +28,6 @@ from hil.report.report_table import Mark
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
-from hil.report.tables.directions import directions as direction_table
-from hil.report.tables.shapers import shapers as shaper_table
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TourResult, TreatmentTable
 
 OVERLAID = 4
@@ -167,7 +165,8 @@ class ComparedMotion:
         """Return the table of the shapers, the tip after a stop, and the residual over the frequency."""
         material, case = self.material, f"{self.title[0].upper()}{self.title[1:]}"
         runs = [run for run in material.result.runs if (run.experiment, run.axis) == (self.experiment, self.axis)]
-        made: list[Item] = [shaper_table(runs, f"shapers-{self.key}", f"{case}: remaining vibration and cost of the shapers")]
+        title = f"{case}: remaining vibration and cost of the shapers"
+        made: list[Item] = [figures_shapers.shaper_table(runs, f"shapers-{self.key}", title)]
         if self.axis is not None and self.experiment == POINT_TO_POINT:
             title = f"{case}: the tip after the stop"
             made.append(figures_shapers.after_stop(material, self.axis, self.experiment, f"stop-{self.key}", title))
@@ -175,10 +174,7 @@ class ComparedMotion:
         return [*made, figures_shapers.residuals(runs, f"residual-{self.key}", title)]
 
     def orders(self) -> list[Drawing]:
-        """Draw order maps of a ramp with each treatment.
-
-        Each figure has several maps; an empty list for other motions.
-        """
+        """Draw order maps of a ramp with each treatment, several in one."""
         if self.axis is None:
             return []
         runs = [(run.label, run.recording) for _, run in self.runs]
@@ -192,19 +188,13 @@ class ComparedMotion:
         return [drawing for drawing in made if drawing is not None]
 
     def directions(self) -> Drawing | None:
-        """Draw the tip along x, y and z with the first treatments.
-
-        On a bench with an arm; None without a vector.
-        """
+        """Draw the tip along x, y and z with the first treatments."""
         looked = [replace(run, look=look) for (_, run), look in zip(self.runs, style.OVERLAY_LINES, strict=False)]
         title = f"{self.title[0].upper()}{self.title[1:]}: the tip along x, y and z"
         return directions_of(self.material, looked, self.axis, f"directions-{self.key}", title)
 
     def arm(self) -> list[Drawing]:
-        """Draw the arm along its line and at its resonances.
-
-        Without treatment and with the best one; an empty list for other motions.
-        """
+        """Draw the arm along its line and at its resonances."""
         if self.experiment != LINE_MOTION:
             return []
         name = self.robot.directory
@@ -380,10 +370,7 @@ def _label(row: ComparisonRow) -> str:
 
 
 def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
-    """Draw the tip's peak with every treatment, and the specification.
-
-    The experiments are side by side.
-    """
+    """Draw the tip's peaks beside the specification, the experiments side by side."""
     columns = [case for case in cases(result) if any(_is_judged(row, case) for row in robot.rows)]
     names = list(dict.fromkeys(treatment_words(row) for row in robot.rows if row.tip_peak_mm is not None))
     if not columns or len(names) < 2:
@@ -423,10 +410,7 @@ LABEL_FRACTION = 0.022
 
 
 def _side(peak: float, limit: float, half: float) -> tuple[str, float]:
-    """Return alignment and shift in points of a label.
-
-    The label then covers neither the axis nor the limit.
-    """
+    """Return alignment and shift by which a label covers no line."""
     if peak < half:
         return "left", 0.0
     if abs(peak - limit) >= half:

@@ -215,10 +215,7 @@ GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "
 
 
 def verdicts(outcome: NotchDesignOutcome) -> list[tuple[str, NotchVerdict, style.Line]]:
-    """Return the verdicts to draw, with name and line style.
-
-    A designed set without filters is left out: it is the loop without filter again.
-    """
+    """Return the verdicts to draw, with name and line style."""
     drawn: list[tuple[str, NotchVerdict, style.Line]] = [("no filter", outcome.none, style.WITHOUT)]
     if outcome.given is not None:
         drawn.append(("given filter", outcome.given, GIVEN))
@@ -289,10 +286,7 @@ def _bound(outcome: NotchDesignOutcome, order: int, frequency: Real) -> Real:
 
 
 def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
-    """Draw the open loop from f_s to f_e; Fig. 12.
-
-    Whole and near −1, with the circle of the allowed M_s.
-    """
+    """Draw the open loop, whole and near the allowed M_s; Fig. 12."""
     best = outcome.best
     if not best.notches:
         return None

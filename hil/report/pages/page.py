@@ -54,10 +54,7 @@ class PageHead:
         return cls(bench.name, bench.started_utc, notes, heading, aftermath=aftermath, origin=origin, is_paper=is_paper)
 
     def tag(self, drawing: Drawing) -> str:
-        """Return the origin of a figure in words.
-
-        On an emulated robot, `emulated` replaces `measured`.
-        """
+        """Return the origin of a figure in words: `measured` or `emulated`."""
         return drawing.origin.replace("measured", self.origin.word)
 
 
@@ -193,10 +190,7 @@ _MONTHS = (
 
 
 def bench_lines(bench: MeasuredBench, *more: tuple[str, str]) -> list[tuple[str, str]]:
-    """Return names and texts of a measurement's bench, further ones, and versions.
-
-    A line without a text is left out.
-    """
+    """Return names and texts of a measurement's bench, without empty ones."""
     lines = [("Bench", bench.name), ("Bus", bench.bus), ("Clock", bench.clock), *more]
     return [(name, text) for name, text in (*lines, ("Versions", versions_text(bench.versions))) if text]
 

@@ -152,10 +152,7 @@ def _draw(panel: Axes, trend: Trend) -> None:
 
 
 def _draw_limits(panel: Axes, trend: Trend, dates: Any) -> None:
-    """Draw the limits of a jump at each watched run, as steps.
-
-    The figure does not show limits that are far from the values.
-    """
+    """Draw the near limits of a jump at each watched run."""
     low, high = trend.watch.low, trend.watch.high
     values, errors = trend.values, trend.errors
     bottom, top = float(np.min(values - errors)), float(np.max(values + errors))

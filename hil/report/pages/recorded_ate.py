@@ -295,10 +295,7 @@ def stretches(material: RecordedMaterial) -> ReportTable:
 
 
 def _shown_orders(material: RecordedMaterial) -> list[float]:
-    """Return the largest orders above their noise, four at most.
-
-    If none is above its noise, the largest of all.
-    """
+    """Return the four largest orders, above their noise if any is."""
     part = material.result.ate
     if part is None:
         return []

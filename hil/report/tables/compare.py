@@ -10,10 +10,7 @@ from hil.results.comparison import AxisCompliance, ComparisonRow, TourResult, Tr
 
 
 def cases(result: TreatmentTable) -> list[tuple[str, int | None]]:
-    """Return the cases of a comparison in the order of the runs.
-
-    A case is an experiment with its axis or None.
-    """
+    """Return experiments, each with axis or None, in their order."""
     return list(dict.fromkeys((row.experiment, row.axis) for robot in result.robots for row in robot.rows))
 
 

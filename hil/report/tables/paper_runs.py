@@ -99,10 +99,7 @@ def transmission_errors(material: Material) -> ReportTable:
 
 
 def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable:
-    """Tabulate filters with their margins at the worst speed.
-
-    Beside the paper's Table 3.
-    """
+    """Tabulate filters and their worst margins beside the paper's Table 3."""
     rows: list[list[Cell]] = []
     is_paper = material.bench.is_paper and "notch" in filters.treatments
     for axis, tables in sorted(filters.notches.items()):

@@ -35,10 +35,7 @@ def _row(name: str, part: TrialPart) -> list[Cell]:
 
 
 def _both(value: float | None, error: float | None) -> tuple[str, str]:
-    """Return a value and its standard error as text.
-
-    Two dashes for an order without either.
-    """
+    """Return a value and its standard error, or two dashes."""
     if value is None or error is None or not 0.0 < error < TOO_LARGE:
         return "–", "–"
     return value_and_error(value, error)

@@ -159,10 +159,7 @@ MOST_LINES = 4
 
 
 def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
-    """Draw a motion in one window over the dates of its runs.
-
-    Each treatment has a line.
-    """
+    """Draw a motion over its runs' dates, a line per treatment."""
     figure, panels = style.panels(3, 2, 6.4, sharex=True)
     treatments = list(dict.fromkeys(run.entry.treatment for run in runs))
     for name, look in zip(treatments, style.AXIS_LINES, strict=False):
@@ -190,10 +187,7 @@ def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
 
 
 def _scale(panel: Axes, *, from_zero: bool) -> None:
-    """Choose a scale that does not magnify small changes.
-
-    It begins at 0, or has plain numbers at its ticks.
-    """
+    """Choose a scale from 0, or with plain numbers."""
     if not panel.get_lines():
         style.note(panel, "not known")
         panel.set_yticks([])
