@@ -70,12 +70,7 @@ def _blocks(values: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
 
 
 class Trace:
-    """A log that has been looked through.
-
-    Args:
-        log: The log.
-        descriptions: Device descriptions by node-ID.
-    """
+    """A log that has been looked through."""
 
     def __init__(self, log: Log, descriptions: Mapping[int, Description]) -> None:
         self.log = log

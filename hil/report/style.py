@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import ListedColormap
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
@@ -227,6 +228,16 @@ def stack_over_time(*panels: Axes) -> None:
         panel.sharex(panels[-1])
         panel.tick_params(labelbottom=False)
     panels[-1].set_xlabel("Time (s)")
+
+
+def date_axis(panel: Axes, dates: NDArray[np.datetime64], room: np.timedelta64, name: str) -> None:
+    """Name and divide an abscissa of dates, with room around a single one."""
+    if len(np.unique(dates)) == 1:
+        panel.set_xlim(dates[0] - room, dates[0] + room)
+    locator: Any = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
+    panel.xaxis.set_major_locator(locator)
+    panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    panel.set_xlabel(name)
 
 
 def residual(panel: Axes, x: Real, rest: Real, unit: str, names: str = "measured − model") -> None:

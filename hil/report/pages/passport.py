@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from hil.passport.regression import FEWEST_BEFORE
 from hil.passport.watch import FALSE_ALARMS, OrderOrigin, Trend
@@ -142,13 +141,9 @@ def _draw(panel: Axes, trend: Trend) -> None:
                 color=colour,
             )  # fmt: skip
     _draw_limits(panel, trend, dates)
-    if len(set(dates.tolist())) == 1:
-        panel.set_xlim(dates[0] - ALONE, dates[0] + ALONE)
-    locator: Any = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
-    panel.xaxis.set_major_locator(locator)
-    panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    style.date_axis(panel, dates, ALONE, "Date")
     name = "Phase φ" if trend.is_phase else "Amplitude A"
-    panel.set(xlabel="Date", ylabel=f"{name}, order {trend.order:g} ({trend.unit})")
+    panel.set_ylabel(f"{name}, order {trend.order:g} ({trend.unit})")
 
 
 def _draw_limits(panel: Axes, trend: Trend, dates: Any) -> None:

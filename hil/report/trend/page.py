@@ -5,12 +5,10 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from hil.report import style
 from hil.report.material import run_name, treatment_name
@@ -169,14 +167,9 @@ def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
     for panel, (label, _) in zip(panels.flat, PANELS, strict=True):
         panel.set_ylabel(label)
         _scale(panel, from_zero=label not in AROUND)
-    dates = [_date(run) for run in runs]
-    if len(set(dates)) == 1:
-        panels[0, 0].set_xlim(dates[0] - BESIDE, dates[0] + BESIDE)
+    dates = np.array([_date(run) for run in runs])
     for panel in panels[-1]:
-        locator: Any = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
-        panel.xaxis.set_major_locator(locator)
-        panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-        panel.set_xlabel("Date (UTC)")
+        style.date_axis(panel, dates, BESIDE, "Date (UTC)")
     style.legend_above(figure, *panels.flat)
     left = "" if len(treatments) <= MOST_LINES else f" Only {MOST_LINES} of {len(treatments)} treatments are drawn."
     caption = (
