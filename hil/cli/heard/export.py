@@ -77,12 +77,12 @@ def export(
     with exit_on_error(moves=False):
         from hil.export.source import Known
 
-        bench = None
+        descriptions, bench = dict(description_from(text) for text in description or []), None
         if bench_file is not None:  # without one it is not loaded, nor scipy with it
             from hil.bench.bench import load_bench
 
             bench = load_bench(bench_file)
-        known = Known(bench, dict(description_from(text) for text in description or []), interface, run)
+        known = Known(bench, descriptions, interface, run)
         series = _written(source, files, known, is_needed=address is not None or layout is not None)
         if layout is not None:
             from hil.export.plotjuggler import write_layout
