@@ -14,7 +14,7 @@ from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest, lear
 from hil.experiments.comparison.plan import ComparisonRequest
 from hil.experiments.motions import LINE_MOTION
 from hil.experiments.treatment import known_from
-from hil.report.tables.directions import ALONG, peaks_mm
+from hil.report.figures.directions import ALONG, peaks_mm
 from hil.report.writer import write_report_of
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE

@@ -99,9 +99,6 @@ def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
 
     The filters are the designed ones, or those of the bench file if they are predicted to leave less at the tip and keep
     all margins. The clause is on the bench file's.
-
-    Args:
-        outcome: Outcome of a design that has found filters.
     """
     given = outcome.given
     if given is None or outcome.designed is None:
@@ -152,12 +149,8 @@ class TourRunner(ABC):
     def step(self, name: str, make: Step, report: str = "") -> None:
         """Make one step, and note name, result, duration and report.
 
-        A step that is refused may have left a report, too.
-
-        Args:
-            name: Name of the step in words.
-            make: The step; its result in words, and the path of its report from the tour's directory.
-            report: Path of the report that it may leave after a failure.
+        A step that is refused may have left a report, too. `make` returns its result in words and its report's path from the
+        tour's directory; `report` is that of a failure.
         """
         self.reporter.step(name)
         began = time.monotonic()
@@ -174,11 +167,7 @@ class TourRunner(ABC):
             self.steps.append(TourStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
 
     def run_side_by_side(self, knowledge: Knowledge) -> tuple[str, str]:
-        """Run the comparison that a tour ends with, as its last step.
-
-        Args:
-            knowledge: All that is known of the robot by now.
-        """
+        """Run the comparison that a tour ends with, as its last step."""
         planned = plan(KnownRobot(self.bench, knowledge, BENCH_FILE), self.request)
         outcome = compare([planned], self.request, self.out, reporter=self.reporter)
         self.comparisons.append(outcome)
@@ -354,10 +343,7 @@ class _TourRunner(TourRunner):
         return "; ".join(map(str, outcomes)), self.parameter_set(self._uploaded[0]).name
 
     def _check_same(self, axis: int) -> None:
-        """Check that parameter set and design file have the same filter.
-
-        A run would write the filter of the design file.
-        """
+        """Check that parameter set and design file have the same filter."""
         wanted = ParameterSet.load(self.parameter_set(axis)).tuning
         for column, table in enumerate(load_designs(self.design).axis[axis].notch, start=1):
             for key, value in vars(table.notch()).items():
@@ -371,20 +357,14 @@ class _TourRunner(TourRunner):
         return self.run_side_by_side(known_from(self.out / BENCH_FILE, self.bench, model=self.model, design=design))
 
     def read_back(self) -> tuple[str, str]:
-        """Check that the drives still have the uploaded sets.
-
-        Every run should have restored its changes.
-        """
+        """Check that the drives still have the uploaded sets."""
         differing = self._transact(lambda uploads: [str(write.entry) for each in uploads for write, _ in each.changes])
         if differing:
             raise NotPossibleError(f"after the runs the drives no longer hold the uploaded values: {', '.join(differing)}")
         return "after the runs every object holds the uploaded value", self.parameter_set(self._uploaded[-1]).name
 
     def _transact(self, then: Callable[[list[Upload]], T]) -> T:
-        """Prepare the transaction of `drive-profiles upload` for `then`.
-
-        Each drive is identified and read.
-        """
+        """Prepare the transaction of `drive-profiles upload` for `then`."""
         options = UploadOptions(store=True, journals=self.out / "drive-journals")
         with SdoBus(self.bench.bus.address) as bus:
             uploads = []
@@ -409,10 +389,7 @@ def _design_page(axis: int) -> str:
 
 
 def _written(uploads: list[Upload]) -> list[UploadResult]:
-    """Upload to all drives or none.
-
-    Ctrl-C waits until the changes are restored.
-    """
+    """Upload to all drives or none; Ctrl-C waits for that."""
     with Interrupts(is_last=False) as interrupts:
         if threading.current_thread() is threading.main_thread():
             late = "the interrupt came too late: everything has been written; a second one ends the demo"

@@ -14,35 +14,9 @@ from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.application import command
 from drive_profiles.cli.completion import complete_list, complete_reference
 from drive_profiles.cli.console import fail, terminal_width
-from hil.cli.console import (
-    ExitStatus,
-    RunProgress,
-    bench_on,
-    bench_on_emulator,
-    confirm,
-    echo_lines,
-    epilog_of_runs,
-    exit_on_error,
-    exit_with,
-    is_on_local_bus,
-    motion_lines,
-    result_directory,
-    say,
-    say_not_restored,
-    tell_result,
-)
+from hil.cli import console, options
+from hil.cli.console import ExitStatus
 from hil.cli.live import LiveCommand, LiveOption, shown_live
-from hil.cli.options import (
-    AXES,
-    FORMER_SPELLINGS,
-    BusOption,
-    ForceOption,
-    JsonOption,
-    NewOutOption,
-    OverloadOption,
-    TreatmentListOption,
-    YesOption,
-)
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
@@ -50,7 +24,7 @@ if TYPE_CHECKING:
     from hil.experiments.comparison.run import ComparisonOutcome
     from hil.experiments.treatment import Knowledge
 
-COMPARE_EPILOG = epilog_of_runs({
+COMPARE_EPILOG = console.epilog_of_runs({
     ExitStatus.DONE: "compared",
     ExitStatus.NOT_MET: "a requested treatment was left out, a trial refused a cancellation, or a run could not be judged",
 })  # fmt: skip
@@ -69,12 +43,14 @@ ExperimentListOption = Annotated[
 AxisListOption = Annotated[
     list[int] | None,
     typer.Option(
-        "--axis", help="Axis that moves alone; repeatable; default: those with a filter or a model.", autocompletion=AXES.one
+        "--axis",
+        help="Axis that moves alone; repeatable; default: those with a filter or a model.",
+        autocompletion=options.AXES.one,
     ),
 ]
 
 
-@command(cls=LiveCommand, epilog=COMPARE_EPILOG, context_settings=FORMER_SPELLINGS)
+@command(cls=LiveCommand, epilog=COMPARE_EPILOG, context_settings=options.FORMER_SPELLINGS)
 def compare(
     bench_file: Annotated[
         list[str],
@@ -84,11 +60,11 @@ def compare(
     ],
     experiment: ExperimentListOption = None,
     axis: AxisListOption = None,
-    treatment: TreatmentListOption = None,
+    treatment: options.TreatmentListOption = None,
     model: Annotated[list[Path] | None, typer.Option(help="Model file of hil identify; repeatable, one per robot.")] = None,
     design: Annotated[list[Path] | None, typer.Option(help="Design file of hil design; repeatable, one per robot.")] = None,
     learnt: Annotated[list[Path] | None, typer.Option(help="Model file of hil learn; repeatable, one per robot.")] = None,
-    bus: BusOption = None,
+    bus: options.BusOption = None,
     emulate: Annotated[
         list[str] | None,
         typer.Option(
@@ -99,12 +75,12 @@ def compare(
     repeat: Annotated[
         int, typer.Option(min=1, max=100, help="Number of runs of each motion; their mean is judged, with less sensor noise.")
     ] = 1,
-    out: NewOutOption = None,
-    force: ForceOption = False,
-    overload: OverloadOption = False,
+    out: options.NewOutOption = None,
+    force: options.ForceOption = False,
+    overload: options.OverloadOption = False,
     live: LiveOption = None,
-    yes: YesOption = False,
-    as_json: JsonOption = False,
+    yes: options.YesOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Compare treatments of the transmission error in one table.
 
@@ -112,14 +88,14 @@ def compare(
 
     Example: hil compare --bench bench.toml --model model.toml --design design.toml --out compared
     """
-    with exit_on_error():
+    with console.exit_on_error():
         from hil.bench.bench import load_bench
 
         _check_buses(bench_file, bus, emulate or [])
         if live is not None and len(bench_file) > 1:
             raise fail("--live shows one robot; give one --bench", ExitStatus.USAGE)
-        where = result_directory(out, "compare", force=force)
-        benches = [load_bench(name) if emulate else bench_on(name, bus) for name in bench_file]
+        where = console.result_directory(out, "compare", force=force)
+        benches = [load_bench(name) if emulate else console.bench_on(name, bus) for name in bench_file]
 
         from hil.experiments.comparison.plan import KnownRobot, plan
 
@@ -209,12 +185,12 @@ def _emulated(benches: list["Bench"], robots: list[str], emulators: ExitStack) -
 
     each = robots * len(benches) if len(robots) == 1 else robots
     addresses = [str(emulators.enter_context(EmulatorProcess(robot)).address) for robot in each]
-    return [bench_on_emulator(bench, address) for bench, address in zip(benches, addresses, strict=True)]
+    return [console.bench_on_emulator(bench, address) for bench, address in zip(benches, addresses, strict=True)]
 
 
 def _confirm(plans: list["ComparisonPlan"]) -> None:
     """Ask once before real robots move, and name each motion once."""
-    real = [each for each in plans if not is_on_local_bus(each.robot.bench)]
+    real = [each for each in plans if not console.is_on_local_bus(each.robot.bench)]
     if not real:
         return
     motions = {
@@ -223,8 +199,8 @@ def _confirm(plans: list["ComparisonPlan"]) -> None:
         for experiment in each.experiments
     }
     count = sum(len(each.experiments) for each in real)
-    say(f"{count} runs of these motions, and a trial before each cancellation:")
-    confirm(motion_lines(motions.values()))
+    console.say(f"{count} runs of these motions, and a trial before each cancellation:")
+    console.confirm(console.motion_lines(motions.values()))
 
 
 def _run(
@@ -236,11 +212,11 @@ def _run(
 
     for each in plans:
         for reason in dict.fromkeys(left.reason for left in each.left_out):
-            say(f"left out of {each.robot.bench.name}: {reason}")
+            console.say(f"left out of {each.robot.bench.name}: {reason}")
         for remark in each.remarks:
-            say(f"{each.robot.bench.name}: {remark}")
+            console.say(f"{each.robot.bench.name}: {remark}")
     total = sum(len(each.experiments) for each in plans)
-    with RunProgress(total, is_live=all(is_on_local_bus(each.robot.bench) for each in plans)) as progress:
+    with console.RunProgress(total, is_live=all(console.is_on_local_bus(each.robot.bench) for each in plans)) as progress:
         done = run_all(
             plans,
             request,
@@ -249,17 +225,17 @@ def _run(
             repeat=repeat,
             reporter=progress,
         )
-    tell_result(done.result, out, lambda: echo_lines(summary(done.result, terminal_width())), as_json=as_json)
+    console.tell_result(done.result, out, lambda: console.echo_lines(summary(done.result, terminal_width())), as_json=as_json)
     _leave(done)
 
 
 def _leave(done: "ComparisonOutcome") -> None:
     """Exit with the status, and print the reason."""
-    say_not_restored(done.not_restored)
+    console.say_not_restored(done.not_restored)
     if done.failure is not None:
-        raise exit_with(done.failure)
+        raise console.exit_with(done.failure)
     for what in dict.fromkeys(done.unmet):
-        say(f"not compared: {what}")
+        console.say(f"not compared: {what}")
     if done.not_restored:
         raise typer.Exit(ExitStatus.SDO)
     if done.unmet:

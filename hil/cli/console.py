@@ -39,9 +39,7 @@ class ExitStatus(ToolExitStatus):
 def epilog_of_runs(own: dict[ToolExitStatus, str] | None = None, *, is_judged: bool = True) -> str:
     """Return the exit statuses of a motion command for its help.
 
-    Args:
-        own: Sentences that replace the tool's for this command.
-        is_judged: False for a command that judges nothing.
+    `own` replaces sentences; one that judges nothing has `is_judged` False.
     """
     never = {ExitStatus.INTERNAL} if is_judged else {ExitStatus.INTERNAL, ExitStatus.NOT_MET}
     return epilog((status for status in ExitStatus if status not in never), own)
@@ -83,10 +81,7 @@ def exit_status_of(error: Exception) -> int:
 
 
 def message_of(error: Exception) -> str:
-    """Return the message of an error.
-
-    For a file error: the file's name, the reason, and notes on the robot.
-    """
+    """Return an error's message; of a file error file, reason and notes."""
     if isinstance(error, OSError):
         return "; ".join([f"{error.filename or 'output'}: {error.strerror or error}", *getattr(error, "__notes__", ())])
     return str(error)
@@ -109,10 +104,7 @@ def exit_with(error: Exception) -> typer.Exit:
 def exit_on_error(*, moves: bool = True) -> Iterator[None]:
     """Turn errors into a message and an exit status.
 
-    An unexpected error keeps its traceback.
-
-    Args:
-        moves: True for a command that moves a robot: after an interrupt it prints what has moved.
+    An unexpected error keeps its traceback. A command that moves a robot prints after an interrupt what has moved.
     """
     from hil.master.last_positions import LastPositions  # noqa: PLC0415 - hil.master loads nothing else with it
 
@@ -178,15 +170,7 @@ def echo_lines(lines: Iterable[str], *, err: bool = False) -> None:
 
 
 def tell_result(result: "Result", where: Path, summary: Callable[[], None], model: Path | None = None, *, as_json: bool) -> None:
-    """Write the report, and print the result and the written files.
-
-    Args:
-        result: The result.
-        where: Its directory.
-        summary: Printer of the result as text.
-        model: Model file that was written; None if none was.
-        as_json: Print result.json instead of text.
-    """
+    """Write the report, and print the result and the written files."""
     page = write_page(where)
     if as_json:
         typer.echo(result.dumps())
@@ -247,11 +231,6 @@ def is_on_local_bus(bench: "Bench") -> bool:
 
 def result_directory(out: Path | None, name: str, *, force: bool) -> Path:
     """Return the directory for a command's files: `--out`, or a new one.
-
-    Args:
-        out: Value of `--out`.
-        name: End of the name of a new one.
-        force: Value of `--force`.
 
     Raises:
         NotPossibleError: It holds the files of another command, and `--force` is not given.
@@ -335,11 +314,6 @@ def confirm_motion(bench: "Bench", motions: Iterable[str], *, yes: bool) -> None
 
     Do not ask if the robot is emulated, or `--yes` is given.
 
-    Args:
-        bench: The bench file.
-        motions: Lines that say what moves, how far and how fast.
-        yes: Value of `--yes`.
-
     Raises:
         BusUnavailableError: The bus does not exist, or cannot be used.
         typer.Exit: The user does not agree, or cannot be asked.
@@ -355,9 +329,6 @@ def confirm_motion(bench: "Bench", motions: Iterable[str], *, yes: bool) -> None
 
 def confirm(motions: Iterable[str]) -> None:
     """Ask before a real robot moves, once for all motions.
-
-    Args:
-        motions: Lines that say what moves, how far and how fast.
 
     Raises:
         typer.Exit: The user does not agree, or cannot be asked.

@@ -14,18 +14,8 @@ import typer
 from drive_profiles.cli.application import command, folded
 from drive_profiles.cli.completion import complete_reference
 from drive_profiles.cli.console import terminal_width
-from hil.cli.console import (
-    ExitStatus,
-    SpokenReporter,
-    bench_on_emulator,
-    echo_lines,
-    epilog_of_runs,
-    exit_on_error,
-    exit_status_of,
-    message_of,
-    result_directory,
-    say,
-)
+from hil.cli import console
+from hil.cli.console import ExitStatus
 from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import ForceOption, JsonOption
 from hil.cli.run import run_and_report
@@ -33,7 +23,7 @@ from hil.cli.run import run_and_report
 if TYPE_CHECKING:  # --help must not wait for it
     from hil.tour import TourOutcome
 
-DEMO_EPILOG = epilog_of_runs({ExitStatus.NOT_MET: "a claim does not hold, or a run could not be judged"})
+DEMO_EPILOG = console.epilog_of_runs({ExitStatus.NOT_MET: "a claim does not hold, or a run could not be judged"})
 ROBOT_SEED = 77
 """Seed of the robot that the tour shows unless another is chosen: one on which every step has something to show."""
 
@@ -67,16 +57,16 @@ def demo(
 
     Example: hil demo --out demo
     """
-    with exit_on_error():
+    with console.exit_on_error():
         from hil.emulator import EmulatorProcess  # noqa: PLC0415
 
-        result_directory(out, "demo", force=force)
+        console.result_directory(out, "demo", force=force)
         with EmulatorProcess(robot) as emulator:
             from hil.bench.bench import load_bench  # noqa: PLC0415
             from hil.experiments.plan import demo_experiments  # noqa: PLC0415
             from hil.experiments.treatment import known_from  # noqa: PLC0415
 
-            bench = bench_on_emulator(load_bench("reference"), str(emulator.address))
+            bench = console.bench_on_emulator(load_bench("reference"), str(emulator.address))
             with shown_live(live, bench.bus.address, "reference"):
                 status = run_and_report(
                     bench, demo_experiments(bench), out, as_json=as_json, is_paper=True, knowledge=known_from("reference", bench)
@@ -84,7 +74,7 @@ def demo(
         if not no_tour and status in {0, ExitStatus.NOT_MET}:
             status = _run_tours(robot_seed, out, live, as_json=as_json) or status
         for line in next_steps(tool_prefix(sys.argv[0])):
-            say(line)
+            console.say(line)
         if status:
             raise typer.Exit(status)
 
@@ -107,8 +97,7 @@ NEXT = (
 def next_steps(prefix: str = "") -> list[str]:
     """Return lines on further steps, each with its command.
 
-    Args:
-        prefix: Folder of the tools, with its slash; empty if the shell finds them.
+    `prefix` is the folder of the tools with its slash; empty if the shell finds them.
     """
     lines = ["", "What next:"]
     for purpose, example in NEXT:
@@ -158,14 +147,14 @@ def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
     from hil.emulator import EmulatorProcess, draw_robot  # noqa: PLC0415
     from hil.report.pages.demo import TOUR_FOLDER  # noqa: PLC0415
 
-    say(f"your own robot: an unknown one, drawn by seed {seed}; --robot-seed draws another")
+    console.say(f"your own robot: an unknown one, drawn by seed {seed}; --robot-seed draws another")
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
         robot = draw_robot(seed, Path(folder))
         with (
             EmulatorProcess(str(robot.robot_file)) as emulator,
             shown_live(live, str(emulator.address), str(robot.bench_file)),
         ):
-            done = tour.run(str(emulator.address), out / TOUR_FOLDER, reporter=SpokenReporter(), robot=robot)
+            done = tour.run(str(emulator.address), out / TOUR_FOLDER, reporter=console.SpokenReporter(), robot=robot)
     # what was refused on a robot that anybody may draw is said, and no fault of the demo
     return _tell("your own robot", out / TOUR_FOLDER, done, as_json=as_json)
 
@@ -176,9 +165,9 @@ def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
     from hil.emulator import EmulatorProcess  # noqa: PLC0415
     from hil.report.pages.demo import ARM_FOLDER  # noqa: PLC0415
 
-    say("a whole arm: six axes; only its joints and its motors' inertias are known")
+    console.say("a whole arm: six axes; only its joints and its motors' inertias are known")
     with EmulatorProcess("reference-arm") as emulator, shown_live(live, str(emulator.address), "reference-arm"):
-        done = arm_tour.run(str(emulator.address), out / ARM_FOLDER, reporter=SpokenReporter())
+        done = arm_tour.run(str(emulator.address), out / ARM_FOLDER, reporter=console.SpokenReporter())
     return _tell("a whole arm", out / ARM_FOLDER, done, as_json=as_json)
 
 
@@ -189,20 +178,20 @@ def _tell(what: str, folder: Path, done: "TourOutcome", *, as_json: bool) -> int
     from hil.report.writer import write_report_of  # noqa: PLC0415
 
     page = write_report_of(folder)
-    echo_lines(summary(done.result, terminal_width(err=as_json)), err=as_json)
-    echo_lines(notch_sentences(done.result), err=as_json)
+    console.echo_lines(summary(done.result, terminal_width(err=as_json)), err=as_json)
+    console.echo_lines(notch_sentences(done.result), err=as_json)
     claims = done.result.tour.claims or ()
     for claim in claims:
         found = "not judged" if claim.found is None else f"{claim.found:.4f} {claim.unit}".replace("-", "−")
         verdict = {True: "holds", False: "does not hold", None: "not judged"}[claim.holds]
         typer.echo(f"{verdict}: {claim.claim}: {found}", err=as_json)
-    say(f"{what}: {page}")
+    console.say(f"{what}: {page}")
     for unmet in [] if done.comparison is None else done.comparison.unmet:
-        say(f"not compared: {unmet}")
+        console.say(f"not compared: {unmet}")
     if done.failure is not None:
-        code = exit_status_of(done.failure)
+        code = console.exit_status_of(done.failure)
         if code == ExitStatus.INTERNAL:
             raise done.failure
-        say(f"{what}: {message_of(done.failure)}")
+        console.say(f"{what}: {console.message_of(done.failure)}")
         return code
     return ExitStatus.DONE if all(claim.holds for claim in claims) else ExitStatus.NOT_MET

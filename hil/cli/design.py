@@ -22,7 +22,6 @@ from hil.reporter import Reporter
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
-    from hil.design.notch_problem import Requirements
     from hil.experiments.notch_design import NotchDesignOutcome
     from hil.experiments.notch_problem import NotchDesignRequest
 
@@ -109,18 +108,20 @@ def notch(
         where = result_directory(out, f"design-axis{axis}", force=force)
 
         from hil.bench.design import Designs
+        from hil.design.notch_problem import Requirements
         from hil.design.notch_search import Effort
         from hil.experiments.notch_problem import NotchDesignRequest
 
         _check_set_file(bench, axis, set_file)
         if design_file is not None:
             Designs.check_file(design_file, bench.name)
+        limit_mm = bench.specification.tip_mm if tip_mm is None else tip_mm
         try:
             request = NotchDesignRequest(
                 axis=axis,
                 orders=_orders(order),
                 shapes=("switched", "trapezoid") if shape is ShapeName.BEST else (shape.value,),
-                requirements=_requirements(bench, max_sensitivity, phase_margin_deg, gain_margin_db, tip_mm),
+                requirements=Requirements(max_sensitivity, phase_margin_deg, gain_margin_db, limit_mm),
                 uncertainty_percent=uncertainty_percent,
                 period_s=period_s,
                 delay_samples=delay_samples,
@@ -166,17 +167,6 @@ def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
     check_drive(bench, axis)
     if path.exists():
         raise NotPossibleError(f"{path} already exists and is not replaced; choose another name")
-
-
-def _requirements(
-    bench: "Bench", max_sensitivity: float, phase_margin_deg: float, gain_margin_db: float, tip_mm: float | None
-) -> "Requirements":
-    """Return the requirements on a filter."""
-    from hil.design.notch_problem import Requirements
-
-    return Requirements(
-        max_sensitivity, phase_margin_deg, gain_margin_db, bench.specification.tip_mm if tip_mm is None else tip_mm
-    )
 
 
 def _design(bench: "Bench", request: "NotchDesignRequest", model: Path | None) -> "NotchDesignOutcome":

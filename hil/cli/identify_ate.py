@@ -8,40 +8,10 @@ import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.standard.shown import measured
-from hil.cli.console import (
-    ExitStatus,
-    SpokenReporter,
-    bench_on,
-    confirm_motion,
-    epilog_of_runs,
-    exit_on_error,
-    result_directory,
-    tell_measurement,
-)
-from hil.cli.identify_recording import (
-    ColumnOption,
-    DescriptionOption,
-    LayoutOption,
-    NodeOption,
-    RatioOption,
-    RecordingOption,
-    RecordingWords,
-    RobotNameOption,
-    from_recordings,
-)
+from hil.cli import console, options
+from hil.cli import identify_recording as recorded
+from hil.cli.console import ExitStatus
 from hil.cli.live import LiveCommand, LiveOption, shown_live
-from hil.cli.options import (
-    BusOption,
-    ForceOption,
-    JsonOption,
-    MovedAxisOption,
-    NewOutOption,
-    OptionalBenchOption,
-    OrdersOption,
-    OverloadOption,
-    YesOption,
-    orders_from,
-)
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -49,7 +19,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.experiments.ate.ramp import Ramp
     from hil.experiments.ate.request import AteRequest
 
-ATE_EPILOG = epilog_of_runs({
+ATE_EPILOG = console.epilog_of_runs({
     ExitStatus.DONE: "identified within the requested standard errors",
     ExitStatus.FILE: "bad file, or limits that leave no room for a ramp",
     ExitStatus.NOT_MET: "not identified, or with larger standard errors than requested",
@@ -71,28 +41,28 @@ EncoderOption = Annotated[
 
 @command(cls=LiveCommand, epilog=ATE_EPILOG)
 def ate(
-    axis: MovedAxisOption,
-    bench_file: OptionalBenchOption = None,
-    bus: BusOption = None,
+    axis: options.MovedAxisOption,
+    bench_file: options.OptionalBenchOption = None,
+    bus: options.BusOption = None,
     model: ReadModelOption = None,
     acceleration_rps_s: FirstRampOption = None,
     passes: Annotated[int, typer.Option(help="Largest number of passes, each forwards and back.")] = 6,
     sensorless: SensorlessOption = False,
     encoder: EncoderOption = False,
-    orders: OrdersOption = "1,2,4",
-    recording: RecordingOption = None,
-    column: ColumnOption = None,
-    layout: LayoutOption = None,
-    ratio: RatioOption = None,
-    robot: RobotNameOption = None,
-    description: DescriptionOption = None,
-    node: NodeOption = None,
-    out: NewOutOption = None,
-    force: ForceOption = False,
-    overload: OverloadOption = False,
+    orders: options.OrdersOption = "1,2,4",
+    recording: recorded.RecordingOption = None,
+    column: recorded.ColumnOption = None,
+    layout: recorded.LayoutOption = None,
+    ratio: recorded.RatioOption = None,
+    robot: recorded.RobotNameOption = None,
+    description: recorded.DescriptionOption = None,
+    node: recorded.NodeOption = None,
+    out: options.NewOutOption = None,
+    force: options.ForceOption = False,
+    overload: options.OverloadOption = False,
     live: LiveOption = None,
-    yes: YesOption = False,
-    as_json: JsonOption = False,
+    yes: options.YesOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Identify the angular transmission error of one axis from ramps.
 
@@ -101,20 +71,22 @@ def ate(
 
     Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
-    words = RecordingWords(column or [], layout, ratio, robot, description, node)
-    with exit_on_error():
+    words = recorded.RecordingWords(column or [], layout, ratio, robot, description, node)
+    with console.exit_on_error():
         if recording:
-            where = result_directory(out, f"identify-ate-axis{axis}", force=force)
+            where = console.result_directory(out, f"identify-ate-axis{axis}", force=force)
             if encoder:
                 raise typer.BadParameter("with --recording, the columns name the encoders; leave it out", param_hint="--encoder")
-            from_recordings(recording, words, axis, orders, bench_file, model, where, sensorless=sensorless, as_json=as_json)
+            recorded.from_recordings(
+                recording, words, axis, orders, bench_file, model, where, sensorless=sensorless, as_json=as_json
+            )
             return
         words.refuse_without_recording()
         if bench_file is None:
             raise typer.BadParameter(
                 "no bench file is given; give one, or give --recording to read a file instead of moving", param_hint="--bench"
             )
-        bench = bench_on(bench_file, bus)
+        bench = console.bench_on(bench_file, bus)
 
         from hil.bench.load_encoder import by_load_encoders  # noqa: PLC0415
         from hil.bench.model import Identified, load_identified, update_file  # noqa: PLC0415
@@ -125,18 +97,18 @@ def ate(
             Identified.check_file(model, bench.name)
         bench = by_load_encoders(bench, [axis]) if encoder else bench
         identified = load_identified(model) if model is not None and model.exists() else None
-        request = AteRequest(axis, acceleration_rps_s, passes, sensorless, orders=orders_from(orders))
+        request = AteRequest(axis, acceleration_rps_s, passes, sensorless, orders=options.orders_from(orders))
         knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)
         ramp = first_ramp(bench, request, knowledge)
-        where = result_directory(out, f"identify-ate-axis{axis}", force=force)
-        confirm_motion(bench, [_motion_line(bench, request, ramp)], yes=yes)
+        where = console.result_directory(out, f"identify-ate-axis{axis}", force=force)
+        console.confirm_motion(bench, [_motion_line(bench, request, ramp)], yes=yes)
         with shown_live(live, bench.bus.address, bench_file):
-            outcome = identify_ate(bench, request, where, identified, overload=overload, reporter=SpokenReporter())
+            outcome = identify_ate(bench, request, where, identified, overload=overload, reporter=console.SpokenReporter())
         file = model or where / "model.toml"
         if outcome.part is not None:
             update_file(file, bench.name, axis, outcome.part)
         written = None if outcome.part is None else file
-        tell_measurement(outcome, where, lambda: _summary(outcome), written, as_json=as_json)
+        console.tell_measurement(outcome, where, lambda: _summary(outcome), written, as_json=as_json)
         if not outcome.result.is_within_goal:
             raise typer.Exit(ExitStatus.NOT_MET)
 

@@ -10,34 +10,16 @@ import typer
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail
 from drive_profiles.standard.shown import measured
-from hil.cli.console import (
-    ExitStatus,
-    SpokenReporter,
-    bench_on,
-    confirm_motion,
-    epilog_of_runs,
-    exit_on_error,
-    result_directory,
-    tell_measurement,
-)
+from hil.cli import console, options
+from hil.cli.console import ExitStatus
 from hil.cli.live import LiveCommand, LiveOption, shown_live
-from hil.cli.options import (
-    BenchOption,
-    BusOption,
-    ForceOption,
-    JsonOption,
-    MovedAxisOption,
-    NewOutOption,
-    OverloadOption,
-    YesOption,
-)
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
     from hil.experiments.plant.motion import PlantRequest
     from hil.results.plant import PlantResult
 
-PLANT_EPILOG = epilog_of_runs({
+PLANT_EPILOG = console.epilog_of_runs({
     ExitStatus.DONE: "identified",
     ExitStatus.NOT_MET: "not identified; the message gives the reason and the remedy",
 })  # fmt: skip
@@ -60,9 +42,9 @@ class PlantShape(StrEnum):
 
 @command(cls=LiveCommand, epilog=PLANT_EPILOG)
 def plant(
-    bench_file: BenchOption,
-    axis: MovedAxisOption,
-    bus: BusOption = None,
+    bench_file: options.BenchOption,
+    axis: options.MovedAxisOption,
+    bus: options.BusOption = None,
     model: Annotated[
         Path | None, typer.Option("--model", help="Model file for the plant. Default: model.toml in the directory.")
     ] = None,
@@ -89,12 +71,12 @@ def plant(
         str | None,
         typer.Option(help="Joint angles of the arm, as 2=30,3=-90: it moves there first, joint by joint, and back."),
     ] = None,
-    out: NewOutOption = None,
-    force: ForceOption = False,
-    overload: OverloadOption = False,
+    out: options.NewOutOption = None,
+    force: options.ForceOption = False,
+    overload: options.OverloadOption = False,
     live: LiveOption = None,
-    yes: YesOption = False,
-    as_json: JsonOption = False,
+    yes: options.YesOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Identify the plant of one axis, with standard errors.
 
@@ -102,11 +84,12 @@ def plant(
 
     Example: hil identify plant --bench bench.toml --axis 2 --model model.toml
     """
-    with exit_on_error():
-        bench = bench_on(bench_file, bus)
+    with console.exit_on_error():
+        bench = console.bench_on(bench_file, bus)
 
         from hil.bench.model import Identified  # noqa: PLC0415
         from hil.experiments.plant.motion import PlantRequest, axis_table  # noqa: PLC0415
+        from hil.experiments.plant.on_bus import run_identify_plant  # noqa: PLC0415
 
         request = PlantRequest(
             axis, amplitude_nm, low_hz, high_hz, bias_rps, periods, excitation.value, shape.value,
@@ -115,10 +98,13 @@ def plant(
         axis_table(bench, axis)
         if model is not None:
             Identified.check_file(model, bench.name)
-        where = result_directory(out, f"identify-plant-axis{axis}", force=force)
-        confirm_motion(bench, _motion_lines(bench, request), yes=yes)
+        where = console.result_directory(out, f"identify-plant-axis{axis}", force=force)
+        file = model or where / "model.toml"
+        console.confirm_motion(bench, _motion_lines(bench, request), yes=yes)
         with shown_live(live, bench.bus.address, bench_file):
-            _identify(bench, request, where, model or where / "model.toml", overload=overload, as_json=as_json)
+            outcome = run_identify_plant(bench, request, where, model=file, overload=overload, reporter=console.SpokenReporter())
+            written = None if outcome.result.model_file is None else file
+            console.tell_measurement(outcome, where, lambda: _summary(outcome.result), written, as_json=as_json)
 
 
 def _posture(text: str | None) -> dict[int, float]:
@@ -135,15 +121,6 @@ def _posture(text: str | None) -> dict[int, float]:
         except ValueError:
             raise fail(f"--posture-deg {text!r}: give joint angles like 2=30,3=-90", ExitStatus.USAGE) from None
     return found
-
-
-def _identify(bench: "Bench", request: "PlantRequest", where: Path, file: Path, *, overload: bool, as_json: bool) -> None:
-    """Identify, write the report, and print the result."""
-    from hil.experiments.plant.on_bus import run_identify_plant  # noqa: PLC0415
-
-    outcome = run_identify_plant(bench, request, where, model=file, overload=overload, reporter=SpokenReporter())
-    written = None if outcome.result.model_file is None else file
-    tell_measurement(outcome, where, lambda: _summary(outcome.result), written, as_json=as_json)
 
 
 def _summary(result: "PlantResult") -> None:

@@ -76,18 +76,7 @@ def from_recordings(
 ) -> None:
     """Identify from recordings; write the model file and the report.
 
-    Print the result.
-
-    Args:
-        files: The recordings.
-        words: Options on them.
-        axis: Axis number.
-        orders: Orders as they were written.
-        bench_file: Bench file with lever and plant of a sensor; None without one.
-        model: Model file; None for one in the directory.
-        where: Directory of the files.
-        sensorless: True to take the motor's torque.
-        as_json: True to print result.json.
+    Print the result. The bench file has lever and plant of a sensor.
 
     Raises:
         typer.Exit: Nothing was identified.

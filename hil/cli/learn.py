@@ -9,32 +9,9 @@ import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail
-from hil.cli.console import (
-    ExitStatus,
-    SpokenReporter,
-    bench_on,
-    confirm_motion,
-    echo_lines,
-    epilog_of_runs,
-    exit_on_error,
-    motion_lines,
-    result_directory,
-    tell_measurement,
-)
+from hil.cli import console, options
+from hil.cli.console import ExitStatus
 from hil.cli.live import LiveCommand, LiveOption, shown_live
-from hil.cli.options import (
-    AXES,
-    BenchOption,
-    BusOption,
-    ForceOption,
-    JsonOption,
-    NewOutOption,
-    OrdersOption,
-    OverloadOption,
-    YesOption,
-    inertias_from,
-    orders_from,
-)
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -42,7 +19,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest
     from hil.experiments.measurement import MeasurementOutcome
 
-LEARN_EPILOG = epilog_of_runs({
+LEARN_EPILOG = console.epilog_of_runs({
     ExitStatus.DONE: "learnt",
     ExitStatus.FILE: "bad file, or limits that leave no room for a motion",
     ExitStatus.NOT_MET: "not learnt, or a cancellation did not help",
@@ -69,11 +46,11 @@ class LearnedMotion(StrEnum):
 
 @command(cls=LiveCommand, epilog=LEARN_EPILOG)
 def learn(
-    bench_file: BenchOption,
+    bench_file: options.BenchOption,
     model: Annotated[Path, typer.Option("--model", help="Model file: read if it exists, for the motor's inertia, and written.")],
     axis: Annotated[
         list[int] | None,
-        typer.Option("--axis", help="Axis that moves; repeatable, one after the other.", autocompletion=AXES.one),
+        typer.Option("--axis", help="Axis that moves; repeatable, one after the other.", autocompletion=options.AXES.one),
     ] = None,
     motion: Annotated[
         LearnedMotion | None,
@@ -95,7 +72,7 @@ def learn(
             help="J_m of the motor's data sheet, if no file has a plant; repeatable for several axes: 2=2.6e-4.",
         ),
     ] = None,
-    bus: BusOption = None,
+    bus: options.BusOption = None,
     passes: Annotated[
         int,
         typer.Option(
@@ -103,14 +80,14 @@ def learn(
         ),
     ] = 5,
     acceleration_rps_s: Annotated[float, typer.Option(min=0.1, max=100.0, help="Acceleration of every ramp.")] = 4.0,
-    orders: OrdersOption = "1,2,4",
+    orders: options.OrdersOption = "1,2,4",
     note: Annotated[str, typer.Option(help="Conditions such as load and temperature, for the model file.")] = "",
-    out: NewOutOption = None,
-    force: ForceOption = False,
-    overload: OverloadOption = False,
+    out: options.NewOutOption = None,
+    force: options.ForceOption = False,
+    overload: options.OverloadOption = False,
     live: LiveOption = None,
-    yes: YesOption = False,
-    as_json: JsonOption = False,
+    yes: options.YesOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Learn a cancellation of the transmission error, pass by pass.
 
@@ -119,26 +96,25 @@ def learn(
 
     Example: hil learn --bench bench.toml --axis 2 --axis 3 --plant model.toml --model learnt.toml --note "22 °C, no load"
     """
-    with exit_on_error():
-        _check_axes(axes := tuple(dict.fromkeys(axis or ())), motion)
-        _check_pace(pace, motion)
-        bench = bench_on(bench_file, bus)
+    with console.exit_on_error():
+        _check(axes := tuple(dict.fromkeys(axis or ())), motion, pace)
+        bench = console.bench_on(bench_file, bus)
 
         from hil.bench.model import Identified  # noqa: PLC0415
 
         Identified.check_file(model, bench.name)
         name = f"axis{'-'.join(map(str, axes))}" if motion is None else motion.value
-        where = result_directory(out, f"learn-{name}", force=force)
-        inertias, ks = inertias_from(motor_inertia_kg_m2 or [], axes), orders_from(orders)
+        where = console.result_directory(out, f"learn-{name}", force=force)
+        inertias, ks = options.inertias_from(motor_inertia_kg_m2 or [], axes), options.orders_from(orders)
         outcome: MeasurementOutcome[Any]
         with shown_live(live, bench.bus.address, bench_file):
             if motion is None:
                 from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary  # noqa: PLC0415
 
                 ramps = LearnRequest(axes, passes, acceleration_rps_s, note=note, motor_inertias_kg_m2=inertias, orders=ks)
-                confirm_motion(bench, _motion_lines(bench, ramps), yes=yes)
+                console.confirm_motion(bench, _motion_lines(bench, ramps), yes=yes)
                 outcome = by_ramps = learn_on_bus(
-                    bench, ramps, where, model, plant=plant, overload=overload, reporter=SpokenReporter()
+                    bench, ramps, where, model, plant=plant, overload=overload, reporter=console.SpokenReporter()
                 )
                 lines = summary(by_ramps)
             else:
@@ -149,17 +125,17 @@ def learn(
                 )
 
                 probes = MotionLearnRequest(motion.value, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
-                confirm_motion(bench, _probing_lines(bench, probes), yes=yes)
+                console.confirm_motion(bench, _probing_lines(bench, probes), yes=yes)
                 outcome = by_probes = learn_motion_on_bus(
-                    bench, probes, where, model, plant=plant, overload=overload, reporter=SpokenReporter()
+                    bench, probes, where, model, plant=plant, overload=overload, reporter=console.SpokenReporter()
                 )
                 lines = motion_summary(by_probes)
             written = model if outcome.result.learnt else None
-            tell_measurement(outcome, where, lambda: echo_lines(lines), written, as_json=as_json)
+            console.tell_measurement(outcome, where, lambda: console.echo_lines(lines), written, as_json=as_json)
 
 
-def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
-    """Refuse axes that do not go with the motion.
+def _check(axes: tuple[int, ...], motion: LearnedMotion | None, pace: float | None) -> None:
+    """Refuse axes and a pace that do not go with the motion.
 
     Raises:
         typer.Exit: They do not.
@@ -170,14 +146,6 @@ def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
         raise fail("a line-motion takes no --axis", ExitStatus.USAGE)
     if motion is LearnedMotion.CONSTANT_ACCELERATION and len(axes) != 1:
         raise fail("a constant-acceleration run needs one --axis", ExitStatus.USAGE)
-
-
-def _check_pace(pace: float | None, motion: LearnedMotion | None) -> None:
-    """Refuse --pace without the line motion, or a pace of 1.
-
-    Raises:
-        typer.Exit: It is refused.
-    """
     if pace is not None and motion is not LearnedMotion.LINE_MOTION:
         raise fail("--pace is for --motion line-motion; a ramp passes all speeds anyway", ExitStatus.USAGE)
     if pace == 1.0:
@@ -201,7 +169,7 @@ def _probing_lines(bench: "Bench", request: "MotionLearnRequest") -> Iterator[st
     """Return the lines on how the robot is moved."""
     from hil.experiments.plan import Experiment  # noqa: PLC0415
 
-    yield from motion_lines([(bench, Experiment(request.motion, request.axis, "none"))])
+    yield from console.motion_lines([(bench, Experiment(request.motion, request.axis, "none"))])
     probe = "3 to 15" if request.probe_arcsec is None else f"{request.probe_arcsec:g}"
     yield f"about forty times, with a cancellation of {probe}″ in each order of every axis"
     if request.pace is not None:

@@ -50,11 +50,6 @@ def with_port(args: list[str]) -> list[str]:
 def shown_live(port: int | None, address: str, bench_file: str) -> Iterator[None]:
     """Show a bus live during runs; nothing without a port.
 
-    Args:
-        port: Port of the page; 0 for a free one.
-        address: Address of the bus.
-        bench_file: Bench file, or a name of the package.
-
     Raises:
         NotPossibleError: It cannot be shown; nothing has moved.
     """

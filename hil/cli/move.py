@@ -9,21 +9,12 @@ import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail
-from hil.cli.console import (
-    ExitStatus,
-    RunProgress,
-    bench_on,
-    confirm_motion,
-    epilog_of_runs,
-    exit_on_error,
-    result_directory,
-    say,
-    say_not_restored,
-)
+from hil.cli import console
+from hil.cli.console import ExitStatus
 from hil.cli.options import BenchOption, BusOption, ForceOption, LoopOption, MovedAxisOption, YesOption
 
 
-@command(epilog=epilog_of_runs(is_judged=False))
+@command(epilog=console.epilog_of_runs(is_judged=False))
 def move(
     bench_file: BenchOption,
     axis: MovedAxisOption,
@@ -56,26 +47,26 @@ def move(
     """
     if [to_rev is not None, by_rev is not None, back].count(True) != 1:
         raise fail("give one of --to and --by, in motor revolutions, or --back", ExitStatus.USAGE)
-    with exit_on_error():
-        bench = bench_on(bench_file, bus)
+    with console.exit_on_error():
+        bench = console.bench_on(bench_file, bus)
 
         from hil.experiments.move import MoveRequest, make_move, plan_move  # noqa: PLC0415
         from hil.experiments.position_before import position_before  # noqa: PLC0415
         from hil.results.base import LOG_FILE  # noqa: PLC0415
 
-        where = result_directory(out, f"move-axis{axis}", force=force)
+        where = console.result_directory(out, f"move-axis{axis}", force=force)
         request = MoveRequest(axis, to_rev, by_rev, loop)
         request.check(bench)
         planned = plan_move(bench, replace(request, before=position_before(bench, axis)) if back else request)
         stands_rev: float | None = planned.from_rev
         if not planned.is_there:
             for line in planned.sentences:
-                say(line)
-            confirm_motion(bench, (), yes=yes)
-            with RunProgress(1) as progress:
+                console.say(line)
+            console.confirm_motion(bench, (), yes=yes)
+            with console.RunProgress(1) as progress:
                 progress.run(f"axis {axis}")
                 outcome = make_move(planned, where / LOG_FILE, reporter=progress)
-            say_not_restored(outcome.not_restored)
+            console.say_not_restored(outcome.not_restored)
             if outcome.stopped is not None:
                 raise outcome.stopped
             stands_rev = outcome.stands_rev

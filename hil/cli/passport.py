@@ -15,7 +15,6 @@ from hil.cli.console import ExitStatus, epilog_without_motion, exit_on_error, sa
 from hil.cli.options import JsonOption
 
 if TYPE_CHECKING:
-    from hil.passport.origin import Motor
     from hil.passport.watch import OrderOrigin, Trend
 
 PASSPORT_EPILOG = epilog_without_motion({
@@ -53,6 +52,7 @@ def passport(
     """
     with exit_on_error(moves=False):
         from hil.passport.gather import gather
+        from hil.passport.origin import Motor
         from hil.passport.store import add, read
         from hil.passport.watch import origins, trends
         from hil.report.pages.passport import write_passport
@@ -62,7 +62,8 @@ def passport(
                 say(f"{each}: there is no such folder")
                 raise typer.Exit(ExitStatus.FILE)
         where, begin = file or directory[0] / PASSPORT_FILE, _date(since)
-        motors = _motors(pole_pairs or [], slots or [])
+        poles, teeth = _counts(pole_pairs or [], "--pole-pairs"), _counts(slots or [], "--slots")
+        motors = {axis: Motor(poles.get(axis), teeth.get(axis)) for axis in poles.keys() | teeth.keys()}
         gathered = gather(directory, note)
         new = add(where, gathered.runs)
         runs = read(where)
@@ -108,14 +109,6 @@ def _date(text: str | None) -> str:
         raise typer.BadParameter(f"{text!r} is not a date; expected e.g. 2026-03-01", param_hint="--since") from None
     date = date.replace(tzinfo=datetime.UTC) if date.tzinfo is None else date.astimezone(datetime.UTC)
     return date.isoformat(timespec="seconds")
-
-
-def _motors(pole_pairs: list[str], slots: list[str]) -> dict[int, "Motor"]:
-    """Poles and slots by axis."""
-    from hil.passport.origin import Motor
-
-    poles, teeth = _counts(pole_pairs, "--pole-pairs"), _counts(slots, "--slots")
-    return {axis: Motor(poles.get(axis), teeth.get(axis)) for axis in poles.keys() | teeth.keys()}
 
 
 def _counts(texts: list[str], option: str) -> dict[int, int]:

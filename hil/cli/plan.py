@@ -206,12 +206,6 @@ def document(bench: "Bench", loop: str, verdict: "PlanVerdict", adviser: "Advise
     """Return the plan as JSON data.
 
     SI units, times of arrival in ns, None for unknown and unbounded values.
-
-    Args:
-        bench: The bench file.
-        loop: Side that closes the loop, the drive or the host.
-        verdict: PlanVerdict on the plan.
-        adviser: Advice on the plan.
     """
     cycle = verdict.cycle
     frames = [

@@ -9,36 +9,9 @@ import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import fail, table
-from hil.cli.console import (
-    ExitStatus,
-    RunProgress,
-    bench_on,
-    confirm_motion,
-    epilog_of_runs,
-    exit_on_error,
-    is_on_local_bus,
-    motion_lines,
-    result_directory,
-    say,
-    say_not_restored,
-    say_page,
-    write_page,
-)
+from hil.cli import console, options
+from hil.cli.console import ExitStatus, say
 from hil.cli.live import LiveCommand, LiveOption, shown_live
-from hil.cli.options import (
-    AXES,
-    FORMER_SPELLINGS,
-    BenchOption,
-    BusOption,
-    ForceOption,
-    JsonOption,
-    LoopOption,
-    NewOutOption,
-    OverloadOption,
-    TreatmentOption,
-    YesOption,
-    names_of,
-)
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -46,7 +19,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.experiments.runner import ExperimentsOutcome
     from hil.experiments.treatment import Knowledge
 
-RUN_EPILOG = epilog_of_runs({
+RUN_EPILOG = console.epilog_of_runs({
     ExitStatus.DONE: "done, and with a treatment the tip stayed within tip_mm",
     ExitStatus.NOT_MET: "the tip exceeded tip_mm, a trial refused a cancellation, or the run could not be judged",
 })  # fmt: skip
@@ -67,43 +40,44 @@ class ClockName(StrEnum):
     WALL = "wall"
 
 
-@command(cls=LiveCommand, epilog=RUN_EPILOG, context_settings=FORMER_SPELLINGS)
+@command(cls=LiveCommand, epilog=RUN_EPILOG, context_settings=options.FORMER_SPELLINGS)
 def run(
     experiment: Annotated[
         ExperimentName, typer.Argument(show_choices=False, help="constant-acceleration, line-motion or point-to-point.")
     ],
-    bench_file: BenchOption,
-    axis: Annotated[int | None, typer.Option("--axis", help="Axis that moves alone.", autocompletion=AXES.one)] = None,
-    treatment: TreatmentOption = "none",
+    bench_file: options.BenchOption,
+    axis: Annotated[int | None, typer.Option("--axis", help="Axis that moves alone.", autocompletion=options.AXES.one)] = None,
+    treatment: options.TreatmentOption = "none",
     model: Annotated[
-        Path | None, typer.Option(help=f"Model file of hil identify, for {names_of('model')}; default: the bench file's plant.")
+        Path | None,
+        typer.Option(help=f"Model file of hil identify, for {options.names_of('model')}; default: the bench file's plant."),
     ] = None,
-    design: Annotated[Path | None, typer.Option(help=f"Design file of hil design, for {names_of('design')}.")] = None,
-    learnt: Annotated[Path | None, typer.Option(help=f"Model file of hil learn, for {names_of('learnt')}.")] = None,
+    design: Annotated[Path | None, typer.Option(help=f"Design file of hil design, for {options.names_of('design')}.")] = None,
+    learnt: Annotated[Path | None, typer.Option(help=f"Model file of hil learn, for {options.names_of('learnt')}.")] = None,
     repeat: Annotated[
         int, typer.Option(min=1, max=100, help="Number of runs; their mean is judged, with less sensor noise.")
     ] = 1,
-    loop: LoopOption = "drive",
-    bus: BusOption = None,
-    out: NewOutOption = None,
-    force: ForceOption = False,
-    as_json: JsonOption = False,
+    loop: options.LoopOption = "drive",
+    bus: options.BusOption = None,
+    out: options.NewOutOption = None,
+    force: options.ForceOption = False,
+    as_json: options.JsonOption = False,
     without_report: Annotated[bool, typer.Option("--no-report", help="Write no page; hil report writes it later.")] = False,
     clock: Annotated[ClockName | None, typer.Option(help="Required clock of the bus; default: any (docs/realtime.md).")] = None,
-    overload: OverloadOption = False,
+    overload: options.OverloadOption = False,
     reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
     live: LiveOption = None,
-    yes: YesOption = False,
+    yes: options.YesOption = False,
 ) -> None:
     """Run one experiment on the robot of a bench file.
 
     Example: hil run constant-acceleration --axis 2 --treatment notch --bench bench.toml
     """
-    with exit_on_error():
+    with console.exit_on_error():
         is_line = experiment is ExperimentName.LINE_MOTION
         if is_line != (axis is None):
             raise fail("a line-motion takes no --axis" if is_line else f"a {experiment.value} run needs --axis", ExitStatus.USAGE)
-        bench = bench_on(bench_file, bus)
+        bench = console.bench_on(bench_file, bus)
 
         from hil.experiments.plan import Experiment  # noqa: PLC0415
         from hil.experiments.treatment import known_from  # noqa: PLC0415
@@ -111,8 +85,8 @@ def run(
         known_robot = known_from(bench_file, bench, model=model, design=design, learnt=learnt)
 
         plan = Experiment(experiment.value, axis, treatment, loop)
-        where = result_directory(out, Path(plan.file_name).stem, force=force)
-        confirm_motion(bench, motion_lines([(bench, plan)]), yes=yes)
+        where = console.result_directory(out, Path(plan.file_name).stem, force=force)
+        console.confirm_motion(bench, console.motion_lines([(bench, plan)]), yes=yes)
         with shown_live(live, bench.bus.address, bench_file):
             status = run_and_report(
                 bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload,
@@ -138,25 +112,12 @@ def run_and_report(
 ) -> int:
     """Run experiments, write the report, and return the exit status.
 
-    Print the result.
-
-    Args:
-        bench: The bench file.
-        experiments: Experiments in their order.
-        out: Directory of the files; made if it is missing.
-        as_json: Print result.json instead of text.
-        is_paper: Judge all of the paper's claims.
-        reset_faults: Reset drives that are in fault first.
-        clock: Clock that the bus must have; None for either.
-        overload: Run even if the frames do not fit on the bus.
-        knowledge: Knowledge that some treatments need beside the bench file.
-        repeat: Number of runs of each motion.
-        has_report: Write the report; without it `hil report` does so later.
+    Print the result. The paper's claims are all judged if `is_paper`; without a report `hil report` writes it later.
     """
     from hil.experiments.runner import run_experiments  # noqa: PLC0415
 
-    is_lock_step = is_on_local_bus(bench) and clock is not ClockName.WALL
-    with RunProgress(len(experiments), is_live=is_lock_step) as progress:
+    is_lock_step = console.is_on_local_bus(bench) and clock is not ClockName.WALL
+    with console.RunProgress(len(experiments), is_live=is_lock_step) as progress:
         outcome = run_experiments(
             bench,
             experiments,
@@ -172,12 +133,12 @@ def run_and_report(
     page = None
     if has_report and outcome.result.runs:
         say("writing the report")
-        page = write_page(out)
+        page = console.write_page(out)
     if as_json:
         typer.echo(outcome.result.dumps())
     elif outcome.result.runs:
         _summary(outcome, typer.echo)
-    say_page(page)
+    console.say_page(page)
     if outcome.failure is not None and outcome.stopped is None:
         raise outcome.failure
     return _status(outcome)
@@ -185,7 +146,7 @@ def run_and_report(
 
 def _status(outcome: "ExperimentsOutcome") -> int:
     """Return the exit status of runs, and print the reason."""
-    say_not_restored(outcome.not_restored)
+    console.say_not_restored(outcome.not_restored)
     if outcome.stopped is not None:
         say(str(outcome.stopped))
         return outcome.stopped.exit_code

@@ -59,13 +59,7 @@ def check_axes(
 ) -> MeasurementOutcome[CheckResult]:
     """Check axes one after the other; the others stay disabled.
 
-    Args:
-        bench: The bench file.
-        axes: Numbers of the axes; empty for all.
-        out: Directory of the files.
-        channel: The bus; opened from the bench file's address unless it is given.
-        reset_faults: Reset drives that are in fault first.
-        reporter: Listener of each step.
+    Without axes all are checked. The bus is opened from the bench file's address unless a channel is given.
 
     Raises:
         NotPossibleError: The bench has no such axis.

@@ -64,12 +64,6 @@ class ArmDrawing:
 def draft(name: str, address: str, nodes: Sequence[FoundNode], drawing: ArmDrawing | None = None) -> str:
     """Text of the bench file.
 
-    Args:
-        name: Name of the bench.
-        address: The bus.
-        nodes: What answers there.
-        drawing: The arm's drawing; None without one.
-
     Raises:
         NotPossibleError: There is no drive, or the joints do not fit the drives.
     """
@@ -152,10 +146,7 @@ def _sync_lines(address: str, axes: dict[int, FoundNode]) -> list[str]:
 
 
 def _stand_in(address: str, axes: dict[int, FoundNode]) -> Bench:
-    """Return a bench for counting frames.
-
-    No motion is planned with it, and it is not written.
-    """
+    """Return a bench for counting frames alone."""
     limits = {"torque_nm": 1.0, "speed_rps": 100.0, "position_min_rev": -1.0, "position_max_rev": 1.0}
     tables = {
         number: {
@@ -172,10 +163,7 @@ def _stand_in(address: str, axes: dict[int, FoundNode]) -> Bench:
 
 
 def _sensor_lines(nodes: Sequence[FoundNode]) -> list[str]:
-    """Return the lines of the accelerometer.
-
-    It is a node that is not a drive and has an accelerometer's profile.
-    """
+    """Return the lines of the accelerometer."""
     sensors = [node for node in nodes if not node.is_drive and node.profile is not None and node.profile.kind == "accelerometer"]
     lines = ["", "[accelerometer]"]
     if len(sensors) == 1:
@@ -206,10 +194,7 @@ def _arm_lines(drawing: ArmDrawing) -> list[str]:
 def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str, ...]] | None) -> list[str]:
     """One axis.
 
-    Args:
-        number: Number of the axis.
-        node: Its drive.
-        drawn: Its joint, None if that is not known, and all joints of the drawing; None without a drawing.
+    `drawn` has its joint, None if unknown, and all joints of the drawing.
     """
     identity, known = node.identity, node.profile is not None
     who = identity.name or "a drive"
@@ -245,10 +230,7 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
 
 
 def _limit_lines(number: int, node: FoundNode) -> list[str]:
-    """Return the lines of an axis' limits.
-
-    The rated torque if the drive has it; the user enters all others.
-    """
+    """Return the lines of an axis' limits, most of them placeholders."""
     allows = "" if node.speed_limit_rps is None else f"; the drive itself allows {node.speed_limit_rps:.4g}"
     torque = _ask("largest motor torque, in N·m")
     if node.scaling is not None:
@@ -265,10 +247,7 @@ def _limit_lines(number: int, node: FoundNode) -> list[str]:
 
 
 def _control_lines(number: int, node: FoundNode) -> list[str]:
-    """Return the lines of the loop's gains.
-
-    As the drive has them, or placeholders; none if only the maker's tool sets them.
-    """
+    """Return the lines of the loop's gains, if the drive has any."""
     if _is_as_found(node):
         return []
     if node.control is not None:

@@ -37,10 +37,7 @@ RECORDED_S: Final = 20.0
 
 
 def narrowed(bench: Bench, number: int, start_rev: float) -> Bench:
-    """Return a bench with limits that suffice for the checks.
-
-    They are never wider than those of the bench file.
-    """
+    """Return a bench with limits that suffice for the checks, none wider."""
     table = bench.axis[number]
     limits = table.limits
     update = {
@@ -64,15 +61,7 @@ class HeldAxis(Run):
     def __init__(
         self, session: Session, axis: DriveAxis, exchange: CyclicExchange, start_rad: float, standing_rad: Mapping[int, float]
     ) -> None:
-        """Prepare it; nothing is sent.
-
-        Args:
-            session: Session that has been brought up.
-            axis: The axis.
-            exchange: Its PDOs, and those of the sensor.
-            start_rad: Present motor angle.
-            standing_rad: Motor angles of the other axes.
-        """
+        """Prepare it; nothing is sent."""
         times = sample_times(RECORDED_S, exchange.period_s)
         rest = Motion((axis.number,), times, np.zeros((len(times), 1)), starts_at_home=False)
         super().__init__(rest, [axis], exchange, RunLimits.of(session.bench), session.supervisor, [start_rad])
@@ -118,10 +107,7 @@ class HeldAxis(Run):
         return self.go(np.zeros(max(1, round(duration_s / self.period_s))))
 
     def watch(self, duration_s: float) -> Real:
-        """Return motor angles while the drive has no torque; shape (n,).
-
-        Stops the run if the bus fails.
-        """
+        """Return motor angles while the drive has no torque; shape (n,)."""
         seen: list[float] = []
         for _ in range(max(1, round(duration_s / self.period_s))):
             self.slot.control_word = DISABLE_VOLTAGE
@@ -133,9 +119,7 @@ class HeldAxis(Run):
     def command(self, word: int, angles_rad: Sequence[float]) -> float | None:
         """Send a control word with set-points, until torque ends.
 
-        Args:
-            word: The control word.
-            angles_rad: Set-points from the start on; there are as many cycles as set-points.
+        Set-points count from the start; there are as many cycles as set-points.
 
         Returns:
             Time until the drive was out of operation; None if it remained in operation, and its voltage was disabled.
@@ -246,12 +230,8 @@ class HeldAxis(Run):
 def held_axis(session: Session, number: int, limits_si: Mapping[str, float] | None = None) -> Iterator[HeldAxis]:
     """Set up one axis under narrow limits, and restore it.
 
-    The limits are those in master and drive. The axis is disabled until `rise`.
-
-    Args:
-        session: Session that has been brought up.
-        number: Number of the axis.
-        limits_si: Limits of the drive that differ from the master's, in SI units, by their keys in the bench file.
+    The limits are those in master and drive. The axis is disabled until `rise`. `limits_si` are limits of the drive that differ
+    from the master's, by their keys in the bench file.
 
     Raises:
         SafetyStopError: The drive has not confirmed that it is disabled.

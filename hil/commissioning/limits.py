@@ -42,9 +42,7 @@ def check_limits(of: Checked) -> list[CheckEntry]:
 def _check(of: Checked, sign: float) -> CheckEntry:
     """One limit: away from it first, then towards it.
 
-    Args:
-        of: The axis.
-        sign: 1 for the upper limit, -1 for the lower.
+    The sign is 1 for the upper limit, −1 for the lower.
     """
     name, here = ("upper limit" if sign > 0.0 else "lower limit"), of.session.axes[of.number].position_rad()
     low, high = sorted((here + sign * math.tau * NEAR_REV, here - sign * math.tau * FAR_REV))
@@ -66,10 +64,7 @@ def _check(of: Checked, sign: float) -> CheckEntry:
 
 
 def _there(held: HeldAxis) -> Real:
-    """Return angles to the requested position, and a rest there.
-
-    From the start; shape (n,).
-    """
+    """Return angles to the requested position and a rest; shape (n,)."""
     times = sample_times(ASKED_S, held.period_s)
     way = math.tau * ASKED_REV * np.asarray(Smooth(ASKED_S, ASKED_RAMP_S).position(times))
     return np.concatenate([way, np.full(round(0.1 / held.period_s), way[-1])])

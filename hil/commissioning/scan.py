@@ -70,11 +70,7 @@ class FoundNode:
 def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> list[FoundNode]:
     """Read the identity of all nodes, and the drives' units.
 
-    Nothing is written.
-
-    Args:
-        address: The bus.
-        named: Profiles that the user names, by node-ID; those of the other nodes are found by their identity.
+    Nothing is written. Profiles are those that the user names, by node-ID; the others follow from the identity.
 
     Raises:
         BusError: There is no such bus.

@@ -32,23 +32,10 @@ class Checked:
         """Return a failed check in which the axis was stopped.
 
         If the reason lies in the master, the check is not made: the stop proves nothing about the robot.
-
-        Args:
-            name: Name of the check.
-            held: The axis.
-            when: Time at which it was stopped, in words.
-            recording: Path of its recording.
         """
         seen = f"stopped {when}: {held.stopped}"
         return self.not_made(name, seen) if held.is_masters_fault else self.passed(name, False, seen, recording)
 
     def passed(self, name: str, is_good: bool, seen: str, recording: str | None = None) -> CheckEntry:
-        """One check that passed or failed.
-
-        Args:
-            name: Name of the check.
-            is_good: True if all is as it must be.
-            seen: Observation in words.
-            recording: Path of its recording.
-        """
+        """One check that passed or failed."""
         return self.entry(name, "PASS" if is_good else "FAIL", seen, recording)

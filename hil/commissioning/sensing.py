@@ -83,10 +83,7 @@ def check_sensing(of: Checked) -> list[CheckEntry]:
 
 
 def _accelerometer(of: Checked, table: AxisTable, recording: Recording, rows: slice, path: str) -> CheckEntry:
-    """Check the sensor's axis and direction, and the encoder's scale.
-
-    The scale follows from the size of the signal.
-    """
+    """Check the sensor's axis and direction, and the encoder's scale."""
     name, period_s = "accelerometer", recording.period_s
     if of.session.bench.accelerometer.from_load_encoders:
         return of.entry(name, "NOT JUDGED", "there is none: the joints' encoders give the tip", path)
@@ -138,13 +135,8 @@ def _load_encoder(of: Checked, table: AxisTable, recording: Recording, rows: sli
 def _ratio(expected: Real, seen: Real, period_s: float, derivative: int = 0) -> Ratio:
     """Return the ratio of components at the swing's frequency.
 
-    Measured over expected signal, with its standard error.
-
-    Args:
-        expected: The expected signal over whole periods of the swing; shape (n,).
-        seen: The measured signal; shape (n,).
-        period_s: Sampling time.
-        derivative: Order of the time derivative that applies to the expected one.
+    Measured over expected signal, with its standard error. Signals have the shape (n,), whole periods of the swing; `derivative`
+    is the order that applies to the expected one.
     """
     count = len(expected)
     line = round(SWING_HZ * count * period_s)

@@ -23,10 +23,7 @@ LEFT_REV: Final = 0.05
 
 
 def room_trouble(of: Checked, low_rev: float, high_rev: float) -> str | None:
-    """Return a reason why the motor lacks room, or None.
-
-    It needs so much to either side of its position.
-    """
+    """Return why the motor lacks room to either side, or None."""
     limits = of.session.bench.axis[of.number].limits
     here = of.session.axes[of.number].position_rad() / math.tau
     if limits.position_min_rev + LEFT_REV <= here + low_rev and here + high_rev <= limits.position_max_rev - LEFT_REV:
@@ -68,15 +65,7 @@ def check_turn(of: Checked) -> list[CheckEntry]:
 
 
 def _turned(of: Checked, planned: PlannedMotion, angle: Real, torque: Real, path: str) -> list[CheckEntry]:
-    """Checks by a turn that was not stopped.
-
-    Args:
-        of: The axis.
-        planned: Its motion.
-        angle: Motor angle; shape (n,).
-        torque: Motor torque; shape (n,).
-        path: Path of the recording.
-    """
+    """Checks by a turn that was not stopped; shapes (n,)."""
     wanted, moved = planned.bias_rad, angle - angle[0]
     along = float(np.dot(moved, wanted) / np.dot(wanted, wanted))
     friction, _ = slow_torque(angle, torque, planned)
@@ -110,13 +99,9 @@ def check_quick_stop(of: Checked) -> list[CheckEntry]:
 
 
 def _stopped(of: Checked, held: HeldAxis, going_on: Real, ramp_s: float) -> CheckEntry:
-    """Outcome of a quick stop.
+    """Outcome of a quick stop, with set-points that go on meanwhile.
 
-    Args:
-        of: The axis.
-        held: The axis in motion.
-        going_on: Set-points that go on meanwhile, from the start on; shape (n,).
-        ramp_s: Duration of the drive's ramp.
+    They count from the start and have the shape (n,); `ramp_s` is the duration of the drive's ramp.
     """
     name, began = "quick stop, moving", held.slot.position_rad
     took_s = held.command(QUICK_STOP, going_on.tolist())

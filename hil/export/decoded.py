@@ -62,10 +62,6 @@ class NodeUnits:
     def __init__(self, node: Node, bench: Bench | None) -> None:
         """Look for the scales.
 
-        Args:
-            node: The node.
-            bench: Bench file; None if there is none.
-
         Raises:
             NodeError: The log contradicts the bench file.
         """
@@ -90,10 +86,7 @@ class NodeUnits:
             self._scaling = self._standard()
 
     def _standard(self) -> Scaling | None:
-        """Return the scale by 608Fh and 6076h.
-
-        For a drive of which nothing else is known.
-        """
+        """Return the scale by 608Fh and 6076h, if nothing else is known."""
         asked = OverheardQuestions(self._node)
         needs = (((0x608F, 1), "608Fh:1"), ((0x608F, 2), "608Fh:2"), ((0x6076, 0), "6076h"))
         values = [asked.number(Need(address, name, "")) for address, name in needs]
@@ -199,10 +192,6 @@ class Decoded:
 def decoded(trace: Trace, bench: Bench | None) -> Decoded:
     """Name the process data of a log.
 
-    Args:
-        trace: The log.
-        bench: Bench file of the run; None if there is none.
-
     Raises:
         NodeError: The log contradicts the bench file.
     """
@@ -240,10 +229,7 @@ def _named(entry: MappedNumber, units: NodeUnits) -> NamedNumber:
 
 
 def _mapped_rows(trace: Trace, pdo: Pdo) -> NDArray[np.bool_]:
-    """Return the frames of a PDO under its mapping; shape (n,).
-
-    Others came under an earlier or later mapping.
-    """
+    """Return the frames of a PDO under its own mapping; shape (n,)."""
     index = MAPPING_PARAMETERS[pdo.direction] + pdo.number - 1
     own = tuple(entry.value for entry in pdo.entries)
     stream = trace.of(pdo)

@@ -24,12 +24,7 @@ def send(
 ) -> int:
     """Send rows to a listening program; return their number.
 
-    Args:
-        series: The numbers.
-        host: Name or address of the machine.
-        port: UDP port.
-        speed: Pace, in times of the recording's own.
-        progress: Called with the number of rows that have been sent.
+    `speed` is the pace in times of the recording's own; `progress` gets the rows that have been sent.
 
     Raises:
         OSError: The name is not known, or the network refuses.

@@ -45,10 +45,6 @@ class Known:
 def mapping_of(path: Path, known: Known) -> Decoded:
     """The process data of a source's log.
 
-    Args:
-        path: Directory of a run, or a log.
-        known: Additional statements on it.
-
     Raises:
         ExportError: There is no log.
         LogError: The log cannot be read.
@@ -92,10 +88,6 @@ def series_in(path: Path, known: Known) -> tuple[list[Series], Decoded | None]:
     """Return the numbers of a source over time, and its frames' meaning.
 
     The meaning is that of a log.
-
-    Args:
-        path: Directory of a run, a recording, or a log.
-        known: Additional statements on it.
 
     Raises:
         HilError: There are no numbers, or several recordings and none is named.

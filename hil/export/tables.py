@@ -43,11 +43,7 @@ def write_mf4(path: Path, series: Sequence[Series]) -> None:
 def write_parquet(path: Path, series: Sequence[Series]) -> None:
     """Write a Parquet file with a row for each stamp.
 
-    Columns of other frames are empty in a row.
-
-    Args:
-        path: The file.
-        series: The numbers; of several the rows are put in the order of their stamps.
+    Columns of other frames are empty in a row. Rows of several series are put in the order of their stamps.
 
     Raises:
         MissingPackageError: pyarrow is not installed.
@@ -124,12 +120,7 @@ def json_schema(series: Series) -> dict[str, Any]:
 
 
 def in_words(series: Series, stamp_name: str = TIME) -> Iterator[str]:
-    """Rows as JSON objects, all digits of every number in them.
-
-    Args:
-        series: The numbers.
-        stamp_name: Key of the stamp.
-    """
+    """Rows as JSON objects, all digits of every number in them."""
     names = [stamp_name, *series.columns]
     template = "{" + ",".join(f"{json.dumps(name)}:%s" for name in names) + "}"
     for begin in range(0, len(series.time_s), PIECE):

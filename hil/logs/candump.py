@@ -37,12 +37,8 @@ Chunk = tuple[NDArray[np.int64], NDArray[np.uint32], NDArray[np.uint8], NDArray[
 def chunks(path: Path, counters: NDArray[np.int64], progress: Callable[[int], None]) -> Iterator[Chunk]:
     """Yield the frames of a file in chunks.
 
-    Stamps in ns (−1: none), identifiers, lengths and data.
-
-    Args:
-        path: The file.
-        counters: Counters, which are added to; INTERFACE chooses the interface, 0 that of the first frame.
-        progress: Called with the number of bytes that have been read.
+    Stamps in ns (−1: none), identifiers, lengths and data. The counters are added to; INTERFACE chooses the interface, 0 that of
+    the first frame. `progress` gets the bytes read so far.
     """
     most = CHUNK_BYTES // LEAST_LINE + 1
     stamp, can_id = np.empty(most, np.int64), np.empty(most, np.int64)

@@ -32,13 +32,7 @@ class Explanation:
 
 
 def explain(log: Log, descriptions: Mapping[int, Description], bitrate: int | None = None) -> Explanation:
-    """Look through a log.
-
-    Args:
-        log: The log.
-        descriptions: Device descriptions by node-ID.
-        bitrate: Bit rate in bit/s; None if it is not known.
-    """
+    """Look through a log."""
     trace = Trace(log, descriptions)
     said = [
         *bus_findings(trace, bitrate),

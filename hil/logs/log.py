@@ -78,10 +78,7 @@ class Stream:
         return Stream(self.can_id, self.position[rows], self.stamp_ns[rows], self.length[rows], self.data[rows])
 
     def byte(self, number: int) -> NDArray[np.uint8]:
-        """Return a byte of each frame; shape (n,).
-
-        0 for a shorter frame.
-        """
+        """Return a byte of each frame, 0 if shorter; shape (n,)."""
         return ((self.data >> np.uint64(8 * number)) & np.uint64(0xFF)).astype(np.uint8)
 
     def bytes_of(self, row: int) -> bytes:
@@ -184,10 +181,7 @@ def _thin(column: NDArray[Any]) -> NDArray[Any]:
 
 
 class LogBuilder:
-    """Builder of a log from chunks of frames.
-
-    It sorts the frames by identifier, without a second copy.
-    """
+    """Builder of a log from chunks of frames, sorted by identifier."""
 
     def __init__(self, path: Path) -> None:
         """Begin with nothing."""
@@ -200,11 +194,7 @@ class LogBuilder:
     def add(self, stamp_ns: Integers, can_id: NDArray[np.uint32], length: NDArray[np.uint8], data: Words) -> None:
         """Add frames.
 
-        Args:
-            stamp_ns: Stamps of the file; one that runs backwards counts as that of the frame before it; shape (n,).
-            can_id: Identifiers with flags; shape (n,).
-            length: Bytes of data; shape (n,).
-            data: Data; shape (n,).
+        A stamp that runs backwards counts as that of the frame before it; all columns have the shape (n,).
         """
         if not len(stamp_ns):
             return
@@ -231,11 +221,7 @@ class LogBuilder:
         self.frames += len(stamps)
 
     def log(self, damage: Damage) -> Log:
-        """The log; the builder holds nothing any more.
-
-        Args:
-            damage: Parts that could not be read.
-        """
+        """The log; the builder holds nothing any more."""
         streams = {}
         for can_id in sorted(self._parts):
             streams[can_id] = Stream(can_id, *self._parts.pop(can_id).columns())

@@ -33,10 +33,8 @@ BATCH = 100_000
 def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, interface: str | None = None) -> Log:
     """Read a log.
 
-    Args:
-        path: The file; its format by its suffix, candump's for an unknown suffix.
-        progress: Called with the number of bytes that have been read, if that is known.
-        interface: The interface whose frames are read, as the log names it; None: that of its first frame.
+    The suffix tells the format, an unknown one candump's. `progress` gets the bytes read so far; without an interface that of the
+    first frame is read.
 
     Raises:
         LogError: The file cannot be read, or holds no frame.
@@ -87,13 +85,7 @@ def _foreign(
 ) -> Iterator[candump.Chunk]:  # fmt: skip
     """Yield frames that python-can reads, in batches.
 
-    A damaged file ends early.
-
-    Args:
-        path: The file.
-        counters: As of candump's reader.
-        ended: List to which the reason of an early end is added.
-        interface: The interface whose frames are read; None: that of the first.
+    A damaged file ends early. `ended` gets the reason of an early end.
     """
     from hil.can.adapter import identifier_of  # noqa: PLC0415 - python-can is slow to load
 

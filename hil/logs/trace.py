@@ -70,12 +70,7 @@ def _blocks(values: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
 
 
 class Trace:
-    """A log that has been looked through.
-
-    Args:
-        log: The log.
-        descriptions: Device descriptions by node-ID.
-    """
+    """A log that has been looked through."""
 
     def __init__(self, log: Log, descriptions: Mapping[int, Description]) -> None:
         self.log = log
@@ -98,10 +93,7 @@ class Trace:
 
     @cached_property
     def cycles(self) -> Cycles | None:
-        """Cycles of the log, or None.
-
-        None if there are too few SYNCs, or most of them have one stamp.
-        """
+        """Cycles of the log; None with too few SYNCs or stamps."""
         if len(self.sync) < LEAST_FRAMES:
             return None
         period_ns = float(np.median(np.diff(self.sync.stamp_ns)))

@@ -49,9 +49,7 @@ class AlarmLimits:
     def of(cls, rate: float, series: int) -> "AlarmLimits":
         """Return the limits for a rate of false alarms.
 
-        Args:
-            rate: False alarms in one run.
-            series: Number of series that are watched at once, of which each has its part.
+        Each of the series has its part of the rate.
 
         Raises:
             ValueError: No rate, or no series.
@@ -124,13 +122,7 @@ def watched(
 def _last(x: Real, own: Real, design: Design, first: int | None, size: float | None, mean: float) -> float:
     """Expected value of the last run.
 
-    Args:
-        x: Values.
-        own: Their standard errors.
-        design: Their conditions.
-        first: Index of the first alarm.
-        size: As in `watched`.
-        mean: Expected value if there are few runs before.
+    `first` is the index of the first alarm; `mean` is the expectation if there are few runs before.
     """
     rows = np.append(np.arange(len(x) - 1 if first is None else first), len(x) - 1)
     if len(rows) <= FEWEST_BEFORE:
@@ -140,16 +132,7 @@ def _last(x: Real, own: Real, design: Design, first: int | None, size: float | N
 
 
 def _without_conditions(x: Real, own: Real, design: Design, size: float | None) -> tuple[Real, dict[str, float]]:
-    """Remove the effects of conditions from values.
-
-    Return the values, and the fraction that each condition explains.
-
-    Args:
-        x: Values.
-        own: Their standard errors.
-        design: Their conditions.
-        size: As in `watched`.
-    """
+    """Return values without conditions' effects, and the fraction that each explains."""
     whole = float(np.var(x)) if len(x) else 0.0
     if not design.names or len(x) <= FEWEST_BEFORE or whole == 0.0:
         return x, {}
@@ -164,10 +147,7 @@ def _without_conditions(x: Real, own: Real, design: Design, size: float | None) 
 
 
 def filled(errors: Real) -> Real:
-    """Fill unknown standard errors (0) with the mean before them.
-
-    The mean is of the known ones; shape (n,).
-    """
+    """Fill unknown standard errors (0) with the mean before; shape (n,)."""
     own = np.asarray(errors, dtype=np.float64)
     is_known = own > 0.0
     mean = np.cumsum(own) / np.maximum(1, np.cumsum(is_known))
@@ -177,20 +157,14 @@ def filled(errors: Real) -> Real:
 def scores(values: Real, errors: Real, design: Design | None = None) -> Real:
     """Normal scores w of runs against those before them.
 
-    Args:
-        values: Values of the runs; shape (..., n).
-        errors: Their own standard errors; the same shape.
-        design: Conditions of the runs, the same for all series.
+    Values and errors have the shape (..., n); the conditions are the same for all series.
     """
     x = np.asarray(values, dtype=np.float64)
     return expected(x, np.asarray(errors, dtype=np.float64), no_design(x.shape[-1]) if design is None else design).scores(x)
 
 
 def cumulative(score: Real) -> Real:
-    """Return the larger cumulative sum after each run.
-
-    Shape (..., n) for scores of that shape.
-    """
+    """Return the larger cumulative sum after each run; shape (..., n)."""
     known = np.nan_to_num(score)
     up, down, made = np.zeros(known.shape[:-1]), np.zeros(known.shape[:-1]), np.zeros(known.shape)
     for i in range(FEWEST_BEFORE, known.shape[-1]):

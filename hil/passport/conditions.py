@@ -67,8 +67,7 @@ class Design:
     def effects(self, by_column: Real) -> dict[str, Real]:
         """Parts that each condition has added to each run; shape (n,).
 
-        Args:
-            by_column: Effect of each column; shape (p,).
+        Effects by column have the shape (p,).
         """
         made: dict[str, Real] = {}
         for j, name in enumerate(self.names):

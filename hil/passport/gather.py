@@ -111,11 +111,7 @@ class Gathered:
 def gather(folders: Iterable[Path], note: str = "") -> Gathered:
     """Read all identifications of transmission errors below some folders.
 
-    Symbolic links are not followed.
-
-    Args:
-        folders: The folders.
-        note: Conditions of all of them, if their own notes have none: `22 °C, no load`.
+    Symbolic links are not followed. `note` has conditions of all, if their own notes have none: `22 °C, no load`.
 
     Raises:
         NotPossibleError: There are too many files.
@@ -137,10 +133,7 @@ def gather(folders: Iterable[Path], note: str = "") -> Gathered:
 
 
 def _files(folders: Iterable[Path]) -> list[Path]:
-    """Return the files, results first.
-
-    A result has more on a run than its model file.
-    """
+    """Return the files, results first: they have more on a run."""
     found: list[Path] = []
     for folder in folders:
         for here, below, names in os.walk(folder):

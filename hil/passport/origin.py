@@ -56,10 +56,7 @@ class Motor:
     slots: int | None = None
 
     def makes(self, order: float) -> str | None:
-        """Return the cause by which the motor can make an order.
-
-        In words; None if it cannot.
-        """
+        """Return how the motor can make an order, in words, or None."""
         p, z = self.pole_pairs, self.slots
         whole = abs(order - round(order)) < NEAR_ORDER
         if p is not None and z is not None and whole and round(order) % math.lcm(z, 2 * p) == 0:
@@ -97,11 +94,7 @@ def origin_of_order(
 ) -> tuple[OriginName, str]:
     """Origin of an order, and the reason for it.
 
-    Args:
-        order: Order k.
-        motor: Poles and slots of the motor.
-        found: The order in all runs.
-        sides: The order in either direction, of runs that were read from the motor's torque.
+    `sides` are of runs that were read from the motor's torque.
     """
     how, change, turn = motor.makes(order), _change(found), _turn(sides)
     gears = []
@@ -148,10 +141,7 @@ def _turn(sides: Sequence[OrderSides]) -> tuple[OriginName, str] | None:
 
 
 def _change(found: Sequence[Conditions]) -> tuple[str, bool] | None:
-    """Return the varied condition, and whether it changes the amplitude.
-
-    None if no condition was varied.
-    """
+    """Return a varied condition, and whether it changes A; else None."""
     sides = [[each for each in found if each.direction == name] for name in ("forward", "backward")]
     if all(len(side) >= LEAST_LOADS for side in sides):
         means = [float(np.mean([each.a_arcsec for each in side])) for side in sides]

@@ -67,10 +67,7 @@ class Expected:
     effect: Real
 
     def scores(self, values: Real) -> Real:
-        """Return normal scores of values; shape (..., n).
-
-        NaN for runs with too few before them.
-        """
+        """Return normal scores of values, NaN for early runs; shape (..., n)."""
         off = (np.asarray(values, dtype=np.float64)[..., None] - self.middle) / self.spread
         sign = np.sign(np.sum(self.weight * off, axis=-1))
         tail = np.sum(self.weight * scipy.special.ndtr(-off * sign[..., None]), axis=-1)
@@ -78,10 +75,7 @@ class Expected:
         return made
 
     def limits(self, score: float) -> tuple[Real, Real]:
-        """Return the values whose scores are −`score` and `score`.
-
-        By bisection; shapes (..., n).
-        """
+        """Return the values of scores ±`score`, by bisection; shapes (..., n)."""
         centre = np.sum(self.weight * self.middle, axis=-1)
         found = []
         for sign in (-1.0, 1.0):
@@ -153,12 +147,7 @@ class _Filter:
     def step(self, value: Real, variance: Real, i: int) -> tuple[Real, Real, Real]:
         """Predict run i, then learn it.
 
-        Return mean, standard deviation and weights of its expectation.
-
-        Args:
-            value: The run; shape (...).
-            variance: Its own variance; shape (...).
-            i: Its number.
+        Return mean, standard deviation and weights of its expectation. Values and variances have the shape (...).
         """
         h = np.concatenate(([1.0], self.design.columns[i]))
         below = self.tau2 + self.factor2 * variance[..., None] + (self.design.extra[i] * self.size) ** 2

@@ -84,10 +84,7 @@ class Trend:
 
     @property
     def explained_words(self) -> str:
-        """Fractions of the scatter that conditions explain, in words.
-
-        `temperature 82 %`; empty if no condition explains any.
-        """
+        """Fractions of the scatter that conditions explain: `temperature 82 %`."""
         found = self.watch.explained.items()
         return ", ".join(f"{name} {100.0 * part:.0f} %" for name, part in found if part >= LEAST_TOLD)
 
@@ -115,12 +112,8 @@ def gears_of(runs: Sequence[PassportRun], since: str = "") -> dict[tuple[str, in
 def origins(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str = "") -> list[OrderOrigin]:
     """Return the origins of all orders.
 
-    The orders of the model files, and those that runs in either direction show beside them.
-
-    Args:
-        runs: Runs of a passport.
-        motors: Poles and slots by axis; those of the runs' bench files replace missing ones.
-        since: Date from which on runs count, ISO 8601.
+    The orders of the model files, and those that runs in either direction show beside them. Poles and slots of the runs' bench
+    files replace missing ones; runs count from `since` on, ISO 8601.
     """
     made = []
     for (robot, axis), own in gears_of(runs, since).items():
@@ -146,10 +139,7 @@ def _motor(runs: Sequence[PassportRun], given: Motor) -> Motor:
 def trends(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str = "") -> list[Trend]:
     """Trends of all gears, amplitude and phase of each order.
 
-    Args:
-        runs: Runs of a passport.
-        motors: Poles and slots by axis.
-        since: Date from which on runs count, ISO 8601: that of a new gear, or of a change that is known.
+    Runs count from `since` on, ISO 8601: the date of a new gear, or of a change that is known.
     """
     made = []
     told = {(each.robot, each.axis, each.order): (each.name, each.why) for each in origins(runs, motors, since)}

@@ -120,7 +120,7 @@ class FrameFile:
         try:
             log = open_log(self.path)
         except LogError as error:
-            raise RecordingFileError(self.path, f"not a log of frames: {error.what}") from error
+            raise RecordingFileError(self.path, f"not a log of frames: {error.problem}") from error
         damage = log.damage
         if damage.ended:
             raise RecordingFileError(self.path, f"not a log of frames, or cut off: {damage.ended}")

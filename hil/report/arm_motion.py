@@ -56,10 +56,7 @@ class MovedArm:
 
 
 def recorded_line(material: Material) -> tuple[Real, Real] | None:
-    """Return joint angles and tip along the first complete recorded line.
-
-    None without an arm.
-    """
+    """Return joint angles and tip along the first complete line, or None."""
     arm = material.bench.arm
     if arm is None:
         return None
@@ -120,14 +117,7 @@ def round_down(value: float) -> float:
 def draw_skeleton(panel: Axes, view: View, skeleton_m: Real, *, strength: float = 1.0, look: style.Line = ARM) -> None:
     """Draw an arm as a line, with rings at joints and tip.
 
-    The tip is a filled disc.
-
-    Args:
-        panel: The panel.
-        view: Direction from which it is seen.
-        skeleton_m: The line, as `Kinematics.skeleton` gives it; shape (2 joints + 2, 3).
-        strength: Strength of the line, up to 1.
-        look: Line of its links.
+    The tip is a filled disc. The line is that of `Kinematics.skeleton`; shape (2 joints + 2, 3).
     """
     right, up = view.flat(skeleton_m)
     colour = (look["color"], strength)
@@ -140,10 +130,7 @@ def draw_skeleton(panel: Axes, view: View, skeleton_m: Real, *, strength: float 
 def fit_limits(panels: Sequence[tuple[Axes, View]], points_m: Real, margin_m: float = 0.05) -> None:
     """Give panels one scale, equal in both directions, for all points.
 
-    Args:
-        panels: Panels with their views.
-        points_m: Points that are to be seen; shape (n, 3).
-        margin_m: Room around them.
+    Points have the shape (n, 3).
     """
     points_m = np.concatenate([points_m, GROUND_M])
     flat = [view.flat(points_m) for _, view in panels]
@@ -156,18 +143,12 @@ def fit_limits(panels: Sequence[tuple[Axes, View]], points_m: Real, margin_m: fl
 
 
 def draw_ground(panel: Axes, view: View) -> None:
-    """Draw the plane under the base.
-
-    From the side it is a line; from above and at an angle it is a square.
-    """
+    """Draw the plane under the base."""
     panel.fill(*view.flat(GROUND_M), facecolor=style.SHADE, edgecolor=style.GREY, linewidth=1.0, zorder=1)
 
 
 def draw_directions(panel: Axes, view: View) -> None:
-    """Name the panel's axes, or draw the directions of the base frame.
-
-    A view without names for its axes shows the three directions at a corner of the ground.
-    """
+    """Name the panel's axes, or draw the directions of the base frame."""
     if view.names is not None:
         right, up = view.names
         panel.set(xlabel=f"{right} (m)", ylabel=f"{up} (m)")

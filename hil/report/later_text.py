@@ -26,11 +26,7 @@ class LaterText:
     """
 
     def __init__(self, make: Callable[[], str]) -> None:
-        """Begin to make it.
-
-        Args:
-            make: Function that returns the text; its other effects are lost with the copy.
-        """
+        """Begin to make it."""
         self._make: Callable[[], str] | None = make
         self._text = ""
         self._process = 0

@@ -21,7 +21,7 @@ from hil.recording import Recording
 from hil.report.origin import origin_of
 from hil.results.acted import FilterSet, notches_of
 from hil.results.files import load_result
-from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison, leading
+from hil.results.runs import ExperimentsResult, RunEntry
 from hil.robot_tables import NotchTable
 
 CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT = "constant-acceleration", "line-motion", "point-to-point"
@@ -109,18 +109,12 @@ class Material:
         }
 
     def f_al(self, axis: int | None) -> float | None:
-        """Return the frequency that converts an acceleration into a displacement.
-
-        None if it is not known, and for the line of an arm.
-        """
+        """Return f_al for displacements; None if unknown, or on an arm's line."""
         scale = self.scale(axis)
         return None if scale is None or (axis is None and self.bench.arm is not None) else scale.f_al_hz
 
     def band_hz(self, axis: int | None) -> tuple[float, float]:
-        """Return the band in which a vibration is drawn.
-
-        Without an f_al, a band that suits arms like the paper's.
-        """
+        """Return the band of a drawn vibration, the paper's without an f_al."""
         scale = self.scale(axis)
         return PAPER_BAND_HZ if scale is None else scale.band_hz
 
@@ -188,10 +182,6 @@ class Material:
         """Return the loop of an axis with a model.
 
         It is closed in the drive, or on the side on which its filters acted.
-
-        Args:
-            axis: Axis number.
-            filters: Filters in it; None for none.
         """
         table, period_s, delay = self.bench.axis[axis], self.control_period_s, 0
         if filters is not None:
@@ -231,49 +221,13 @@ class Material:
     ) -> RunEntry | None:
         """Return the entry of a run, or None.
 
-        Without an order, the entry of its first window.
-
-        Args:
-            experiment: Name of the experiment.
-            axis: Axis of a constant-acceleration run, else None.
-            treatment: Name of the treatment.
-            loop: Side that closes the loop, the drive or the host.
-            order: Order k of the window; None for any.
+        Without an order, the entry of its first window. The axis is None for a motion of several.
         """
         for run in self.result.runs:
             same = (run.experiment, run.axis, run.treatment, run.loop) == (experiment, axis, treatment, loop)
             if same and order in (None, run.order):
                 return run
         return None
-
-    def lead(self, experiment: str, axis: int | None, treatment: str, loop: str) -> RunEntry | None:
-        """Leading window of a run, or None.
-
-        Args:
-            experiment: Name of the experiment.
-            axis: Axis of a constant-acceleration run, else None.
-            treatment: Name of the treatment.
-            loop: Side that closes the loop, the drive or the host.
-        """
-        wanted = (experiment, axis, treatment, loop)
-        return next(
-            (run for run in leading(self.result.runs) if (run.experiment, run.axis, run.treatment, run.loop) == wanted), None
-        )
-
-    def comparison(
-        self, experiment: str, axis: int | None, loop: str = "drive", treatment: str = "notch"
-    ) -> TreatmentComparison | None:
-        """Comparison of a treatment with none, or None.
-
-        Args:
-            experiment: Name of the experiment.
-            axis: Axis of a constant-acceleration run, else None.
-            loop: Side that closes the loop, the drive or the host.
-            treatment: Name of the treatment.
-        """
-        wanted = (experiment, axis, loop, treatment)
-        keys = ((c.experiment, c.axis, c.loop, c.treatment) for c in self.result.comparisons)
-        return next((c for c, key in zip(self.result.comparisons, keys, strict=True) if key == wanted), None)
 
     def recording(self, run: RunEntry | None) -> Recording | None:
         """Return the recording of a run, or None."""

@@ -12,10 +12,7 @@ BY_ORDER = ((amplitude_key, "A", "arcsec"), (phase_key, "φ", "°"))
 
 
 def symbol_of(name: str) -> str:
-    """Return symbol and unit of a number from the model file.
-
-    For example `A_2 (arcsec)`.
-    """
+    """Return symbol and unit of a model file's number: `A_2 (arcsec)`."""
     found = re.fullmatch(r"(a|phi)([0-9.]+)_(arcsec|deg)", name)
     if found is None:
         return name

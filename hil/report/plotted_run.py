@@ -7,16 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from hil.analysis import band_passed, line_window_s, motor_speed_rps, speed_window
+from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style
 from hil.report.material import Material, finite, treatment_name
 from hil.report.style import Real
 from hil.results.runs import RunEntry
 from hil.tip_vector import steady_window_s, tip_acceleration
+
+Rows = slice | NDArray[np.bool_] | NDArray[np.int_]
 
 SHADED_ORDER = 2
 """Order whose window is shaded in figures, and whose numbers stand in their legends."""
@@ -35,16 +39,7 @@ class PlottedRun:
 
 
 def plotted_run(material: Material, run: RunEntry | None, label: str, look: style.Line) -> PlottedRun | None:
-    """Return a run with label and line style, None without recording.
-
-    The label of a run that ended early is marked.
-
-    Args:
-        material: Result and recordings.
-        run: Entry of the run; None for none.
-        label: Label in the legend.
-        look: Line style.
-    """
+    """Return a run to draw, marked if stopped; None without recording."""
     recording = material.recording(run)
     if run is None or recording is None:
         return None
@@ -56,11 +51,6 @@ def shown_runs(material: Material, experiment: str, axis: int | None) -> list[li
 
     The untreated run comes first in a group, then as many treated runs as there are line styles. Host-closed runs have groups of
     their own if one of their treatments was not run in the drives.
-
-    Args:
-        material: Result and recordings.
-        experiment: Name of the experiment.
-        axis: Axis of a constant-acceleration run, else None.
     """
     groups: list[list[PlottedRun]] = []
     seen: set[str] = set()
@@ -97,10 +87,7 @@ def key_end(number: int) -> str:
 
 
 def what_acted(runs: list[PlottedRun]) -> str:
-    """Return the treatments of runs for a title.
-
-    For example `with and without the notch`.
-    """
+    """Return treatments for a title: `with and without the notch`."""
     names = [run.entry.treatment for run in runs if run.entry.treatment != "none"]
     if not names:
         return ""
@@ -110,14 +97,7 @@ def what_acted(runs: list[PlottedRun]) -> str:
 
 
 def draw_vibration(panel: Axes, run: PlottedRun, band_hz: tuple[float, float], *, with_peak: bool = True) -> None:
-    """Draw the band-passed vertical acceleration over time.
-
-    Args:
-        panel: Panel of the figure.
-        run: The run.
-        band_hz: Band of the vibration.
-        with_peak: True to name the tip peak in the legend.
-    """
+    """Draw the band-passed vertical acceleration over time."""
     vibration = band_passed(shown_acceleration(run), run.recording.period_s, band_hz)
     label = run.label + (number_or_nothing(run.entry.tip_peak_mm, ": peak {:.3f} mm") if with_peak else "")
     style.plot_thin(panel, run.recording.time_s, vibration, label=label, **run.look)
@@ -145,12 +125,7 @@ def finish_vibration(
 ) -> float:
     """Draw labels, the limit, and the displacement scale on the right.
 
-    Args:
-        material: Bench of the specification.
-        panel: Panel with the vibration.
-        f_al: Peak of |G_al| in Hz; None without a model.
-        with_name: True to name the vertical axis.
-        with_scale: True to draw the displacement scale.
+    `f_al` is in Hz, None without a model.
 
     Returns:
         The largest value between the panel's times, m/s².
@@ -172,10 +147,7 @@ def finish_vibration(
 
 
 def displacement_scale(panel: Axes, f_al: float, name: str = "mm") -> None:
-    """Draw the scale of displacement on the right.
-
-    Its name should fit the panel's height.
-    """
+    """Draw the scale of displacement on the right."""
     scale = 1e3 / (2.0 * math.pi * f_al) ** 2
     right = panel.secondary_yaxis("right", functions=(lambda a: np.asarray(a) * scale, lambda d: np.asarray(d) / scale))
     right.set_ylabel(name)
@@ -190,15 +162,7 @@ def _within(panel: Axes, line: Line2D) -> float:
 
 
 def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axes, *, with_names: bool = True) -> None:
-    """Shade the judged window, and mark the notch's switching speeds.
-
-    Args:
-        material: Bench of the notch.
-        axis: Axis number.
-        recording: Recording of the run.
-        panel: Panel over time.
-        with_names: True to mark f_s and f_e.
-    """
+    """Shade the judged window, and mark the notch's switching speeds."""
     time = recording.time_s
     inside = judged_samples(material, recording, axis)
     if len(inside):
@@ -215,10 +179,7 @@ def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axe
 
 
 def judged_samples(material: Material, recording: Recording, axis: int, order: int = SHADED_ORDER) -> NDArray[np.int_]:
-    """Return the indices of the samples in which an order is judged.
-
-    Shape (n,); none without an f_al.
-    """
+    """Return the samples in which an order is judged; shape (n,)."""
     window = material.window_rps(axis, order)
     return np.flatnonzero(speed_window(recording, axis, window)) if window is not None else np.zeros(0, dtype=np.int_)
 
@@ -242,10 +203,7 @@ def window_words(material: Material, axis: int | None) -> str:
 
 
 def judged_line_s(material: Material) -> tuple[float, float]:
-    """Return begin and end of the judged part of the line.
-
-    In s after the start of the motion.
-    """
+    """Return the line's judged part, in s after the motion's start."""
     motion = material.bench.line_motion
     if motion is None:
         return 0.0, 0.0
@@ -273,10 +231,7 @@ def limit_m_s2(material: Material, f_al: float) -> float:
 
 
 def limit_words(material: Material, axis: int, where: str = "") -> str:
-    """Return a sentence on the dotted lines of the specification.
-
-    `where` ends it, for lines around a mean.
-    """
+    """Return a sentence on the dotted lines of the specification."""
     f_al = material.f_al(axis)
     if f_al is None:
         return "Without f_al the specification cannot be converted to an acceleration."
@@ -297,6 +252,52 @@ def smooth_spectrum(values: Real, period_s: float, up_to_hz: float) -> tuple[Rea
     frequency = scipy.fft.rfftfreq(length, period_s)
     shown = frequency <= up_to_hz
     return frequency[shown], amplitude[shown]
+
+
+def passage_panels(count: int, signal: str, unit: str) -> tuple[Figure, style.Panels]:
+    """Make a figure of passages through resonant speeds: speed, signal, residual and spectrum of each in a column."""
+    figure, panels = style.panels(4, count, 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
+    style.name_rows(panels, "Speed (rev/s)", f"{signal} ({unit})", f"Residual ({unit})", f"Amplitude ({unit})")
+    return figure, panels
+
+
+def draw_passage(
+    panels: style.Panels, passage: tuple[Real, Real, Real, Real | None], shown: Rows, judged: Rows, unit: str, word: str
+) -> None:
+    """Draw a passage through a resonant speed in its column.
+
+    `passage` has time, |f_m|, signal and its model, each of shape (n,); `shown` and `judged` choose their rows, for the spectrum
+    the latter. `word` names the signal, in `unit`.
+    """
+    time, speed, signal, model = passage
+    top, middle, rest, bottom = panels
+    style.plot_thin(top, time[shown], speed[shown], **style.BROAD)
+    style.plot_thin(middle, time[shown], signal[shown], label=word, **style.BROAD)
+    if model is not None:
+        style.plot_thin(middle, time[shown], model[shown], label="model", **style.MODEL)
+        style.residual(rest, time[shown], signal[shown] - model[shown], unit, f"{word} − model")
+    for values, look in ((signal, style.BROAD), (model, style.MODEL)):
+        if values is not None:
+            bottom.plot(*smooth_spectrum(values[judged], float(time[1] - time[0]), 30.0), **look)
+    name_passage(panels)
+
+
+def name_passage(panels: style.Panels) -> None:
+    """Name the abscissae of a passage's column."""
+    style.stack_over_time(*panels[:3])
+    panels[3].set(xlabel="Frequency (Hz)", xlim=(0.0, 30.0))
+
+
+def spread_arcsec(
+    error: TransmissionError, amplitude_error_arcsec: Mapping[float, float], phase_error_deg: Mapping[float, float], turns: Real
+) -> Real:
+    """Return two standard errors of θ_sync in arcsec from those of A_k and φ_k; shape (n,) of the motor's turns."""
+    variance = np.zeros_like(turns)
+    for order, amplitude in error.amplitude_arcsec.items():
+        phase = 2.0 * math.pi * order * turns + math.radians(error.phase_deg[order])
+        variance += (amplitude_error_arcsec.get(order, 0.0) * np.cos(phase)) ** 2
+        variance += (amplitude * math.radians(phase_error_deg.get(order, 0.0)) * np.sin(phase)) ** 2
+    return np.asarray(2.0 * np.sqrt(variance))
 
 
 def number_or_nothing(value: float | None, form: str) -> str:

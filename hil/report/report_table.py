@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -41,22 +41,22 @@ class ReportTable:
     Attributes:
         key: Anchor of the table.
         title: Title of the table.
-        paper: Corresponding table of the paper; empty for none.
         header: Column names with units.
         rows: Cells, row by row.
         text_columns: Indices of left-aligned columns.
         caption: Sentences below the table.
+        paper: Corresponding table of the paper; empty for none.
         is_prose: True if text wraps, and a row becomes a block on a narrow screen.
         groups: Headings inside the table, by the row below each.
     """
 
     key: str
     title: str
-    paper: str
     header: tuple[str, ...]
     rows: list[list[Cell]]
-    text_columns: frozenset[int] = field(default_factory=lambda: frozenset({0}))
+    text_columns: Collection[int] = (0,)
     caption: str = ""
+    paper: str = ""
     is_prose: bool = False
     groups: Mapping[int, str] = field(default_factory=dict)
 
@@ -75,12 +75,12 @@ class ReportTable:
 
 
 def tabulate(
-    key: str, title: str, columns: Columns[T], things: Iterable[T], caption: str = "", text_columns: Iterable[int] = (0,)
+    key: str, title: str, columns: Columns[T], things: Iterable[T], caption: str = "", text_columns: Collection[int] = (0,)
 ) -> ReportTable:
     """Tabulate things, one in each row."""
     rows: list[list[Cell]] = [[cell(each) for _, cell in columns] for each in things]
     header = tuple(heading for heading, _ in columns)
-    return ReportTable(key, title, "", header, rows, frozenset(text_columns), caption)
+    return ReportTable(key, title, header, rows, text_columns, caption)
 
 
 def _markdown(cells: Sequence[Cell]) -> str:
@@ -91,10 +91,7 @@ _NEGATIVE_ZERO = re.compile(r"-0(\.0*)?(?![\d.])")
 
 
 def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
-    """Format a number for a cell.
-
-    With a proper minus sign; a dash for None.
-    """
+    """Format a number for a cell; a dash for None."""
     if value is None:
         return NONE
     if isinstance(value, str):

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import ListedColormap
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
@@ -116,6 +117,9 @@ NAME_GROUND: dict[str, Any] = {"facecolor": PAPER, "edgecolor": "none", "pad": 0
 WIDTH_IN = 8.8
 """Width of all figures: that of the page's column."""
 
+BOTH = "measured and computed"
+"""Origin of a figure that shows a measurement beside a model."""
+
 MAX_POINTS = 1500
 """Largest number of points of a line: more than the column has pixels cannot be seen."""
 
@@ -133,13 +137,7 @@ class SvgPicture:
     """A figure as SVG, drawn in parallel, and its zoomable data."""
 
     def __init__(self, figure: Figure, key: str, *, is_zoomable: bool = False) -> None:
-        """Begin to draw it.
-
-        Args:
-            figure: The figure, which does not change any more.
-            key: Anchor of the figure.
-            is_zoomable: True if an interactive page shows it so that it can be zoomed.
-        """
+        """Begin to draw it."""
         _load_formulas()
         self._text = LaterText(partial(svg.inline, figure, key))
         self._figure = figure if is_zoomable else None
@@ -197,10 +195,7 @@ def styled() -> Iterator[None]:
 
 
 def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[Figure, NDArray[Any]]:
-    """Make a figure with a grid of axes.
-
-    Shape (rows, columns); `options` go to `Figure.subplots`.
-    """
+    """Make a figure with a grid of axes; shape (rows, columns)."""
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     FigureCanvasSVG(figure)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
@@ -208,45 +203,47 @@ def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[F
 
 
 def mosaic(rows: list[Any], height_in: float, **options: Any) -> tuple[Figure, dict[str, Axes]]:
-    """Make a figure of rows of named panels.
-
-    A panel may span several rows; `options` go to `Figure.subplot_mosaic`.
-    """
+    """Make a figure of rows of named panels."""
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     FigureCanvasSVG(figure)
     return figure, figure.subplot_mosaic(rows, **options)
 
 
 def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
-    """Draw one legend of several panels above all of them.
-
-    It cannot cover data there; equal names appear once.
-    """
+    """Draw one legend of several panels above; equal names appear once."""
     handles = {name: handle for panel in axes for handle, name in zip(*panel.get_legend_handles_labels(), strict=True)}
     if handles:
         figure.legend(list(handles.values()), list(handles), loc="outside upper left", ncols=columns)
 
 
-def stack_over_time(*panels: Axes) -> None:
-    """Share the time axis of panels in a column.
+def name_rows(panels: Panels, *names: str) -> None:
+    """Name the ordinates of the panels in the first column, from the top."""
+    for panel, name in zip(panels[:, 0], names, strict=True):
+        panel.set_ylabel(name)
 
-    Only the last panel is labelled.
-    """
+
+def stack_over_time(*panels: Axes) -> None:
+    """Share the time axis of panels in a column, the last labelled."""
     for panel in panels[:-1]:
         panel.sharex(panels[-1])
         panel.tick_params(labelbottom=False)
     panels[-1].set_xlabel("Time (s)")
 
 
+def date_axis(panel: Axes, dates: NDArray[np.datetime64], room: np.timedelta64, name: str) -> None:
+    """Name and divide an abscissa of dates, with room around a single one."""
+    if len(np.unique(dates)) == 1:
+        panel.set_xlim(dates[0] - room, dates[0] + room)
+    locator: Any = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
+    panel.xaxis.set_major_locator(locator)
+    panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    panel.set_xlabel(name)
+
+
 def residual(panel: Axes, x: Real, rest: Real, unit: str, names: str = "measured − model") -> None:
     """Draw the residual of a model, with its rms in the title.
 
-    Args:
-        panel: Panel of the residual alone.
-        x: Abscissa, of shape (n,).
-        rest: Measurement less model, of shape (n,).
-        unit: Unit of both.
-        names: Names of the two, with a minus between them.
+    `x` and `rest` have the shape (n,); `unit` is that of `rest`.
     """
     panel.axhline(0.0, **MARK)
     panel.plot(*thin(x, rest), label=names, **RESIDUAL)
@@ -261,42 +258,26 @@ def note(axes: Axes, text: str) -> None:
 def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "left") -> None:
     """Draw a dotted vertical line with its name beside it.
 
-    Args:
-        axes: Panel.
-        x: Position of the line, in the data's unit.
-        text: Name of the line.
-        height: Height of the name as a fraction of the panel.
-        side: Side of the text on which the line is, `left` or `right`.
+    `height` is a fraction of the panel's; `side` is the side of the text on which the line is.
     """
     keep_name(axes.axvline(x, **MARK), text)
-    pad = 3 if side == "left" else -3
-    axes.annotate(
-        text,
-        (x, height),
-        xycoords=("data", "axes fraction"),
-        xytext=(pad, 0),
-        textcoords="offset points",
-        ha=side,
-        va="top",
-        fontsize=7.5,
-        bbox=NAME_GROUND,
-    )
+    shift = (3 if side == "left" else -3, 0)
+    name_at(axes, text, (x, height), shift, xycoords=("data", "axes fraction"), ha=side, va="top", bbox=NAME_GROUND)
+
+
+def name_at(panel: Axes, text: str, at: tuple[float, float], shift: tuple[float, float], **look: Any) -> None:
+    """Write a name beside a point, shifted by so many points of the paper."""
+    panel.annotate(text, at, xytext=shift, textcoords="offset points", **({"fontsize": 7.5} | look))
 
 
 def thin(*columns: Real, points: int = MAX_POINTS) -> tuple[Real, ...]:
-    """Return every n-th sample of slow signals.
-
-    Each has the shape (n,); about `points` samples remain at most.
-    """
+    """Return every n-th sample, about `points` at most; shapes (n,)."""
     step = max(1, len(columns[0]) // points)
     return tuple(column[::step] for column in columns)
 
 
 def plot_thin(panel: Axes, x: Real, y: Real, **look: Any) -> None:
-    """Draw a slow signal thinned out, and keep all samples for zooming.
-
-    `x` and `y` have the shape (n,); `look` as for a line.
-    """
+    """Draw a slow signal thinned out, and keep it whole; shapes (n,)."""
     (line,) = panel.plot(*thin(x, y), **look)
     keep_whole(line, x, y)
 
@@ -307,13 +288,12 @@ def decibel(gain: NDArray[Any]) -> Real:
 
 
 def to_svg(figure: Figure, key: str, *, is_zoomable: bool = False) -> SvgPicture:
-    """Return a figure as an inline SVG element.
-
-    It is scalable, uses the palette's variables, has ids of its own and no external references.
-
-    Args:
-        figure: The figure, which does not change any more.
-        key: Anchor of the figure.
-        is_zoomable: True if an interactive page shows it so that it can be zoomed.
-    """
+    """Return a figure, which does not change any more, as an inline SVG element."""
     return SvgPicture(figure, key, is_zoomable=is_zoomable)
+
+
+def drawing(
+    figure: Figure, key: str, title: str, caption: str, origin: str = "measured", paper: str = "", *, is_zoomable: bool = False
+) -> Drawing:
+    """Return a finished figure as one of the report; the arguments are those of `Drawing` and `SvgPicture`."""
+    return Drawing(key, title, paper, origin, caption, to_svg(figure, key, is_zoomable=is_zoomable))

@@ -61,9 +61,7 @@ def inline(figure: Figure, key: str) -> str:
 def standalone(svg: str, title: str) -> str:
     """Return inline SVG as a file with its own title and colours.
 
-    Args:
-        svg: Element that `inline` made.
-        title: Title, which the element's `aria-labelledby` names.
+    The element's `aria-labelledby` names the title.
     """
     name = re.search(r'aria-labelledby="([^"]*)"', svg)
     if name is None:
@@ -102,19 +100,13 @@ def _words(match: re.Match[str]) -> str:
 
 
 def _shorter(match: re.Match[str]) -> str:
-    """Shorten coordinates to two decimals.
-
-    A hundredth of a point is below every resolution.
-    """
+    """Shorten coordinates to two decimals, below every resolution."""
     text = " ".join(_NUMBER.sub(lambda number: f"{float(number[0]):.2f}", match[2] or match[3] or "").split())
     return f"translate({text})" if match[1] is None else f' {match[1]}="{text}"'
 
 
 def _own_ids(text: str, key: str) -> str:
-    """Return text with only the ids that are referred to.
-
-    They are numbered in order: Matplotlib derives its ids from memory addresses.
-    """
+    """Return text with the ids referred to, numbered: Matplotlib's are memory addresses."""
     numbers: dict[str, int] = {}
     for name in re.findall(r'(?:href="|url\()#([^")]+)', text):
         numbers.setdefault(name, len(numbers))

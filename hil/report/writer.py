@@ -33,10 +33,6 @@ _PAGES: tuple[tuple[type[Result], Callable[[Path, Any], Page]], ...] = (
 def write_report_of(directory: Path, *, is_interactive: bool = False) -> Path:
     """Write `report.html` into a directory of results; return its path.
 
-    Args:
-        directory: Directory with result.json and the files that it names.
-        is_interactive: True if the figures of the page can be zoomed.
-
     Raises:
         NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: result.json or a recording cannot be read, or the page cannot be written.

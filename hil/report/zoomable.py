@@ -137,10 +137,7 @@ class ZoomFigure:
 
 
 def keep_whole(line: Line2D, x: Real, y: Real) -> None:
-    """Keep all samples of a line that is drawn with fewer.
-
-    Each of shape (n,).
-    """
+    """Keep all samples of a thinned line; shapes (n,)."""
     _WHOLE[line] = x, y
 
 
@@ -170,10 +167,7 @@ def keep_map(panel: Axes, x: Real, y: Real, values: Real, top: float, colours: t
 
 
 def zoomable(figure: Figure) -> ZoomFigure:
-    """Return the zoomable data of a figure that has been drawn.
-
-    Its limits must be final.
-    """
+    """Return the zoomable data of a drawn figure with final limits."""
     panels: dict[tuple[int, int], ZoomPanel] = {}
     for panel in figure.axes:
         place = panel.get_subplotspec()

@@ -78,10 +78,6 @@ def bench_files(path: str | Path, bench: Bench) -> tuple[SourceFile, ...]:
 
     They are the user's drive profiles, and the arm's URDF file.
 
-    Args:
-        path: Path of the bench file, or a name of the package.
-        bench: The bench that it has given.
-
     Raises:
         OSError: One of them cannot be read.
     """

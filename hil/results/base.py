@@ -25,10 +25,7 @@ _FILES_OF_A_RESULT = (RESULT_FILE, "check.json", "design.json", LOG_FILE, "runs/
 
 
 def new_directory(name: str) -> Path:
-    """Return a new directory, so that no recording replaces another.
-
-    It is not made yet.
-    """
+    """Return a new directory for recordings, which is not made yet."""
     stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
     return Path("bench-out") / f"{stamp}-{name}"
 
@@ -38,13 +35,7 @@ def result_directory(
 ) -> Path:
     """Return the directory for a command's files.
 
-    A directory with the files of another command is refused.
-
-    Args:
-        out: The directory that was named; None for a new one.
-        name: End of the name of a new one.
-        force: Accept a directory that holds a result, whose files are then replaced.
-        remedy: What replaces a result, for the message.
+    A directory with the files of another command is refused. `remedy` is for the message.
 
     Raises:
         NotPossibleError: It holds a result, recordings or a log.
@@ -174,14 +165,7 @@ class Result(_Written):
 
 
 def aftermath(all_disabled: bool | None, not_restored: Iterable[str]) -> tuple[str, ...]:
-    """Return a sentence per setting that was not restored on drives.
-
-    Standard error has the same sentences.
-
-    Args:
-        all_disabled: False if a drive has not confirmed that it is disabled.
-        not_restored: Objects that could not be restored.
-    """
+    """Return a sentence per setting that was not restored on drives."""
     unconfirmed = () if all_disabled is not False else (NOT_DISABLED,)
     return (*unconfirmed, *(not_restored_words(what) for what in not_restored))
 
@@ -222,8 +206,7 @@ class MeasuredResult(Result):
     def note_emulation(self, answers: Mapping[str, bool | None]) -> None:
         """Note which parts of the bench are emulated.
 
-        Args:
-            answers: For each part True if it is emulated, False if it is not, None if it did not answer.
+        A part that did not answer has None.
         """
         parts = tuple(name for name, answer in answers.items() if answer)
         is_known = bool(answers) and None not in answers.values()

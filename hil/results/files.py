@@ -81,10 +81,7 @@ def load_any(path: Path) -> AnyResult:
 
 
 def _unknown_bench_keys(error: ValidationError) -> list[tuple[str, ...]]:
-    """Return the places of keys in a result's bench file that this version does not know.
-
-    The result is empty if anything else is wrong too.
-    """
+    """Return the bench file's unknown keys, if nothing else is wrong."""
     places = [
         tuple(str(each) for each in problem["loc"][1:]) for problem in error.errors() if problem["type"] == "extra_forbidden"
     ]
@@ -135,10 +132,7 @@ def _with_orders(value: dict[str, Any]) -> str:
 def load_result(directory: Path, kind: type[R], what: str) -> R:
     """Read the result.json of a directory, which must be of one kind.
 
-    Args:
-        directory: Directory of the file.
-        kind: Class of the result.
-        what: Origin of the result in words, for the error: `a comparison`.
+    An error names the expected origin, `what`: `a comparison`.
 
     Raises:
         OSError: The file is missing, or cannot be read.

@@ -67,13 +67,7 @@ def load_truth(path: Path) -> TrueRobot:
 
 
 def facts_of(number: int, truth: TrueAxis, known: IdentifiedAxis) -> Iterator[TourFact]:
-    """Facts of one axis.
-
-    Args:
-        number: Axis number.
-        truth: True numbers of the axis.
-        known: Identified parts of the axis.
-    """
+    """Facts of one axis."""
     yield _antiresonance(number, truth, known)
     plant = known.plant
     for symbol, name, unit, key, factor in PLANT:

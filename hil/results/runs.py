@@ -338,10 +338,7 @@ def _leading(windows: list[RunEntry]) -> RunEntry:
 
 
 class TreatmentComparison(ResultPart):
-    """Change by a treatment against an untreated run.
-
-    In percent of that run.
-    """
+    """Change by a treatment in percent of an untreated run."""
 
     experiment: str
     axis: int | None

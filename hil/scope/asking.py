@@ -37,11 +37,7 @@ def nodes_from(text: str) -> tuple[int, ...]:
 def ask_nodes(address: Address, nodes: tuple[int, ...]) -> None:
     """Read the objects with mapping and scales of some nodes.
 
-    An object that a node does not have is skipped.
-
-    Args:
-        address: Address of the bus, which is opened for it and closed again.
-        nodes: Node-IDs.
+    An object that a node does not have is skipped. The bus is opened for it and closed again.
 
     Raises:
         BusUnavailableError: The bus cannot be opened once more.

@@ -50,12 +50,7 @@ def derived(
 
         v_n = (p_n − p_{n−1}) / (t_n − t_{n−1}),   e_n = p*_{n−2} − p_n.
 
-    Args:
-        name: Name of the axis.
-        time_s: Times of the rows; shape (n,).
-        found: Signals that it sends.
-        target: Position set-points, in the unit of the position; shape (n,); None if none are sent.
-        past: Its last rows; they are replaced.
+    Times and set-points have the shape (n,), the latter in the position's unit; the axis' last rows, `past`, are replaced.
     """
     sent = {signal.quantity: signal for signal in found if signal.of == name}
     position_signal = sent.get(SignalQuantity.POSITION)
@@ -160,9 +155,6 @@ class SignalDecoder:
         """Return the rows that these frames complete.
 
         The mapping in force at the time of a frame applies to it.
-
-        Args:
-            heard: Frames in their order; shape (n,).
         """
         is_answer = (heard["can_id"] & ~np.uint32(0x7F)) == FunctionCode.SDO_RESPONSE
         index = heard["data"] >> np.uint64(8) & np.uint64(0xFFFF)
@@ -251,10 +243,7 @@ class SignalDecoder:
         return columns, missed, bits
 
     def _missed(self, streams: Mapping[int, tuple[Stream, NDArray[np.intp]]], count: int) -> Real:
-        """Count missing answers in each row.
-
-        Of nodes that are operational and have answered before.
-        """
+        """Count missing answers of operational nodes in each row."""
         missed = np.zeros(count)
         seen_in_open: set[int] = set()
         for can_id, node in self._reading.expected.items():
@@ -318,10 +307,7 @@ class SignalDecoder:
         return found
 
     def _gaps(self, time_s: Real) -> list[HeardEvent]:
-        """Find stretches with missing cycles.
-
-        No node has sent SYNC, or this listener has not received it.
-        """
+        """Find stretches without SYNC, sent or received."""
         steps_s = np.diff(time_s)
         found = [
             HeardEvent(float(time_s[row]), "gap", 0, f"nothing heard for {1e3 * steps_s[row]:.3g} ms")

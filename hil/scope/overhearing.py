@@ -32,9 +32,7 @@ class Overhearing:
     def __init__(self, bench: Bench | None, descriptions: Mapping[int, Description]) -> None:
         """Begin with the contents of files.
 
-        Args:
-            bench: Bench file with the mapping of this package's master; an overheard mapping replaces it.
-            descriptions: Device descriptions by node-ID.
+        The bench file has the mapping of this package's master; an overheard one replaces it.
         """
         self._bench, self._descriptions = bench, descriptions
         self._values: dict[tuple[int, ObjectAddress], OverheardValue] = {}
@@ -43,11 +41,7 @@ class Overhearing:
         self.nodes: dict[int, Node] = {}
 
     def take(self, heard: ReceivedFrames) -> bool:
-        """Look through frames; True if `nodes` has changed.
-
-        Args:
-            heard: Frames in their order; shape (n,).
-        """
+        """Look through frames; True if `nodes` has changed."""
         if not len(heard):
             return False
         fresh = self._note_first(heard)
@@ -84,10 +78,7 @@ class Overhearing:
         return np.array(sorted([*rows, (last + 1, int(FunctionCode.SYNC), 0, 0)]), FRAME_RECORD)
 
     def _assumed(self) -> Iterable[OverheardValue]:
-        """Yield the mapping of this package's own master.
-
-        It follows from the bench file; overheard mappings replace it.
-        """
+        """Yield this package's own mapping, by the bench file."""
         if self._bench is None:
             return
         for axis in self._bench.axis.values():

@@ -24,11 +24,7 @@ class Past:
     """
 
     def __init__(self, kept_s: float = KEPT_S) -> None:
-        """Begin with nothing.
-
-        Args:
-            kept_s: Time that is kept, s.
-        """
+        """Begin with nothing."""
         self._kept_s = kept_s
         self._blocks: deque[tuple[Real, Real]] = deque()
         self.first = self.end = 0
@@ -36,11 +32,8 @@ class Past:
     def add(self, time_s: Real, values: Real) -> None:
         """Add rows.
 
-        If time runs backwards, older rows are removed. If signals have been added, older rows have NaN for them.
-
-        Args:
-            time_s: Their times, rising; shape (n,).
-            values: Their values; shape (n, m), m never less than before.
+        If time runs backwards, older rows are removed. If signals have been added, older rows have NaN for them. Times rise and
+        have the shape (n,), values (n, m), m never less than before.
         """
         if not len(time_s):
             return

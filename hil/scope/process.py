@@ -17,19 +17,10 @@ SCOPE_START_S = 60.0
 
 
 class ScopeProcess:
-    """A process of `hil scope` on the bus of a run.
-
-    It ends when its standard input closes.
-    """
+    """A process of `hil scope` that ends with its standard input."""
 
     def __init__(self, address: str, bench_file: str, port: int) -> None:
-        """Keep bus, bench file and port.
-
-        Args:
-            address: Address of the bus.
-            bench_file: Bench file.
-            port: Port of the page; 0 for a free one.
-        """
+        """Keep bus, bench file and port."""
         self.url = ""
         self._command = [
             sys.executable, "-m", "hil", "scope", "--bus", address, "--bench", bench_file, "--port", str(port),

@@ -46,14 +46,7 @@ class Scales:
 
 
 def scales_of(node: Node, number: int, table: AxisTable | None, profile: Profile | None) -> Scales:
-    """Scales of a drive.
-
-    Args:
-        node: The node as far as it is known.
-        number: Number of the axis.
-        table: Its table in the bench file, or None.
-        profile: Its drive profile, or None.
-    """
+    """Scales of a drive."""
     if table is not None and profile is not None:
         try:
             scaling = read_scaling(OverheardQuestions(node), number, table, profile)
@@ -69,10 +62,7 @@ def scales_of(node: Node, number: int, table: AxisTable | None, profile: Profile
 
 
 def _by_the_standard(node: Node, table: AxisTable | None) -> Scales:
-    """Return scales by 608Fh and 6076h.
-
-    Only for a drive without units of its own.
-    """
+    """Return scales by 608Fh and 6076h, without units of its own."""
     asked = OverheardQuestions(node)
 
     def said(index: int, subindex: int = 0) -> int | None:
@@ -145,9 +135,7 @@ class FrameReading:
 def reading_of(nodes: Mapping[int, Node], bench: Bench | None) -> FrameReading:
     """Numbers that can be read, by the nodes as they are known.
 
-    Args:
-        nodes: Nodes by node-ID.
-        bench: Bench file, which names axes and sensor; without it an axis is called by its node.
+    The bench file names axes and sensor; without it an axis is called by its node.
     """
     tables = {} if bench is None else {table.node_id: (number, table) for number, table in bench.axis.items()}
     readers: list[FrameReader] = []

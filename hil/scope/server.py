@@ -133,10 +133,7 @@ class _Viewer(_Guarded, WebSocketHandler):
         self.settings["viewers"].discard(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """Answer a question: a trigger, or a spectrum of samples.
-
-        The page sends the samples.
-        """
+        """Answer a question: a trigger, or a spectrum of the page's samples."""
         if isinstance(message, bytes):
             IOLoop.current().spawn_callback(self._answer, message)
             return
@@ -162,10 +159,7 @@ class _Viewer(_Guarded, WebSocketHandler):
             self.write_message(answer, binary=True)
 
     def step(self) -> None:
-        """Send new rows.
-
-        They are kept while the page has not taken the last ones.
-        """
+        """Send new rows, unless the page has not taken the last."""
         source = self.source
         if source is None or self._is_sending:
             return

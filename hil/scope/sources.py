@@ -37,10 +37,7 @@ class BusSource:
     def __init__(self, listener: Listener, decoder: SignalDecoder, title: str) -> None:
         """Begin with nothing.
 
-        Args:
-            listener: The bus; it is not closed.
-            decoder: Decoder of its frames.
-            title: Title of the page.
+        The listener is not closed.
         """
         self.title, self.past = title, Past()
         self.signals: tuple[Signal, ...] = ()
@@ -55,10 +52,7 @@ class BusSource:
         return self._listener.lost
 
     def poll(self) -> None:
-        """Take new rows.
-
-        A lost bus ends the rows; the past ones remain.
-        """
+        """Take new rows; a lost bus ends them."""
         if self.ended:
             return
         try:

@@ -35,11 +35,7 @@ class TriggerRule(BaseModel):
 
 
 class Trigger:
-    """An armed trigger that checks rows as they come.
-
-    Args:
-        rule: Its condition.
-    """
+    """An armed trigger that checks rows as they come."""
 
     def __init__(self, rule: TriggerRule) -> None:
         self.rule = rule
@@ -48,13 +44,8 @@ class Trigger:
     def feed(self, time_s: Real, values: Real, emergencies_s: Sequence[float] = ()) -> float | None:
         """Time at which it fires; None if it does not.
 
-        A level is crossed between two samples that lie on either side of it, the earlier one not on it. Samples that are
-        missing are passed over.
-
-        Args:
-            time_s: Times of the rows; shape (n,).
-            values: The signal, or all status words; shape (n, m).
-            emergencies_s: Times of emergencies.
+        A level is crossed between two samples that lie on either side of it, the earlier one not on it. Samples that are missing
+        are passed over. Times have the shape (n,), the signal or all status words (n, m).
         """
         if self.rule.kind == "emcy":
             return min(emergencies_s, default=None)
@@ -70,10 +61,7 @@ class Trigger:
         return float(time_s[min(fired)]) if fired else None
 
     def _first(self, series: Real, column: int) -> int | None:
-        """Return the first row of a series in which it fires.
-
-        The first value of the series is the last one before it.
-        """
+        """Return a series' first firing row; its first value is past."""
         there = np.flatnonzero(~np.isnan(series))
         known = series[there]
         if self._last is not None and len(known):

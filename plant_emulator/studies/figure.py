@@ -22,7 +22,7 @@ def distribution_and_influences(summary: Summary) -> Drawing:
         "number with each unknown, with the 95 % interval; for an angle it has no sign. Grey: the correlation may be chance."
     )
     key = f"figure-{summary.study.name}"
-    return Drawing(key, "Plants and influences", "", "computed", caption, style.to_svg(figure, key))
+    return style.drawing(figure, key, "Plants and influences", caption, "computed")
 
 
 def _distribution(panel: Axes, summary: Summary) -> None:

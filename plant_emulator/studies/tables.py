@@ -54,7 +54,7 @@ def _criteria(summary: Summary) -> ReportTable:
     ]
     rows += [[f"not stable: {fault}", str(count)] for fault, count in summary.faults.items()]
     header = ("", f"plants ({100.0 * CONFIDENCE:g} % interval)")
-    return ReportTable(f"criteria-{study.name}", "Criteria", "", header, rows, frozenset({0, 1}))
+    return ReportTable(f"criteria-{study.name}", "Criteria", header, rows, {0, 1})
 
 
 def _judged(summary: Summary) -> ReportTable:
@@ -63,7 +63,7 @@ def _judged(summary: Summary) -> ReportTable:
     words = "reduction of the area in %" if study.is_by_area else "tip peak in mm"
     header = ("", "robot file", *(f"{percent} %" for percent in PERCENTILES), "worst")
     cells: list[list[Cell]] = [[words, *(number(value, FORM) for value in values)]]
-    return ReportTable(f"judged-{study.name}", "Percentiles of the plants", "", header, cells)
+    return ReportTable(f"judged-{study.name}", "Percentiles of the plants", header, cells)
 
 
 def _influences(summary: Summary) -> ReportTable:
@@ -78,7 +78,7 @@ def _influences(summary: Summary) -> ReportTable:
     caption = "" if part is None else f"A linear regression over all unknowns explains {part:.0f} % of the variance."
     header = ("unknown", "rank correlation", f"{100.0 * CONFIDENCE:g} % interval", "coefficient", "beyond chance")
     title = "Unknowns that matter most"
-    return ReportTable(f"influences-{summary.study.name}", title, "", header, cells, frozenset({0, 4}), caption)
+    return ReportTable(f"influences-{summary.study.name}", title, header, cells, {0, 4}, caption)
 
 
 def plant(study: Study, row: Row, unknowns: Iterable[Unknown], before: str = "Plant", caption: str = "") -> ReportTable:
@@ -91,4 +91,4 @@ def plant(study: Study, row: Row, unknowns: Iterable[Unknown], before: str = "Pl
     cells += [[unknown.name, number(row[unknown.name], FORM)] for unknown in unknowns]
     title = f"{before} {row['index']} of seed {study.seed}, {study.words}"
     groups = {drawn: "drawn"} if len(cells) > drawn else {}
-    return ReportTable(f"plant-{study.name}", title, "", ("", "value"), cells, caption=caption, groups=groups)
+    return ReportTable(f"plant-{study.name}", title, ("", "value"), cells, caption=caption, groups=groups)

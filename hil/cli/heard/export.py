@@ -15,7 +15,6 @@ from hil.cli.heard.explain import description_from
 from hil.cli.options import OptionalBenchOption
 
 if TYPE_CHECKING:
-    from hil.bench.bench import Bench
     from hil.export.series import Series
     from hil.export.source import Known
 
@@ -78,8 +77,12 @@ def export(
     with exit_on_error(moves=False):
         from hil.export.source import Known
 
-        descriptions = dict(description_from(text) for text in description or [])
-        known = Known(_bench(bench_file), descriptions, interface, run)
+        descriptions, bench = dict(description_from(text) for text in description or []), None
+        if bench_file is not None:  # without one it is not loaded, nor scipy with it
+            from hil.bench.bench import load_bench
+
+            bench = load_bench(bench_file)
+        known = Known(bench, descriptions, interface, run)
         series = _written(source, files, known, is_needed=address is not None or layout is not None)
         if layout is not None:
             from hil.export.plotjuggler import write_layout
@@ -122,14 +125,6 @@ def _written(source: Path, files: list[Path], known: "Known", *, is_needed: bool
                 part.unlink()
         typer.echo(str(file))
     return series
-
-
-def _bench(name: str | None) -> "Bench | None":
-    if name is None:
-        return None
-    from hil.bench.bench import load_bench
-
-    return load_bench(name)
 
 
 def _address(text: str) -> tuple[str, int]:

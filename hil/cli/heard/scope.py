@@ -6,6 +6,7 @@ It is available on this machine only.
 # ruff: noqa: PLC0415 - numpy and the server are imported inside the command, so that --help stays quick
 
 import contextlib
+import importlib.util
 import os
 import signal
 import sys
@@ -20,6 +21,7 @@ from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
 from hil.cli.live import DEFAULT_PORT
 from hil.cli.options import OptionalBenchOption
+from hil.errors import NotPossibleError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,27 +69,14 @@ def scope(
       hil scope demo
     """
     with exit_on_error(moves=False), contextlib.suppress(KeyboardInterrupt):
-        _check_installed()
+        if any(importlib.util.find_spec(name) is None for name in ("bokeh", "tornado")):
+            raise NotPossibleError("the page needs bokeh, which is not installed: pip install 'hil-bench[live]'")
         if directory is not None:
             if bus is not None or description or ask:
                 raise fail("--bus, --description and --ask are for a bus; leave them out for a directory", ExitStatus.USAGE)
             _show_recordings(directory, port, until_stdin_closes=until_stdin_closes)
             return
         _show_bus(bench_file, bus, description or [], ask, port, until_stdin_closes=until_stdin_closes)
-
-
-def _check_installed() -> None:
-    """Refuse to go on without the library.
-
-    Raises:
-        NotPossibleError: It is not installed.
-    """
-    import importlib.util
-
-    from hil.errors import NotPossibleError
-
-    if any(importlib.util.find_spec(name) is None for name in ("bokeh", "tornado")):
-        raise NotPossibleError("the page needs bokeh, which is not installed: pip install 'hil-bench[live]'")
 
 
 def _show_recordings(directory: Path, port: int, *, until_stdin_closes: bool) -> None:
@@ -113,16 +102,7 @@ def _show_recordings(directory: Path, port: int, *, until_stdin_closes: bool) ->
 def _show_bus(
     bench_file: str | None, bus: str | None, descriptions: list[str], ask: str, port: int, *, until_stdin_closes: bool
 ) -> None:
-    """Listen to a bus, and show it.
-
-    Args:
-        bench_file: Bench file, or None.
-        bus: Address of the bus, or None.
-        descriptions: Device descriptions as `--description` gives them.
-        ask: Nodes whose mapping is read.
-        port: Port of the page.
-        until_stdin_closes: End with standard input.
-    """
+    """Listen to a bus, and show it."""
     from drive_profiles.address import choose_bus, parse_address
     from hil.bench.bench import load_bench
     from hil.can.listening import open_listener
@@ -165,10 +145,7 @@ def _run(made: "Callable[[], ScopeServer]", *, until_stdin_closes: bool) -> None
 
 
 async def _serve(server: "ScopeServer", *, until_stdin_closes: bool) -> None:
-    """Print the page's address, and serve it until the end.
-
-    The end is Ctrl-C, or the end of standard input.
-    """
+    """Print the page's address; serve until Ctrl-C or standard input's end."""
     import asyncio
 
     over = asyncio.Event()

@@ -7,23 +7,16 @@ import typer
 
 from drive_profiles.cli.application import command
 from drive_profiles.cli.console import table
-from hil.cli.console import (
-    ExitStatus,
-    SpokenReporter,
-    bench_on,
-    confirm_motion,
-    epilog_of_runs,
-    exit_on_error,
-    result_directory,
-    say,
-    say_not_restored,
-)
+from hil.cli import console
+from hil.cli.console import ExitStatus
 from hil.cli.options import AXES, BenchOption, BusOption, ForceOption, JsonOption, NewOutOption, YesOption
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
 
-CHECK_EPILOG = epilog_of_runs({ExitStatus.DONE: "every check passed", ExitStatus.NOT_MET: "a check failed, or could not be made"})
+CHECK_EPILOG = console.epilog_of_runs(
+    {ExitStatus.DONE: "every check passed", ExitStatus.NOT_MET: "a check failed, or could not be made"}
+)
 
 
 @command(epilog=CHECK_EPILOG)
@@ -46,22 +39,22 @@ def check(
 
     Example: hil check --bench bench.toml --axis 2
     """
-    with exit_on_error():
-        bench = bench_on(bench_file, bus)
+    with console.exit_on_error():
+        bench = console.bench_on(bench_file, bus)
 
         from hil.commissioning.check import check_axes, known_axes  # noqa: PLC0415
 
         numbers = known_axes(bench, axis or ())
-        where = result_directory(out, "check", force=force)
-        confirm_motion(bench, _lines(bench, numbers), yes=yes)
-        outcome = check_axes(bench, numbers, where, reset_faults=reset_faults, reporter=SpokenReporter())
+        where = console.result_directory(out, "check", force=force)
+        console.confirm_motion(bench, _lines(bench, numbers), yes=yes)
+        outcome = check_axes(bench, numbers, where, reset_faults=reset_faults, reporter=console.SpokenReporter())
         if as_json:
             typer.echo(outcome.result.dumps())
         else:
             rows = [(str(each.axis), each.name, each.verdict, each.seen) for each in outcome.result.checks]
             table("", ("axis", "check", "verdict", "seen"), rows)
-        say(f"result: {where / 'check.json'}")
-        say_not_restored(outcome.not_restored)
+        console.say(f"result: {where / 'check.json'}")
+        console.say_not_restored(outcome.not_restored)
         if outcome.failure is not None:
             raise outcome.failure
         if outcome.not_restored:

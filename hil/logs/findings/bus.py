@@ -29,12 +29,7 @@ TOLERANT = 1.02
 
 
 def bus_findings(trace: Trace, bitrate: int | None) -> Iterator[Said]:
-    """Damage, load, error frames and masters of a bus.
-
-    Args:
-        trace: The log.
-        bitrate: Bit rate in bit/s; None if it is not known.
-    """
+    """Damage, load, error frames and masters of a bus."""
     yield from _damage(trace)
     yield from _load(trace, bitrate)
     yield from _error_frames(trace)

@@ -99,12 +99,7 @@ def picture_of(
 ) -> Picture:
     """Return a picture of many points, reduced to minima and maxima.
 
-    Args:
-        x: Numbers along; shape (n,).
-        y: Numbers upwards; shape (n,).
-        labels: Quantity and unit of each.
-        limits: Limits, by name.
-        is_line: True if the points are joined.
+    `x` and `y` have the shape (n,); `labels` are quantity and unit of each.
     """
     if len(x) > MOST_POINTS:
         width = -(-len(x) // (MOST_POINTS // 2))

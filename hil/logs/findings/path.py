@@ -122,10 +122,7 @@ def _coarse(stamp_ns: NDArray[np.int64], position: NDArray[np.int64], node: Node
 
 
 def _blows(stamp_ns: NDArray[np.int64], target: NDArray[np.int64], node: Node) -> Iterator[Said]:
-    """Find jumps of acceleration from one cycle to the next.
-
-    Their jerk is as high as it can be.
-    """
+    """Find jumps of acceleration from one cycle to the next."""
     acceleration = np.diff(target, 2).astype(np.float32)
     held = np.float32(0.5) * (acceleration[1:] + acceleration[:-1])
     if len(held) < LEAST_FRAMES:

@@ -140,10 +140,7 @@ def _pace(trace: Trace, stream: Stream, node: Node, name: str) -> Iterator[Said]
 
 
 def _steps(stream: Stream, values: NDArray[np.int64], node: Node, name: str) -> Iterator[Said]:
-    """Find repeats and jumps of the position from frame to frame.
-
-    Repeats count while it moves.
-    """
+    """Find repeats and jumps of a moving position from frame to frame."""
     step = np.diff(values).astype(np.float32)
     if len(step) < LEAST_FRAMES or not np.any(np.abs(step) >= MOVES_COUNTS):
         return

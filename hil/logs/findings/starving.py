@@ -56,13 +56,8 @@ def starving_findings(trace: Trace) -> Iterator[Said]:
 def _culprit(trace: Trace, sync: NDArray[np.int64], own: int, held_up: NDArray[np.int32]) -> tuple[int | None, float]:
     """Find the identifier that is more frequent in late cycles.
 
-    It has a higher priority; the second value is the difference in frames per cycle.
-
-    Args:
-        trace: The log.
-        sync: Stamps of the SYNCs; shape (n,).
-        own: Identifier that waits.
-        held_up: Cycles in which it does; shape (m,).
+    It has a higher priority; the second value is the difference in frames per cycle. SYNC stamps have the shape (n,), cycles in
+    which `own` was held up (m,).
     """
     worst: int | None = None
     most = MORE

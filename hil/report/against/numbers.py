@@ -65,10 +65,7 @@ class NumberPair:
 
 
 def run_numbers(pairs: tuple[RunPair, ...]) -> Iterator[NumberPair]:
-    """Yield the numbers of runs in their windows.
-
-    A number of a whole run appears once, with the first window of the run.
-    """
+    """Yield numbers of windows, those of a whole run once."""
     seen = set()
     for pair in pairs:
         new, old, group = pair.new, pair.old, pair_name(pair)
@@ -101,10 +98,7 @@ def _lateness(run: RunEntry) -> tuple[float | None, float | None]:
 
 
 def model_numbers(new: Material, old: Material) -> Iterator[NumberPair]:
-    """Yield f_al and the worst margins of each loop in both results.
-
-    They come from the models; an axis without a loop in both results is left out.
-    """
+    """Yield f_al and the worst margins of each loop in both results."""
     for axis in sorted(set(new.model_axes) & set(old.model_axes)):
         group = f"axis {axis}: margins from the model, with the active filters"
         yield NumberPair(group, "f_al", "Hz", old.f_al_hz[axis], new.f_al_hz[axis])
@@ -121,10 +115,7 @@ MARGINS = (
 
 
 def error_numbers(new: AteResult, old: AteResult) -> Iterator[NumberPair]:
-    """Yield the numbers of two transmission errors.
-
-    None if one identification has no transmission error.
-    """
+    """Yield the numbers of two transmission errors, if both have one."""
     if new.ate is None or old.ate is None:
         return
     group = f"axis {new.axis}: transmission error"
@@ -176,7 +167,7 @@ def numbers_table(pairs: list[NumberPair]) -> ReportTable:
         "not judged: one run of each does not show how much runs differ."
     )
     header = ("", "old", "new", "unit", "difference", "beyond chance")
-    return ReportTable("numbers", "Old and new", "", header, rows, frozenset({0, 3, 5}), caption, groups=groups)
+    return ReportTable("numbers", "Old and new", header, rows, {0, 3, 5}, caption, groups=groups)
 
 
 def _told(pair: NumberPair) -> tuple[str, str]:
@@ -194,10 +185,7 @@ def _told(pair: NumberPair) -> tuple[str, str]:
 
 
 def pair_name(pair: RunPair) -> str:
-    """Return the name of a window of two runs.
-
-    In brackets it has the differences of treatment and loop.
-    """
+    """Return the name of two runs' window, differences in brackets."""
     changed = [
         f"{before} → {after}"
         for before, after in (

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 
 from hil.control.order_keys import amplitude_key
 from hil.errors import NotPossibleError
-from hil.recording import Recording
+from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.against.alike import PairedRuns, RunPair, check_robot, paired_runs
 from hil.report.against.numbers import (
@@ -29,23 +29,12 @@ from hil.report.figures.order_map import ramp_map
 from hil.report.material import CONSTANT_ACCELERATION, Material, run_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, moment_text, render
-from hil.report.plotted_run import (
-    PlottedRun,
-    draw_vibration,
-    finish_vibration,
-    limit_words,
-    plotted_run,
-    shade_line,
-    shade_speeds,
-    shown_acceleration,
-    smooth_spectrum,
-)
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
-from hil.report.style import Drawing, Real
+from hil.report.style import Drawing
 from hil.results.ate import AteResult
 from hil.results.base import RESULT_FILE, MeasuredResult
 from hil.results.files import load_any
-from hil.results.plant import FrequencyResponseEntry, PlantResult
+from hil.results.plant import PlantResult
 from hil.results.runs import ExperimentsResult
 
 AGAINST_FILE = "against.html"
@@ -77,11 +66,6 @@ class _Content:
 
 def write_against(directory: Path, old_directory: Path, *, is_interactive: bool = False) -> Path:
     """Write `against.html` into the new result's directory; return its path.
-
-    Args:
-        directory: Directory of the new result.
-        old_directory: Directory of the old one.
-        is_interactive: True if its figures can be zoomed.
 
     Raises:
         NotPossibleError: The two are unlike: another kind, robot, axis or motion. Or Bokeh is needed, and is not installed.
@@ -213,7 +197,7 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
 
     For a ramp, the lower panel shows orders instead of the spectrum. None without both recordings.
     """
-    runs = [plotted_run(old, pair.old, "old", OLD), plotted_run(new, pair.new, "new", NEW)]
+    runs = [plotted.plotted_run(old, pair.old, "old", OLD), plotted.plotted_run(new, pair.new, "new", NEW)]
     drawn = [run for run in runs if run is not None]
     if len(drawn) < 2:
         return None
@@ -221,58 +205,42 @@ def tip_figure(new: Material, old: Material, pair: RunPair, number: int) -> Draw
     figure, panels = style.panels(2, 1, 5.2, height_ratios=(3, 2))
     top, below = panels[:, 0]
     for run in drawn:
-        draw_vibration(top, run, new.band_hz(axis))
+        plotted.draw_vibration(top, run, new.band_hz(axis))
     recording = drawn[-1].recording
     if axis is None:
-        shade_line(new, top, recording)
+        plotted.shade_line(new, top, recording)
     elif pair.new.experiment == CONSTANT_ACCELERATION:
-        shade_speeds(new, axis, recording, top, with_names=False)
+        plotted.shade_speeds(new, axis, recording, top, with_names=False)
     top.set_xlim(float(recording.time_s[0]), float(recording.time_s[-1]))
-    finish_vibration(new, top, new.f_al(axis))
+    plotted.finish_vibration(new, top, new.f_al(axis))
     is_ramp = axis is not None and pair.new.experiment == CONSTANT_ACCELERATION
     below_words = _draw_orders(below, drawn, axis) if is_ramp and axis is not None else _draw_spectra(below, drawn)
     style.legend_above(figure, top)
     band = new.band_hz(axis)
-    limit = "" if axis is None else f" {limit_words(new, axis)}"
+    limit = "" if axis is None else f" {plotted.limit_words(new, axis)}"
     name = pair_name(pair)
-    return Drawing(
-        key,
-        f"{name[0].upper()}{name[1:]}: the tip, old and new",
-        "",
-        "measured",
+    caption = (
         f"Above: tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase, each from the beginning of "
-        f"its recording.{limit} Below: {below_words}",
-        style.to_svg(figure, key, is_zoomable=True),
+        f"its recording.{limit} Below: {below_words}"
     )
+    return style.drawing(figure, key, f"{name[0].upper()}{name[1:]}: the tip, old and new", caption, is_zoomable=True)
 
 
-def _draw_orders(panel: Axes, drawn: list[PlottedRun], axis: int) -> str:
+def _draw_orders(panel: Axes, drawn: list[plotted.PlottedRun], axis: int) -> str:
+    """Draw the largest amplitude of each order on a ramp, in m/s²."""
     for run in drawn:
-        found = order_amplitudes(run.recording, axis)
+        found = ramp_map(run.recording, axis)
         if found is not None:
-            panel.plot(*found, **run.look)
-    panel.set(xlabel="Order k (per turn of the motor)", ylabel="Amplitude (m/s²)")
-    panel.set_ylim(0.0, None)
+            seen = ~np.all(np.isnan(found.amplitude), axis=0)
+            panel.plot(found.orders[seen], np.nanmax(found.amplitude[:, seen], axis=0), **run.look)
+    panel.set(xlabel="Order k (per turn of the motor)", ylabel="Amplitude (m/s²)", ylim=(0.0, None))
     return "the largest amplitude of each order while the motor speeds up, in windows of two turns."
 
 
-def order_amplitudes(recording: Recording, axis: int) -> tuple[Real, Real] | None:
-    """Return orders and their largest amplitudes on a ramp, in m/s².
-
-    Both of shape (n,); None if the motor turns too little.
-    """
-    found = ramp_map(recording, axis)
-    if found is None:
-        return None
-    seen = ~np.all(np.isnan(found.amplitude), axis=0)
-    return found.orders[seen], np.nanmax(found.amplitude[:, seen], axis=0)
-
-
-def _draw_spectra(panel: Axes, drawn: list[PlottedRun]) -> str:
+def _draw_spectra(panel: Axes, drawn: list[plotted.PlottedRun]) -> str:
     for run in drawn:
-        panel.plot(*smooth_spectrum(shown_acceleration(run), run.recording.period_s, SPECTRUM_TO_HZ), **run.look)
-    panel.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, SPECTRUM_TO_HZ))
-    panel.set_ylim(0.0, None)
+        panel.plot(*plotted.smooth_spectrum(plotted.shown_acceleration(run), run.recording.period_s, SPECTRUM_TO_HZ), **run.look)
+    panel.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, SPECTRUM_TO_HZ), ylim=(0.0, None))
     return "Hann spectrum of the whole recording."
 
 
@@ -288,13 +256,10 @@ def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
         abscissa = np.array([float(order) for order in values]) + shift
         points: style.Line = {**look, "linestyle": "", "elinewidth": 0.9, "capsize": 2.0}
         panel.errorbar(abscissa, list(values.values()), errors, label=name, **points)
-    panel.set(xlabel="Order k", ylabel="Amplitude A_k (arcsec)")
-    panel.set_ylim(0.0, None)
+    panel.set(xlabel="Order k", ylabel="Amplitude A_k (arcsec)", ylim=(0.0, None))
     style.legend_above(figure, panel)
     words = "Discs: new; squares: old; bars: standard errors."
-    return Drawing(
-        "errors-by-order", "Transmission error by order", "", "measured", words, style.to_svg(figure, "errors-by-order")
-    )
+    return style.drawing(figure, "errors-by-order", "Transmission error by order", words)
 
 
 def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:
@@ -304,26 +269,18 @@ def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:
     figure, panels = style.panels(2, 1, 4.6, sharex=True, height_ratios=(3, 2))
     gain, phase = panels[:, 0]
     for name, response, look in (("old", old.response, OLD), ("new", new.response, NEW)):
-        frequency, value = _complex(response)
+        frequency, value = np.asarray(response.frequency_hz), np.asarray(response.real) + 1j * np.asarray(response.imaginary)
         gain.semilogx(frequency, style.decibel(value), label=name, **look)
         phase.semilogx(frequency, np.degrees(np.unwrap(np.angle(value))), **look)
     gain.set_ylabel(r"$|\theta_m/\tau|$ (dB re 1 rad/N·m)")
     phase.set(xlabel="Frequency (Hz)", ylabel="Phase (°)")
     style.legend_above(figure, gain)
     words = "Frequency response of each result at its excited frequencies."
-    svg = style.to_svg(figure, "responses", is_zoomable=True)
-    return Drawing("responses", "Motor angle per torque", "", "measured", words, svg)
-
-
-def _complex(response: FrequencyResponseEntry) -> tuple[Real, style.Panels]:
-    return np.asarray(response.frequency_hz), np.asarray(response.real) + 1j * np.asarray(response.imaginary)
+    return style.drawing(figure, "responses", "Motor angle per torque", words, is_zoomable=True)
 
 
 def differing(new: MeasuredResult, old: MeasuredResult) -> list[Setting]:
-    """Return the settings that differ, by groups.
-
-    A setting of one result alone has a dash for the other.
-    """
+    """Return the differing settings by groups; a missing one is a dash."""
     own, other = dict(_settings(new)), dict(_settings(old))
     found = [
         Setting(_group(key), key, _text(other.get(key)), _text(own.get(key)))
@@ -344,7 +301,7 @@ def settings_table(found: list[Setting]) -> ReportTable:
     more = len(found) - MOST_DIFFERING
     caption = f"{more} more are not shown." if more > 0 else "" if found else "No setting differs."
     header = ("Setting", "old", "new")
-    return ReportTable("settings", "Settings that differ", "", header, rows, frozenset({0, 1, 2}), caption, True, groups)
+    return ReportTable("settings", "Settings that differ", header, rows, {0, 1, 2}, caption, is_prose=True, groups=groups)
 
 
 def _settings(result: MeasuredResult) -> Iterator[tuple[str, Any]]:
@@ -361,10 +318,7 @@ def _settings(result: MeasuredResult) -> Iterator[tuple[str, Any]]:
 
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Yield the single values in a value, with their dotted keys.
-
-    Places in a list count from 1.
-    """
+    """Yield the single values with their dotted keys; lists count from 1."""
     if isinstance(value, dict):
         parts = [(str(key), each) for key, each in value.items()]
     elif isinstance(value, list | tuple) and any(isinstance(each, dict | list | tuple) for each in value):

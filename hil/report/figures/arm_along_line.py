@@ -6,17 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from hil.arm.kinematics import Kinematics
-from hil.report import style
-from hil.report.arm_motion import (
-    MovedArm,
-    draw_directions,
-    draw_ground,
-    draw_skeleton,
-    fit_limits,
-    moved_arms,
-    recorded_line,
-    round_down,
-)
+from hil.report import arm_motion, style
+from hil.report.arm_motion import MovedArm
 from hil.report.material import Material
 from hil.report.plotted_run import line_words
 from hil.report.projection import ABOVE, ANGLE, SIDE
@@ -41,11 +32,8 @@ VIEWS_IN, MARGIN_IN, LOOPS_IN = 3.3, 0.55, 7.9
 
 
 def arm_along_line(material: Material, key: str = "arm-line") -> Drawing | None:
-    """Draw the arm along the recorded line, and the tip's error.
-
-    Three views of the arm, and below them the magnified error. None without an arm's line.
-    """
-    arms, way = moved_arms(material), recorded_line(material)
+    """Draw three views of an arm along its line, and its error."""
+    arms, way = arm_motion.moved_arms(material), arm_motion.recorded_line(material)
     if way is None or material.bench.arm is None:
         return None
     has_loops = bool(arms) and _way_m(arms[0]) >= LEAST_WAY_M
@@ -60,7 +48,7 @@ def arm_along_line(material: Material, key: str = "arm-line") -> Drawing | None:
         loops.draw(panels)
     style.legend_above(figure, *panels.values(), columns=5)
     title = "The arm along its line" + ("" if loops is None else f", its tip error drawn {loops.magnification:g} times as large")
-    return Drawing(key, title, "", "measured", _caption(material, loops), style.to_svg(figure, key))
+    return style.drawing(figure, key, title, _caption(material, loops))
 
 
 def _way_m(moved: MovedArm) -> float:
@@ -74,12 +62,12 @@ def _draw_views(panels: dict[str, Axes], kinematics: Kinematics, angles_rad: Rea
     skeletons = kinematics.skeleton(angles_rad[rows])
     for name, view in VIEWS.items():
         panel = panels[name]
-        draw_ground(panel, view)
+        arm_motion.draw_ground(panel, view)
         for skeleton, strength in zip(skeletons, POSTURES, strict=True):
-            draw_skeleton(panel, view, skeleton, strength=strength)
+            arm_motion.draw_skeleton(panel, view, skeleton, strength=strength)
         panel.plot(*view.flat(tip_m), zorder=5, label="path of the tip", **PATH)
         panel.set_title(view.title)
-        draw_directions(panel, view)
+        arm_motion.draw_directions(panel, view)
     way = np.abs(tip_m[-1] - tip_m[0])
     beside: Line = (
         {"xytext": (7, 0), "ha": "left", "va": "center"} if way[2] > way[0] else {"xytext": (0, -5), "ha": "center", "va": "top"}
@@ -87,7 +75,7 @@ def _draw_views(panels: dict[str, Axes], kinematics: Kinematics, angles_rad: Rea
     for words, point in (("start", tip_m[0]), ("end", tip_m[-1])):
         panels["side"].annotate(words, SIDE.flat(point), textcoords="offset points", fontsize=7.5, **beside)
     points = np.concatenate([skeletons.reshape(-1, 3), tip_m])
-    fit_limits([(panels[name], view) for name, view in VIEWS.items()], points)
+    arm_motion.fit_limits([(panels[name], view) for name, view in VIEWS.items()], points)
 
 
 class _Loops:
@@ -112,7 +100,7 @@ class _Loops:
         self.count = min(MOST_LOOPS, max(1, int(lasts_s * low_hz / PERIODS)))
         way_mm = 1e3 * _way_m(first)
         self.reach_mm = max(limit_mm, *(moved.peak_mm for moved in arms))
-        self.magnification = round_down(LOOP_FRACTION * way_mm / self.count / (2.0 * self.reach_mm))
+        self.magnification = arm_motion.round_down(LOOP_FRACTION * way_mm / self.count / (2.0 * self.reach_mm))
         self.length_mm = way_mm * (1.0 + 1.0 / self.count)
 
     @property
@@ -121,10 +109,7 @@ class _Loops:
         return LOOPS_IN * 2.2 * self.reach_mm * self.magnification / self.length_mm + MARGIN_IN
 
     def draw(self, panels: dict[str, Axes]) -> None:
-        """Draw the loops in both directions across the path.
-
-        A ring around each shows the specification.
-        """
+        """Draw the loops in both directions, each in the specification's ring."""
         turn = np.linspace(0.0, 2.0 * math.pi, 73)
         for name, words, across in zip(ACROSS, self.names, self.across, strict=True):
             panel, rings = panels[name], list[tuple[Real, Real]]()

@@ -35,10 +35,7 @@ SHOWN_HZ = 1.2
 
 
 def arm_swinging(material: Material, key: str = "arm-resonances") -> Drawing | None:
-    """Draw the tip's swing at each resonance of an arm's line.
-
-    None without an arm's line.
-    """
+    """Draw the tip's swing at each resonance of an arm's line."""
     arms, arm = moved_arms(material), material.bench.arm
     band_hz = arms[0].run.entry.band_hz if arms else None
     if not arms or arm is None or band_hz is None:
@@ -68,7 +65,7 @@ def arm_swinging(material: Material, key: str = "arm-resonances") -> Drawing | N
     style.legend_above(figure, *panels.values())
     text = _caption(material, arms, swings, magnification) + _mode_words(modes)
     origin = "measured and computed" if shapes else "measured"
-    return Drawing(key, "How the tip swings at its resonances", "", origin, text, style.to_svg(figure, key))
+    return style.drawing(figure, key, "How the tip swings at its resonances", text, origin)
 
 
 @dataclass(frozen=True)
@@ -89,13 +86,8 @@ class KnownModes:
 def known_modes(bench: Bench, known: IdentifiedArm | None, angles_rad: Real, moving: tuple[int, ...]) -> KnownModes | None:
     """Return the modes of the bench's arm in a posture, if known.
 
-    They come from the bodies of the links, or without those from identified masses.
-
-    Args:
-        bench: The bench file.
-        known: Masses and stiffness that were identified; None without.
-        angles_rad: The posture; shape (joints,).
-        moving: Axes that move: the stiffness of each must be known.
+    They come from the bodies of the links, or without those from identified masses. `angles_rad` has the shape (joints,); the
+    stiffness of each `moving` axis must be known.
     """
     arm = bench.arm
     if arm is None:
@@ -137,10 +129,7 @@ def _draw_spectrum(panel: Axes, arms: list[MovedArm], found: list[float], band_h
 
 
 class _Stage:
-    """Panels with the arm in views of one scale.
-
-    Each view is the one in which the swing is most visible.
-    """
+    """Panels with the arm in its most telling views of one scale."""
 
     def __init__(self, kinematics: Kinematics, arms: list[MovedArm], magnification: float) -> None:
         self._kinematics, self._arms, self._magnification = kinematics, arms, magnification
@@ -164,10 +153,7 @@ class _Stage:
         panel.set_title(f"{swings[0].frequency_hz:.1f} Hz: {lengths} mm")
 
     def draw_mode(self, panel: Axes, angles_rad: Real, modes: list[ModeShape]) -> None:
-        """Draw the arm, and its deflection by a mode to either side.
-
-        An empty panel without modes.
-        """
+        """Draw the arm deflected by a mode to either side, if any."""
         if not modes:
             panel.set_axis_off()
             return

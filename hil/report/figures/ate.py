@@ -22,11 +22,10 @@ from hil.report import style
 from hil.report.order_names import BY_ORDER, order_words, symbol, symbol_of
 from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
-from hil.report.plotted_run import smooth_spectrum
+from hil.report.plotted_run import FEWEST, draw_passage, passage_panels, spread_arcsec
 from hil.report.report_table import Cell, Mark, ReportTable, number, value_and_error
 from hil.report.style import Drawing, Real
 from hil.results.ate import AteResult, AteRun
-from hil.results.files import load_result
 
 AROUND = (0.75, 1.3)
 """Motor speeds of a window, by that at which its order meets the resonance."""
@@ -56,18 +55,11 @@ class DrawnPass:
 
 
 class AteMaterial:
-    """Material of the page: result.json and passes in the fit's band."""
+    """Material of the page: the result, and its passes in the fit's band."""
 
-    def __init__(self, directory: Path) -> None:
-        """Read result.json.
-
-        Raises:
-            OSError: The file cannot be read.
-            ResultFileError: The file is not the result of an identification of the transmission error.
-        """
-        self.directory = directory
-        self.result = load_result(directory, AteResult, "an identification of the transmission error")
-        self.axis, self.is_sensorless = self.result.axis, self.result.sensorless
+    def __init__(self, directory: Path, result: AteResult) -> None:
+        self.directory, self.result = directory, result
+        self.axis, self.is_sensorless = result.axis, result.sensorless
 
     @property
     def part(self) -> IdentifiedError | None:
@@ -160,12 +152,8 @@ def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False)
     panel, turns = panels[0, 0], np.linspace(0.0, 2.0, 721)
     angle = 2.0 * math.pi * turns
     middle = error.angle_rad(angle) / ARCSEC
-    variance = np.zeros_like(angle)
-    for order, amplitude in error.amplitude_arcsec.items():
-        phase = order * angle + math.radians(error.phase_deg[order])
-        variance += (part.standard_error.get(amplitude_key(order), 0.0) * np.cos(phase)) ** 2
-        variance += (amplitude * math.radians(part.standard_error.get(phase_key(order), 0.0)) * np.sin(phase)) ** 2
-    spread = 2.0 * np.sqrt(variance)
+    own = [{k: part.standard_error.get(key(k), 0.0) for k in error.amplitude_arcsec} for key in (amplitude_key, phase_key)]
+    spread = spread_arcsec(error, own[0], own[1], turns)
     panel.fill_between(turns, middle - spread, middle + spread, color=style.SKY, alpha=0.6, label="± 2 standard errors")
     panel.plot(turns, middle, label="identified", **style.MEASURED)
     if paper is not None:
@@ -181,15 +169,11 @@ def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False)
     panels[-1, 0].set_xlabel("Motor angle (rev)")
     panel.set_ylabel(r"$\theta_{sync}$ (arcsec)")
     style.legend_above(figure, panel)
-    return Drawing(
-        key,
-        f"Synchronous transmission error of axis {axis}",
-        "Fig. 5",
-        "measured and computed",
+    caption = (
         f"θ_sync at the arm over two motor revolutions: {order_words(error.amplitude_arcsec)} as identified, with two standard "
-        "errors. Dotted lines: whole revolutions.",
-        style.to_svg(figure, key),
+        "errors. Dotted lines: whole revolutions."
     )
+    return style.drawing(figure, key, f"Synchronous transmission error of axis {axis}", caption, style.BOTH, "Fig. 5")
 
 
 def against_speed(material: AteMaterial) -> Drawing | None:
@@ -220,15 +204,14 @@ def against_speed(material: AteMaterial) -> Drawing | None:
     panels[0, 0].set_ylim(low, high + ROOM_FOR_NAMES * (high - low))
     panels[-1, 0].set_xlabel("Motor speed (rev/s)")
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        "against-speed",
-        f"{material.signal_name} against motor speed",
-        "Fig. 7" if material.axis == 2 else "Fig. 8",
-        "measured and computed",
+    caption = (
         f"The {material.signal_name.lower()} of pass {material.furthest + 1} in the band of the fit, and the identified model's "
         "response to the measured motor angle, over motor speed. Below each: the residual, enlarged. Order k excites the arm's "
-        "resonance at f_a/k.",
-        style.to_svg(figure, "against-speed", is_zoomable=True),
+        "resonance at f_a/k."
+    )
+    title = f"{material.signal_name} against motor speed"
+    return style.drawing(
+        figure, "against-speed", title, caption, style.BOTH, "Fig. 7" if material.axis == 2 else "Fig. 8", is_zoomable=True
     )
 
 
@@ -237,60 +220,36 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
     part = material.part
     if not material.passes or part is None or part.arm_hz is None:
         return None
-    drawn, rest_name = material.passes[material.furthest], f"{material.word} − model"
+    drawn = material.passes[material.furthest]
     orders = [k for k in shown_orders(part) if np.max(np.abs(drawn.speed_rps)) >= part.arm_hz / k] or shown_orders(part)[-1:]
-    figure, panels = style.panels(4, len(orders), 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
+    figure, panels = passage_panels(len(orders), material.signal_name, material.unit)
+    speed = np.abs(drawn.speed_rps)
     for column, order in enumerate(orders):
         centre = part.arm_hz / order
-        speed = np.abs(drawn.speed_rps)
         rows = (drawn.direction == direction) & (speed >= AROUND[0] * centre) & (speed <= AROUND[1] * centre)
-        top, middle, rest, bottom = panels[:, column]
-        top.set_title(f"k = {order:g}: {AROUND[0] * centre:.1f} to {AROUND[1] * centre:.1f} rev/s")
-        if np.count_nonzero(rows) < 16:
-            style.note(top, "the run did not reach these speeds")
+        panels[0, column].set_title(f"k = {order:g}: {AROUND[0] * centre:.1f} to {AROUND[1] * centre:.1f} rev/s")
+        if np.count_nonzero(rows) < FEWEST:
+            style.note(panels[0, column], "the run did not reach these speeds")
             continue
-        time, period = drawn.time_s[rows], float(drawn.time_s[1] - drawn.time_s[0])
-        style.plot_thin(top, time, speed[rows], **style.BROAD)
-        style.plot_thin(middle, time, drawn.measured[rows], label=material.word, **style.BROAD)
-        style.plot_thin(middle, time, drawn.model[rows], label="model", **style.MODEL)
-        style.residual(rest, time, drawn.measured[rows] - drawn.model[rows], material.unit, rest_name)
-        for values, look in ((drawn.measured, style.BROAD), (drawn.model, style.MODEL)):
-            bottom.plot(*smooth_spectrum(values[rows], period, 30.0), **look)
-        style.stack_over_time(top, middle, rest)
-        bottom.set_xlabel("Frequency (Hz)")
-        bottom.set_xlim(0.0, 30.0)
+        passage = drawn.time_s, speed, drawn.measured, drawn.model
+        draw_passage(panels[:, column], passage, rows, rows, material.unit, material.word)
     panels[3, 0].set_ylim(0.0, None)  # once all are drawn: the row has one scale
-    panels[0, 0].set_ylabel("Speed (rev/s)")
-    panels[1, 0].set_ylabel(f"{material.signal_name} ({material.unit})")
-    panels[2, 0].set_ylabel(f"Residual ({material.unit})")
-    panels[3, 0].set_ylabel(f"Amplitude ({material.unit})")
     style.legend_above(figure, panels[1, 0])
     key = f"windows-{TURNS[direction]}"
-    return Drawing(
-        key,
-        f"Axis {material.axis} through its resonant speeds, {TURNS[direction]}",
-        {2: "Fig. 7", 3: "Fig. 8"}.get(material.axis, "as Figs. 7 and 8"),
-        "measured and computed",
+    caption = (
         f"Constant acceleration of one motor in pass {material.furthest + 1}. Top: its speed. Middle: the signal in the band of "
         "the fit. Dashed: response of the identified transmission error and arm to the measured motor angle; below it the "
-        "residual, enlarged. Bottom: amplitude spectrum (Hann window, interpolated between its bins).",
-        style.to_svg(figure, key, is_zoomable=True),
+        "residual, enlarged. Bottom: amplitude spectrum (Hann window, interpolated between its bins)."
     )
+    title = f"Axis {material.axis} through its resonant speeds, {TURNS[direction]}"
+    paper = {2: "Fig. 7", 3: "Fig. 8"}.get(material.axis, "as Figs. 7 and 8")
+    return style.drawing(figure, key, title, caption, style.BOTH, paper, is_zoomable=True)
 
 
 def errors(
     axis: int, part: IdentifiedError | None, *, is_sensorless: bool = False, is_paper: bool = False
 ) -> ReportTable | None:  # fmt: skip
-    """Tabulate a transmission error with its standard errors.
-
-    For the paper's robot beside the paper's Table 2.
-
-    Args:
-        axis: Axis number.
-        part: The transmission error; None for no table.
-        is_sensorless: True if it was identified without an accelerometer.
-        is_paper: True for the paper's robot.
-    """
+    """Tabulate a transmission error, for the paper's robot beside Table 2."""
     if part is None:
         return None
     rows: list[list[Cell]] = []
@@ -302,21 +261,18 @@ def errors(
             value, key = (amplitudes, phases)[column][order], (amplitude_key, phase_key)[column](order)
             shown = [number(value, form), number(part.standard_error.get(key), form)]
             rows.append([symbol(letter, order), unit, *printed, *shown])
-    return ReportTable(
-        f"table-2-axis{axis}",
-        f"Parameters of the synchronous transmission error of axis {axis}",
-        "Table 2",
-        ("Parameter", "Unit", *([] if paper is None else ["Paper"]), "Identified", "Standard error"),
-        rows,
-        frozenset({0, 1}),
+    header = ("Parameter", "Unit", *([] if paper is None else ["Paper"]), "Identified", "Standard error")
+    caption = (
         "The standard error covers noise only. "
         + (
             "Without an accelerometer a relative error of J_l appears unchanged in the amplitudes, "
             if is_sensorless
             else "A relative error of the tip lever appears unchanged in the amplitudes, "
         )
-        + "an error of the motor angle's zero in the phases.",
+        + "an error of the motor angle's zero in the phases."
     )
+    title = f"Parameters of the synchronous transmission error of axis {axis}"
+    return ReportTable(f"table-2-axis{axis}", title, header, rows, {0, 1}, caption, paper="Table 2")
 
 
 def arm(material: AteMaterial) -> ReportTable | None:
@@ -325,40 +281,23 @@ def arm(material: AteMaterial) -> ReportTable | None:
     if part is None or fit is None:
         return None
     errors = part.standard_error
+    torsion = "" if part.torsion_arcsec is None else f", at a torsion of {part.torsion_arcsec:.3g} arcsec"
+    delays_s = fit.delay_s if material.is_sensorless else part.accelerometer_delay_s, fit.delay_error_s
+    motion = (number(fit.motion_scale, "{:.3f}"), number(fit.motion_scale_error, "{:.3f}"))
     late = "torque" if material.is_sensorless else material.result.bench.file.accelerometer.title
     rows: list[list[Cell]] = [
-        [f"arm on its gear{_at_torsion(part)}", "Hz", number(part.arm_hz, "{:.3f}"), number(errors.get("arm_hz"), "{:.3f}")],
+        [f"arm on its gear{torsion}", "Hz", number(part.arm_hz, "{:.3f}"), number(errors.get("arm_hz"), "{:.3f}")],
         ["its damping ζ", "", number(part.damping, "{:.4f}"), number(errors.get("damping"), "{:.4f}")],
-        [
-            f"delay of the {late} behind the motor angle",
-            "ms",
-            number(1e3 * (fit.delay_s if material.is_sensorless else part.accelerometer_delay_s), "{:.3f}"),
-            number(1e3 * fit.delay_error_s, "{:.3f}"),
-        ],
-        [
-            "gain of the motor's own motion (1: lever and ratio are right)",
-            "",
-            number(fit.motion_scale, "{:.3f}"),
-            number(fit.motion_scale_error, "{:.3f}"),
-        ],
+        [f"delay of the {late} behind the motor angle", "ms", *(number(1e3 * each, "{:.3f}") for each in delays_s)],
+        ["gain of the motor's own motion (1: lever and ratio are right)", "", *motion],
         ["share of the vibration that θ_sync explains", "%", number(100.0 * fit.explained_by_error, "{:.2f}"), ""],
         ["residual in the band", material.unit, number(fit.residual, "{:.4f}"), ""],
     ]
-    return ReportTable(
-        "arm",
-        "Arm and time alignment",
-        "",
-        ("", "Unit", "Found", "Standard error"),
-        rows,
-        frozenset({0, 1}),
+    caption = (
         f"The gear is assumed to cause {100.0 * fit.gear_fraction:.0f} % of the damping. A change of this fraction by 0.1 "
-        "changes only the delay, by 0.2 ζ/ω, about 0.1 ms.",
+        "changes only the delay, by 0.2 ζ/ω, about 0.1 ms."
     )
-
-
-def _at_torsion(part: IdentifiedError) -> str:
-    """Torsion of the gear for which f_a and ζ hold, in words."""
-    return "" if part.torsion_arcsec is None else f", at a torsion of {part.torsion_arcsec:.3g} arcsec"
+    return ReportTable("arm", "Arm and time alignment", ("", "Unit", "Found", "Standard error"), rows, {0, 1}, caption)
 
 
 def arm_twice(material: AteMaterial) -> ReportTable | None:
@@ -375,36 +314,22 @@ def arm_twice(material: AteMaterial) -> ReportTable | None:
     for name, unit, before, before_error, now, now_error in pairs:
         texts = (" ± ".join(value_and_error(value, error or 0.0)) for value, error in ((before, before_error), (now, now_error)))
         sigma = None if before_error is None or now_error is None else abs(now - before) / math.hypot(before_error, now_error)
-        rows.append([name, unit, *texts, number(100.0 * (now / before - 1.0), "{:+.2f}"), number(sigma, "{:.1f}"), _agree(sigma)])
-    return ReportTable(
-        "arm-twice",
-        "The arm: both identifications compared",
-        "",
-        (
-            "",
-            "Unit",
-            f"Before ({known.source})",
-            "Now (ramps)",
-            "Difference (%)",
-            "Difference (standard errors of noise)",
-            "Noise alone",
-        ),
-        rows,
-        frozenset({0, 1, 6}),
+        words = "not known" if sigma is None else "explains it" if sigma <= FAR_SIGMA else "does not explain it"
+        mark = Mark(True if words == "explains it" else None, words)
+        rows.append([name, unit, *texts, number(100.0 * (now / before - 1.0), "{:+.2f}"), number(sigma, "{:.1f}"), mark])
+    differences = ("Difference (%)", "Difference (standard errors of noise)", "Noise alone")
+    header = ("", "Unit", f"Before ({known.source})", "Now (ramps)", *differences)
+    caption = (
         "Both standard errors cover noise only. A difference of more than three is not noise but an error of a model: one run "
         "excites the arm by motor torque, the other by the transmission error, at another amplitude. The difference in percent "
-        "then shows better how well f_a is known.",
+        "then shows better how well f_a is known."
     )
+    title = "The arm: both identifications compared"
+    return ReportTable("arm-twice", title, header, rows, {0, 1, 6}, caption)
 
 
 FAR_SIGMA = 3.0
 """Standard errors from which two estimates differ by more than noise."""
-
-
-def _agree(sigma: float | None) -> Mark:
-    if sigma is None:
-        return Mark(None, "not known")
-    return Mark(True, "explains it") if sigma <= FAR_SIGMA else Mark(None, "does not explain it")
 
 
 def agreement(material: AteMaterial) -> ReportTable | None:
@@ -416,20 +341,13 @@ def agreement(material: AteMaterial) -> ReportTable | None:
     for each in fit.agreement:
         numbers = (number(each.forward, "{:.3f}"), number(each.backward, "{:.3f}"), number(each.sigma, "{:.1f}"))
         rows.append([symbol_of(each.name), *numbers, Mark(each.sigma <= 4.0)])
-    return ReportTable(
-        "agreement",
-        "Both directions compared",
-        "",
-        ("", "Forwards", "Backwards", "Difference (standard errors of noise)", "Agree"),
-        rows,
-        frozenset({0, 4}),
-        "Amplitudes and phases from the ramps of each direction alone, with the arm and delay of the joint fit."
-        + (
-            ""
-            if fit.miss is None
-            else f" The standard errors contain the {100.0 * fit.miss:.2g} % of the vibration that the model misses."
-        ),
+    header = ("", "Forwards", "Backwards", "Difference (standard errors of noise)", "Agree")
+    caption = "Amplitudes and phases from the ramps of each direction alone, with the arm and delay of the joint fit." + (
+        ""
+        if fit.miss is None
+        else f" The standard errors contain the {100.0 * fit.miss:.2g} % of the vibration that the model misses."
     )
+    return ReportTable("agreement", "Both directions compared", header, rows, {0, 4}, caption)
 
 
 def passes(material: AteMaterial) -> ReportTable:
@@ -452,13 +370,7 @@ def passes(material: AteMaterial) -> ReportTable:
                 each.recording if each.stopped is None else "stopped",
             ]
         )
-    header = ("Pass", "Acceleration (rev/s²)", "Top speed (rev/s)", "Travel (rev)", "Missed")
-    return ReportTable(
-        "passes",
-        "Passes",
-        "",
-        (*header, *(Markup("{} ± ({})").format(sign, unit) for _, sign, unit in names), "Recording"),
-        rows,
-        frozenset({0, len(header) + len(names)}),
-        "Each pass goes forwards and back; the standard errors are those of all passes so far.",
-    )
+    columns = (Markup("{} ± ({})").format(sign, unit) for _, sign, unit in names)
+    header = ("Pass", "Acceleration (rev/s²)", "Top speed (rev/s)", "Travel (rev)", "Missed", *columns, "Recording")
+    caption = "Each pass goes forwards and back; the standard errors are those of all passes so far."
+    return ReportTable("passes", "Passes", header, rows, {0, len(header) - 1}, caption)

@@ -8,10 +8,10 @@ from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
+from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.material import CONSTANT_ACCELERATION, Material
 from hil.report.paper import TABLE_1
-from hil.report.plotted_run import FEWEST, judged_samples, limit_m_s2, limit_words, smooth_spectrum
 from hil.report.style import Drawing, Real
 
 
@@ -33,26 +33,19 @@ def plants(material: Material) -> Drawing | None:
         style.flag(gain, high, f"$f_r$ = {high:.2f} Hz")
         for panel in (low, high):
             phase.axvline(panel, **style.MARK)
-        gain.set_title(f"Axis {number}: $P_{number}(s)$")
-        gain.set_xlim(1.0, 100.0)
+        gain.set(title=f"Axis {number}: $P_{number}(s)$", xlim=(1.0, 100.0))
         phase.set_yticks([-180, -90, 0])
-        phase.set_ylim(-200, 20)
-        phase.set_xlabel("Frequency (Hz)")
-    panels[0, 0].set_ylabel(r"Gain $|\theta_m/\tau|$ (dB re 1 rad/N·m)")
-    panels[1, 0].set_ylabel("Phase (°)")
+        phase.set(ylim=(-200, 20), xlabel="Frequency (Hz)")
+    style.name_rows(panels, r"Gain $|\theta_m/\tau|$ (dB re 1 rad/N·m)", "Phase (°)")
     _plain_frequencies(panels[1])
-    return Drawing(
-        "plants",
-        "Plant: motor angle per torque",
-        "Fig. 4",
-        "computed",
+    caption = (
         "Frequency response of each axis' two-inertia model from motor torque to motor angle, from the "
         f"{material.model_source}'s parameters. "
         "At the anti-resonance f_a the arm swings on its gear and holds the motor still; at the resonance f_r motor "
         "and arm swing "
-        f"against each other.{' The paper has about 12 Hz and 22 Hz.' if material.bench.is_paper else ''}",
-        style.to_svg(figure, "plants"),
+        f"against each other.{' The paper has about 12 Hz and 22 Hz.' if material.bench.is_paper else ''}"
     )
+    return style.drawing(figure, "plants", "Plant: motor angle per torque", caption, "computed", "Fig. 4")
 
 
 def transmission_errors(material: Material) -> Drawing | None:
@@ -78,8 +71,7 @@ def transmission_errors(material: Material) -> Drawing | None:
             panel.axvline(turn, **style.MARK)
         panel.set_title(f"Axis {number}")
         rest.set_ylabel("Residual (arcsec)")
-        panel.set_ylabel(r"$\theta_{sync}$ (arcsec)")
-        panel.set_xlim(0.0, 2.0)
+        panel.set(ylabel=r"$\theta_{sync}$ (arcsec)", xlim=(0.0, 2.0))
     panels[-1, 0].set_xlabel("Motor angle (rev)")
     style.legend_above(figure, *panels[:2, 0])
     how = (
@@ -88,28 +80,19 @@ def transmission_errors(material: Material) -> Drawing | None:
         if identified
         else "There is no run without a notch from which it could be identified. "
     )
-    return Drawing(
-        "transmission-errors",
-        "Synchronous transmission error",
-        "Fig. 5",
-        "measured and computed" if identified else "computed",
+    caption = (
         f"θ_sync over two revolutions of the motor, at the arm. {how}The dashed line is that of the {material.model_source}. "
-        "Below each: their difference, enlarged, and the range that noise alone explains. Dotted lines: whole revolutions.",
-        style.to_svg(figure, "transmission-errors"),
+        "Below each: their difference, enlarged, and the range that noise alone explains. Dotted lines: whole revolutions."
+    )
+    title = "Synchronous transmission error"
+    return style.drawing(
+        figure, "transmission-errors", title, caption, "measured and computed" if identified else "computed", "Fig. 5"
     )
 
 
 def _difference(panel: Axes, estimate: JointEstimate, table: TransmissionError, turns: style.Real, source: str) -> None:
-    """Draw the identified error less that of a file.
-
-    With a band of two standard errors around zero.
-    """
-    variance = np.zeros_like(turns)
-    for order, amplitude in estimate.error.amplitude_arcsec.items():
-        phase = 2.0 * np.pi * order * turns + np.radians(estimate.error.phase_deg[order])
-        variance += (estimate.amplitude_error_arcsec[order] * np.cos(phase)) ** 2
-        variance += (amplitude * np.radians(estimate.phase_error_deg[order]) * np.sin(phase)) ** 2
-    spread = 2.0 * np.sqrt(variance)
+    """Draw the identified error less that of a file, with a band of two standard errors around zero."""
+    spread = plotted.spread_arcsec(estimate.error, estimate.amplitude_error_arcsec, estimate.phase_error_deg, turns)
     panel.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.5, linewidth=0.0, label="± 2 standard errors")
     style.residual(panel, turns, _arcsec(estimate.error, turns) - _arcsec(table, turns), "arcsec", f"identified − {source}")
 
@@ -128,21 +111,15 @@ def resonances(material: Material) -> Drawing | None:
         peak = material.f_al_hz[number]
         style.flag(panel, peak, rf"$f_{{al}}$ = {peak:.2f} Hz" + (_beside(number) if material.bench.is_paper else ""), height=0.3)
         panel.plot([peak], [np.interp(peak, frequency, gain)], "o", color=style.BLUE)
-        panel.set_xlim(1.0, 100.0)
-        panel.set_title(f"Axis {number}")
-        panel.set_xlabel("Frequency (Hz)")
+        panel.set(xlim=(1.0, 100.0), title=f"Axis {number}", xlabel="Frequency (Hz)")
     panels[0, 0].set_ylabel(r"$|G_{al}|$ (dB re 1/s²)")
     _plain_frequencies(panels[0])
-    return Drawing(
-        "resonances",
-        "Arm acceleration per transmission error",
-        "Fig. 6",
-        "computed",
+    caption = (
         f"|G_al| = |a_l/θ_sync| of the closed loop without a notch, sampled at {1e6 * material.control_period_s:.0f} "
         f"µs. Where the "
-        "motor turns so fast that the k-th harmonic meets the peak, f_m = f_al/k, the arm rings (Table 1).",
-        style.to_svg(figure, "resonances"),
+        "motor turns so fast that the k-th harmonic meets the peak, f_m = f_al/k, the arm rings (Table 1)."
     )
+    return style.drawing(figure, "resonances", "Arm acceleration per transmission error", caption, "computed", "Fig. 6")
 
 
 def _beside(number: int) -> str:
@@ -171,14 +148,10 @@ def identification(material: Material, axis: int) -> Drawing | None:
         return None
     model = _modelled(material, axis, recording)
     orders = material.judged_orders(axis)
-    figure, panels = style.panels(4, len(orders), 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
+    figure, panels = plotted.passage_panels(len(orders), "Tip acceleration", "m/s²")
     for column, order in enumerate(orders):
         _window(material, axis, recording, model, order, panels[:, column])
     panels[3, 0].set_ylim(0.0, None)  # once all are drawn: the row has one scale
-    panels[0, 0].set_ylabel("Speed (rev/s)")
-    panels[1, 0].set_ylabel("Tip acceleration (m/s²)")
-    panels[2, 0].set_ylabel("Residual (m/s²)")
-    panels[3, 0].set_ylabel("Amplitude (m/s²)")
     style.legend_above(figure, panels[1, 0])
     paper = {2: "Fig. 7", 3: "Fig. 8"}.get(axis, "as Figs. 7 and 8")
     computed = (
@@ -188,17 +161,16 @@ def identification(material: Material, axis: int) -> Drawing | None:
         if model is not None
         else " The axis has no model to compare with."
     )
-    limit = limit_words(material, axis, ", around the mean")
-    return Drawing(
-        f"identification-{axis}",
-        f"Axis {axis} through its resonant speeds, untreated",
-        paper,
-        "measured" if model is None else "measured and computed",
+    limit = plotted.limit_words(material, axis, ", around the mean")
+    caption = (
         "Constant acceleration of one motor. Top: its speed; shaded: the speeds in which the run is judged. Middle: "
         "vertical "
         f"acceleration of the tip, as the sensor gave it.{computed} {limit} Bottom: amplitude spectrum of the shaded "
-        "part (Hann window, interpolated between its bins, mean removed).",
-        style.to_svg(figure, f"identification-{axis}"),
+        "part (Hann window, interpolated between its bins, mean removed)."
+    )
+    title = f"Axis {axis} through its resonant speeds, untreated"
+    return style.drawing(
+        figure, f"identification-{axis}", title, caption, "measured" if model is None else "measured and computed", paper
     )
 
 
@@ -212,16 +184,14 @@ def _modelled(material: Material, axis: int, recording: Recording) -> Real | Non
 
 
 def _window(material: Material, axis: int, recording: Recording, model: Real | None, order: int, panels: style.Panels) -> None:
-    top, middle, rest, bottom = panels
+    top, middle, rest, _ = panels
     window = material.window_rps(axis, order)
     top.set_title(f"k = {order}" + ("" if window is None else f": {window[0]:.3g} to {window[1]:.3g} rev/s"))
-    inside = judged_samples(material, recording, axis, order)
-    style.stack_over_time(top, middle, rest)
-    bottom.set_xlabel("Frequency (Hz)")
-    bottom.set_xlim(0.0, 30.0)
-    if len(inside) < FEWEST:
+    inside = plotted.judged_samples(material, recording, axis, order)
+    if len(inside) < plotted.FEWEST:
         for panel in panels:
             style.note(panel, "no model: not judged" if window is None else "the run did not reach these speeds")
+        plotted.name_passage(panels)
         return
     time, tip = recording.time_s, recording.felt_m_s2
     margin = round(0.3 / recording.period_s)
@@ -230,18 +200,12 @@ def _window(material: Material, axis: int, recording: Recording, model: Real | N
     for panel in (top, middle, rest):
         panel.axvspan(begin, end, color=style.SHADE, zorder=0)
         panel.set_xlim(float(time[rows][0]), float(time[rows][-1]))
-    top.plot(*style.thin(time[rows], np.abs(motor_speed_rps(recording, axis)[rows])), **style.BROAD)
-    middle.plot(*style.thin(time[rows], tip[rows]), label=material.word, **style.BROAD)
-    if model is not None:
-        middle.plot(*style.thin(time[rows], model[rows]), label="model", **style.MODEL)
-        style.residual(rest, time[rows], tip[rows] - model[rows], "m/s²", f"{material.word} − model")
-    else:
+    passage = time, np.abs(motor_speed_rps(recording, axis)), tip, model
+    plotted.draw_passage(panels, passage, rows, inside, "m/s²", material.word)
+    if model is None:
         style.note(rest, "no model to compare with")
     f_al = material.f_al(axis)
     if f_al is not None:
-        centre, limit = float(np.mean(tip[inside])), limit_m_s2(material, f_al)
+        centre, limit = float(np.mean(tip[inside])), plotted.limit_m_s2(material, f_al)
         for sign, name in ((1.0, f"±{material.bench.specification.tip_mm:g} mm equivalent"), (-1.0, None)):
             middle.axhline(centre + sign * limit, label=name, **style.LIMIT)
-    for values, look in ((tip, style.BROAD), (model, style.MODEL)):
-        if values is not None:
-            bottom.plot(*smooth_spectrum(values[inside], recording.period_s, 30.0), **look)

@@ -54,10 +54,7 @@ class NotchFigures:
 
     @property
     def name(self) -> str:
-        """End of a title that names the filters.
-
-        Empty for the bench file's notch alone.
-        """
+        """End of a title, empty for the bench file's notch alone."""
         names = self.filters.treatments
         return "" if names == ("notch",) else f": {' and '.join(map(treatment_name, names))}"
 
@@ -80,10 +77,7 @@ class NotchFigures:
         return speed_norm([self.filters.notches[number][0] for number in self.axes])
 
     def schedules(self) -> Drawing | None:
-        """Draw ζ_rd and filter frequencies over motor speed; Fig. 10.
-
-        With the frequencies that the drive reported.
-        """
+        """Draw ζ_rd and filter frequencies, planned and reported, over speed; Fig. 10."""
         axes = sorted(self.filters.notches)
         figure, panels = style.panels(2, len(axes), 4.2, sharex=True, sharey="row", height_ratios=(2, 3))
         low, high = self.speed_range_rps
@@ -95,10 +89,8 @@ class NotchFigures:
                 _schedule(damping, frequency, table.notch(), speed, (low, high), with_names=index == 0)
             reported += self._reported(number, frequency)
             damping.set_title(f"Axis {number}")
-            frequency.set_xlim(low, high)
-            frequency.set_xlabel("Motor speed $f_m$ (rev/s)")
-        panels[0, 0].set_ylabel(r"Pole damping $\zeta_{rd}$ (–)")
-        panels[0, 0].set_ylim(0.0, 1.12 * panels[0, 0].get_ylim()[1])
+            frequency.set(xlim=(low, high), xlabel="Motor speed $f_m$ (rev/s)")
+        panels[0, 0].set(ylabel=r"Pole damping $\zeta_{rd}$ (–)", ylim=(0.0, 1.12 * panels[0, 0].get_ylim()[1]))
         panels[1, 0].set_ylabel("Frequency (Hz)")
         style.legend_above(figure, panels[1, 0], columns=5)
         dots = (
@@ -107,21 +99,15 @@ class NotchFigures:
             else " No drive reported its filter's frequency in these runs."
         )
         key = f"schedules{filters_end(self.nth)}"
-        return Drawing(
-            key,
-            f"Variable parameters of the notch{self.name}",
-            "Fig. 10",
-            "measured and computed" if reported else "computed",
+        caption = (
             "Above: the damping of the poles. The filter switches on between f_s and f_e, and off when the speed has left that "
-            "range by the hysteresis (thin lines). Below: its zeros follow k f_m, its poles lie ω_d above." + dots,
-            style.to_svg(figure, key),
+            "range by the hysteresis (thin lines). Below: its zeros follow k f_m, its poles lie ω_d above." + dots
         )
+        title = f"Variable parameters of the notch{self.name}"
+        return style.drawing(figure, key, title, caption, "measured and computed" if reported else "computed", "Fig. 10")
 
     def _reported(self, number: int, panel: Axes) -> int:
-        """Draw the filter frequency that the drive reported.
-
-        Return 1 if there was any, else 0.
-        """
+        """Draw the filter frequency that the drive reported; 1 if any."""
         runs = (self.material.find(CONSTANT_ACCELERATION, number, name) for name in self.filters.treatments)
         run = next((run for run in runs if run is not None), None)
         recording = self.material.recording(run)
@@ -161,23 +147,18 @@ class NotchFigures:
             for panel in (gain, arm):
                 panel.set(xlim=(low_hz, high_hz), xlabel="Frequency (Hz)")
             line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
-        panels[0, 0].set_ylabel("Notch $|F_n|$ (dB)")
-        panels[1, 0].set_ylabel(r"$|G_{al}|$ (dB re 1/s²)")
-        panels[2, 0].set_ylabel("$|G_{al}|$ on the line (dB re 1/s²)")
+        style.name_rows(panels, "Notch $|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "$|G_{al}|$ on the line (dB re 1/s²)")
         style.legend_above(figure, panels[2, 0])
         colour_bar(figure, panels[:2], norm)
         key = f"families{filters_end(self.nth)}"
-        return Drawing(
-            key,
-            f"Gain of the notch and of G_al{self.name}",
-            "Fig. 11",
-            "computed",
+        caption = (
             f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong). Middle: dots mark each curve at its own "
             "harmonic ω = 2π k f_m, the only frequency of the transmission error at that speed. Only there must constraint (5), "
             "|G_al| ≤ A_acc ω²/(L A_k), hold. Bottom: the same dots for all speeds as one curve, without and with the notch, at "
-            "constant speed.",
-            style.to_svg(figure, key, is_zoomable=True),
+            "constant speed."
         )
+        title = f"Gain of the notch and of G_al{self.name}"
+        return style.drawing(figure, key, title, caption, "computed", "Fig. 11", is_zoomable=True)
 
     def _bound(self, number: int, order: int) -> Any:
         """Return constraint (5) in dB as a function of frequency."""
@@ -188,10 +169,7 @@ class NotchFigures:
         return lambda frequency: style.decibel(acceleration_bound(frequency, amplitude, lever, limit))
 
     def nyquist(self) -> Drawing | None:
-        """Draw the open loop from f_s to f_e; Fig. 12.
-
-        Whole and near −1.
-        """
+        """Draw the open loop, whole and near −1; Fig. 12."""
         if not self.axes:
             return None
         if len(self.axes) == 1:  # one above the other, two square panels would leave half of the page empty
@@ -233,17 +211,14 @@ class NotchFigures:
         style.legend_above(figure, panels[0, 0])
         colour_bar(figure, panels, norm)
         key = f"nyquist{filters_end(self.nth)}"
-        return Drawing(
-            key,
-            f"Open loop with the notch{self.name}",
-            "Fig. 12",
-            "computed",
+        caption = (
             f"Nyquist diagrams of L(jω) with the filter frozen at motor speeds from f_s (faint) to f_e (strong), sampled at "
             f"{1e6 * self.material.loop(self.axes[0], self.filters).period_s:.0f} µs; cross: −1. The dashed circle around it "
             "has the radius 1/M_s, the smallest distance at any speed, which the thick curve reaches at the dot: "
-            f"M_s = {', '.join(peaks)}.",
-            style.to_svg(figure, key, is_zoomable=True),
+            f"M_s = {', '.join(peaks)}."
         )
+        title = f"Open loop with the notch{self.name}"
+        return style.drawing(figure, key, title, caption, "computed", "Fig. 12", is_zoomable=True)
 
     def margin_curves(self) -> Drawing | None:
         """M_s, gain margin and phase margin over the motor speed."""
@@ -270,17 +245,14 @@ class NotchFigures:
             else "OUTSIDE the unit circle at one or more of these speeds: the loop is unstable there"
         )
         key = f"margins{filters_end(self.nth)}"
-        return Drawing(
-            key,
-            f"Stability margins at all motor speeds{self.name}",
-            "with Fig. 12",
-            "computed",
+        caption = (
             f"Peak of the sensitivity |1/(1 + L)|, gain margin and phase margin with the filter frozen at "
             f"{counts[0]}. All closed-loop poles of the sampled loop lie {verdict}. Dotted: what `hil design notch` requires, "
             f"M_s ≤ {asked.max_sensitivity:g}, {asked.gain_margin_db:g} dB and {asked.phase_margin_deg:g}°; "
-            "the paper requires only stability.",
-            style.to_svg(figure, key, is_zoomable=True),
+            "the paper requires only stability."
         )
+        title = f"Stability margins at all motor speeds{self.name}"
+        return style.drawing(figure, key, title, caption, "computed", "with Fig. 12", is_zoomable=True)
 
 
 def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, shown: tuple[float, float], *, with_names: bool) -> None:
@@ -289,14 +261,8 @@ def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, shown: 
     zeta = notch.zeta_rn + weight * (notch.zeta_rdth - notch.zeta_rn)
     damping.plot(inside, zeta, color=style.BLUE, linewidth=1.6)
     damping.axhline(notch.zeta_rn, **style.MARK)
-    damping.annotate(
-        rf"$\zeta_{{rn}}$ = {notch.zeta_rn:g}",
-        (shown[1] - 0.011 * (shown[1] - shown[0]), notch.zeta_rn),
-        xytext=(0, 3),
-        textcoords="offset points",
-        ha="right",
-        fontsize=7.5,
-    )
+    at = shown[1] - 0.011 * (shown[1] - shown[0]), notch.zeta_rn
+    style.name_at(damping, rf"$\zeta_{{rn}}$ = {notch.zeta_rn:g}", at, (0, 3), ha="right")
     for edge, outside, text, side in (
         (notch.start_rps, notch.start_rps - notch.hysteresis_rps, f"$f_s$ = {notch.start_rps:g} rev/s", "right"),
         (notch.end_rps, notch.end_rps + notch.hysteresis_rps, f"$f_e$ = {notch.end_rps:g} rev/s", "left"),
@@ -305,9 +271,7 @@ def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, shown: 
             damping.plot([edge, edge], [0.0, notch.zeta_rdth], color=style.BLUE, linewidth=1.6)
             damping.plot([outside, outside, edge], [0.0, notch.zeta_rdth, notch.zeta_rdth], color=style.BLUE, linewidth=0.7)
         pad = -3 if side == "right" else 3
-        damping.annotate(
-            text, (outside, notch.zeta_rdth), xytext=(pad, -2), textcoords="offset points", ha=side, va="top", fontsize=7.5
-        )
+        style.name_at(damping, text, (outside, notch.zeta_rdth), (pad, -2), ha=side, va="top")
     names = ("zeros, k $f_m$", r"poles, k $f_m + \omega_d/2\pi$") if with_names else (None, None)
     frequency.plot(inside, notch.order * inside, color=style.BLUE, label=names[0])
     frequency.plot(inside, notch.order * inside + weight * notch.offset_hz, label=names[1], **style.MODEL)
@@ -316,15 +280,8 @@ def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, shown: 
 def draw_family(gain: Axes, arm: Axes, loop: Loop, notch: Notch, norm: Normalize, frequency_hz: Real) -> None:
     """Draw |F_n| and |G_al| at a few speeds of a filter.
 
-    A dot above all curves marks each |G_al| at the harmonic of its speed, ω/2π = k f_m.
-
-    Args:
-        gain: Panel of |F_n|.
-        arm: Panel of |G_al|.
-        loop: Loop with its filters.
-        notch: Filter from whose f_s to f_e the speeds are.
-        norm: Speeds for their colours.
-        frequency_hz: Frequencies of the curves; shape (n,).
+    A dot above all curves marks each |G_al| at the harmonic of its speed, ω/2π = k f_m. The speeds are from f_s to f_e of
+    `notch`; frequencies have the shape (n,).
     """
     edge: style.Line = {"markeredgecolor": style.PAPER, "markeredgewidth": 0.8}
     for speed, colour in _speeds(notch, norm, FEW):
@@ -392,9 +349,7 @@ def draw_worst(panel: Axes, response: Any, name: str) -> None:
 def draw_critical_point(panel: Axes, *circles: tuple[float, str, style.Line]) -> None:
     """Draw the unit circle and −1, with circles around it, in a Nyquist diagram.
 
-    Args:
-        panel: Panel of the diagram.
-        circles: Radius, name and line style of each.
+    Each circle has radius, name and line style.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)

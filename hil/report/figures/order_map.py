@@ -50,15 +50,7 @@ class MarkedResonance:
 def order_maps(
     key: str, title: str, runs: Sequence[tuple[str, Recording]], axis: int, resonance: MarkedResonance
 ) -> Drawing | None:
-    """Draw order maps of runs in one colour scale.
-
-    Args:
-        key: Anchor of the figure.
-        title: Title of the figure.
-        runs: Recordings of ramps, each with its name.
-        axis: Axis that moved.
-        resonance: MarkedResonance of the axis.
-    """
+    """Draw order maps of runs in one colour scale."""
     maps = [(name, found) for name, recording in runs if (found := ramp_map(recording, axis)) is not None]
     top = max((float(np.nanmax(found.amplitude)) for _, found in maps), default=0.0)
     if top <= 0.0:
@@ -96,24 +88,17 @@ def order_maps(
         if has_frequencies
         else ""
     )
-    return Drawing(
-        key,
-        title,
-        "",
-        "measured",
+    caption = (
         "Amplitude of the vertical tip acceleration at k times the motor's angle, in windows of two turns. An error of order k "
         f"shows at that height and grows where it crosses the resonance. {dashed} Dotted: other frequencies. "
         f"{below}"
-        "Because of the window of two turns an order appears about ±1 wide.",
-        style.to_svg(figure, key, is_zoomable=True),
+        "Because of the window of two turns an order appears about ±1 wide."
     )
+    return style.drawing(figure, key, title, caption, is_zoomable=True)
 
 
 def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
-    """Return the order map of the tip on the ramp.
-
-    None if the motor turns too little.
-    """
+    """Return the tip's order map on the ramp; None for few turns."""
     begin, end = _longest_rise(np.abs(motor_speed_rps(recording, axis)))
     angle, tip = recording.axis(axis, "position_rad")[begin:end], recording.felt_m_s2[begin:end]
     try:
@@ -126,10 +111,7 @@ def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
 def _longest_rise(speed_rps: Real) -> tuple[int, int]:
     """Return first and last row of the longest rise from rest.
 
-    The last row is exclusive. The longest rise is the ramp, not the fast motion to its starting point.
-
-    Args:
-        speed_rps: |f_m|; shape (n,).
+    The last row is exclusive. The longest rise is the ramp, not the fast motion to its starting point. |f_m| has the shape (n,).
     """
     rests = np.flatnonzero(speed_rps < SLOWEST_RPS)
     edges = np.unique(np.concatenate([[0], rests, [len(speed_rps)]]))
@@ -160,10 +142,7 @@ def _draw(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance
 
 
 def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance) -> None:
-    """Draw the map over frequency k f_m.
-
-    In it the resonance is a horizontal line, and an order is a ray.
-    """
+    """Draw the map over frequency k f_m: orders are rays."""
     speeds, orders = np.meshgrid(found.speed_rps, found.orders, indexing="ij")
     amplitude = np.ma.masked_invalid(found.amplitude)
     panel.grid(visible=False)
@@ -174,16 +153,11 @@ def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, resonance: Mar
     for order in RAYS:
         ends = np.array([low, min(high, top / order)])
         panel.plot(ends, order * ends, **style.MARK)
-        panel.annotate(
-            f"k = {order}", (float(ends[1]), order * float(ends[1])), xytext=(-2, -8), textcoords="offset points", ha="right",
-            va="top", fontsize=7.5, bbox=style.NAME_GROUND,
-        )  # fmt: skip
+        at = float(ends[1]), order * float(ends[1])
+        style.name_at(panel, f"k = {order}", at, (-2, -8), ha="right", va="top", bbox=style.NAME_GROUND)
     if resonance.hz is not None:
         panel.axhline(resonance.hz, **{**style.CONSTRAINT, "color": style.VERMILLION})
-        panel.annotate(
-            _printed(resonance), (low, resonance.hz), xytext=(3, 2), textcoords="offset points", ha="left", va="bottom",
-            fontsize=7.5,
-        )  # fmt: skip
+        style.name_at(panel, _printed(resonance), (low, resonance.hz), (3, 2), ha="left", va="bottom")
     panel.set(xlim=(low, high), ylim=(0.0, top))
 
 
@@ -202,10 +176,8 @@ def _hyperbola(panel: Axes, speeds: Real, frequency_hz: float, name: str, look: 
     panel.plot(speeds[inside], orders[inside], **look)
     at = inside[0]
     is_high = orders[at] > ORDERS[-1] - 1.0
-    panel.annotate(
-        name, (speeds[at], orders[at]), xytext=(8 if is_high else 3, -1 if is_high else 2), textcoords="offset points",
-        ha="left", va="top" if is_high else "bottom", fontsize=7.5,
-    )  # fmt: skip
+    shift, side = ((8, -1), "top") if is_high else ((3, 2), "bottom")
+    style.name_at(panel, name, (speeds[at], orders[at]), shift, ha="left", va=side)
 
 
 def level_colours() -> list[str]:

@@ -1,17 +1,18 @@
-"""Figures of input shapers: tip after a stop, and residual over frequency."""
+"""Figures and table of input shapers: tip after a stop, residual over frequency, fit and cost."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from hil.control.shapers import EI_TOLERANCE, Shaper
+from hil.control.shapers import EI_TOLERANCE, Shaper, SwingingMode
 from hil.experiments.treatment import TITLES
 from hil.experiments.window import stop_row
 from hil.recording import Recording
 from hil.report import style
 from hil.report.material import Material
+from hil.report.report_table import NONE, Cell, ReportTable, number
 from hil.report.style import Drawing
-from hil.report.tables.shapers import change_db, mode_words
 from hil.results.runs import RunEntry, ShaperEntry
 
 SHOWN_S = 0.5
@@ -31,17 +32,7 @@ LINES: tuple[style.Line, ...] = (
 
 
 def after_stop(material: Material, axis: int, experiment: str, key: str, title: str) -> Drawing | None:
-    """Draw the tip after a stop, with and without each treatment.
-
-    None without an untreated and a treated recording.
-
-    Args:
-        material: Result and recordings.
-        axis: The axis.
-        experiment: Name of the experiment.
-        key: Anchor of the figure.
-        title: Title of the figure.
-    """
+    """Draw the tip after a stop, with and without each treatment."""
     runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
     found = [(run, recording) for run in runs if (recording := material.recording(run)) is not None and run.stopped is None]
     plain = next((pair for pair in found if pair[0].treatment == "none"), None)
@@ -50,25 +41,23 @@ def after_stop(material: Material, axis: int, experiment: str, key: str, title: 
         return None
     count = -(-len(treated) // 2)
     figure, panels = style.panels(count, 2, 0.6 + 1.6 * count, sharex=True, sharey=True)
-    for number, (run, recording) in enumerate(treated):
-        panel = panels[number // 2, number % 2]
+    for panel, (run, recording) in zip(panels.flat, treated, strict=False):
         panel.plot(*_after(plain[1], axis), label="untreated", **style.WITHOUT)
         panel.plot(*_after(recording, axis), label="with the shaper", **style.WITH)
         panel.axvline(0.0, **style.MARK)
         panel.set_title(_label(run, plain[0].tip_peak_mm))
-    for number in range(len(treated), 2 * count):
-        panels[number // 2, number % 2].set_visible(False)
+    for panel in panels.flat[len(treated) :]:
+        panel.set_visible(False)
     for panel in panels[-1]:
         panel.set_xlabel("Time after the set-points stop (s)")
     figure.supylabel("Tip acceleration (m/s²)", fontsize=8.5)
     style.legend_above(figure, panels[0, 0], columns=2)
-    return Drawing(
-        key, title, "", material.word,
+    caption = (
         "Tip acceleration as recorded, less its mean at rest. Dotted line: the set-points stop. The smooth decay after it "
         "is the motor settling; the oscillation is the arm. In millimetres: the oscillation at that instant, separated "
-        "from the rest by the closed loop's poles.",
-        style.to_svg(figure, key),
-    )  # fmt: skip
+        "from the rest by the closed loop's poles."
+    )
+    return style.drawing(figure, key, title, caption, material.word)
 
 
 def _after(recording: Recording, axis: int) -> tuple[style.Real, ...]:
@@ -87,10 +76,7 @@ def _label(run: RunEntry, before_mm: float | None) -> str:
 
 
 def residuals(runs: Sequence[RunEntry], key: str, title: str) -> Drawing | None:
-    """Draw the residual of each shaper over the true frequency.
-
-    By the formula; None if no run has a shaper.
-    """
+    """Draw each shaper's residual over the true frequency, by its formula."""
     found: dict[str, ShaperEntry] = {TITLES[run.treatment]: run.shaper for run in runs if run.shaper is not None}
     if not found:
         return None
@@ -106,10 +92,54 @@ def residuals(runs: Sequence[RunEntry], key: str, title: str) -> Drawing | None:
     panel.set_xlim(float(RATIOS[0]), float(RATIOS[-1]))
     style.legend_above(figure, panel, columns=5)
     modes = {mode_words(made.modes[0]) for made in found.values()}
-    return Drawing(
-        key, title, "", "computed",
+    caption = (
         f"V of the mode of {'; '.join(sorted(modes))}, in % of what the motion would leave without a shaper. Shaded: ±10 %. "
         f"Dotted: {100.0 * EI_TOLERANCE:g} %. A shaper for two modes has the impulses of both, and leaves even less between "
-        "them.",
-        style.to_svg(figure, key),
+        "them."
+    )
+    return style.drawing(figure, key, title, caption, "computed")
+
+
+def shaper_table(
+    runs: Sequence[RunEntry], key: str = "shapers", title: str = "Remaining vibration and cost of shapers"
+) -> ReportTable:
+    """Tabulate runs with a shaper beside runs without, of one motion."""
+    plain = {(run.experiment, run.axis, run.loop): run.tip_peak_mm for run in runs if run.treatment == "none"}
+    rows: list[list[Cell]] = []
+    for run in runs:
+        made = run.shaper
+        if made is None:
+            continue
+        where = run.experiment.replace("-", " ") if run.axis is None else f"axis {run.axis}, {run.experiment.replace('-', ' ')}"
+        error = NONE if made.path_error_mm is None else f"{made.path_error_mm:.3f}"
+        parts = (made.remaining_low_fraction, made.remaining_fraction, made.remaining_high_fraction)
+        rows.append([
+            TITLES[run.treatment], where, "; ".join(map(mode_words, made.modes)), f"{1e3 * made.duration_s:.0f}",
+            f"{1e3 * made.delay_s:.0f}", *(f"{100.0 * part:.1f}" for part in parts), error, number(run.tip_peak_mm, "{:.4f}"),
+            change_db(plain.get((run.experiment, run.axis, run.loop)), run.tip_peak_mm),
+        ])  # fmt: skip
+    header = (
+        "shaper", "motion", "fitted to", "longer by (ms)", "late by (ms)", "left at −10 % (%)", "as fitted (%)", "at +10 % (%)",
+        "path error (mm)", "tip (mm)", "against nothing",
     )  # fmt: skip
+    caption = (
+        "Fitted to the modes that ring while the loop holds the motor: frequency and damping ratio of the closed loop's poles. "
+        "Left: remaining vibration by the formula, also at frequencies 10 % lower and higher than assumed. A shaped motion of "
+        "one axis keeps its path but is late; the tip of a shaped line leaves the straight line by the path error."
+    )
+    left = [mode_words(mode) for run in runs if run.shaper is not None for mode in run.shaper.left]
+    if left:
+        caption += f" Not shaped, because a shaper takes at most two modes: {'; '.join(dict.fromkeys(left))}."
+    return ReportTable(key, title, header, rows, {0, 1, 2}, caption)
+
+
+def mode_words(mode: SwingingMode) -> str:
+    """A mode in words: `11.63 Hz, ζ 0.129`."""
+    return f"{mode.frequency_hz:.2f} Hz, ζ {mode.damping:.3f}"
+
+
+def change_db(before: float | None, after: float | None) -> str:
+    """A change in dB with its sign."""
+    if not before or not after:
+        return NONE
+    return f"{20.0 * math.log10(after / before):+.1f} dB".replace("-", "−")

@@ -7,82 +7,56 @@ from matplotlib.axes import Axes
 
 from hil.analysis import BRAKING_S, amplitude_spectrum, motor_speed_rps
 from hil.recording import Recording
+from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite, run_name, treatment_name
-from hil.report.plotted_run import (
-    FEWEST,
-    PlottedRun,
-    direction_words,
-    draw_vibration,
-    finish_vibration,
-    judged_samples,
-    key_end,
-    limit_words,
-    line_words,
-    number_or_nothing,
-    plotted_run,
-    shade_line,
-    shade_speeds,
-    shown_acceleration,
-    shown_runs,
-    smooth_spectrum,
-    what_acted,
-    window_words,
-)
 from hil.report.style import Drawing
-from hil.results.runs import RunEntry
 
 
 def suppression(material: Material, axis: int) -> list[Drawing]:
     """Draw tip vibration and spectrum of a ramp; Figs. 13 and 14."""
-    groups = shown_runs(material, CONSTANT_ACCELERATION, axis)
-    return [_ramp(material, axis, runs, f"suppression-{axis}{key_end(number)}") for number, runs in enumerate(groups)]
+    groups = plotted.shown_runs(material, CONSTANT_ACCELERATION, axis)
+    return [_ramp(material, axis, runs, f"suppression-{axis}{plotted.key_end(number)}") for number, runs in enumerate(groups)]
 
 
-def _ramp(material: Material, axis: int, runs: list[PlottedRun], key: str) -> Drawing:
+def _ramp(material: Material, axis: int, runs: list[plotted.PlottedRun], key: str) -> Drawing:
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
     top, bottom = panels[:, 0]
     f_al = material.f_al(axis)
     for run in runs:
-        draw_vibration(top, run, material.band_hz(axis))
-        inside = judged_samples(material, run.recording, axis)
-        if len(inside) >= FEWEST:
+        plotted.draw_vibration(top, run, material.band_hz(axis))
+        inside = plotted.judged_samples(material, run.recording, axis)
+        if len(inside) >= plotted.FEWEST:
             tip = run.recording.felt_m_s2[inside]
-            label = run.label + number_or_nothing(run.entry.spectrum_peak_m_s2, ": peak {:.3f} m/s²")
-            bottom.plot(*smooth_spectrum(tip, run.recording.period_s, 30.0), label=label, **run.look)
+            label = run.label + plotted.number_or_nothing(run.entry.spectrum_peak_m_s2, ": peak {:.3f} m/s²")
+            bottom.plot(*plotted.smooth_spectrum(tip, run.recording.period_s, 30.0), label=label, **run.look)
     recording = runs[-1].recording
-    shade_speeds(material, axis, recording, top)
+    plotted.shade_speeds(material, axis, recording, top)
     top.set_xlim(float(recording.time_s[0]), _end_of_ramp(recording, axis))
-    finish_vibration(material, top, f_al)
-    bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 30.0))
-    bottom.set_ylim(0.0, None)
+    plotted.finish_vibration(material, top, f_al)
+    bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 30.0), ylim=(0.0, None))
     _inner_legend(bottom)
     style.legend_above(figure, top)
     paper, band = {2: "Fig. 13", 3: "Fig. 14"}.get(axis, "as Figs. 13 and 14"), material.band_hz(axis)
-    return Drawing(
-        key,
-        f"Axis {axis}: tip vibration{what_acted(runs)}",
-        paper,
-        "measured",
-        f"{direction_words(material, axis).capitalize()} of the constant-acceleration runs, band-passed {band[0]:.3g} to "
+    scale = "" if f_al is None else "; the scale on the right is the same as a displacement, divided by (2π f_al)²"
+    caption = (
+        f"{plotted.direction_words(material, axis).capitalize()} of the constant-acceleration runs, band-passed {band[0]:.3g} to "
         f"{band[1]:.3g} Hz with zero phase, "
-        f"as the run is judged{_scale_words(f_al)}. {window_words(material, axis)} {limit_words(material, axis)} "
+        f"as the run is judged{scale}. {plotted.window_words(material, axis)} {plotted.limit_words(material, axis)} "
         "Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are those of the "
-        f"bins).{_changes(material, runs)}",
-        style.to_svg(figure, key, is_zoomable=True),
+        f"bins).{_changes(material, runs)}"
     )
+    title = f"Axis {axis}: tip vibration{plotted.what_acted(runs)}"
+    return style.drawing(figure, key, title, caption, "measured", paper, is_zoomable=True)
 
 
 def line_motion(material: Material) -> list[Drawing]:
-    """Draw tip vibration and spectrum on the line; Fig. 15.
-
-    The spectrum ends at 50 Hz; without and with treatments.
-    """
-    groups = shown_runs(material, LINE_MOTION, None)
-    return [_line(material, runs, f"line-motion{key_end(number)}") for number, runs in enumerate(groups)]
+    """Draw tip vibration and spectrum on the line; Fig. 15."""
+    groups = plotted.shown_runs(material, LINE_MOTION, None)
+    return [_line(material, runs, f"line-motion{plotted.key_end(number)}") for number, runs in enumerate(groups)]
 
 
-def _line(material: Material, runs: list[PlottedRun], key: str) -> Drawing:
+def _line(material: Material, runs: list[plotted.PlottedRun], key: str) -> Drawing:
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
     top, bottom = panels[:, 0]
     motion, band = material.bench.line_motion, material.band_hz(None)
@@ -90,43 +64,38 @@ def _line(material: Material, runs: list[PlottedRun], key: str) -> Drawing:
         time = run.recording.time_s
         begin = time[0] + (0.0 if motion is None else motion.dwell_s)
         end = time[-1] if motion is None else begin + motion.duration_s
-        draw_vibration(top, run, band)
+        plotted.draw_vibration(top, run, band)
         moving = (time >= begin) & (time <= end)
-        frequency, amplitude = amplitude_spectrum(shown_acceleration(run)[moving], run.recording.period_s, "boxcar")
+        frequency, amplitude = amplitude_spectrum(plotted.shown_acceleration(run)[moving], run.recording.period_s, "boxcar")
         shown = frequency <= 50.0
-        label = run.label + number_or_nothing(run.entry.spectrum_area, ": area {:.3f} m/s²·Hz")
+        label = run.label + plotted.number_or_nothing(run.entry.spectrum_area, ": area {:.3f} m/s²·Hz")
         bottom.plot(frequency[shown], amplitude[shown], label=label, **run.look)
     time = runs[-1].recording.time_s
-    shade_line(material, top, runs[-1].recording)
+    plotted.shade_line(material, top, runs[-1].recording)
     top.set_xlim(float(time[0]), float(time[-1]))
-    finish_vibration(material, top, material.f_al(None))
-    bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 50.0))
-    bottom.set_ylim(0.0, None)
+    plotted.finish_vibration(material, top, material.f_al(None))
+    bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 50.0), ylim=(0.0, None))
     _inner_legend(bottom)
     style.legend_above(figure, top)
-    return Drawing(
-        key,
-        f"Line motion: tip vibration{what_acted(runs)}",
-        "Fig. 15",
-        "measured",
+    area = "its area from 0 to" if material.bench.arm is None else "the area of all directions together from 0.2 f_al to"
+    caption = (
         f"Straight line of the tip with axes {', '.join(map(str, material.bench.chain_axes))}. Above: "
-        f"{direction_words(material, None)}, "
-        f"band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase; shaded: {line_words(material)}, in which it is judged. "
-        "Below: amplitude spectrum of the unfiltered acceleration over the whole motion (rectangular window); "
-        f"{_area_words(material)} "
-        f"50 Hz is compared.{' The paper has −26 %.' if material.bench.is_paper else ''}"
-        f"{_changes(material, runs)}",
-        style.to_svg(figure, key, is_zoomable=True),
+        f"{plotted.direction_words(material, None)}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase; shaded: "
+        f"{plotted.line_words(material)}, in which it is judged. Below: amplitude spectrum of the unfiltered acceleration over "
+        f"the whole motion (rectangular window); {area} 50 Hz is compared."
+        f"{' The paper has −26 %.' if material.bench.is_paper else ''}{_changes(material, runs)}"
     )
+    title = f"Line motion: tip vibration{plotted.what_acted(runs)}"
+    return style.drawing(figure, key, title, caption, "measured", "Fig. 15", is_zoomable=True)
 
 
 def loop_sides(material: Material, axis: int) -> Drawing | None:
     """Draw the tip for the loop in the drive and host-closed."""
     looks = (("drive", "closed in the drive", style.BROAD), ("host", "closed on the host, over the bus", style.OTHER_LOOP))
-    pairs: dict[str, list[PlottedRun]] = {}
+    pairs: dict[str, list[plotted.PlottedRun]] = {}
     for treatment in ("none", "notch"):
         drawn = [
-            plotted_run(material, material.find(CONSTANT_ACCELERATION, axis, treatment, loop), label, look)
+            plotted.plotted_run(material, material.find(CONSTANT_ACCELERATION, axis, treatment, loop), label, look)
             for loop, label, look in looks
         ]
         runs = [run for run in drawn if run is not None]
@@ -139,44 +108,40 @@ def loop_sides(material: Material, axis: int) -> Drawing | None:
     for column, (treatment, runs) in enumerate(pairs.items()):
         top, bottom = panels[:, column]
         for run in runs:
-            draw_vibration(top, run, material.band_hz(axis), with_peak=False)
-            inside = judged_samples(material, run.recording, axis)
-            if len(inside) >= FEWEST:
+            plotted.draw_vibration(top, run, material.band_hz(axis), with_peak=False)
+            inside = plotted.judged_samples(material, run.recording, axis)
+            if len(inside) >= plotted.FEWEST:
                 tip = run.recording.felt_m_s2[inside]
-                bottom.plot(*smooth_spectrum(tip, run.recording.period_s, 30.0), **run.look)
+                bottom.plot(*plotted.smooth_spectrum(tip, run.recording.period_s, 30.0), **run.look)
         recording = runs[-1].recording
-        shade_speeds(material, axis, recording, top, with_names=False)
+        plotted.shade_speeds(material, axis, recording, top, with_names=False)
         last = column == len(pairs) - 1
-        inside = judged_samples(material, recording, axis)
-        if len(inside) >= FEWEST:
+        inside = plotted.judged_samples(material, recording, axis)
+        if len(inside) >= plotted.FEWEST:
             top.set_xlim(float(recording.time_s[inside[0]]) - 0.25, float(recording.time_s[inside[-1]]) + 0.25)
-        reach = max(reach, finish_vibration(material, top, material.f_al(axis), with_name=column == 0, with_scale=last))
+        reach = max(reach, plotted.finish_vibration(material, top, material.f_al(axis), with_name=column == 0, with_scale=last))
         top.set_title(("Without notch" if treatment == "none" else "With notch") + _peaks(runs))
         bottom.set(xlabel="Frequency (Hz)", xlim=(0.0, 30.0))
     if reach > 0.0:
         panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
-    panels[1, 0].set_ylabel("Amplitude (m/s²)")
-    panels[1, 0].set_ylim(0.0, None)
+    panels[1, 0].set(ylabel="Amplitude (m/s²)", ylim=(0.0, None))
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        f"loop-places-{axis}",
-        f"Axis {axis}: the loop in the drive and on the host",
-        "",
-        "measured",
+    caption = (
         "The same law in two places: inside the drive, with set-points over the bus, and on the host, with torque "
         "over the bus in every "
         f"period of the loop. {_periods(pairs)} Band-passed tip acceleration around the k = 2 window (shaded) and "
-        f"its Hann spectrum there.",
-        style.to_svg(figure, f"loop-places-{axis}", is_zoomable=True),
+        f"its Hann spectrum there."
     )
+    title = f"Axis {axis}: the loop in the drive and on the host"
+    return style.drawing(figure, f"loop-places-{axis}", title, caption, is_zoomable=True)
 
 
-def _peaks(runs: list[PlottedRun]) -> str:
-    parts = [number_or_nothing(run.entry.tip_peak_mm, run.entry.loop + " {:.3f} mm") for run in runs]
+def _peaks(runs: list[plotted.PlottedRun]) -> str:
+    parts = [plotted.number_or_nothing(run.entry.tip_peak_mm, run.entry.loop + " {:.3f} mm") for run in runs]
     return ": " + ", ".join(filter(None, parts)) if any(parts) else ""
 
 
-def _periods(pairs: dict[str, list[PlottedRun]]) -> str:
+def _periods(pairs: dict[str, list[plotted.PlottedRun]]) -> str:
     runs = {run.entry.loop: run.entry for runs in pairs.values() for run in runs}
     parts = [f"{loop}-closed: {1e3 * run.sync_period_s:g} ms" for loop, run in runs.items() if run.sync_period_s]
     return f"SYNC period {', '.join(parts)}." if parts else ""
@@ -186,11 +151,7 @@ def _end_of_ramp(recording: Recording, axis: int) -> float:
     speed = np.abs(motor_speed_rps(recording, axis))
     # the filter without phase shows the braking's jerk a little before it happens
     before = round(BRAKING_S / recording.period_s)
-    return float(recording.time_s[max(FEWEST, int(np.argmax(speed)) - before)])
-
-
-def _area_words(material: Material) -> str:
-    return "its area from 0 to" if material.bench.arm is None else "the area of all directions together from 0.2 f_al to"
+    return float(recording.time_s[max(plotted.FEWEST, int(np.argmax(speed)) - before)])
 
 
 def _inner_legend(panel: Axes) -> None:
@@ -198,27 +159,19 @@ def _inner_legend(panel: Axes) -> None:
         panel.legend(loc="upper right")
 
 
-def _scale_words(f_al: float | None) -> str:
-    """Clause on the scale of displacement, if there is one."""
-    return "" if f_al is None else "; the scale on the right is the same as a displacement, divided by (2π f_al)²"
-
-
-def _changes(material: Material, runs: list[PlottedRun]) -> str:
+def _changes(material: Material, runs: list[plotted.PlottedRun]) -> str:
     """Return a sentence on each comparison of the drawn runs."""
-    return "".join(_change(material, run.entry) for run in runs if run.entry.treatment != "none")
-
-
-def _change(material: Material, run: RunEntry) -> str:
-    comparison = material.comparison(run.experiment, run.axis, run.loop, run.treatment)
-    if comparison is None:
-        return ""
-    parts = []
-    if finite(comparison.tip_peak_reduction_pct):
-        parts.append(f"tip peak {-comparison.tip_peak_reduction_pct:+.0f} %")
-    if finite(comparison.spectrum_area_reduction_pct):
-        parts.append(f"spectrum area {-comparison.spectrum_area_reduction_pct:+.0f} %")
-    name = "the notch" if run.treatment == "notch" else treatment_name(run.treatment)
-    return f" With {name}: {', '.join(parts)}.".replace("-", "−") if parts else ""
+    found = {(each.experiment, each.axis, each.loop, each.treatment): each for each in material.result.comparisons}
+    words = ""
+    for run in (each.entry for each in runs if each.entry.treatment != "none"):
+        comparison = found.get((run.experiment, run.axis, run.loop, run.treatment))
+        pairs = () if comparison is None else (
+            ("tip peak", comparison.tip_peak_reduction_pct), ("spectrum area", comparison.spectrum_area_reduction_pct),
+        )  # fmt: skip
+        parts = [f"{what} {-percent:+.0f} %" for what, percent in pairs if finite(percent)]
+        name = "the notch" if run.treatment == "notch" else treatment_name(run.treatment)
+        words += f" With {name}: {', '.join(parts)}.".replace("-", "−") if parts else ""
+    return words
 
 
 def following(material: Material) -> Drawing | None:
@@ -237,13 +190,10 @@ def following(material: Material) -> Drawing | None:
     top.set_ylabel("Factor of A")
     bottom.set(xlabel="Time (s)", ylabel="Change of φ (°)")
     style.legend_above(figure, top)
-    return Drawing(
-        "following",
-        f"{run_name(run, with_window=False)}: amplitude and phase as the cancellation followed them",
-        "",
-        "measured",
+    caption = (
         "Amplitude and phase of each cancelled order, relative to the identified ones. They are held at rest, while the "
         "motion's own jerks shake the tip, and while an order does not exceed the sensor's noise. "
-        + " ".join(f"{each.words}." for each in orders),
-        style.to_svg(figure, "following"),
+        + " ".join(f"{each.words}." for each in orders)
     )
+    title = f"{run_name(run, with_window=False)}: amplitude and phase as the cancellation followed them"
+    return style.drawing(figure, "following", title, caption)

@@ -47,7 +47,7 @@ def dips(result: ArmResult) -> ReportTable:
         rows.append([f"axis {row.axis}", posture, measured, *numbers])
     header = ("axis", "joints (°)", "measured (Hz)", "fitted (Hz)", "measured − fitted (%)", "measured − bodies (%)")
     caption = "Last column: against the bench file's bodies on the fitted gears; empty if its links have no bodies."
-    return ReportTable("dips", "Measured and fitted dips", "", header, rows, frozenset({0, 1}), caption)
+    return ReportTable("dips", "Measured and fitted dips", header, rows, {0, 1}, caption)
 
 
 def gears(result: ArmResult) -> ReportTable:
@@ -57,7 +57,7 @@ def gears(result: ArmResult) -> ReportTable:
         [f"axis {axis}", " ± ".join(value_and_error(1e-3 * stiffness, 1e-3 * error))]
         for axis, stiffness, error in zip(known.axes, known.stiffness_nm_rad, known.standard_error_nm_rad, strict=True)
     ]
-    return ReportTable("gears", "Gears", "", ("axis", "K_g (kN·m/rad)"), rows)
+    return ReportTable("gears", "Gears", ("axis", "K_g (kN·m/rad)"), rows)
 
 
 BAND_SIGMAS = 2.0
@@ -65,10 +65,7 @@ BAND_SIGMAS = 2.0
 
 
 def line_dips(result: ArmResult) -> Drawing | None:
-    """Draw the predicted dips along the line with their standard errors.
-
-    With the dips from the bench file's bodies, if it has any.
-    """
+    """Draw predicted dips along the line, beside those of the bodies."""
     if not result.line:
         return None
     figure, ((panel,),) = style.panels(1, 1, 3.6)
@@ -90,18 +87,13 @@ def line_dips(result: ArmResult) -> Drawing | None:
     ticks = [hz for hz in (2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100) if 0.7 * np.min(dips) < hz < 1.4 * np.max(dips)]
     panel.set_yticks(ticks, [str(hz) for hz in ticks])
     panel.minorticks_off()
-    panel.set_xlabel("Position along the line (%)")
-    panel.set_ylabel("Frequency (Hz)")
+    panel.set(xlabel="Position along the line (%)", ylabel="Frequency (Hz)")
     style.legend_above(figure, panel)
-    return Drawing(
-        "line-dips",
-        "Resonances of the arm along its line",
-        "",
-        "computed",
+    caption = (
         "Resonances of the arm with all motors held: dips in every motor's response. Shaded: two standard errors. Points: "
-        "measured in postures near the line.",
-        style.to_svg(figure, "line-dips"),
+        "measured in postures near the line."
     )
+    return style.drawing(figure, "line-dips", "Resonances of the arm along its line", caption, "computed")
 
 
 def fitted_dips(result: ArmResult) -> Drawing:
@@ -114,15 +106,10 @@ def fitted_dips(result: ArmResult) -> Drawing:
         errors = [100.0 * row.standard_error_hz / row.measured_hz for row in rows]
         panel.errorbar(hz, off, yerr=errors, label=f"axis {axis}", **(look | {"linestyle": "none"}))
     panel.axhline(0.0, **style.MARK)
-    panel.set_xlabel("Measured dip (Hz)")
-    panel.set_ylabel("Measured − fitted (%)")
+    panel.set(xlabel="Measured dip (Hz)", ylabel="Measured − fitted (%)")
     style.legend_above(figure, panel)
-    return Drawing(
-        "fitted-dips",
-        "Residuals of the dips",
-        "",
-        "measured and computed",
+    caption = (
         "Every dip that an axis has measured in a posture, with its standard error. The fit counts an error of at least 0.3 %, "
-        "because an excited joint turns by several degrees.",
-        style.to_svg(figure, "fitted-dips"),
+        "because an excited joint turns by several degrees."
     )
+    return style.drawing(figure, "fitted-dips", "Residuals of the dips", caption, style.BOTH)

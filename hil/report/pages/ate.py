@@ -4,17 +4,17 @@ from pathlib import Path
 
 from hil.bench.model import values_in_words
 from hil.recording import Recording
-from hil.report.figures import ate as figures_ate
+from hil.report.figures import ate as figures
 from hil.report.figures.ate import AteMaterial
 from hil.report.figures.order_map import MarkedResonance, order_maps
-from hil.report.pages.page import Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
+from hil.report.pages.page import Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.style import Drawing
 from hil.results.ate import AteResult
 
 
 def page_of(directory: Path, result: AteResult) -> Page:
     """Return the page of a directory that `hil identify ate` has filled."""
-    material = AteMaterial(directory)
+    material = AteMaterial(directory, result)
     head = PageHead.of(result, f"Transmission error of axis {material.axis}")
     lines = bench_lines(result.bench, ("Known before", result.known_before.source))
     return Page(head, verdict(material), sections(material), provenance=lines)
@@ -22,24 +22,14 @@ def page_of(directory: Path, result: AteResult) -> Page:
 
 def sections(material: AteMaterial) -> list[Section]:
     """All chapters for which there is data."""
+    axis, part = material.axis, material.part
+    errors = figures.errors(axis, part, is_sensorless=material.is_sensorless, is_paper=material.is_paper)
+    passages = (figures.windows(material, direction) for direction in (1, -1))
     return filled_sections(
-        ("result", "Transmission error", _result(material)),
-        (
-            "evidence",
-            "Signal and model",
-            (
-                _order_maps(material),
-                figures_ate.against_speed(material),
-                figures_ate.windows(material, 1),
-                figures_ate.windows(material, -1),
-            ),
-        ),
-        (
-            "confidence",
-            "Confidence",
-            (figures_ate.arm(material), figures_ate.arm_twice(material), figures_ate.agreement(material)),
-        ),
-        ("runs", "Runs", (figures_ate.passes(material),)),
+        ("result", "Transmission error", (errors, figures.waveform(axis, part, is_paper=material.is_paper))),
+        ("evidence", "Signal and model", (_order_maps(material), figures.against_speed(material), *passages)),
+        ("confidence", "Confidence", (figures.arm(material), figures.arm_twice(material), figures.agreement(material))),
+        ("runs", "Runs", (figures.passes(material),)),
     )
 
 
@@ -56,14 +46,6 @@ def _order_maps(material: AteMaterial) -> Drawing | None:
     resonance = MarkedResonance(None if material.part is None else material.part.arm_hz, "f_a")
     title = f"Axis {material.axis}: which order shakes the tip"
     return order_maps(f"orders-{material.axis}", title, runs, material.axis, resonance)
-
-
-def _result(material: AteMaterial) -> tuple[Item, ...]:
-    axis, part, is_paper = material.axis, material.part, material.is_paper
-    return (
-        figures_ate.errors(axis, part, is_sensorless=material.is_sensorless, is_paper=is_paper),
-        figures_ate.waveform(axis, part, is_paper=is_paper),
-    )
 
 
 def verdict(material: AteMaterial) -> PageVerdict:

@@ -7,40 +7,27 @@ from pathlib import Path
 import numpy as np
 import scipy
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from drive_profiles.errors import FileError
 from hil.analysis import band_passed, motor_speed_rps
 from hil.bench.bench import load_bench
 from hil.experiments.treatment import TITLES
 from hil.recording import Recording
+from hil.report import plotted_run as plotted
 from hil.report import style
 from hil.report.figures import shapers as figures_shapers
 from hil.report.figures.arm_along_line import arm_along_line
 from hil.report.figures.arm_swinging import arm_swinging
-from hil.report.figures.directions import directions_of
+from hil.report.figures.directions import direction_table, directions_of
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.material import LINE_MOTION, POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, filled_sections, versions_text
-from hil.report.plotted_run import (
-    PlottedRun,
-    direction_words,
-    displacement_scale,
-    draw_vibration,
-    finish_vibration,
-    key_end,
-    limit_m_s2,
-    plotted_run,
-    shade_judged,
-    shown_acceleration,
-    window_words,
-)
 from hil.report.report_table import Mark
-from hil.report.style import Drawing, Real, SvgPicture
+from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
-from hil.report.tables.directions import directions as direction_table
-from hil.report.tables.shapers import shapers as shaper_table
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TourResult, TreatmentTable
 
 OVERLAID = 4
@@ -80,43 +67,114 @@ class ComparedMotion:
         return f"{self.robot.name}, {case}" if self.several else f"{case[0].upper()}{case[1:]}"
 
     @cached_property
-    def runs(self) -> list[tuple[ComparisonRow, PlottedRun]]:
+    def runs(self) -> list[tuple[ComparisonRow, plotted.PlottedRun]]:
         """Rows of the motion with their recorded runs."""
         case = self.experiment, self.axis
         rows = [row for row in self.robot.rows if (row.experiment, row.axis) == case and row.recording is not None]
         found = ((row, self.material.find(*case, row.treatment, row.loop)) for row in rows)
-        drawn = ((row, plotted_run(self.material, one, treatment_words(row), style.WITH)) for row, one in found)
+        drawn = ((row, plotted.plotted_run(self.material, one, treatment_words(row), style.WITH)) for row, one in found)
         return [(row, run) for row, run in drawn if run is not None]
 
     def vibration(self) -> Drawing | None:
         """Draw the band-passed tip acceleration of all treatments, with the limit."""
         if len(self.runs) < 2:
             return None
-        key, material, axis = f"vibration-{self.key}", self.material, self.axis
+        material, axis = self.material, self.axis
         f_al, band = material.f_al(axis), material.band_hz(axis)
         overlaid = len(self.runs) <= OVERLAID
-        limit = (
-            _without_f_al(material)
-            if f_al is None
-            else f"Dotted: the specification of ±{self.robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
-        )
+        figure = self._overlay(f_al, band) if overlaid else self._multiples(f_al, band)
+        limit = "Without a model the specification cannot be converted to an acceleration."
+        if f_al is not None:
+            limit = f"Dotted: the specification of ±{self.robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
+        elif material.bench.arm is not None:
+            limit = "The peaks of the displacement, which is the acceleration integrated twice, are in the table."
         below = " Below: their envelopes, which separate lines that overlap above." if overlaid else ""
         behind = below if overlaid else " Orange, behind each: no treatment, with the loop closed in the same place."
-        return Drawing(
-            key,
-            f"{self.title}: tip vibration",
-            "",
-            "measured",
-            f"{direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero phase. "
-            f"{window_words(material, axis)} {limit}{behind}",
-            (_overlay if overlaid else _multiples)(material, self.runs, axis, f_al, key),
+        caption = (
+            f"{plotted.direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz with zero "
+            f"phase. {plotted.window_words(material, axis)} {limit}{behind}"
         )
+        return style.drawing(figure, f"vibration-{self.key}", f"{self.title}: tip vibration", caption, is_zoomable=True)
+
+    def _overlay(self, f_al: float | None, band_hz: tuple[float, float]) -> Figure:
+        """Draw all runs in one diagram, and below it the amplitudes of their vibrations in m/s²."""
+        figure, panels = style.panels(2, 1, 5.6, sharex=True, height_ratios=(3, 2))
+        panel, below = panels[:, 0]
+        for (row, run), look in zip(self.runs, style.OVERLAY_LINES, strict=False):
+            plotted.draw_vibration(panel, replace(run, label=_label(row), look=look), band_hz, with_peak=False)
+            vibration = band_passed(plotted.shown_acceleration(run), run.recording.period_s, band_hz)
+            style.plot_thin(below, run.recording.time_s, np.abs(scipy.signal.hilbert(vibration)), **look)
+        for each in (panel, below):
+            self._shade(each, self.runs[0][1].recording)
+        plotted.finish_vibration(self.material, panel, f_al)
+        panel.set_xlabel("")
+        if f_al is not None:
+            below.axhline(plotted.limit_m_s2(self.material, f_al), **style.LIMIT)
+            plotted.displacement_scale(below, f_al, "Displacement (mm)")
+        below.set(ylim=(0.0, panel.get_ylim()[1]), xlabel="Time (s)", ylabel="Envelope (m/s²)")
+        style.legend_above(figure, panel, columns=3)
+        return figure
+
+    def _multiples(self, f_al: float | None, band_hz: tuple[float, float]) -> Figure:
+        """Draw each treated run in a diagram of its own, with the untreated run behind it."""
+        plain = {row.loop: run for row, run in self.runs if row.treatment == "none"}
+        shown = [(row, run) for row, run in self.runs if row.treatment != "none" or len(self.runs) == 1]
+        count = -(-len(shown) // 2)
+        figure, panels = style.panels(count, 2, 0.5 + 1.75 * count, sharex=self.axis is None, sharey=True)
+        reach = 0.0
+        for number, (row, run) in enumerate(shown):
+            panel, behind = panels.flat[number], plain.get(row.loop)
+            if behind is not None:
+                plotted.draw_vibration(panel, replace(behind, label="untreated", look=BEHIND), band_hz, with_peak=False)
+            plotted.draw_vibration(panel, replace(run, label="with the treatment", look=style.WITH), band_hz, with_peak=False)
+            self._shade(panel, run.recording)
+            reach = max(reach, plotted.finish_vibration(self.material, panel, f_al, with_name=False, with_scale=False))
+            if f_al is not None and (number % 2 == 1 or number == len(shown) - 1):
+                plotted.displacement_scale(panel, f_al)
+            panel.set_title(_label(row))
+            if number + 2 < len(shown):
+                panel.set_xlabel("")
+        for panel in panels.flat[len(shown) :]:
+            panel.set_visible(False)
+        if reach > 0.0:
+            panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
+        figure.supylabel("Tip acceleration, band-passed (m/s²)", fontsize=8.5)
+        style.legend_above(figure, panels[0, 0], columns=3)
+        return figure
+
+    def _shade(self, panel: Axes, recording: Recording) -> None:
+        """Shade the judged window, and limit the panel's time.
+
+        The time begins before the window of the fourth harmonic and ends behind that of the second.
+        """
+        time, axis = recording.time_s, self.axis
+        plotted.shade_judged(self.material, panel, axis, recording)
+        if axis is None:
+            panel.set_xlim(float(time[0]), float(time[-1]))
+            return
+        speed = np.abs(motor_speed_rps(recording, axis))
+        rising = np.arange(len(speed)) < int(np.argmax(speed))
+        fourth, second = self.material.window_rps(axis, 4), self.material.window_rps(axis, 2)
+        if fourth is None or second is None:
+            return
+        shown = time[(speed >= 0.8 * fourth[0]) & (speed <= 1.15 * second[1]) & rising]
+        if len(shown):
+            panel.set_xlim(float(shown[0]), float(shown[-1]))
+
+    def shapers(self) -> list[Item]:
+        """Return the table of the shapers, the tip after a stop, and the residual over the frequency."""
+        material, case = self.material, f"{self.title[0].upper()}{self.title[1:]}"
+        runs = [run for run in material.result.runs if (run.experiment, run.axis) == (self.experiment, self.axis)]
+        title = f"{case}: remaining vibration and cost of the shapers"
+        made: list[Item] = [figures_shapers.shaper_table(runs, f"shapers-{self.key}", title)]
+        if self.axis is not None and self.experiment == POINT_TO_POINT:
+            title = f"{case}: the tip after the stop"
+            made.append(figures_shapers.after_stop(material, self.axis, self.experiment, f"stop-{self.key}", title))
+        title = f"{case}: remaining vibration at other frequencies"
+        return [*made, figures_shapers.residuals(runs, f"residual-{self.key}", title)]
 
     def orders(self) -> list[Drawing]:
-        """Draw order maps of a ramp with each treatment.
-
-        Each figure has several maps; an empty list for other motions.
-        """
+        """Draw order maps of a ramp with each treatment, several in one."""
         if self.axis is None:
             return []
         runs = [(run.label, run.recording) for _, run in self.runs]
@@ -124,25 +182,19 @@ class ComparedMotion:
         parts = [runs[start : start + MAPPED] for start in range(0, len(runs), MAPPED)]
         resonance = MarkedResonance(self.material.f_al(self.axis))
         made = [
-            order_maps(f"orders-{self.key}{key_end(number)}", title, part, self.axis, resonance)
+            order_maps(f"orders-{self.key}{plotted.key_end(number)}", title, part, self.axis, resonance)
             for number, part in enumerate(parts)
         ]
         return [drawing for drawing in made if drawing is not None]
 
     def directions(self) -> Drawing | None:
-        """Draw the tip along x, y and z with the first treatments.
-
-        On a bench with an arm; None without a vector.
-        """
+        """Draw the tip along x, y and z with the first treatments."""
         looked = [replace(run, look=look) for (_, run), look in zip(self.runs, style.OVERLAY_LINES, strict=False)]
         title = f"{self.title[0].upper()}{self.title[1:]}: the tip along x, y and z"
         return directions_of(self.material, looked, self.axis, f"directions-{self.key}", title)
 
     def arm(self) -> list[Drawing]:
-        """Draw the arm along its line and at its resonances.
-
-        Without treatment and with the best one; an empty list for other motions.
-        """
+        """Draw the arm along its line and at its resonances."""
         if self.experiment != LINE_MOTION:
             return []
         name = self.robot.directory
@@ -184,17 +236,9 @@ def _bench_name(directory: Path, result: TreatmentTable) -> str:
 def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> list[Section]:
     """All chapters for which there is data."""
     several = len(result.robots) > 1
-    chapters: list[tuple[str, str, list[Item]]] = [
-        (
-            "side-by-side",
-            "Side by side",
-            [
-                tables_compare.overview(result),
-                tables_compare.claims(result),
-                *(peaks(result, robot) for robot in result.robots),
-            ],
-        ),
-    ]
+    first: list[Item] = [tables_compare.overview(result), tables_compare.claims(result)]
+    first += [peaks(result, robot) for robot in result.robots]
+    chapters: list[tuple[str, str, list[Item]]] = [("side-by-side", "Side by side", first)]
     for experiment, axis in cases(result):
         items: list[Item] = [tables_compare.experiment(result, experiment, axis)]
         for robot in result.robots:
@@ -202,7 +246,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
             if material is None:
                 continue
             motion = ComparedMotion(robot, material, experiment, axis, several)
-            items += _shaped(motion)
+            items += motion.shapers()
             if experiment != POINT_TO_POINT:
                 items += [motion.vibration(), motion.directions(), *motion.arm(), *motion.orders()]
         title = case_name(experiment, axis).capitalize()
@@ -214,21 +258,6 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
     return filled_sections(*chapters)
-
-
-def _shaped(motion: ComparedMotion) -> list[Item]:
-    """Return tables and figures of the shapers for one motion.
-
-    Their table, the tip after a stop, and the residual over the frequency.
-    """
-    material, experiment, axis = motion.material, motion.experiment, motion.axis
-    key, case = motion.key, f"{motion.title[0].upper()}{motion.title[1:]}"
-    runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
-    made: list[Item] = [shaper_table(runs, f"shapers-{key}", f"{case}: remaining vibration and cost of the shapers")]
-    if axis is not None and experiment == POINT_TO_POINT:
-        made.append(figures_shapers.after_stop(material, axis, experiment, f"stop-{key}", f"{case}: the tip after the stop"))
-    made.append(figures_shapers.residuals(runs, f"residual-{key}", f"{case}: remaining vibration at other frequencies"))
-    return made
 
 
 def verdict(result: TreatmentTable) -> PageVerdict:
@@ -332,12 +361,6 @@ def provenance(result: TreatmentTable) -> list[tuple[str, str]]:
     return [(name, text) for name, text in lines if text]
 
 
-def _without_f_al(material: Material) -> str:
-    if material.bench.arm is not None:
-        return "The peaks of the displacement, which is the acceleration integrated twice, are in the table."
-    return "Without a model the specification cannot be converted to an acceleration."
-
-
 def _label(row: ComparisonRow) -> str:
     """Treatment of a run, with its peak and its change."""
     if row.tip_peak_mm is None:
@@ -346,87 +369,8 @@ def _label(row: ComparisonRow) -> str:
     return f"{treatment_words(row)}: {row.tip_peak_mm:.3f} mm{change_text}"
 
 
-def _shade(material: Material, panel: Axes, axis: int | None, recording: Recording) -> None:
-    """Shade the judged window, and limit the panel's time.
-
-    The time begins before the window of the fourth harmonic and ends behind that of the second.
-    """
-    time = recording.time_s
-    shade_judged(material, panel, axis, recording)
-    if axis is None:
-        panel.set_xlim(float(time[0]), float(time[-1]))
-        return
-    speed = np.abs(motor_speed_rps(recording, axis))
-    rising = np.arange(len(speed)) < int(np.argmax(speed))
-    fourth, second = material.window_rps(axis, 4), material.window_rps(axis, 2)
-    if fourth is None or second is None:
-        return
-    shown = time[(speed >= 0.8 * fourth[0]) & (speed <= 1.15 * second[1]) & rising]
-    if len(shown):
-        panel.set_xlim(float(shown[0]), float(shown[-1]))
-
-
-def _overlay(
-    material: Material, runs: list[tuple[ComparisonRow, PlottedRun]], axis: int | None, f_al: float | None, key: str
-) -> SvgPicture:  # fmt: skip
-    figure, panels = style.panels(2, 1, 5.6, sharex=True, height_ratios=(3, 2))
-    panel, below = panels[:, 0]
-    for (row, run), look in zip(runs, style.OVERLAY_LINES, strict=False):
-        draw_vibration(panel, PlottedRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False)
-        style.plot_thin(below, run.recording.time_s, _envelope(run, material.band_hz(axis)), **look)
-    for each in (panel, below):
-        _shade(material, each, axis, runs[0][1].recording)
-    finish_vibration(material, panel, f_al)
-    panel.set_xlabel("")
-    if f_al is not None:
-        below.axhline(limit_m_s2(material, f_al), **style.LIMIT)
-        displacement_scale(below, f_al, "Displacement (mm)")
-    below.set_ylim(0.0, panel.get_ylim()[1])
-    below.set(xlabel="Time (s)", ylabel="Envelope (m/s²)")
-    style.legend_above(figure, panel, columns=3)
-    return style.to_svg(figure, key, is_zoomable=True)
-
-
-def _envelope(run: PlottedRun, band_hz: tuple[float, float]) -> Real:
-    """Return the amplitude of the band-passed vibration in m/s²; shape (n,)."""
-    return np.abs(scipy.signal.hilbert(band_passed(shown_acceleration(run), run.recording.period_s, band_hz)))
-
-
-def _multiples(
-    material: Material, runs: list[tuple[ComparisonRow, PlottedRun]], axis: int | None, f_al: float | None, key: str
-) -> SvgPicture:  # fmt: skip
-    plain, band = {row.loop: run for row, run in runs if row.treatment == "none"}, material.band_hz(axis)
-    shown = [(row, run) for row, run in runs if row.treatment != "none" or len(runs) == 1]
-    count = -(-len(shown) // 2)
-    figure, panels = style.panels(count, 2, 0.5 + 1.75 * count, sharex=axis is None, sharey=True)
-    reach = 0.0
-    for number, (row, run) in enumerate(shown):
-        panel = panels[number // 2, number % 2]
-        behind = plain.get(row.loop)
-        if behind is not None:
-            draw_vibration(panel, PlottedRun(behind.entry, behind.recording, "untreated", BEHIND), band, with_peak=False)
-        draw_vibration(panel, PlottedRun(run.entry, run.recording, "with the treatment", style.WITH), band, with_peak=False)
-        _shade(material, panel, axis, run.recording)
-        reach = max(reach, finish_vibration(material, panel, f_al, with_name=False, with_scale=False))
-        if f_al is not None and (number % 2 == 1 or number == len(shown) - 1):
-            displacement_scale(panel, f_al)
-        panel.set_title(_label(row))
-        if number + 2 < len(shown):
-            panel.set_xlabel("")
-    for number in range(len(shown), 2 * count):
-        panels[number // 2, number % 2].set_visible(False)
-    if reach > 0.0:
-        panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
-    figure.supylabel("Tip acceleration, band-passed (m/s²)", fontsize=8.5)
-    style.legend_above(figure, panels[0, 0], columns=3)
-    return style.to_svg(figure, key, is_zoomable=True)
-
-
 def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
-    """Draw the tip's peak with every treatment, and the specification.
-
-    The experiments are side by side.
-    """
+    """Draw the tip's peaks beside the specification, the experiments side by side."""
     columns = [case for case in cases(result) if any(_is_judged(row, case) for row in robot.rows)]
     names = list(dict.fromkeys(treatment_words(row) for row in robot.rows if row.tip_peak_mm is not None))
     if not columns or len(names) < 2:
@@ -448,22 +392,17 @@ def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
             panel.plot([peak], [y], linestyle="", markersize=5.5, zorder=3, **look)
             side, shift = _side(peak, robot.tip_mm, reach * LABEL_FRACTION * len(columns))
             panel.annotate(f"{peak:.3f}", (peak, y), xytext=(shift, 5.5), textcoords="offset points", ha=side, fontsize=7.0)
-        panel.set_title(case_name(*case).capitalize())
-        panel.set_xlabel("Tip peak (mm)")
-        panel.set_ylim(-0.6, len(names) - 0.2)
+        panel.set(title=case_name(*case).capitalize(), xlabel="Tip peak (mm)", ylim=(-0.6, len(names) - 0.2))
     panels[0, 0].set_xlim(0.0, reach)
     panels[0, 0].locator_params(axis="x", nbins=5)
     panels[0, 0].set_yticks([height[name] for name in names], names)
     several = len(result.robots) > 1
-    return Drawing(
-        key,
-        f"{robot.name}: tip peaks against the specification" if several else "Tip peaks against the specification",
-        "",
-        "measured",
+    caption = (
         f"Dotted line and shade: the specification of ±{robot.tip_mm:g} mm. Blue discs are within it, red squares outside; "
-        "the thin line leads to the peak with no treatment and the loop closed in the same place.",
-        style.to_svg(figure, key),
+        "the thin line leads to the peak with no treatment and the loop closed in the same place."
     )
+    title = f"{robot.name}: tip peaks against the specification" if several else "Tip peaks against the specification"
+    return style.drawing(figure, key, title, caption)
 
 
 LABEL_FRACTION = 0.022
@@ -471,10 +410,7 @@ LABEL_FRACTION = 0.022
 
 
 def _side(peak: float, limit: float, half: float) -> tuple[str, float]:
-    """Return alignment and shift in points of a label.
-
-    The label then covers neither the axis nor the limit.
-    """
+    """Return alignment and shift by which a label covers no line."""
     if peak < half:
         return "left", 0.0
     if abs(peak - limit) >= half:

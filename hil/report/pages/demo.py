@@ -10,18 +10,9 @@ from hil.analysis import is_noise
 from hil.control.treatments import treatment
 from hil.experiments.plan import outside
 from hil.experiments.treatment import TITLES
-from hil.report.figures import (
-    arm_along_line,
-    arm_swinging,
-    directions,
-    model,
-    order_map,
-    shapers,
-    suppression,
-)
+from hil.report.figures import arm_along_line, arm_swinging, directions, model, order_map, shapers, suppression
 from hil.report.figures.notch import NotchFigures
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
-from hil.report.origin import origin_of
 from hil.report.pages.page import Card, CardStep, Item, Page, PageHead, PageVerdict, Section, bench_lines, filled_sections
 from hil.report.plotted_run import key_end, shown_runs
 from hil.report.report_table import NONE, Cell, Mark, ReportTable
@@ -29,9 +20,6 @@ from hil.report.report_table import number as number_text
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables import paper_runs as tables
-from hil.report.tables.directions import directions as direction_table
-from hil.report.tables.directions import side_by_side
-from hil.report.tables.shapers import shapers as shaper_table
 from hil.report.tables.trial import trial_table
 from hil.results.acted import FilterSet
 from hil.results.comparison import TourResult
@@ -46,15 +34,7 @@ def page_of(directory: Path, _: ExperimentsResult) -> Page:
     """Return the page of a directory of runs, with `result.json` and the recordings that it names."""
     material = Material(directory)
     chapters = sections(material)  # they add to the notes
-    head = PageHead(
-        material.bench.name,
-        material.result.bench.started_utc,
-        tuple(material.notes),
-        aftermath=material.result.aftermath,
-        origin=origin_of(material.result),
-        is_paper=material.bench.is_paper,
-        heading=heading(material),
-    )
+    head = PageHead.of(material.result, heading(material), tuple(material.notes))
     return Page(head, verdict(material), chapters, cards(material), provenance(material))
 
 
@@ -93,11 +73,8 @@ def sections(material: Material) -> list[Section]:
             "model",
             "Axes and transmission error",
             [
-                tables.resonances(material),
-                model.plants(material),
-                model.resonances(material),
-                tables.transmission_errors(material),
-                model.transmission_errors(material),
+                *(tables.resonances(material), model.plants(material), model.resonances(material)),
+                *(tables.transmission_errors(material), model.transmission_errors(material)),
                 *(model.identification(material, axis) for axis in driven),
             ],
         ),
@@ -110,12 +87,8 @@ def sections(material: Material) -> list[Section]:
             "all-runs",
             "Runs",
             [
-                tables.runs(material),
-                direction_table(material),
-                _trials(material),
-                suppression.following(material),
-                tables.motions(material),
-                tables.timing_table(material),
+                *(tables.runs(material), directions.direction_table(material), _trials(material)),
+                *(suppression.following(material), tables.motions(material), tables.timing_table(material)),
             ],
         ),
     )
@@ -133,13 +106,8 @@ def _tip_title(material: Material) -> str:
 def _filters(material: Material, filters: FilterSet, number: int) -> list[Item]:
     """Table and figures of filters that acted together."""
     figures = NotchFigures(material, filters, number)
-    return [
-        tables.notches(material, filters, number),
-        figures.schedules(),
-        figures.families(),
-        figures.nyquist(),
-        figures.margin_curves(),
-    ]
+    table = tables.notches(material, filters, number)
+    return [table, figures.schedules(), figures.families(), figures.nyquist(), figures.margin_curves()]
 
 
 def _stops(material: Material) -> list[Item]:
@@ -147,7 +115,7 @@ def _stops(material: Material) -> list[Item]:
     runs = material.result.runs
     stopped = sorted({run.axis for run in runs if run.axis is not None and run.experiment == POINT_TO_POINT})
     return [
-        shaper_table(runs),
+        shapers.shaper_table(runs),
         *(shapers.after_stop(material, axis, POINT_TO_POINT, f"stop-{axis}", f"Axis {axis}: after the stop") for axis in stopped),
         shapers.residuals(runs, "residual", "Remaining vibration at other frequencies"),
     ]
@@ -171,10 +139,7 @@ def _order_maps(material: Material, axis: int) -> Iterator[Drawing | None]:
 
 
 def _part(material: Material, folder: str) -> TourResult | None:
-    """Return a part of the demo from a folder below.
-
-    None if it is missing or belongs to an earlier demo.
-    """
+    """Return a part of this demo from a folder below, or None."""
     try:
         result = load_result(material.directory / folder, TourResult, "a tour")
     except (OSError, ResultFileError):
@@ -198,7 +163,7 @@ def _whole_arm(material: Material) -> list[Item]:
     except (OSError, ResultFileError):
         return []
     return [
-        side_by_side(runs, "whole-arm-table", caption),
+        directions.side_by_side(runs, "whole-arm-table", caption),
         tables_compare.claims(result, "whole-arm-claims"),
         arm_along_line.arm_along_line(runs, "whole-arm-line"),
     ]
@@ -206,7 +171,7 @@ def _whole_arm(material: Material) -> list[Item]:
 
 def _ended_early(result: TourResult, key: str, caption: str | Markup) -> ReportTable:
     rows: list[list[Cell]] = [[step.name, step.what, Mark(step.holds, "")] for step in result.tour.steps]
-    return ReportTable(key, "It ended early", "", ("step", "result", "done"), rows, frozenset({0, 1, 2}), caption, is_prose=True)
+    return ReportTable(key, "It ended early", ("step", "result", "done"), rows, {0, 1, 2}, caption, is_prose=True)
 
 
 def _own_robot(material: Material) -> ReportTable | None:
@@ -275,10 +240,7 @@ def verdict(material: Material) -> PageVerdict:
 
 
 def _line_in_a_row(material: Material) -> str:
-    """Return the tip peaks on the line for all treatments.
-
-    In the drives, untreated first; empty for fewer than two treatments.
-    """
+    """Return the line's tip peaks for several treatments in the drives."""
     runs = [run for run in material.result.runs if (run.experiment, run.loop) == (LINE_MOTION, "drive")]
     treated = [run for run in runs if run.treatment != "none"]
     if len(treated) < 2 or len(treated) == len(runs) or any(run.tip_peak_mm is None for run in runs):
@@ -293,10 +255,7 @@ def _with_words(name: str) -> str:
 
 
 def _beyond(material: Material) -> str:
-    """Return the treated runs outside the specification, as a sentence.
-
-    Without runs whose tip peak is part of a claim of the paper.
-    """
+    """Return treated runs outside the specification, except those of claims."""
     limit_mm = material.bench.specification.tip_mm
     texts = [
         f"{run_name(run, with_window=False)}: tip {millimetres(run.tip_peak_mm, limit_mm)}"
@@ -376,18 +335,16 @@ def _with_unit(value: float | str | None, unit: str) -> str:
 
 
 def cards(material: Material) -> list[Card]:
-    """Return a card of every motion: tip without and with treatments.
-
-    Then the area of the spectrum on the line motion.
-    """
+    """Return a card of every motion, then of the line's spectrum."""
     groups: dict[tuple[str, int | None, str], list[TreatmentComparison]] = {}
     for each in material.result.comparisons:
         groups.setdefault((each.experiment, each.axis, each.loop), []).append(each)
     limit_mm, wanted = material.bench.specification.tip_mm, material.bench.specification.line_area_reduction_pct
+    leads = {(run.experiment, run.axis, run.loop, run.treatment): run for run in reversed(leading(material.result.runs))}
     made, areas = [], []
     for (experiment, axis, loop), comparisons in groups.items():
-        without = material.lead(experiment, axis, "none", loop)
-        treated = [(each, material.lead(experiment, axis, each.treatment, loop)) for each in comparisons]
+        without = leads.get((experiment, axis, loop, "none"))
+        treated = [(each, leads.get((experiment, axis, loop, each.treatment))) for each in comparisons]
         pairs = [(each, run) for each, run in treated if run is not None]
         if without is None or not pairs:
             continue

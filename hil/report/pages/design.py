@@ -17,18 +17,7 @@ from hil.design.uncertainty import plants_words
 from hil.experiments.judge import scale_at
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
-from hil.report.figures.notch import (
-    FAMILY,
-    FEW,
-    colour_bar,
-    draw_critical_point,
-    draw_family,
-    draw_margins,
-    draw_required_margins,
-    draw_worst,
-    on_the_line_db,
-    speed_norm,
-)
+from hil.report.figures import notch as notches
 from hil.report.origin import origin_of_design
 from hil.report.pages.page import Card, CardStep, Page, PageHead, PageVerdict, Section, filled_sections, render
 from hil.report.report_table import NONE, Cell, Mark, ReportTable, number
@@ -109,7 +98,7 @@ def filters(outcome: NotchDesignOutcome) -> ReportTable | None:
         "hysteresis_rps": "hysteresis (rev/s)", "speed_lowpass_hz": "low-pass of f_m (Hz)",
     }  # fmt: skip
     rows: list[list[Cell]] = [[text, *(_cell(values[key]) for _, values in columns)] for key, text in names.items()]
-    return ReportTable("filters", "Parameters of the notch", "Table 3", ("", *(name for name, _ in columns)), rows)
+    return ReportTable("filters", "Parameters of the notch", ("", *(name for name, _ in columns)), rows, paper="Table 3")
 
 
 def _cell(value: object) -> str:
@@ -142,7 +131,7 @@ def peaks(outcome: NotchDesignOutcome) -> ReportTable:
         "with the bench file's constant acceleration. `hil run constant-acceleration` measures the rising one. Other ramps: the "
         "nominal plant, the larger of up and down."
     )
-    return ReportTable("peaks", "Predicted tip peak on the ramp", "Figs. 13 and 14", header, rows, frozenset({0, 5}), caption)
+    return ReportTable("peaks", "Predicted tip peak on the ramp", header, rows, {0, 5}, caption, paper="Figs. 13 and 14")
 
 
 def requirements(outcome: NotchDesignOutcome) -> ReportTable:
@@ -163,7 +152,7 @@ def requirements(outcome: NotchDesignOutcome) -> ReportTable:
         f"The worst of all plants and of all motor speeds from rest to the speed limit, {step}. Peaks relative to those without "
         "a filter: on the bench file's ramp, and the largest of an order on any ramp."
     )
-    return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 3, 5, 6}), caption, groups=groups)
+    return ReportTable("requirements", "Requirements", header, rows, {0, 3, 5, 6}, caption, groups=groups)
 
 
 def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable:
@@ -183,7 +172,7 @@ def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable:
         + " ".join(f"{note[0].upper()}{note[1:]}." for note in outcome.notes)
     )
     header = ("posture", "M_s", "at (rev/s)", "phase margin (°)", "gain margin (dB)", "holds")
-    return ReportTable("arm-margins", "Margins on the arm", "", header, rows, frozenset({0, 5}), caption)
+    return ReportTable("arm-margins", "Margins on the arm", header, rows, {0, 5}, caption)
 
 
 def plants(outcome: NotchDesignOutcome) -> ReportTable:
@@ -192,27 +181,14 @@ def plants(outcome: NotchDesignOutcome) -> ReportTable:
     orders = [order for order, size in sorted(outcome.problem.members[0].error.amplitude_arcsec.items()) if size > 0.0]
     for member in outcome.problem.members:
         plant = member.plant
-        peak = outcome.problem.loop(member).peak_hz()
-        numbers = (
-            1e-3 * plant.gear_stiffness_nm_rad,
-            plant.arm_inertia_kg_m2,
-            plant.gear_damping_nm_s_rad,
-            plant.antiresonance_hz,
-            peak,
-        )
+        gear = 1e-3 * plant.gear_stiffness_nm_rad, plant.arm_inertia_kg_m2, plant.gear_damping_nm_s_rad
+        numbers = (*gear, plant.antiresonance_hz, outcome.problem.loop(member).peak_hz())
         amplitudes = (f"{member.error.amplitude_arcsec[order]:.3g}" for order in orders)
         rows.append([member.label, *(number(value, "{:.4g}") for value in numbers), *amplitudes])
-    header = (
-        "plant",
-        "K_g (kN·m/rad)",
-        "J_l (kg·m²)",
-        "D_g (N·m·s/rad)",
-        "f_a (Hz)",
-        "f_al (Hz)",
-        *(f"A_{order:g} (arcsec)" for order in orders),
-    )
+    sizes = (f"A_{order:g} (arcsec)" for order in orders)
+    header = ("plant", "K_g (kN·m/rad)", "J_l (kg·m²)", "D_g (N·m·s/rad)", "f_a (Hz)", "f_al (Hz)", *sizes)
     caption = f"Plant from {outcome.source}. Every requirement is checked for each plant."
-    return ReportTable("plant-set", "Plants for which the filter is designed", "", header, rows, caption=caption)
+    return ReportTable("plant-set", "Plants for which the filter is designed", header, rows, caption=caption)
 
 
 def provenance(outcome: NotchDesignOutcome) -> list[tuple[str, str]]:
@@ -239,10 +215,7 @@ GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "
 
 
 def verdicts(outcome: NotchDesignOutcome) -> list[tuple[str, NotchVerdict, style.Line]]:
-    """Return the verdicts to draw, with name and line style.
-
-    A designed set without filters is left out: it is the loop without filter again.
-    """
+    """Return the verdicts to draw, with name and line style."""
     drawn: list[tuple[str, NotchVerdict, style.Line]] = [("no filter", outcome.none, style.WITHOUT)]
     if outcome.given is not None:
         drawn.append(("given filter", outcome.given, GIVEN))
@@ -261,14 +234,14 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
     if not own:
         return None
     figure, panels = style.panels(3, len(own), 7.6, sharey="row", height_ratios=(2, 3, 3))
-    norm = speed_norm(own)
+    norm = notches.speed_norm(own)
     shown = _shown_hz(outcome)
     frequency = np.linspace(*shown, 1601)
     loop = outcome.loop(best.notches)
     for column, notch in enumerate(own):
         gain, arm, line = panels[:, column]
         bound = _bound(outcome, notch.order, frequency)
-        draw_family(gain, arm, loop, notch, norm, frequency)
+        notches.draw_family(gain, arm, loop, notch, norm, frequency)
         arm.plot(frequency, bound, **style.CONSTRAINT)
         bare = outcome.loop().acceleration_per_transmission_error(frequency)
         arm.plot(frequency, style.decibel(bare), **style.WITHOUT)
@@ -277,20 +250,16 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         for panel in (gain, arm):
             panel.set(xlim=shown, xlabel="Frequency (Hz)")
         line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
-    for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB)"), strict=True):
-        panel.set_ylabel(name)
+    style.name_rows(panels, "$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB)")
     style.legend_above(figure, panels[2, 0])
-    colour_bar(figure, panels[:2], norm, shrink=0.6)
-    return Drawing(
-        "families",
-        "Gain of the filter and of G_al",
-        "Figs. 9 and 11",
-        "computed",
-        f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong), for the nominal plant. Middle: dots mark each "
-        "curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; dashed: without "
-        "a filter. Bottom: these dots for all speeds as one curve.",
-        style.to_svg(figure, "families", is_zoomable=True),
+    notches.colour_bar(figure, panels[:2], norm, shrink=0.6)
+    caption = (
+        f"Filters frozen at {notches.FEW} motor speeds from f_s (faint) to f_e (strong), for the nominal plant. Middle: dots "
+        "mark each curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; dashed: "
+        "without a filter. Bottom: these dots for all speeds as one curve."
     )
+    title = "Gain of the filter and of G_al"
+    return style.drawing(figure, "families", title, caption, "computed", "Figs. 9 and 11", is_zoomable=True)
 
 
 def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
@@ -298,7 +267,7 @@ def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
     speeds = np.linspace(0.25 * low_hz / order, min(outcome.problem.speed_limit_rps, high_hz / order), 361)
     line = order * speeds
     for name, verdict, look in verdicts(outcome):
-        panel.plot(line, on_the_line_db(outcome.loop(verdict.notches), order, speeds), label=name, **look)
+        panel.plot(line, notches.on_the_line_db(outcome.loop(verdict.notches), order, speeds), label=name, **look)
     panel.plot(line, _bound(outcome, order, line), label="constraint (5)", **style.CONSTRAINT)
     panel.set_xlim(low_hz, high_hz)
     panel.set_ylim(bottom=style.decibel(np.array([(2.0 * math.pi * low_hz) ** 2]))[0] - 3.0)
@@ -317,26 +286,17 @@ def _bound(outcome: NotchDesignOutcome, order: int, frequency: Real) -> Real:
 
 
 def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
-    """Draw the open loop from f_s to f_e; Fig. 12.
-
-    Whole and near −1, with the circle of the allowed M_s.
-    """
+    """Draw the open loop, whole and near the allowed M_s; Fig. 12."""
     best = outcome.best
     if not best.notches:
         return None
     figure, panels = style.panels(1, 2, 4.4)
-    norm = speed_norm(best.notches)
+    norm = notches.speed_norm(best.notches)
     loop = outcome.loop(best.notches)
-    grid = np.unique(
-        np.concatenate(
-            [
-                np.geomspace(1.0, 0.49 / loop.period_s, 700),
-                np.linspace(FINE_BAND[0] * outcome.f_al_hz, FINE_BAND[1] * outcome.f_al_hz, 1400),
-            ]
-        )
-    )
+    fine = np.linspace(FINE_BAND[0] * outcome.f_al_hz, FINE_BAND[1] * outcome.f_al_hz, 1400)
+    grid = np.unique(np.concatenate([np.geomspace(1.0, 0.49 / loop.period_s, 700), fine]))
     low, high = min(n.start_rps for n in best.notches), max(n.end_rps for n in best.notches)
-    for speed in np.linspace(low, high, 2 * FAMILY):
+    for speed in np.linspace(low, high, 2 * notches.FAMILY):
         response = loop.open_loop(grid, float(speed))
         for panel in panels[0]:
             panel.plot(response.real, response.imag, color=style.SPEED_COLOURS(norm(speed)), linewidth=0.6)
@@ -345,9 +305,9 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     worst = best.margins[worst_rps].sensitivity_peak
     response = loop.open_loop(grid, float(worst_rps))
     for panel in panels[0]:
-        draw_worst(panel, response, f"worst speed, {worst_rps:.2f} rev/s")
+        notches.draw_worst(panel, response, f"worst speed, {worst_rps:.2f} rev/s")
     for panel in panels[0]:
-        draw_critical_point(
+        notches.draw_critical_point(
             panel,
             (1.0 / allowed, f"$M_s$ = {allowed:g}, allowed", style.CONSTRAINT),
             (1.0 / worst, f"$M_s$ = {worst:.2f}, nominal plant", style.MODEL),
@@ -355,17 +315,13 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     panels[0, 0].set(xlim=(-5.0, 5.0), ylim=(-5.0, 4.0), ylabel="Imaginary part (–)")
     panels[0, 1].set(xlim=(-1.9, 0.3), ylim=(-1.2, 0.8), title="near −1")
     style.legend_above(figure, panels[0, 0])
-    colour_bar(figure, panels, norm, shrink=0.6)
-    return Drawing(
-        "nyquist",
-        "Open loop with the filter",
-        "Fig. 12",
-        "computed",
+    notches.colour_bar(figure, panels, norm, shrink=0.6)
+    caption = (
         "Nyquist diagrams of L(jω) for the nominal plant. The filters are frozen at motor speeds from f_s (faint) to f_e "
         f"(strong); the loop is sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay. "
-        "Cross: −1. No curve may enter the dashed circle of the allowed M_s.",
-        style.to_svg(figure, "nyquist", is_zoomable=True),
+        "Cross: −1. No curve may enter the dashed circle of the allowed M_s."
     )
+    return style.drawing(figure, "nyquist", "Open loop with the filter", caption, "computed", "Fig. 12", is_zoomable=True)
 
 
 def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
@@ -373,22 +329,18 @@ def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
     figure, panels = style.panels(1, 3, 2.6, sharex=True)
     requirements = outcome.problem.requirements
     for name, verdict, look in verdicts(outcome):
-        draw_margins(panels[0], verdict.margins, label=name, **look)
-    draw_required_margins(panels[0], requirements, outcome.problem.speed_limit_rps, "asked")
+        notches.draw_margins(panels[0], verdict.margins, label=name, **look)
+    notches.draw_required_margins(panels[0], requirements, outcome.problem.speed_limit_rps, "asked")
     limits = (requirements.max_sensitivity, requirements.gain_margin_db, requirements.phase_margin_deg)
     for column, (panel, limit) in enumerate(zip(panels[0], limits, strict=True)):
         bottom, top = panel.get_ylim()
         panel.set_ylim(1.0 if column == 0 else 0.0, max(top, 1.1 * limit) if column else max(top, limit + 0.1, bottom + 0.2))
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        "margins",
-        "Margins at every motor speed",
-        "with Fig. 12",
-        "computed",
+    caption = (
         "Nominal plant, filters frozen at each speed from rest to the speed limit; a switched filter also counts as active "
-        "within its hysteresis. Dotted: the requirements. Their table lists the worst of all plants.",
-        style.to_svg(figure, "margins", is_zoomable=True),
+        "within its hysteresis. Dotted: the requirements. Their table lists the worst of all plants."
     )
+    return style.drawing(figure, "margins", "Margins at every motor speed", caption, "computed", "with Fig. 12", is_zoomable=True)
 
 
 def ramps(outcome: NotchDesignOutcome) -> Drawing:
@@ -398,12 +350,8 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
     scale = scale_at(outcome.bench, outcome.request.axis, outcome.f_al_hz)
     low = 0.8 * min(problem.window_rps(order)[0] for order in outcome.orders)
     for name, verdict, look in verdicts(outcome):
-        motion = follow(
-            outcome.loop(verdict.notches),
-            problem.members[0].error,
-            problem.ramps[0].reference_rad,
-            load_nm=(problem.friction_nm + problem.gravity_nm, 0.0),
-        )
+        loop, load_nm = outcome.loop(verdict.notches), (problem.friction_nm + problem.gravity_nm, 0.0)
+        motion = follow(loop, problem.members[0].error, problem.ramps[0].reference_rad, load_nm=load_nm)
         tip = tip_displacement_mm(problem.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, scale)
         top = int(np.argmax(motion.motor_speed_rps))
         for panel, rows in zip(panels[0], (slice(0, top), slice(top, None)), strict=True):
@@ -418,13 +366,9 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
     panels[0, 1].invert_xaxis()
     panels[0, 0].set_ylabel("Tip displacement (mm)")
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        "ramps",
-        "Tip on the ramp, predicted",
-        "Figs. 13 and 14",
-        "computed",
+    caption = (
         "Simulated ramps up and down with the bench file's constant acceleration, the nominal plant and the law at its sampling "
         f"time: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: the judged speeds; dotted: "
-        "the specification. The filter does better at constant speed: on a ramp it has no time to settle.",
-        style.to_svg(figure, "ramps", is_zoomable=True),
+        "the specification. The filter does better at constant speed: on a ramp it has no time to settle."
     )
+    return style.drawing(figure, "ramps", "Tip on the ramp, predicted", caption, "computed", "Figs. 13 and 14", is_zoomable=True)

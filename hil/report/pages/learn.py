@@ -28,19 +28,9 @@ def sections(result: LearningResult, directory: Path | None = None) -> list[Sect
     for each in result.learnt:
         learnt += [figures_ate.errors(each.axis, each.ate, is_paper=is_paper)]
         learnt += [figures_ate.waveform(each.axis, each.ate, is_paper=is_paper)]
-    return filled_sections(
-        ("result", "Transmission error", learnt),
-        (
-            "passes",
-            "Passes",
-            [
-                *([] if directory is None else _order_maps(result, directory)),
-                estimates(result),
-                passes(result),
-                _verdicts(result),
-            ],
-        ),
-    )
+    maps = [] if directory is None else _order_maps(result, directory)
+    items = [*maps, estimates(result), passes(result), _verdicts(result)]
+    return filled_sections(("result", "Transmission error", learnt), ("passes", "Passes", items))
 
 
 def _order_maps(result: LearningResult, directory: Path) -> list[Item]:
@@ -78,7 +68,7 @@ def estimates(result: LearningResult) -> ReportTable:
         "fit; passes with the whole correction refine it by the vibration that remains. Set-point delay: lag of the motor "
         "beyond its SYNC period and its interpolation."
     )
-    return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)
+    return ReportTable("estimates", "Estimates from pass to pass", header, rows, caption=caption)
 
 
 def _verdicts(result: LearningResult) -> ReportTable:

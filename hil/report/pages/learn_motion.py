@@ -79,12 +79,7 @@ def verdict(result: MotionLearningResult) -> PageVerdict:
     if result.not_learnt is not None:
         return PageVerdict("bad", "✘", "Nothing is learnt", (result.not_learnt,))
     names = " and ".join(str(each.axis) for each in result.learnt)
-    return PageVerdict(
-        "good",
-        "✔",
-        f"The cancellation of axis {names} is learnt",
-        (f"In the model file {result.model}.", *left),
-    )
+    return PageVerdict("good", "✔", f"The cancellation of axis {names} is learnt", (f"In the model file {result.model}.", *left))
 
 
 def cards(result: MotionLearningResult) -> list[Card]:

@@ -54,12 +54,12 @@ def _table(findings: tuple[Finding, ...]) -> ReportTable:
         node = NONE if each.node is None else str(each.node)
         rows.append([str(number), _MARKS[each.severity], node, each.kind, each.words, each.remedy, stamps])
     header = ("", "", "node", "kind", "seen", "to do", "at [s]")
-    return ReportTable("found", "Findings", "", header, rows, frozenset({1, 3, 4, 5, 6}), "Worst first.", is_prose=True)
+    return ReportTable("found", "Findings", header, rows, {1, 3, 4, 5, 6}, "Worst first.", is_prose=True)
 
 
 def _unknown(found: Explanation) -> ReportTable:
     rows: list[list[Cell]] = [[NONE if each.node is None else str(each.node), each.kind, each.words] for each in found.unknown]
-    return ReportTable("not-told", "Not told", "", ("node", "kind", "why"), rows, frozenset({1, 2}), is_prose=True)
+    return ReportTable("not-told", "Not told", ("node", "kind", "why"), rows, {1, 2}, is_prose=True)
 
 
 def _nodes(found: Explanation) -> ReportTable:
@@ -74,16 +74,11 @@ def _nodes(found: Explanation) -> ReportTable:
                 [str(number), pdo.name, f"{pdo.can_id:03X}h", kind, held or "not known", str(found.trace.log.count(pdo.can_id))]
             )
     header = ("node", "PDO", "identifier", "transmission type", "objects", "frames")
-    return ReportTable("process-data", "Process data", "", header, rows, frozenset({1, 2, 4}))
+    return ReportTable("process-data", "Process data", header, rows, {1, 2, 4})
 
 
 def finding_picture(finding: Finding, number: int) -> Drawing | None:
-    """Draw the numbers behind a finding; None without any.
-
-    Args:
-        finding: The finding.
-        number: Its number on the page, from 1.
-    """
+    """Draw the numbers behind a finding; None without any."""
     picture = finding.picture
     if picture is None or not len(picture.x):
         return None
@@ -100,4 +95,4 @@ def finding_picture(finding: Finding, number: int) -> Drawing | None:
     panel.set(xlabel=picture.x_label, ylabel=picture.y_label)
     said = f"{finding.words[:1].upper()}{finding.words[1:]}"
     words = f"{said}. Vertical lines: the first {len(finding.stamps_s)} of {finding.count} occurrences."
-    return Drawing(key, f"{number}. {finding.kind}", "", "measured", words, style.to_svg(figure, key))
+    return style.drawing(figure, key, f"{number}. {finding.kind}", words)

@@ -47,17 +47,14 @@ class PageHead:
     is_bench: bool = True
 
     @classmethod
-    def of(cls, result: MeasuredResult, heading: str) -> "PageHead":
+    def of(cls, result: MeasuredResult, heading: str, notes: tuple[str, ...] = ()) -> "PageHead":
         """Return the head of the page of one measurement on one bench."""
         bench, origin = result.bench, origin_of(result)
         is_paper, aftermath = bench.file.is_paper, result.aftermath
-        return cls(bench.name, bench.started_utc, heading=heading, aftermath=aftermath, origin=origin, is_paper=is_paper)
+        return cls(bench.name, bench.started_utc, notes, heading, aftermath=aftermath, origin=origin, is_paper=is_paper)
 
     def tag(self, drawing: Drawing) -> str:
-        """Return the origin of a figure in words.
-
-        On an emulated robot, `emulated` replaces `measured`.
-        """
+        """Return the origin of a figure in words: `measured` or `emulated`."""
         return drawing.origin.replace("measured", self.origin.word)
 
 
@@ -75,11 +72,7 @@ Item = Drawing | ReportTable | None
 
 
 def filled_sections(*chapters: tuple[str, str, Iterable[Item]]) -> list[Section]:
-    """Return the chapters that have something to show.
-
-    Args:
-        chapters: Anchor, title and items of each; those without data are left out.
-    """
+    """Return the chapters that have something to show."""
     filled = (Section(key, title, tuple(filter(None, items))) for key, title, items in chapters)
     return [section for section in filled if section.items]
 
@@ -197,10 +190,7 @@ _MONTHS = (
 
 
 def bench_lines(bench: MeasuredBench, *more: tuple[str, str]) -> list[tuple[str, str]]:
-    """Return names and texts of a measurement's bench, further ones, and versions.
-
-    A line without a text is left out.
-    """
+    """Return names and texts of a measurement's bench, without empty ones."""
     lines = [("Bench", bench.name), ("Bus", bench.bus), ("Clock", bench.clock), *more]
     return [(name, text) for name, text in (*lines, ("Versions", versions_text(bench.versions))) if text]
 
@@ -212,11 +202,6 @@ def versions_text(versions: Mapping[str, str]) -> str:
 
 def render(path: Path, page: Page, *, is_interactive: bool = False) -> Path:
     """Write a page: one file, no network, no scripts unless interactive.
-
-    Args:
-        path: File to write.
-        page: Its content.
-        is_interactive: True if its figures can be zoomed, as far as they have what that takes.
 
     Returns:
         `path`.

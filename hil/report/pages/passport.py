@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from hil.passport.regression import FEWEST_BEFORE
 from hil.passport.watch import FALSE_ALARMS, OrderOrigin, Trend
@@ -27,15 +26,6 @@ def write_passport(
     *, is_emulated: bool = False,
 ) -> Path:  # fmt: skip
     """Write the page of a passport.
-
-    Args:
-        path: The page.
-        trends: Trends of all gears.
-        origins: Origins of all orders.
-        file: The passport.
-        made_utc: Date of the page.
-        left_out: Files that were not read.
-        is_emulated: True if a run was made on an emulated robot.
 
     Raises:
         OSError: The page cannot be written.
@@ -105,16 +95,14 @@ def table(trends: Sequence[Trend]) -> ReportTable:
         "An alarm stays from its first run on; --since starts anew. Scatter: that of the earlier runs, without the part "
         "that their conditions explain."
     )
-    return ReportTable("orders", "Orders", "", header, rows, frozenset({0, 1, 2, 4, 8, 9}), caption)
+    return ReportTable("orders", "Orders", header, rows, {0, 1, 2, 4, 8, 9}, caption)
 
 
 def origin_table(origins: Sequence[OrderOrigin]) -> ReportTable:
     """Every order with its origin, and the reason."""
     rows: list[list[Cell]] = [[f"{each.robot}, axis {each.axis}", f"{each.order:g}", each.name, each.why] for each in origins]
     caption = "The runs do not show whether motor or gear is the cause."
-    return ReportTable(
-        "origins", "Origins of the orders", "", ("gear", "order", "from", "why"), rows, frozenset({0, 2, 3}), caption
-    )
+    return ReportTable("origins", "Origins of the orders", ("gear", "order", "from", "why"), rows, {0, 2, 3}, caption)
 
 
 def _state(trend: Trend) -> str:
@@ -130,25 +118,17 @@ WIDE = 4.0
 
 
 def order_over_dates(amplitude: Trend, phase: Trend | None, key: str, title: str) -> Drawing:
-    """An order over its dates.
-
-    Args:
-        amplitude: Trend of A_k.
-        phase: Trend of φ_k; None if no run shows it.
-        key: Anchor of the figure.
-        title: Title of the figure.
-    """
+    """An order over its dates."""
     shown = [each for each in (amplitude, phase) if each is not None]
     figure, panels = style.panels(1, len(shown), 2.4)
     for panel, trend in zip(panels[0], shown, strict=True):
         _draw(panel, trend)
-    return Drawing(
-        key, title, "", "measured",
+    caption = (
         "Discs: runs with their standard errors. Shaded: the range in which each run was expected; a run outside of it is an "
         "alarm. The range depends on the conditions of the run, and is wide while there are few runs. Squares: runs from the "
-        "first alarm on.",
-        style.to_svg(figure, key),
-    )  # fmt: skip
+        "first alarm on."
+    )
+    return style.drawing(figure, key, title, caption)
 
 
 def _draw(panel: Axes, trend: Trend) -> None:
@@ -161,20 +141,13 @@ def _draw(panel: Axes, trend: Trend) -> None:
                 color=colour,
             )  # fmt: skip
     _draw_limits(panel, trend, dates)
-    if len(set(dates.tolist())) == 1:
-        panel.set_xlim(dates[0] - ALONE, dates[0] + ALONE)
-    locator: Any = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
-    panel.xaxis.set_major_locator(locator)
-    panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    style.date_axis(panel, dates, ALONE, "Date")
     name = "Phase φ" if trend.is_phase else "Amplitude A"
-    panel.set(xlabel="Date", ylabel=f"{name}, order {trend.order:g} ({trend.unit})")
+    panel.set_ylabel(f"{name}, order {trend.order:g} ({trend.unit})")
 
 
 def _draw_limits(panel: Axes, trend: Trend, dates: Any) -> None:
-    """Draw the limits of a jump at each watched run, as steps.
-
-    The figure does not show limits that are far from the values.
-    """
+    """Draw the near limits of a jump at each watched run."""
     low, high = trend.watch.low, trend.watch.high
     values, errors = trend.values, trend.errors
     bottom, top = float(np.min(values - errors)), float(np.max(values + errors))

@@ -27,11 +27,7 @@ def page_of(_: Path, result: PlantResult) -> Page:
 def sections(result: PlantResult) -> list[Section]:
     """All chapters for which there is data."""
     return filled_sections(
-        (
-            "plant",
-            "Plant",
-            (parameters(result), modes(result), frequency_response(result)),
-        ),
+        ("plant", "Plant", (parameters(result), modes(result), frequency_response(result))),
         ("arm", "The arm at the tip", (tip(result),)),
         ("slow", "Friction and gravity", (friction(result),)),
         ("limits", "How far these data reach", (_cannot_tell(result), checks(result))),
@@ -40,7 +36,7 @@ def sections(result: PlantResult) -> list[Section]:
 
 def _cannot_tell(result: PlantResult) -> ReportTable:
     rows: list[list[Cell]] = [[line] for line in result.cannot_tell or ()]
-    return ReportTable("cannot-tell", "What these data cannot tell", "", ("",), rows, is_prose=True)
+    return ReportTable("cannot-tell", "What these data cannot tell", ("",), rows, is_prose=True)
 
 
 def verdict(result: PlantResult) -> PageVerdict:
@@ -99,15 +95,15 @@ def parameters(result: PlantResult) -> ReportTable | None:
         value, error = values[each.name].value, values[each.name].standard_error
         relative = 100.0 * error / abs(value) if value else math.inf
         rows.append([each.title, *value_and_error(each.scale * value, each.scale * error), each.page_unit, _percent(relative)])
-    return ReportTable(
-        "parameters", "Parameters", "", ("Parameter", "Value", "Standard error", "Unit", "Relative"), rows,
-        frozenset({0, 3}),
+    header = ("Parameter", "Value", "Standard error", "Unit", "Relative")
+    caption = (
         "Gear and arm refer to the arm side, motor and friction to the motor side. Standard errors come from the scatter "
         "between periods, multiplied by the misfit of the model if that is above 1. They include the "
         "dependence on the torsion, as the pilot run and this run show it. The checks below give the part that comes from "
         "noise alone; more periods lower it. “What these data cannot tell” lists the errors that are not "
-        f"included. Misfit: {result.misfit:.2f} standard deviations; {plan.periods} periods.",
-    )  # fmt: skip
+        f"included. Misfit: {result.misfit:.2f} standard deviations; {plan.periods} periods."
+    )
+    return ReportTable("parameters", "Parameters", header, rows, {0, 3}, caption)
 
 
 def modes(result: PlantResult) -> ReportTable:
@@ -116,11 +112,12 @@ def modes(result: PlantResult) -> ReportTable:
     for mode in result.modes:
         values = (mode.antiresonance_hz, mode.resonance_hz, mode.damping, mode.inertia_kg_m2, mode.tip_part)
         rows.append(["–" if each is None else " ± ".join(value_and_error(each.value, each.standard_error)) for each in values])
-    return ReportTable(
-        "modes", "Modes", "", ("Dip, Hz", "Peak, Hz", "ζ", "Inertia, kg·m²", "Part of the tip's motion"), rows, frozenset(),
+    header = ("Dip, Hz", "Peak, Hz", "ζ", "Inertia, kg·m²", "Part of the tip's motion")
+    caption = (
         "Modes of the arm with this motor held, the lowest first. Their inertias add up to the inertia about the joint, their "
-        "parts of the tip's motion to 1. J_l, K_g, D_g, f_a, f_r and ζ above are those of the leading mode.",
-    )  # fmt: skip
+        "parts of the tip's motion to 1. J_l, K_g, D_g, f_a, f_r and ζ above are those of the leading mode."
+    )
+    return ReportTable("modes", "Modes", header, rows, (), caption)
 
 
 def checks(result: PlantResult) -> ReportTable:
@@ -129,7 +126,7 @@ def checks(result: PlantResult) -> ReportTable:
     for check in result.checks:
         needed = f"{check.needed:.3g} {check.unit}".strip()
         rows.append([check.name, f"{check.value:.3g} {check.unit}".strip(), needed, Mark(check.holds)])
-    return ReportTable("checks", "Checks", "", ("Check", "Found", "Limit", "Holds"), rows, frozenset({0, 3}))
+    return ReportTable("checks", "Checks", ("Check", "Found", "Limit", "Holds"), rows, {0, 3})
 
 
 def frequency_response(result: PlantResult) -> Drawing | None:
@@ -147,13 +144,12 @@ def frequency_response(result: PlantResult) -> Drawing | None:
         text = f"${symbol}$ = {' ± '.join(value_and_error(parameter.value, parameter.standard_error))} Hz"
         style.flag(panels[0, 0], parameter.value, text, side=side)
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        "frequency-response", "Motor angle per torque", "Fig. 4", "measured and computed",
+    caption = (
         "Frequency response on the excited lines, with the excitation as instrument, averaged over the periods; bars and band: "
         "where the true value lies with a probability of 95 %. Dashed: the fitted model. Coherence: the "
-        "fraction of the motor's motion in one period that follows the torque.",
-        style.to_svg(figure, "frequency-response", is_zoomable=True),
-    )  # fmt: skip
+        "fraction of the motor's motion in one period that follows the torque."
+    )
+    return style.drawing(figure, "frequency-response", "Motor angle per torque", caption, style.BOTH, "Fig. 4", is_zoomable=True)
 
 
 def tip(result: PlantResult) -> Drawing | None:
@@ -170,12 +166,11 @@ def tip(result: PlantResult) -> Drawing | None:
     style.legend_above(figure, panels[0, 0])
     ratio = parameters["lever_ratio"]
     seen = " ± ".join(value_and_error(ratio.value, ratio.standard_error))
-    return Drawing(
-        "tip-response", "Tip acceleration per motor angle", "", "measured and computed",
+    caption = (
         "Response of the arm on its gear to the motor's motion: it peaks at f_a, whatever the torque and the lever. Its height "
-        f"is a check: the lever that follows from it is {seen} times the bench file's.",
-        style.to_svg(figure, "tip-response", is_zoomable=True),
-    )  # fmt: skip
+        f"is a check: the lever that follows from it is {seen} times the bench file's."
+    )
+    return style.drawing(figure, "tip-response", "Tip acceleration per motor angle", caption, style.BOTH, is_zoomable=True)
 
 
 def _response(result: PlantResult, measured: FrequencyResponseEntry, fine: Real, model: Complex) -> tuple[Figure, style.Panels]:
@@ -203,9 +198,7 @@ def _response(result: PlantResult, measured: FrequencyResponseEntry, fine: Real,
 
 def _coherence(panel: Any, frequency: Real, measured: FrequencyResponseEntry) -> None:
     panel.semilogx(frequency, measured.coherence, **style.MEASURED)
-    panel.set_ylim(0.0, 1.05)
-    panel.set_ylabel("Coherence")
-    panel.set_xlabel("Frequency (Hz)")
+    panel.set(ylim=(0.0, 1.05), ylabel="Coherence", xlabel="Frequency (Hz)")
     ticks = [tick for tick in (2, 3, 5, 10, 20, 30, 50, 100, 200) if frequency[0] <= tick <= frequency[-1]]
     panel.set_xticks(ticks, [str(tick) for tick in ticks])
     panel.minorticks_off()
@@ -235,16 +228,14 @@ def friction(result: PlantResult) -> Drawing | None:
         over_angle.plot(arm[line], model[line], label="fit at the fastest speed", **style.RESIDUAL)
     order = np.argsort(arm)
     over_angle.plot(arm[order], gravity[order], label="gravity, fitted", **style.CONSTRAINT)
-    over_angle.set_xlabel("Arm angle (°)")
-    over_angle.set_ylabel("Motor torque (N·m)")
+    over_angle.set(xlabel="Arm angle (°)", ylabel="Motor torque (N·m)")
     level, slope = parameters["friction_coulomb_nm"].value, parameters["friction_viscous_nm_s_rad"].value
     for direction in (1, -1):
         reach = np.linspace(0.0, fastest_rps, 2)
         over_speed.plot(
             direction * reach, direction * (level + slope * 2.0 * math.pi * reach), label="friction, fitted", **style.MODEL
         )
-    over_speed.set_xlabel("Motor speed (rev/s)")
-    over_speed.set_ylabel("Friction (N·m)")
+    over_speed.set(xlabel="Motor speed (rev/s)", ylabel="Friction (N·m)")
     style.legend_above(figure, over_angle, over_speed)
     paces = sorted({round(float(each), 2) for each in np.abs(speed)})
     slower = (
@@ -253,9 +244,8 @@ def friction(result: PlantResult) -> Drawing | None:
         if len(paces) > 1
         else ""
     )
-    return Drawing(
-        "friction", "Friction and gravity", "", "measured and computed",
+    caption = (
         "Left: motor torque of slow turns in both directions, one point per motor turn; gravity is what both have in "
-        f"common.{slower} Right: the torque less gravity, over speed.",
-        style.to_svg(figure, "friction"),
-    )  # fmt: skip
+        f"common.{slower} Right: the torque less gravity, over speed."
+    )
+    return style.drawing(figure, "friction", "Friction and gravity", caption, style.BOTH)

@@ -16,7 +16,6 @@ from hil.report.order_names import BY_ORDER, symbol
 from hil.report.pages.page import Page, PageHead, PageVerdict, Section, filled_sections, versions_text
 from hil.report.report_table import Cell, ReportTable, number, value_and_error
 from hil.report.style import Drawing, Real
-from hil.results.files import load_result
 from hil.results.recorded_ate import SIGNAL_UNIT, Form, OrderEntry, RecordedAteResult, RecordedStretch
 
 NAMED_PEAKS = 6
@@ -37,17 +36,10 @@ _SIGNAL: dict[Form, str] = {
 
 
 class RecordedMaterial:
-    """Material of the page: result.json and the three curves beside it."""
+    """Material of the page: the result, and the three curves beside it."""
 
-    def __init__(self, directory: Path) -> None:
-        """Read result.json.
-
-        Raises:
-            OSError: The file cannot be read.
-            ResultFileError: The file is not the result of an identification from recordings.
-        """
-        self.directory = directory
-        self.result = load_result(directory, RecordedAteResult, "an identification from recordings")
+    def __init__(self, directory: Path, result: RecordedAteResult) -> None:
+        self.directory, self.result = directory, result
 
     @property
     def unit(self) -> str:
@@ -77,7 +69,7 @@ class RecordedMaterial:
 
 def page_of(directory: Path, result: RecordedAteResult) -> Page:
     """Return the page of a directory that `hil identify ate --recording` has filled."""
-    material = RecordedMaterial(directory)
+    material = RecordedMaterial(directory, result)
     head = PageHead(
         f"{result.robot}, from recordings",
         result.started_utc,
@@ -140,32 +132,19 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
     panel.plot(curve["order"], curve["level"], label=f"false alarm in {100 * entry.false_alarm:g} % of scans", **style.LIMIT)
     top = 1.18 * float(np.max(curve["amplitude"]))
     for peak in entry.peaks[:NAMED_PEAKS]:
-        panel.annotate(
-            f"{peak.order:.2f}",
-            (peak.order, peak.amplitude),
-            xytext=(0, 3),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-            fontsize=7.5,
-            bbox=style.NAME_GROUND,
-        )
+        at = peak.order, peak.amplitude
+        style.name_at(panel, f"{peak.order:.2f}", at, (0, 3), ha="center", va="bottom", bbox=style.NAME_GROUND)
     panel.set(xlim=(float(curve["order"][0]), float(curve["order"][-1])), ylim=(0.0, top))
     panel.set_xticks(range(1, 11))
-    panel.set_xlabel("Order k (per motor revolution)")
-    panel.set_ylabel(f"Amplitude ({entry.unit})")
+    panel.set(xlabel="Order k (per motor revolution)", ylabel=f"Amplitude ({entry.unit})")
     style.legend_above(figure, panel)
-    return Drawing(
-        key,
-        f"Order spectrum of axis {material.result.axis}",
-        "",
-        "measured",
+    caption = (
         "Amplitude of each order in a scan of all orders, each fitted by itself, together with the slow part"
         f"{_THROUGH[material.is_sensed]}. Dotted: the floor, which is the median of the neighbours, and the level that noise "
         "alone reaches anywhere in the scan with the given probability. The side lobes of an order come from the small number "
-        "of revolutions.",
-        style.to_svg(figure, key),
+        "of revolutions."
     )
+    return style.drawing(figure, key, f"Order spectrum of axis {material.result.axis}", caption)
 
 
 def speed_map(material: RecordedMaterial) -> Drawing | None:
@@ -194,20 +173,15 @@ def speed_map(material: RecordedMaterial) -> Drawing | None:
     panel.plot(centres, np.full(len(centres), float(orders[0])), "|", color=style.BLACK, markersize=7, clip_on=False)
     panel.set(xlim=(float(centres[0]), float(centres[-1])), ylim=(float(orders[0]), float(orders[-1])))
     panel.set_yticks(range(1, 11))
-    panel.set_xlabel("Motor speed (rev/s)")
-    panel.set_ylabel("Order k (per motor revolution)")
+    panel.set(xlabel="Motor speed (rev/s)", ylabel="Order k (per motor revolution)")
     draw_colour_scale(figure, panels, levels, f"Amplitude ({material.unit})", aspect=30)
-    return Drawing(
-        key,
-        f"Orders of axis {material.result.axis} over the speed",
-        "",
-        "measured",
+    caption = (
         "Amplitude over motor speed and order, in windows of 2.5 revolutions. Ticks at the bottom: speeds with data; between "
         "them the colours are interpolated. An order of the gear stays at its height at every speed"
         f"{', strongest where it passes the resonance of the arm' if material.is_sensed else ''}; a line of a fixed frequency "
-        "falls as the speed rises.",
-        style.to_svg(figure, key),
+        "falls as the speed rises."
     )
+    return style.drawing(figure, key, f"Orders of axis {material.result.axis} over the speed", caption)
 
 
 def fit(material: RecordedMaterial) -> Drawing | None:
@@ -236,16 +210,12 @@ def fit(material: RecordedMaterial) -> Drawing | None:
     panels[2, 0].set_xlabel("Motor revolutions from the beginning of the stretch")
     style.legend_above(figure, panels[0, 0], panels[1, 0])
     stretch = material.result.stretches[int(longest)]
-    return Drawing(
-        key,
-        f"The longest stretch of axis {material.result.axis}",
-        "",
-        "measured and computed",
+    caption = (
         f"{stretch.turns:.1f} revolutions of the motor {TURNS[stretch.direction]}, about {stretch.speed_rps:.1f} rev/s. Above: "
         f"the {_SIGNAL[material.result.form]} with its slow part, a polynomial of degree {stretch.degree}, chosen by "
-        "cross-validation. Below: the signal less its slow part, the fitted orders, and the residual.",
-        style.to_svg(figure, key),
+        "cross-validation. Below: the signal less its slow part, the fitted orders, and the residual."
     )
+    return style.drawing(figure, key, f"The longest stretch of axis {material.result.axis}", caption, style.BOTH)
 
 
 def change(material: RecordedMaterial) -> Drawing | None:
@@ -273,15 +243,11 @@ def change(material: RecordedMaterial) -> Drawing | None:
         range(len(parts)), names, fontsize=6.5 if len(parts) < 8 else 5.5, rotation=0 if len(parts) < 7 else 40
     )
     style.legend_above(figure, panels[0, 0])
-    return Drawing(
-        key,
-        f"Transmission error of axis {material.result.axis}, part by part",
-        "",
-        "measured",
+    caption = (
         "Amplitudes and phases of the orders that exceed their noise, in parts of the stretches, with two standard errors. A "
-        "feed-forward with one phase leaves 2 sin(Δ/2) of an order whose phase differs by Δ: half of it at 30°.",
-        style.to_svg(figure, key),
+        "feed-forward with one phase leaves 2 sin(Δ/2) of an order whose phase differs by Δ: half of it at 30°."
     )
+    return style.drawing(figure, key, f"Transmission error of axis {material.result.axis}, part by part", caption)
 
 
 def orders(material: RecordedMaterial) -> ReportTable | None:
@@ -299,16 +265,13 @@ def orders(material: RecordedMaterial) -> ReportTable | None:
             seen = changes.get(order)
             words = "" if seen is None or letter == "A" else "changes" if seen.is_seen else "noise explains it"
             rows.append([symbol(letter, order), unit, value, width, words])
-    return ReportTable(
-        "orders",
-        f"Transmission error of axis {material.result.axis}",
-        "",
-        ("Parameter", "Unit", "Identified", "Standard error", "From part to part"),
-        rows,
-        frozenset({0, 1, 4}),
+    header = ("Parameter", "Unit", "Identified", "Standard error", "From part to part")
+    caption = (
         "The standard error is that of the mean of all stretches; it includes the choice of the slow part and the "
-        "correlation of neighbouring samples. Phases count from the zero of the recorded motor encoder.",
+        "correlation of neighbouring samples. Phases count from the zero of the recorded motor encoder."
     )
+    title = f"Transmission error of axis {material.result.axis}"
+    return ReportTable("orders", title, header, rows, {0, 1, 4}, caption)
 
 
 def stretches(material: RecordedMaterial) -> ReportTable:
@@ -325,19 +288,14 @@ def stretches(material: RecordedMaterial) -> ReportTable:
             cells += [" ± ".join(value_and_error(value.a_arcsec, value.a_error_arcsec))]
             cells += [" ± ".join(value_and_error(value.phi_deg, value.phi_error_deg))]
         rows.append(cells)
-    header = ("Recording", "Way", "Turns", "Speed (rev/s)", "From, to (s)", "Degree")
     names = [f"{letter}_{order:g} ({unit})" for order in shown for _, letter, unit in BY_ORDER]
-    return ReportTable(
-        "stretches", "Stretches", "", (*header, *names), rows, frozenset({0, 1}),
-        "A stretch is a motion one way without a stop. Degree: that of the slow part.",
-    )  # fmt: skip
+    header = ("Recording", "Way", "Turns", "Speed (rev/s)", "From, to (s)", "Degree", *names)
+    caption = "A stretch is a motion one way without a stop. Degree: that of the slow part."
+    return ReportTable("stretches", "Stretches", header, rows, {0, 1}, caption)
 
 
 def _shown_orders(material: RecordedMaterial) -> list[float]:
-    """Return the largest orders above their noise, four at most.
-
-    If none is above its noise, the largest of all.
-    """
+    """Return the four largest orders, above their noise if any is."""
     part = material.result.ate
     if part is None:
         return []

@@ -10,10 +10,7 @@ from hil.results.comparison import AxisCompliance, ComparisonRow, TourResult, Tr
 
 
 def cases(result: TreatmentTable) -> list[tuple[str, int | None]]:
-    """Return the cases of a comparison in the order of the runs.
-
-    A case is an experiment with its axis or None.
-    """
+    """Return experiments, each with axis or None, in their order."""
     return list(dict.fromkeys((row.experiment, row.axis) for robot in result.robots for row in robot.rows))
 
 
@@ -50,7 +47,7 @@ def overview(result: TreatmentTable, key: str = "overview", caption: str | Marku
     limits = {robot.tip_mm for robot in result.robots}
     limit_text = f" Allowed: ±{limits.pop():g} mm." if len(limits) == 1 else ""
     text = caption or "Largest equivalent displacement of the tip in the window in which each run is judged."
-    return ReportTable(key, "Tip peaks side by side", "", header, rows, frozenset(range(len(head))), text + limit_text)
+    return ReportTable(key, "Tip peaks side by side", header, rows, range(len(head)), text + limit_text)
 
 
 def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | None:
@@ -68,7 +65,7 @@ def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | No
         for claim in result.tour.claims
     ]
     header = ("Claim", "Asked", "Found", "Unit", "Holds")
-    return ReportTable(key, "Claims", "", header, rows, frozenset({0, 1, 3, 4}), is_prose=True)
+    return ReportTable(key, "Claims", header, rows, {0, 1, 3, 4}, is_prose=True)
 
 
 def notch_sentences(result: TreatmentTable) -> list[str]:
@@ -164,9 +161,7 @@ def left_out(result: TreatmentTable) -> ReportTable:
                 where = "line motion" if row.axis is None else f"axis {row.axis}"
                 reasons.setdefault((robot.name, reason), []).append(f"{treatment_words(row)} ({where})")
     rows: list[list[Cell]] = [[name, "; ".join(names), reason] for (name, reason), names in reasons.items()]
-    return ReportTable(
-        "left-out", "Runs left out or not judged", "", ("robot", "what", "why"), rows, frozenset({0, 1, 2}), is_prose=True
-    )
+    return ReportTable("left-out", "Runs left out or not judged", ("robot", "what", "why"), rows, {0, 1, 2}, is_prose=True)
 
 
 def compliances(result: TreatmentTable) -> ReportTable:
@@ -186,16 +181,12 @@ def compliances(result: TreatmentTable) -> ReportTable:
             ])  # fmt: skip
     head = ("robot",) if several else ()
     header = (*head, "axis", "treatment", "at 1 Hz (rad/(N·m))", "", "largest (rad/(N·m))", "", "at (Hz)")
-    return ReportTable(
-        "compliance",
-        "What lower gains and filters cost: compliance of the motor",
-        "",
-        header,
-        rows,
-        frozenset(range(len(head) + 2)),
+    caption = (
         "|θ_m/τ_d| = |P/(1 + P C)|: how far a disturbing torque turns the motor with the loop closed, from the model. Filters "
-        "that follow the speed: at the worst speed at which they act. Cancellation does not change the loop.",
+        "that follow the speed: at the worst speed at which they act. Cancellation does not change the loop."
     )
+    title = "What lower gains and filters cost: compliance of the motor"
+    return ReportTable("compliance", title, header, rows, range(len(head) + 2), caption)
 
 
 def tour(result: TreatmentTable) -> ReportTable | None:
@@ -214,9 +205,7 @@ def tour(result: TreatmentTable) -> ReportTable | None:
         "that can be repeated on a real robot."
     ).format(part.bench_file, part.bench_file)
     header = ("step", "result", "done", "time (s)", "")
-    return ReportTable(
-        "tour", "From a bench file to a quiet arm", "", header, rows, frozenset({0, 1, 2, 4}), caption, is_prose=True
-    )
+    return ReportTable("tour", "From a bench file to a quiet arm", header, rows, {0, 1, 2, 4}, caption, is_prose=True)
 
 
 def revealed(result: TreatmentTable) -> ReportTable | None:
@@ -239,7 +228,7 @@ def revealed(result: TreatmentTable) -> ReportTable | None:
         "Rows without an estimate: no command identifies them."
     ).format(seed=part.seed, file=part.robot_file)
     header = ("", "quantity", "", "unit", "truth", "found", "off")
-    return ReportTable("revealed", "Truth and estimate", "", header, rows, frozenset({0, 1, 2, 3}), caption)
+    return ReportTable("revealed", "Truth and estimate", header, rows, {0, 1, 2, 3}, caption)
 
 
 def key_of(experiment: str, axis: int | None) -> str:

@@ -30,7 +30,7 @@ def claims(material: Material) -> ReportTable:
         rows += own
     header = ("Claim", "Where in the paper", "Paper", "Bench", "Unit", "Holds")
     title = "The paper's claims beside the bench's numbers"
-    return ReportTable("claims", title, "", header, rows, frozenset({0, 1, 4, 5}), is_prose=True, groups=groups)
+    return ReportTable("claims", title, header, rows, {0, 1, 4, 5}, is_prose=True, groups=groups)
 
 
 _AXIS = re.compile(r"\baxis (\d+)")
@@ -53,15 +53,12 @@ def resonances(material: Material) -> ReportTable:
         *(_sub(symbol, index, unit + source) for symbol, index, unit in symbols for source in sources),
         "arm on its gear (Hz, identified)",
     )
-    return ReportTable(
-        "table-1",
-        "Resonance and the motor speeds that excite it",
-        "Table 1",
-        header,
-        rows,
-        caption=f"Peak of |G_al| of the {material.model_source}'s model with its loop, and the motor speeds at which the 2nd "
-        "and the 4th harmonic meet it. Last column: the anti-resonance refined from the ramp without a notch.",
+    caption = (
+        f"Peak of |G_al| of the {material.model_source}'s model with its loop, and the motor speeds at which the 2nd "
+        "and the 4th harmonic meet it. Last column: the anti-resonance refined from the ramp without a notch."
     )
+    title = "Resonance and the motor speeds that excite it"
+    return ReportTable("table-1", title, header, rows, caption=caption, paper="Table 1")
 
 
 def transmission_errors(material: Material) -> ReportTable:
@@ -93,28 +90,16 @@ def transmission_errors(material: Material) -> ReportTable:
                 )
     paper_column = ("Paper",) if is_paper else ()
     header = ("", "Parameter", "Unit", *paper_column, material.model_source.capitalize(), "Identified ± standard error")
-    return ReportTable(
-        "table-2",
-        "Parameters of the synchronous transmission error",
-        "Table 2",
-        header,
-        rows,
-        frozenset({0, 1, 2}),
+    caption = (
         "Identified from the tip acceleration of the ramp without a notch. The standard error covers noise only. A relative "
-        "error of the tip lever appears unchanged in the amplitudes. An error of the motor angle's zero appears k times in φ_k.",
+        "error of the tip lever appears unchanged in the amplitudes. An error of the motor angle's zero appears k times in φ_k."
     )
+    title = "Parameters of the synchronous transmission error"
+    return ReportTable("table-2", title, header, rows, {0, 1, 2}, caption, paper="Table 2")
 
 
 def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable:
-    """Tabulate filters with their margins at the worst speed.
-
-    Beside the paper's Table 3.
-
-    Args:
-        material: Result and bench.
-        filters: The filters.
-        nth: Which of the filters on the page these are, from 0.
-    """
+    """Tabulate filters and their worst margins beside the paper's Table 3."""
     rows: list[list[Cell]] = []
     is_paper = material.bench.is_paper and "notch" in filters.treatments
     for axis, tables in sorted(filters.notches.items()):
@@ -142,14 +127,9 @@ def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable
     if speeds:
         margins = f" Margins: by the {material.model_source}'s model, the worst of {len(speeds[0])} motor speeds "
         margins += f"from {speeds[0][0]:g} to {speeds[0][-1]:g} rev/s."
-    return ReportTable(
-        f"table-3{filters_end(nth)}",
-        f"{filter_names(filters)}, with its margins",
-        "Table 3" if is_paper else "",
-        header,
-        rows,
-        caption=f"{_held(material, filters)}{' Brackets: the value of the paper, if it differs.' if is_paper else ''}" + margins,
-    )
+    caption = f"{_held(material, filters)}{' Brackets: the value of the paper, if it differs.' if is_paper else ''}" + margins
+    title = f"{filter_names(filters)}, with its margins"
+    return ReportTable(f"table-3{filters_end(nth)}", title, header, rows, caption=caption, paper="Table 3" if is_paper else "")
 
 
 def filters_end(nth: int) -> str:
@@ -285,13 +265,8 @@ def timing_table(material: Material) -> ReportTable:
     )
     header = ("Motion", "What", "p50", "p99", "p99.9", "max", "Cycles", "Dropped", "Late", "Missed", "Bus load (%)")
     sentence = f" Not granted: {'; '.join(refused)}." if refused else " The operating system granted every request for real time."
-    return ReportTable(
-        "timing",
-        "Timing of the cycle",
-        "",
-        header,
-        rows,
-        frozenset({0, 1}),
+    caption = (
         "Percentiles are at most 2.4 % too large and never too small; the largest is exact. A cycle that is too late is "
-        "dropped: its set-points are not sent. Late: SYNC was sent after the limit. Missed: an answer did not come." + sentence,
+        "dropped: its set-points are not sent. Late: SYNC was sent after the limit. Missed: an answer did not come." + sentence
     )
+    return ReportTable("timing", "Timing of the cycle", header, rows, {0, 1}, caption)

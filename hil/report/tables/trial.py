@@ -9,13 +9,7 @@ HEADER = ("", "Order", "Expected fall (%)", "Fall (%)", "± (%)", "Remaining (%)
 
 
 def trial_table(key: str, title: str, parts: Iterable[tuple[str, TrialPart]]) -> ReportTable:
-    """Table of the verdicts of one or more trials; None without any.
-
-    Args:
-        key: Key of the table on its page.
-        title: Its title.
-        parts: Runs by their names, with the verdicts of their trials.
-    """
+    """Table of the verdicts of one or more trials; None without any."""
     rows = [_row(name, part) for name, part in parts]
     caption = (
         "A cancellation is tried in part, on all axes and on each alone, then in full. Each order of each axis is judged by its "
@@ -23,7 +17,7 @@ def trial_table(key: str, title: str, parts: Iterable[tuple[str, TrialPart]]) ->
         "little effect to be seen above the sensor's noise. Factor and change of φ: the corrections that amplitude and phase of "
         "the cancellation need."
     )
-    return ReportTable(key, title, "", HEADER, rows, frozenset({0, 1, 9}), caption)
+    return ReportTable(key, title, HEADER, rows, {0, 1, 9}, caption)
 
 
 def _row(name: str, part: TrialPart) -> list[Cell]:
@@ -41,10 +35,7 @@ def _row(name: str, part: TrialPart) -> list[Cell]:
 
 
 def _both(value: float | None, error: float | None) -> tuple[str, str]:
-    """Return a value and its standard error as text.
-
-    Two dashes for an order without either.
-    """
+    """Return a value and its standard error, or two dashes."""
     if value is None or error is None or not 0.0 < error < TOO_LARGE:
         return "–", "–"
     return value_and_error(value, error)

@@ -5,12 +5,10 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from hil.report import style
 from hil.report.material import run_name, treatment_name
@@ -98,7 +96,7 @@ def _table(runs: Sequence[TrendRun], key: str) -> ReportTable:
         "phase margin (°)", "missed", "largest SYNC lateness (µs)", "within",
     )  # fmt: skip
     caption = "The newest first. Margins: from the model with the active filters, the worst over all speeds."
-    return ReportTable(key, "Runs", "", header, rows, frozenset({0, 1, 2, 12}), caption)
+    return ReportTable(key, "Runs", header, rows, {0, 1, 2, 12}, caption)
 
 
 def _margin_cells(run: TrendRun) -> tuple[str, str, str]:
@@ -159,10 +157,7 @@ MOST_LINES = 4
 
 
 def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
-    """Draw a motion in one window over the dates of its runs.
-
-    Each treatment has a line.
-    """
+    """Draw a motion over its runs' dates, a line per treatment."""
     figure, panels = style.panels(3, 2, 6.4, sharex=True)
     treatments = list(dict.fromkeys(run.entry.treatment for run in runs))
     for name, look in zip(treatments, style.AXIS_LINES, strict=False):
@@ -172,32 +167,20 @@ def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
     for panel, (label, _) in zip(panels.flat, PANELS, strict=True):
         panel.set_ylabel(label)
         _scale(panel, from_zero=label not in AROUND)
-    dates = [_date(run) for run in runs]
-    if len(set(dates)) == 1:
-        panels[0, 0].set_xlim(dates[0] - BESIDE, dates[0] + BESIDE)
+    dates = np.array([_date(run) for run in runs])
     for panel in panels[-1]:
-        locator: Any = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
-        panel.xaxis.set_major_locator(locator)
-        panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-        panel.set_xlabel("Date (UTC)")
+        style.date_axis(panel, dates, BESIDE, "Date (UTC)")
     style.legend_above(figure, *panels.flat)
     left = "" if len(treatments) <= MOST_LINES else f" Only {MOST_LINES} of {len(treatments)} treatments are drawn."
-    return Drawing(
-        key,
-        title,
-        "",
-        "measured and computed",
+    caption = (
         f"A point for each run; runs that were stopped or not judged have none.{left} Margins: from the model with the active "
-        "filters, the worst over all speeds.",
-        style.to_svg(figure, key),
+        "filters, the worst over all speeds."
     )
+    return style.drawing(figure, key, title, caption, style.BOTH)
 
 
 def _scale(panel: Axes, *, from_zero: bool) -> None:
-    """Choose a scale that does not magnify small changes.
-
-    It begins at 0, or has plain numbers at its ticks.
-    """
+    """Choose a scale from 0, or with plain numbers."""
     if not panel.get_lines():
         style.note(panel, "not known")
         panel.set_yticks([])

@@ -78,4 +78,4 @@ def arm_tips(rows: Sequence[Row]) -> ReportTable:
         cells.append([WORDS[name], *shown, f"{quiet} of {len(own)}", str(worse)])
     header = ("Condition", "Untreated, median", "Learnt, median", "Learnt, largest", "No error, median", "Quiet", "Worse")
     caption = "Largest displacement of the tip in its worst direction, mm, in the judged band and times, on a quiet sensor."
-    return ReportTable("arms-table", "True tip of arms (mm)", "", header, cells, frozenset({0}), caption)
+    return ReportTable("arms-table", "True tip of arms (mm)", header, cells, caption=caption)

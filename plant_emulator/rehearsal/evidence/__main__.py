@@ -64,7 +64,7 @@ def errors_table(rows: Sequence[Row], before: Sequence[Row] = ()) -> ReportTable
             now, then = _cells(each), _cells(old[each.name]) if each.name in old else None
             cells.append([each.name, *(f"{a} ({b})" for a, b in zip(now, then, strict=True))] if then else [each.name, *now])
     header = ("Quantity", "Robots", "rms of z", "Mean z", f"|z| > {FAR_Z:g}", "Median σ", "Median deviation", "Largest z")
-    return ReportTable("errors", "Replayed estimates and truth", "", header, cells, frozenset({0}), groups=groups)
+    return ReportTable("errors", "Replayed estimates and truth", header, cells, groups=groups)
 
 
 def _cells(each: QuantityStatistics) -> list[str]:

@@ -88,7 +88,7 @@ def tips(rows: Sequence[Row]) -> Drawing | None:
         "whichever is more. A curve ends at the fraction of robots whose treatment was accepted. Floor: the same robots "
         "without a transmission error."
     )
-    return Drawing("tips", "True tip under each treatment", "", COMPUTED, caption, style.to_svg(figure, "tips"))
+    return style.drawing(figure, "tips", "True tip under each treatment", caption, COMPUTED)
 
 
 def _ratios(rows: Sequence[Row], treatment: str) -> list[float]:
@@ -135,7 +135,7 @@ def before_and_after(rows: Sequence[Row]) -> Drawing | None:
         "Each point is the worst order of a robot. Horizontal dotted line: 0.010 mm; the floor can raise the goal of a robot. "
         "Diagonal dotted line: no change; robots above it are worse than before."
     )
-    return Drawing("before-after", "Before and after", "", COMPUTED, caption, style.to_svg(figure, "before-after"))
+    return style.drawing(figure, "before-after", "Before and after", caption, COMPUTED)
 
 
 def steps(rows: Sequence[Row]) -> Drawing | None:
@@ -165,7 +165,7 @@ def steps(rows: Sequence[Row]) -> Drawing | None:
     panels[0, 0].invert_yaxis()
     style.legend_above(figure, *panels[0], columns=6)
     caption = "In the order of the path. Noted: done, but less than requested. Skipped: a step that it needs failed."
-    return Drawing("steps-figure", "How the steps end", "", COMPUTED, caption, style.to_svg(figure, "steps-figure"))
+    return style.drawing(figure, "steps-figure", "How the steps end", caption, COMPUTED)
 
 
 def _inside(panel: Axes, at: style.Real, left: style.Real, counts: style.Real, whole: int) -> None:
@@ -201,7 +201,7 @@ def facts(rows: Sequence[Row]) -> Drawing | None:
         "Fraction of the robots whose path ends within the goal, with its 95 % interval. The robots form up to five groups of "
         "equal size, each drawn at its median. A falling curve shows what is still difficult."
     )
-    return Drawing("facts", "Robots within the goal by property", "", COMPUTED, caption, style.to_svg(figure, "facts"))
+    return style.drawing(figure, "facts", "Robots within the goal by property", caption, COMPUTED)
 
 
 def _fractions(panel: Axes, pairs: Any) -> None:
@@ -270,7 +270,7 @@ def errors(rows: Sequence[Row]) -> Drawing | None:
         f"required range is {RMS_Z[0]:g} to {RMS_Z[1]:g}, between the dotted lines. Squares lie outside; those at 20 may be "
         "larger."
     )
-    return Drawing("errors", "Calibration of the standard errors", "", COMPUTED, caption, style.to_svg(figure, "errors"))
+    return style.drawing(figure, "errors", "Calibration of the standard errors", caption, COMPUTED)
 
 
 def cost(rows: Sequence[Row]) -> Drawing | None:
@@ -297,4 +297,4 @@ def cost(rows: Sequence[Row]) -> Drawing | None:
     panel.yaxis.set_major_locator(MaxNLocator(integer=True))
     style.legend_above(figure, panel)
     caption = "Time of the whole path of a drawn robot. Measuring its true tip and trying wrong corrections is not included."
-    return Drawing("cost-figure", "Processor time", "", COMPUTED, caption, style.to_svg(figure, "cost-figure"))
+    return style.drawing(figure, "cost-figure", "Processor time", caption, COMPUTED)

@@ -26,7 +26,7 @@ def claims(found: Sequence[RehearsalClaim]) -> ReportTable:
     """Return the goals beside the reached numbers."""
     rows: list[list[Cell]] = [[each.words, each.asked, each.measured, Mark(each.holds)] for each in found]
     header = ("Claim", "Asked", "Measured", "Holds")
-    return ReportTable("claims", "Requirements", "", header, rows, frozenset({0, 1, 2, 3}), is_prose=True)
+    return ReportTable("claims", "Requirements", header, rows, {0, 1, 2, 3}, is_prose=True)
 
 
 def tips(rows: Sequence[Row]) -> ReportTable:
@@ -49,7 +49,7 @@ def tips(rows: Sequence[Row]) -> ReportTable:
                 name = "at the path's end" if treatment == "end" else TREATMENT_NAMES[treatment]
                 cells.append(_spread(name, values, "{:.2g}"))
     caption = "Peak of the tip's displacement in the worst order's window, in mm, on a quiet sensor; accepted treatments only."
-    return ReportTable("tip-table", "True tip (mm)", "", SPREAD_HEADER, cells, frozenset({0}), caption, groups=groups)
+    return ReportTable("tip-table", "True tip (mm)", SPREAD_HEADER, cells, caption=caption, groups=groups)
 
 
 def _spread(name: str, values: Sequence[float], form: str) -> list[Cell]:
@@ -68,7 +68,7 @@ def steps(rows: Sequence[Row]) -> ReportTable:
             counts = Counter(text(row, f"{step}_ended") for row in own)
             cells.append([STEP_NAMES[step], *(str(counts[ended]) if counts[ended] else NONE for ended in ENDED)])
     header = ("Step", *(ended.capitalize() for ended in ENDED))
-    return ReportTable("steps-table", "How each step ended", "", header, cells, groups=groups)
+    return ReportTable("steps-table", "How each step ended", header, cells, groups=groups)
 
 
 def causes(rows: Sequence[Row]) -> ReportTable:
@@ -89,7 +89,7 @@ def causes(rows: Sequence[Row]) -> ReportTable:
         "Refusals that ended the paths of robots outside the goal. True counts the robots that meet the condition of the cause "
         f"({conditions}), and those whose tip reaches the goal, or loses at least half of the excess, without the cause."
     )
-    return ReportTable("causes", "Refusals by cause", "", header, cells, frozenset({0, 3, 4}), caption, is_prose=True)
+    return ReportTable("causes", "Refusals by cause", header, cells, {0, 3, 4}, caption, is_prose=True)
 
 
 def estimates(rows: Sequence[Row]) -> ReportTable:
@@ -107,7 +107,7 @@ def estimates(rows: Sequence[Row]) -> ReportTable:
         cells.append([QUANTITY_NAMES[each.name], str(each.count), off, number_text(each.rms_z, "{:.2f}"), far, worst])
     header = ("Quantity", "Robots", "Median deviation", "rms of z", f"|z| > {FAR_Z:g}", "Largest z")
     caption = "z: estimate minus truth, in the tools' standard errors."
-    return ReportTable("estimates", "Truth and estimate", "", header, cells, frozenset({0}), caption)
+    return ReportTable("estimates", "Truth and estimate", header, cells, caption=caption)
 
 
 def worse(rows: Sequence[Row]) -> ReportTable:
@@ -124,7 +124,7 @@ def worse(rows: Sequence[Row]) -> ReportTable:
         ]
         cells.append([_seed(row), KIND_NAMES[text(row, "kind")], "; ".join(pairs)])
     header = ("Seed", "Robot", "True tip before → after")
-    return ReportTable("worse", f"Made worse: {len(found)}", "", header, cells, frozenset({0, 1, 2}), is_prose=True)
+    return ReportTable("worse", f"Made worse: {len(found)}", header, cells, {0, 1, 2}, is_prose=True)
 
 
 def probes(rows: Sequence[Row]) -> ReportTable:
@@ -143,7 +143,7 @@ def probes(rows: Sequence[Row]) -> ReportTable:
         cells.append([_probe(name), str(len(tried)), str(len(let_in)), number_text(worst, "× {:.2f}"), seeds or NONE])
     header = ("Correction", "Tried", "Accepted", "Tip, at worst", "Seeds")
     caption = "Each was given to the trial in place of the right one. Tip: of the worst order, relative to no treatment."
-    return ReportTable("probes", "Wrong corrections", "", header, cells, frozenset({0, 4}), caption)
+    return ReportTable("probes", "Wrong corrections", header, cells, {0, 4}, caption)
 
 
 def cost(rows: Sequence[Row]) -> ReportTable:
@@ -155,7 +155,7 @@ def cost(rows: Sequence[Row]) -> ReportTable:
         if values:
             cells.append(_spread(name, values, "{:.1f}"))
     caption = "In seconds. The truth: measuring the true tip and trying wrong corrections, which the path does not include."
-    return ReportTable("cost", "Processor time (s)", "", SPREAD_HEADER, cells, frozenset({0}), caption)
+    return ReportTable("cost", "Processor time (s)", SPREAD_HEADER, cells, caption=caption)
 
 
 def robots(rows: Sequence[Row]) -> ReportTable:
@@ -172,7 +172,7 @@ def robots(rows: Sequence[Row]) -> ReportTable:
         cells.append([_seed(row), KIND_NAMES.get(text(row, "kind"), NONE), tip, _short(words)])
     header = ("Seed", "Robot", "Tip / goal (mm)", "Last message")
     caption = f"{len(found)} robots; robots.csv has all. `plant-emulator rehearse --seeds SEED --keep --out FOLDER` repeats one."
-    return ReportTable("robots", "Robots not within the goal", "", header, cells, frozenset({0, 1, 2, 3}), caption, is_prose=True)
+    return ReportTable("robots", "Robots not within the goal", header, cells, {0, 1, 2, 3}, caption, is_prose=True)
 
 
 def _seed(row: Row) -> str:

@@ -26,7 +26,7 @@ PART = IdentifiedError(
 
 def table(tmp_path, known):
     result = AteResult(bench=measured_bench(), axis=2, sensorless=False, known_before=known, sensing=Sensing(gain=0.7), ate=PART)
-    return ate.arm_twice(AteMaterial(written(tmp_path, result)))
+    return ate.arm_twice(AteMaterial(written(tmp_path, result), result))
 
 
 def test_the_arm_is_compared_in_standard_errors_and_in_percent(tmp_path):
@@ -113,6 +113,6 @@ def test_names_of_the_resonant_speeds_stand_above_the_curves_and_only_where_the_
 def test_the_pass_that_is_drawn_is_the_first_of_those_that_went_furthest(tmp_path):
     known = KnownArm(source="nothing", start=None)
     result = AteResult(bench=measured_bench(), axis=2, sensorless=False, known_before=known, sensing=Sensing(gain=0.7))
-    material = AteMaterial(written(tmp_path, result))
+    material = AteMaterial(written(tmp_path, result), result)
     material.result = SimpleNamespace(passes=[SimpleNamespace(end_rps=end) for end in (9.5, 18.6, 18.6)])
     assert material.furthest == 1
