@@ -33,8 +33,8 @@ def groups(minutes: int) -> dict[str, list[Section]]:
             "One cycle is a SYNC, N answers of 8 bytes, the servo law and N set-points. The N nodes only echo frames, in "
             "their own process on the same core. *Ours* is `Run.follow`, a cycle a call: the exchange, the checks of "
             "every axis, its law, and a row of the recording. *`canopen`* is the package's PDO maps and the same law on "
-            "python-can's `virtual`, as threads of one process. *Bare* writes and reads the same records, packed beforehand, on the same kind of socket, without "
-            "law or checks; no master in Python can be faster on this path.",
+            "python-can's `virtual`, as threads of one process. *Bare* writes and reads the same records, packed beforehand, "
+            "on the same kind of socket, without law or checks; no master in Python can be faster on this path.",
             master_path,
         )],
         "bench": [(
