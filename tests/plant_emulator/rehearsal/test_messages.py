@@ -1,19 +1,23 @@
 """A run whose cycles are messages records what it does frame by frame, to the bit."""
 
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from drive_profiles.address import Address
+from drive_profiles.address import Address, parse_address
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench, load_bench
 from hil.bench.model import Identified, IdentifiedError
+from hil.can.opening import open_channel
+from hil.core.library import CORE
 from hil.errors import NotPossibleError
 from hil.experiments.bus_demand import BusDemand, check_load
 from hil.experiments.cancellation.cancellation import cancellation_of, cancellation_on
 from hil.experiments.motions import constant_acceleration, line_motion
 from hil.experiments.treatment import Knowledge
+from hil.master import cyclic
 from hil.master.session import Session
 from hil.recording import BusLog
 from hil.robot_tables import TransmissionErrorTable
@@ -179,3 +183,18 @@ def test_a_gear_that_reacts_on_its_motor_is_held_up_against():
     ]
     assert left[0] > 0.03
     assert left[1] < 0.005
+
+
+@pytest.mark.parametrize(("loop", "period_s"), [("drive", 0.002), ("host", 0.00025)])
+def test_a_stretch_over_the_local_bus_is_its_cycles_one_by_one(loop, period_s, hil_serve_local_bus, monkeypatch, tmp_path):
+    """With a log each cycle is a call of its own."""
+    bench, results, calls = short(load_bench("reference")), [], []
+    monkeypatch.setattr(cyclic, "_run_cycles", lambda *data: (calls.append(1), CORE.call.run_cycles(*data))[1])
+    for log in (BusLog(tmp_path / "frames.log"), BusLog(None)):
+        channel = open_channel(parse_address(hil_serve_local_bus().address))
+        with closing(channel), Session(bench, channel, log) as session:
+            session.bring_up()
+            results.append(session.run(constant_acceleration(bench, 2, period_s), "none", loop))
+        calls.append(0)
+    assert_same(results)
+    assert sum(calls[calls.index(0) :]) < 0.1 * calls.index(0)
