@@ -25,7 +25,7 @@ from hil.master.last_positions import LastPositions
 from hil.master.lateness import duration_text
 from hil.master.motion import Motion
 from hil.master.run_table import RunTable
-from hil.master.set_point_adder import CompiledAdder, Sensed, SensingAdder, SetPointAdder
+from hil.master.set_point_adder import CompiledAdder, Sensed, SensingAdder, SetPointAdder, SteppedAdder
 from hil.master.supervision import Supervisor
 from hil.master.whereabouts import Whereabouts, stop_text
 from hil.recording import Real, Recording
@@ -116,7 +116,7 @@ class Run:
         self._holding: dict[int, float] = {}
         self._began_rad: list[float] = []
         self._listener, self._sensor_missed = adder if isinstance(adder, SensingAdder) else None, 0
-        self._stepped = None if isinstance(adder, CompiledAdder) else adder
+        self._stepped = adder if isinstance(adder, SteppedAdder) else None
         self._bus_errors = Counter(supervisor.network.bus_errors)
 
     def _lay_out(self) -> None:
@@ -322,7 +322,7 @@ class Run:
             raise RunStopError(self._own_fault() or reason)
         return done
 
-    def _add(self, adder: SetPointAdder, references: list[float], row: int | None) -> None:
+    def _add(self, adder: SteppedAdder, references: list[float], row: int | None) -> None:
         """Ask for the additions to the next cycle's set-points.
 
         Set-points with additions stay within the speed of each axis, and the next cycles make up for the rest: a SYNC that

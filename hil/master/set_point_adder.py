@@ -7,13 +7,18 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 class SetPointAdder(Protocol):
     """Addition to every axis' set-point, in drive-closed runs.
 
-    In the order of the motion's axes.
+    It is a `SteppedAdder` or a `CompiledAdder`.
 
     Attributes:
         uses_torque: True if torque offsets (60B2h) are needed.
     """
 
     uses_torque: bool
+
+
+@runtime_checkable
+class SteppedAdder(SetPointAdder, Protocol):
+    """A `SetPointAdder` in Python, in the order of the motion's axes."""
 
     def step(
         self, references_rad: Sequence[float], positions_rad: Sequence[float], torques_nm: Sequence[float]
@@ -48,21 +53,17 @@ class Sensed(NamedTuple):
 
 @runtime_checkable
 class CompiledAdder(SetPointAdder, Protocol):
-    """A `SetPointAdder` whose `step` the core does by itself.
-
-    Attributes:
-        data: Record `cancellation` of `cancellation.h`, with which it does so.
-    """
+    """A `SetPointAdder` of the core: the laws of `cancellation.h`."""
 
     @property
     def data(self) -> Any:
-        """See the attributes."""
+        """Record `cancellation`."""
         ...
 
 
 @runtime_checkable
-class SensingAdder(SetPointAdder, Protocol):
-    """A `SetPointAdder` that adapts to the remaining vibration."""
+class SensingAdder(SteppedAdder, Protocol):
+    """A `SteppedAdder` that adapts to the remaining vibration."""
 
     def sense(self, sensed: Sensed) -> None:
         """Take the measurements of the last cycle, before each `step`."""

@@ -304,7 +304,7 @@ class Late:
     def step(
         self, references: Sequence[float], positions: Sequence[float], torques: Sequence[float]
     ) -> tuple[Sequence[float], Sequence[float]]:
-        new = self._adder.step(references, positions, torques)
+        new = self._adder.laws.step(positions, torques)
         old, self._kept = self._kept or new, new
         return old
 

@@ -89,18 +89,6 @@ class CancellationAdder:
         """The core's record of the laws."""
         return self.laws.data
 
-    def step(
-        self, references_rad: Sequence[float], positions_rad: Sequence[float], torques_nm: Sequence[float]
-    ) -> tuple[Sequence[float], Sequence[float]]:
-        """Compute the additions of the next cycle.
-
-        They follow from the measured angles and torques of the last cycle.
-
-        Returns:
-            Additions to the references in rad at the motor, and torque offsets in N·m.
-        """
-        return self.laws.step(positions_rad, torques_nm)
-
 
 @dataclass(frozen=True)
 class Cancellation:

@@ -139,7 +139,7 @@ class RigSession:
             angle = axes.counts(0) / per_rad
             torque = round(float(axes.motion[0]["torque_nm"]) / quantum) * quantum
             table[row] = angle, torque
-            addition = 0.0 if adder is None else float(adder.step([targets[row]], [measured], [felt])[0][0])
+            addition = 0.0 if adder is None else float(adder.laws.step([measured], [felt])[0][0])
             measured, felt = angle, torque
             axes.set_point(0, round((targets[row] + addition) * per_rad))
             if self._lowpass_hz or self._mount_hz or self._delay_s:

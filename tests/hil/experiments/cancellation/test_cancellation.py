@@ -45,7 +45,7 @@ def test_axes_without_a_known_error_are_left_alone(bench: Bench) -> None:
     assert found.adder().uses_torque is False
     adder = found.adder()
     for step in range(100):
-        references, torques = adder.step([0.0] * 3, [0.01 * step] * 3, [0.0] * 3)
+        references, torques = adder.laws.step([0.01 * step] * 3, [0.0] * 3)
     assert references[0] != 0.0
     assert references[2] == 0.0
     assert list(torques) == [0.0] * 3
@@ -56,7 +56,7 @@ def test_one_axis_alone_and_a_share(bench: Bench) -> None:
     whole, part, alone = found.adder(), found.adder(0.3), found.adder(1.0, only=3)
     for i in range(300):
         angles = [0.01 * i, 0.02 * i]
-        first, second, third = (each.step(angles, angles, [0.0] * 2)[0] for each in (whole, part, alone))
+        first, second, third = (each.laws.step(angles, [0.0] * 2)[0] for each in (whole, part, alone))
     assert list(second) == pytest.approx([0.3 * value for value in first], rel=0.02)  # but for the mixed waves
     assert list(third) == [0.0, first[1]]
 
@@ -81,7 +81,7 @@ def test_a_measured_delay_of_the_set_points_is_a_phase_ahead(bench: Bench) -> No
 def test_the_torque_way_maps_offsets_and_gives_them_in_steps(bench: Bench) -> None:
     law = cancellation_for(bench, None, (2,), 0.001, actuation="torque", torque_steps_nm={2: 0.002}).adder()
     assert law.uses_torque
-    given = {round(law.step([0.0], [0.0377 * i], [0.0])[1][0] / 0.002, 6) for i in range(400)}
+    given = {round(law.laws.step([0.0377 * i], [0.0])[1][0] / 0.002, 6) for i in range(400)}
     assert all(value == round(value) for value in given)
     assert max(given) >= 2.0
 

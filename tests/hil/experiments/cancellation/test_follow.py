@@ -140,7 +140,7 @@ def test_the_adder_listens_and_begins_with_what_was_identified():
     for row in range(200):
         angle = [float(motion.motor_angle_rad[row, 0])]
         adder.sense(Sensed((0.0, 0.0, 0.0) if row % 7 else None, row))
-        assert adder.step(angle, angle, [0.0]) == plain.step(angle, angle, [0.0])
+        assert adder.step(angle, angle, [0.0]) == plain.laws.step(angle, [0.0])
     first = adder.followed()[0]
     assert (first.axis, first.order, first.turned_deg, first.amplitude_end_arcsec) == (2, 2, 0.0, pytest.approx(5.0))
 
