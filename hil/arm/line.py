@@ -22,12 +22,7 @@ SHORTEST_M, SHORTEST_RAD = 1e-6, 1e-6
 
 @dataclass(frozen=True)
 class ArmLine:
-    """A line motion of an arm.
-
-    Attributes:
-        arm: The arm's tables.
-        line: The line.
-    """
+    """A line motion of an arm."""
 
     arm: ArmTable
     line: StraightLine

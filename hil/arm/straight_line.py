@@ -74,9 +74,7 @@ class StraightLine:
     """A straight line with smooth speed; rest before and after.
 
     Attributes:
-        arm: The arm.
         near: Joint angles near the start, which select the arm's configuration; shape (n,).
-        start: Pose at the start.
         end: Pose at the end; its axes are free if the start's are.
         move: The speed along the line.
         dwell_s: Time of rest before the motion.

@@ -92,12 +92,7 @@ def frame_of(message: can.Message) -> Frame:
 
 
 def message_of(frame: Frame, **details: Any) -> can.Message:
-    """The message of python-can of a frame.
-
-    Args:
-        frame: The frame.
-        **details: Further arguments of the message, such as its `timestamp`.
-    """
+    """The message of python-can of a frame."""
     is_remote = bool(frame.can_id & CAN_RTR_FLAG)
     return can.Message(
         arbitration_id=frame.can_id & CAN_EFF_MASK,

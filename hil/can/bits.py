@@ -71,10 +71,6 @@ def duration_ns(frame: Frame, bitrate: int) -> int:
 
     The intermission is included; rounded up.
 
-    Args:
-        frame: The frame on the bus.
-        bitrate: Bit rate in bit/s.
-
     Raises:
         ValueError: The frame is one that `frame_bits` refuses.
     """
@@ -253,12 +249,6 @@ def fd_sent_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = T
     """Return the bits of a CAN FD frame as sent.
 
     From SOF to the last bit of the CRC, with all stuff bits; "0" is dominant.
-
-    Args:
-        can_id: The identifier, without flags.
-        data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
-        extended: True for a 29-bit identifier.
-        brs: True if the data phase has a bit rate of its own.
 
     Raises:
         ValueError: The frame is one that `fd_bits` refuses.

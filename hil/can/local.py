@@ -86,11 +86,7 @@ def stamp_arrivals(sock: socket.socket) -> None:
 
 
 def arrival_ns(ancillary: Sequence[tuple[int, int, bytes]]) -> int | None:
-    """Return the kernel's time of a message in ns since 1970, or None.
-
-    Args:
-        ancillary: What `recvmsg` has received beside the message.
-    """
+    """Return the kernel's time of a message in ns since 1970, or None."""
     for level, kind, data in ancillary:
         if (level, kind, len(data)) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS, _TIMESPEC.size):
             seconds, nanoseconds = _TIMESPEC.unpack(data)

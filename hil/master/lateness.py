@@ -76,11 +76,7 @@ class CycleSchedule:
     its set-points belong to an instant that has passed, and the next cycle has newer ones.
 
     Attributes:
-        clock: Clock of the master.
-        period_s: SYNC period T.
         limit_s: Largest lateness at which a cycle is still sent.
-        lateness: Time from the deadline to the SYNC, or to the decision to drop the cycle.
-        arrivals: Time from SYNC to the reading of an answer.
         cycles: Number of cycles so far, the dropped ones included.
         dropped: Number of dropped cycles, those that passed unseen included.
         late: Number of SYNCs that left beyond the limit, although they were in time at the last check.
@@ -261,15 +257,7 @@ class WallClockTiming:
         receive_overflows: int | None,
         measures: tuple[Measure, ...],
     ) -> "WallClockTiming":
-        """The timing of a run that has come to its end.
-
-        Args:
-            schedule: Deadlines and statistics of the run.
-            missed: Cycles in which an answer did not come.
-            bitrate: Bit rate of the bus, or None if it is not known.
-            receive_overflows: Frames lost for want of room, or None if that is not known.
-            measures: Requests to the operating system and their outcome.
-        """
+        """The timing of a run that has come to its end."""
         duration = schedule.duration_s
         return cls(
             period_s=schedule.period_s,

@@ -81,7 +81,6 @@ class Network:
     Time on a lock-step bus is counted in SYNCs; on any other it is the monotonic clock, from the start of the network.
 
     Attributes:
-        channel: The bus.
         messages: The same, if it can take a cycle in one message each way; else None.
         emergencies: Emergencies of the nodes that were not handled yet; a bounded queue.
         fault_texts: For each node, its maker's own error codes in words.
@@ -271,14 +270,6 @@ class Network:
 
     def write(self, node: int, index: int, subindex: int, kind: DataType, value: Any, name: str = "") -> None:
         """Write an object and read it back, raw bytes compared.
-
-        Args:
-            node: Node-ID of the node.
-            index: Index of the object.
-            subindex: Sub-index of the object.
-            kind: Data type of the object.
-            value: New value, in the object's own unit.
-            name: Name of the object, for messages.
 
         Raises:
             SdoAbortedError: The node refuses.

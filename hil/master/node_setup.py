@@ -14,14 +14,7 @@ from hil.master.supervision import Supervisor
 
 
 class NodeSetup:
-    """Set-up of a run's nodes, and restoration of their former contents.
-
-    Args:
-        network: The bus.
-        bus: Table with the master's node-ID and the heartbeat period.
-        axes: The axes that take part.
-        exchange: PDOs of the axes and the sensor.
-    """
+    """Set-up of a run's nodes, and restoration of their former contents."""
 
     def __init__(self, network: Network, bus: Bus, axes: list[DriveAxis], exchange: CyclicExchange) -> None:
         self._network, self._bus, self._axes, self._exchange = network, bus, axes, exchange
@@ -30,9 +23,6 @@ class NodeSetup:
         """Refuse a run for which a profile or a drive lacks something.
 
         The error has all that is missing; nothing is written.
-
-        Args:
-            with_notch: True if the drives' filters act.
 
         Raises:
             ProfileGapsError: A profile lacks what the run needs.

@@ -193,10 +193,6 @@ class RealTime:
     """Context in which this thread runs in real time, if permitted.
 
     A refusal is not an error.
-
-    Args:
-        settings: The requests.
-        system: The calls to the system; a test gives its own.
     """
 
     def __init__(self, settings: Settings, system: System | None = None) -> None:

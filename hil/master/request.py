@@ -29,16 +29,7 @@ ROUNDED = 1e-6
 
 @dataclass(frozen=True)
 class RunRequest:
-    """Input of one run.
-
-    Attributes:
-        motion: Motion of the axes.
-        filters: Filters that act: the drives' or, host-closed, the host's; or none.
-        loop: Place of the loop, drive or host.
-        adder: Additions to the set-points of a drive-closed run.
-        fixed: Fixed filters by axis, instead of the variable ones; host-closed only.
-        shows_filter: Let the drives send the state of their first filter in a second TPDO.
-    """
+    """Input of one run."""
 
     motion: Motion
     filters: FilterUse

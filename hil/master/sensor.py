@@ -90,13 +90,7 @@ class TipAccelerometer(ABC):
 
 
 class CanopenSensor(TipAccelerometer):
-    """A CANopen accelerometer (CiA 404) that answers each SYNC with a TPDO.
-
-    Args:
-        network: The bus.
-        node: Node-ID of the sensor.
-        profile: Profile with its expected identity.
-    """
+    """A CANopen accelerometer (CiA 404) that answers each SYNC with a TPDO."""
 
     def __init__(self, network: Network, node: int, profile: Profile) -> None:
         self._network, self._node, self._profile = network, node, profile
@@ -142,12 +136,7 @@ class CanopenSensor(TipAccelerometer):
 
 
 class SerialSensor(TipAccelerometer):
-    """An accelerometer on a serial port; time must be the wall clock's.
-
-    Args:
-        network: The bus beside which it measures.
-        reader: Reader of the port, on the master's clock.
-    """
+    """An accelerometer on a serial port; time must be the wall clock's."""
 
     def __init__(self, network: Network, reader: AccelerometerReader) -> None:
         self._network, self._reader = network, reader

@@ -57,9 +57,6 @@ class Session:
         clock: Clock of runs in wall-clock time; the monotonic clock unless it is given.
 
     Attributes:
-        axes: The axes of the bench, by number.
-        sensor: The accelerometer.
-        supervisor: Supervisor of the nodes and the user.
         emulated: For each axis, and for an accelerometer on the bus, True if it is emulated; None if it did not answer.
         not_restored: Settings that could not be restored, in words; empty when all were.
     """

@@ -56,7 +56,6 @@ class Whereabouts:
     """Position of an axis after a stop.
 
     Attributes:
-        axis: Number of the axis.
         stands_rev: Position of its motor; None if it did not answer.
         began_rev: Position of the motor when the drive was enabled; None if it was not.
     """

@@ -42,7 +42,6 @@ class AccelerometerReader:
         now: The clock of all times, in s; the monotonic clock unless it is given.
 
     Attributes:
-        settings: Port, framing and timing of the sensor.
         overruns: Samples that newer ones have replaced before they were read.
     """
 

@@ -91,9 +91,6 @@ class Client:
         """Return the records of the next message; None if the client is gone.
 
         They are empty if none has come. A message that is not made of whole records is dropped.
-
-        Args:
-            wait: Wait for it, up to `CLOCK_WAIT_S`.
         """
         try:
             data = self.socket.recv(65536 if self._is_stream else _MESSAGE_BYTES, 0 if wait else socket.MSG_DONTWAIT)

@@ -44,12 +44,6 @@ class Server:
 
     The client that sent the last SYNC holds the clock: while it is connected, only SYNC advances the world. Otherwise the world
     follows the monotonic clock; if it has fallen behind, it first processes the waiting frames, see `bus.stalls`.
-
-    Attributes:
-        world: The world behind the bus.
-        path: Path of the socket.
-        medium: The medium between world and clients.
-        time: The wall clock, as the world follows it.
     """
 
     def __init__(

@@ -115,13 +115,7 @@ class VirtualcanClient(Client):
     """
 
     def __init__(self, sock: socket.socket, port: int, over: Callable[[str], None]) -> None:
-        """Take over a connected socket.
-
-        Args:
-            sock: The server's end.
-            port: Its number on the bus.
-            over: Takes the reason when it is dropped.
-        """
+        """Take over a connected socket."""
         super().__init__(sock, port)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.may_be_clock = False  # a program behind a TCP port keeps wall-clock time

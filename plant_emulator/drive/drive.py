@@ -67,14 +67,8 @@ class Drive(SlaveNode):
     `receive`, `advance` and `due` are those of every node; `update` is called after each advance of the axes.
 
     Attributes:
-        axes: The mechanics.
         row: Row of the axis in `Axes.rows`.
         behaviour: The quirks that the robot file gives the drive.
-        data: The process data, between the dictionary and the axis.
-        stage: The power stage.
-        inputs: The digital inputs, safe torque off among them.
-        probes: The touch probes.
-        limit_switches: Effect of the limit switches on the motion.
         family: The drive's family: which drive it is, and what of it is not emulated.
         on_state: Called with the state before and the new one, before the power stage follows.
         on_change: Called when the status or the units have changed: the process image has to be written anew.
@@ -85,10 +79,6 @@ class Drive(SlaveNode):
         """Join an axis to a node.
 
         The node-ID is that of the robot file.
-
-        Args:
-            axes: The mechanics.
-            number: Axis number.
 
         Raises:
             DriveProfileError: There is no such profile, or its file or the EDS file has errors.
@@ -193,9 +183,6 @@ class Drive(SlaveNode):
         It may have exceeded a limit, finished a stop, or come to the next set-point.
 
         Call this after each advance of the axes.
-
-        Args:
-            now: The time, in ns.
         """
         row, signals = self.row, self._signals
         trip = signals.trip[row]

@@ -15,15 +15,7 @@ STOP_PATIENCE_S = 0.5
 
 
 class PowerStage:
-    """Control of the motor by the state machine and the modes.
-
-    Attributes:
-        axes: The mechanics.
-        row: Row of the axis in `Axes.rows`.
-        data: The process data, between the dictionary and the axis.
-        targets: The targets of the modes, between the dictionary and the axis.
-        motion: The axis' row of process data.
-    """
+    """Control of the motor by the state machine and the modes."""
 
     def __init__(self, axes: Axes, row: int, data: DriveData) -> None:
         """Keep references to the axis; the brake is unchanged."""

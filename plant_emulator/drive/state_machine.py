@@ -146,11 +146,6 @@ def commanded(power: Power, control_word: int, options: Options = DEFAULT_OPTION
 
     A drive calls it until nothing changes any more: switch on and enable in one word is transition 3, then 4. A caller that
     must not energise now keeps the state of before.
-
-    Args:
-        power: Before.
-        control_word: 6040h in force.
-        options: The option codes.
     """
     quick_stop_option = QuickStopOption.DISABLE if options.quick_stop_ends else options.quick_stop
     before = power.state

@@ -16,7 +16,6 @@ class DriveStatus:
     They are precomputed, since an enum lookup costs more than the rest of the status word.
 
     Attributes:
-        power: The memory of the state machine.
         is_powered: True if the motor is, or may be, under torque.
         is_enabled: True if the state is Operation enabled.
         is_stopping: True if the motor is being brought to rest, after which the state changes or the motor is held.

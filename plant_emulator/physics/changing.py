@@ -10,11 +10,5 @@ CHANGE, PAST = CORE.dtype("change"), CORE.dtype("past")
 
 
 def put_error(change: Record, past: Record, plant: Record) -> None:
-    """Update the axis' constants to the present transmission error.
-
-    Args:
-        change: How the error changes.
-        past: What the gear has gone through.
-        plant: The axis' constants.
-    """
+    """Update the axis' constants to the present transmission error."""
     CORE.call.put_error(CORE.pointer(change, "change"), CORE.pointer(past, "past"), CORE.pointer(plant, "plant"))

@@ -67,7 +67,6 @@ class Artefacts:
     """Frame log and runs of one test, in memory until it fails.
 
     Attributes:
-        trace: Frames of its bus.
         is_saved: True once they are on disk.
     """
 

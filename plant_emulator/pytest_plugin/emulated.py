@@ -91,9 +91,6 @@ class EmulatedRobot:
     A test can inspect it and let its time pass.
 
     Attributes:
-        model: Its robot file.
-        world: All nodes and the mechanics.
-        channel: The bus.
         drives: The emulated drives by axis number.
     """
 

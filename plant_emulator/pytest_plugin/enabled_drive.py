@@ -134,7 +134,6 @@ class EnabledDrive:
     Positions are the motor's, in revolutions.
 
     Attributes:
-        number: Number of its axis.
         axis: The drive as the master sees it.
         limits: Limits of the bench file.
     """

@@ -23,7 +23,6 @@ class BenchSession(Session):
     """A session with its target.
 
     Attributes:
-        target: Bus on which the session runs.
         held: The exchange with the drive that a fixture has enabled, if one has.
     """
 
@@ -60,14 +59,6 @@ class BenchSession(Session):
         shows_filter: bool = True,
     ) -> RunResult:
         """Make one run; its result is kept if the test fails.
-
-        Args:
-            motion: Motion of the axes.
-            filters: Use of the filters.
-            loop: `host` or `drive`, which closes the loop.
-            adder: Adder to the set-points of a drive-closed run.
-            fixed: Filters by axis instead of the variable ones; host-closed only.
-            shows_filter: Record the state of the drives' first filter.
 
         Raises:
             KeyboardInterrupt: Ctrl-C; the axes have come to rest.

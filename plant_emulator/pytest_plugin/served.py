@@ -16,7 +16,6 @@ class ServedBus:
     """`plant-emulator serve` as a process.
 
     Attributes:
-        process: The process.
         socket: Path of its socket.
         address: The same, as `--bus` and a bench file have it.
     """

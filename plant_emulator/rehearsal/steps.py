@@ -33,7 +33,6 @@ class RunNote(NamedTuple):
     """Outcome of a run that was made.
 
     Attributes:
-        note: Its note.
         left_out: Orders that a trial has left out.
         causes: Causes of the excess over the goal; empty if there is none, or none was stated.
         left: Its remainder of the vibration, in words.
@@ -95,15 +94,7 @@ class PathFiles:
 
 
 class StepsInProcess:
-    """Steps by the product's functions, on a channel of this process.
-
-    Args:
-        bench: The bench file.
-        axis: Number of the axis.
-        files: The files of the path.
-        channel: The robot.
-        effort: Effort of the notch's search.
-    """
+    """Steps by the product's functions, on a channel of this process."""
 
     def __init__(self, bench: Bench, axis: int, files: PathFiles, channel: Channel, effort: Effort) -> None:
         self._bench, self._axis, self._files, self._channel, self._effort = bench, axis, files, channel, effort

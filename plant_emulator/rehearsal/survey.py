@@ -42,13 +42,7 @@ class TrueTip(NamedTuple):
 
 
 class Survey:
-    """Runs of the user's motion, measured by an ideal sensor.
-
-    Args:
-        robot: The robot.
-        bench: Its bench file.
-        axis: Number of the axis.
-    """
+    """Runs of the user's motion, measured by an ideal sensor."""
 
     def __init__(self, robot: Robot, bench: Bench, axis: int) -> None:
         self._robot, self._bench, self._axis = robot, bench, axis

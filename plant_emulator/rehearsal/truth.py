@@ -105,11 +105,6 @@ def tracked_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict
     """Return the largest order-tracked tip amplitude by order, mm.
 
     It is the part at k θ_m alone, in each order's window of a rising ramp.
-
-    Args:
-        recording: Recording on a quiet sensor.
-        axis: Number of the axis.
-        f_al_hz: The robot's own.
     """
     angle, period = recording.axis(axis, "position_rad"), recording.period_s
     top = int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) - round(END_S / period)

@@ -88,13 +88,7 @@ REAL_HYSTERESIS_NM = 2.0
 
 
 class Draws:
-    """Named draws of one robot.
-
-    Args:
-        seed: Seed of all.
-        ranges: Distributions by name.
-        prefix: Part of the robot, before the names.
-    """
+    """Named draws of one robot."""
 
     def __init__(self, seed: int, ranges: Distributions, prefix: str = "") -> None:
         self._seed, self._ranges, self._prefix = seed, ranges, prefix

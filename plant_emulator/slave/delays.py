@@ -52,12 +52,6 @@ class DelayedSlave(Slave):
 
     If the NMT state ends a service, its held frames are lost: a node that has been stopped or reset sends no earlier PDO and
     no earlier SDO answer (CiA 301, 7.3.2.2.5).
-
-    Args:
-        behaviour: The delays.
-        seed: Seed of the jitter.
-        arguments: Of `Slave`.
-        options: Of `Slave`.
     """
 
     def __init__(self, behaviour: Behaviour, seed: int, *arguments: Any, **options: Any) -> None:

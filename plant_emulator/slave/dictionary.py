@@ -210,9 +210,7 @@ class Cell:
     PDOs and the owner hold a reference to it, so that a cycle costs no look-up.
 
     Attributes:
-        entry: The entry whose value this is.
         is_guarded: True if the entry refuses some values of its type.
-        is_readable: True if an SDO may read the entry.
         value: The present value; the owner may set it directly, unchecked. It does not count where there is a read hook.
         read_hook: Gives the live value.
         write_hook: Checks and applies a value from the bus before it is stored.
@@ -310,7 +308,6 @@ class Dictionary:
         node_id: Added to the defaults that depend on it; the `Slave` sets it.
 
     Attributes:
-        node_id: Node-ID of the node that has the dictionary.
         stored: By address, the value that a reset restores instead of the default; see `ParameterStore`.
         on_change: Called with the entry that an SDO has given another value; PDOs pass it by.
         on_hook: Called when an entry has got another hook.
@@ -436,12 +433,6 @@ class Dictionary:
 
     def share(self, index: int, subindex: int, values: "memoryview[int]", place: int) -> None:
         """Keep the value of an entry in an array, before anyone holds its cell.
-
-        Args:
-            index: Index of the entry.
-            subindex: Its sub-index.
-            values: Whole numbers of that array.
-            place: Which of them is the value.
 
         Raises:
             KeyError: There is no such entry.

@@ -126,12 +126,6 @@ class EmergencyProducer:
 
         Nothing happens while the same cause is active with the same code.
 
-        Args:
-            cause: Name of the cause, by which `clear_cause` withdraws it.
-            code: Error code of the emergency, 16 bits.
-            register: Bits of the error register (1001h); the generic bit is added.
-            vendor: Manufacturer-specific bytes, at most 5.
-
         Raises:
             ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 manufacturer-specific bytes.
         """

@@ -498,11 +498,7 @@ class Slave:
 
 
 class SlaveNode:
-    """A node of the world, with a slave underneath.
-
-    Attributes:
-        slave: The CANopen engine underneath.
-    """
+    """A node of the world, with a slave underneath."""
 
     slave: Slave
 

@@ -26,12 +26,6 @@ def judge_all(
 ) -> list[list[Row]]:
     """Judge plants 0, 1, … of each study.
 
-    Args:
-        studies: Each gets as many runs.
-        runs: Number of runs of each study.
-        executors: Executors of the runs.
-        on_done: Called with the number of runs that have been done since it was called before.
-
     Raises:
         ValueError: No runs.
         RuntimeError: A process died twice at the same plant.

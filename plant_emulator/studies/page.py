@@ -16,10 +16,6 @@ from plant_emulator.trials.statistics import fraction_text
 def write_page(path: Path, studies: Sequence[tuple[Summary, Sequence[ReportTable]]]) -> Path:
     """Write the page of some studies of one robot, at least one.
 
-    Args:
-        path: The page.
-        studies: Each study's summary, and its tables.
-
     Raises:
         OSError: The page cannot be written.
     """

@@ -32,7 +32,6 @@ class Influence:
     """Influence of one unknown on the result.
 
     Attributes:
-        name: The unknown.
         label: Name for readers.
         correlation: Spearman's rank correlation; of an angle, unsigned, the multiple one with its cosine and sine.
         low: Lower end of its 95 % interval.
@@ -58,7 +57,6 @@ class Summary:
     """The runs of one study.
 
     Attributes:
-        study: The study that was run.
         judged: Every run, by index.
         nominal: The robot of the file.
         meeting: Stable and within the specification.

@@ -28,11 +28,7 @@ Result = TypeVar("Result")
 
 
 class ExecutorsLostError(Exception):
-    """Loss of all executors, for instance of the scheduler.
-
-    Args:
-        where: Address that does not answer any more.
-    """
+    """Loss of all executors, for instance of the scheduler."""
 
     def __init__(self, where: str) -> None:
         super().__init__(f"{where} is lost")
@@ -74,9 +70,6 @@ class LocalProcesses:
     """Processes of this machine, each an executor of its own.
 
     A process that dies loses only its own task.
-
-    Args:
-        jobs: Number of processes.
     """
 
     died: tuple[type[Exception], ...] = (BrokenProcessPool,)

@@ -86,15 +86,7 @@ class Snapshot:
         return tuple(missing)
 
     def write(self, index: int, subindex: int, kind: DataType, value: Any, name: str = "") -> None:
-        """Write an object and read it back, keeping its former content.
-
-        Args:
-            index: Index of the object.
-            subindex: Sub-index of the object.
-            kind: Data type of the object.
-            value: New value, in the object's own unit.
-            name: Name of the object, for messages.
-        """
+        """Write an object and read it back, keeping its former content."""
         if (index, subindex) not in self._before:
             seen = self._seen.pop((index, subindex), None)
             self._before[index, subindex] = self.network.read_raw(self.node, index, subindex, name) if seen is None else seen
@@ -174,10 +166,7 @@ class DriveAxis:
     """One axis: table of the bench file, profile, and node.
 
     Attributes:
-        number: Axis number.
-        table: Table of the axis in the bench file.
         profile: Drive profile of the family that the bench file names; once identified, of the drive's product.
-        scaling: Units of the drive, from its own objects.
         notches: Filters that act in the drive, as it holds them; none before `write_notches`.
         snapshot: Former contents of the objects that were changed.
     """

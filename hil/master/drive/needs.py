@@ -182,11 +182,6 @@ def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
     """Return remarks on a run's drives: limits, modes with a loss.
 
     Limits that a drive does not hold, and modes that are worse than CSP; a sentence each.
-
-    Args:
-        bench: The bench file.
-        axes: Numbers of the axes that take part; others than the bench's are left out.
-        loop: Place of the loop, drive or host.
     """
     said: list[str] = []
     for number in axes:
@@ -206,13 +201,6 @@ def profile_gaps(
     """Return what a profile lacks for a run.
 
     A sentence each; empty if it has everything.
-
-    Args:
-        number: Number of the axis.
-        table: Table of the axis in the bench file.
-        profile: Drive profile.
-        loop: Place of the loop; None before it is known.
-        with_notch: True if the drive's filters act.
     """
     gaps = [*scale_gaps(number, table, profile), *_gain_gaps(table, profile, loop)]
     if loop is not None and mapping.mode_of(loop, profile) is None:

@@ -22,13 +22,7 @@ class OverheardQuestions(Questions):
         self.node, self.missing = node.number, []
 
     def number(self, need: Need, kind: DataType | None = None, *, is_optional: bool = False) -> int | None:
-        """Return the number as the master would have read it, or None.
-
-        Args:
-            need: The object.
-            kind: Its data type; None for an unsigned integer.
-            is_optional: Do not count it as missing.
-        """
+        """Return the number as the master would have read it, or None."""
         told = self._told
         is_stated = told.description is not None and need.address in told.description.values
         value = told.value(*need.address) if need.address in told.heard or is_stated else None

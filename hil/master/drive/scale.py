@@ -63,12 +63,6 @@ class Questions:
 def read_scaling(asked: Questions, number: int, table: AxisTable | NothingStated, profile: Profile) -> Scaling | None:
     """Read the units of a drive.
 
-    Args:
-        asked: Questions to the drive; they keep the missing objects.
-        number: Number of the axis.
-        table: Units in the bench file.
-        profile: Drive profile.
-
     Returns:
         The scaling; None if an object for it is missing.
 
@@ -121,12 +115,6 @@ def check_load_encoder(asked: Questions, number: int, table: AxisTable, profile:
     """Refuse a second encoder with other steps than the bench file's.
 
     A drive need not have objects for them (60E6h and 60EBh).
-
-    Args:
-        asked: Questions to the drive.
-        number: Number of the axis.
-        table: Table of the axis in the bench file.
-        profile: Drive profile.
 
     Raises:
         NodeError: Its steps per revolution are others.

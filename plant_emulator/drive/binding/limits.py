@@ -28,19 +28,11 @@ class DriveLimits:
     objects, or on the drive's state.
 
     Attributes:
-        counting: Conversion between the drive's units and the encoder's counts.
         is_profile_halted: True if the halt bit holds the profile at speed 0.
     """
 
     def __init__(self, axes: Axes, number: int, family: DriveFamily, counting: Counting) -> None:
-        """Bind the limits' entries.
-
-        Args:
-            axes: The mechanics.
-            number: Axis number.
-            family: The drive's family, with the dictionary.
-            counting: Counting of the drive when it leaves the factory.
-        """
+        """Bind the limits' entries."""
         self.counting = counting
         self.is_profile_halted = False
         self._are_position_limits_off = False  # whatever is written: homing looks for the zero that they count from

@@ -16,14 +16,7 @@ from plant_emulator.slave.dictionary import Dictionary
 
 
 def bind_load_encoder(dictionary: Dictionary, axes: Axes, number: int, position: ObjectAddress) -> None:
-    """Bind the objects of an axis' second encoder to its joint.
-
-    Args:
-        dictionary: The drive's entries, those of `load_encoder_entries` among them.
-        axes: The mechanics.
-        number: Axis number.
-        position: Where the drive shows its position.
-    """
+    """Bind the objects of an axis' second encoder to its joint."""
     encoder = axes.robot.axis[number].load_encoder
     if encoder is None:
         return

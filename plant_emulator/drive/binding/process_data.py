@@ -53,25 +53,14 @@ class DriveData:
     It supplies live values and checks written values.
 
     Attributes:
-        axes: The mechanics.
         row: Row of the axis in `Axes.rows`.
         motion: The axis' row of process data.
-        dictionary: All entries of the drive.
-        counting: Conversion between the drive's units and the encoder's counts.
         process: The axis' row of `Axes.processes`.
         on_units: Called when `counting` has changed.
-        limits: Limits, ramps and windows.
     """
 
     def __init__(self, axes: Axes, number: int, family: DriveFamily, is_powered: Callable[[], bool]) -> None:
-        """Bind the dictionary.
-
-        Args:
-            axes: The mechanics.
-            number: Axis number.
-            family: The drive's family, with the dictionary.
-            is_powered: Returns True if the motor is, or may be, under torque.
-        """
+        """Bind the dictionary."""
         self.axes, self.row = axes, axes.row(number)
         self.motion: Any = axes.motion[self.row]
         self.dictionary = family.dictionary

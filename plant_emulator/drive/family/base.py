@@ -23,7 +23,6 @@ class DriveFamily(ABC):
 
     Attributes:
         profile: Name of the profile that describes the drive.
-        dictionary: All entries of the drive.
         scaling: Scaling of the drive when it leaves the factory.
         modes: The modes that it has and that are emulated.
         store_commands: The entries that store and restore.
@@ -95,11 +94,6 @@ class DriveFamily(ABC):
         """Bind the family's entries to a row of the axes.
 
         The CiA 402 entries and the engine's are bound already.
-
-        Args:
-            axes: The mechanics, and the arrays of the servo law.
-            row: Row of the axis in `Axes.rows`.
-            is_powered: Returns True if the motor is, or may be, under torque.
         """
 
     @abstractmethod

@@ -15,14 +15,7 @@ INTEGRAL_TIME = "velocity_integral_time_s"
 
 
 class Gains:
-    """Gains of a drive, as far as its drive profile states them.
-
-    Args:
-        profile: Drive profile.
-        loop: Loop of the drive profile.
-        axis: Gives the gains of the robot file and the torque constant.
-        scaling: Scaling of the drive.
-    """
+    """Gains of a drive, as far as its drive profile states them."""
 
     def __init__(self, profile: Profile, loop: LoopFacts, axis: RobotAxis, scaling: Scaling) -> None:
         self._profile, self._loop, self._scaling = profile, loop, scaling

@@ -64,11 +64,6 @@ class MakersPosition(CyclicPosition):
     """A position mode of the drive's maker.
 
     It takes its own target with every SYNC; the emulator interpolates it as in CSP.
-
-    Args:
-        stage: The power stage.
-        number: Its number in 6060h.
-        target: Object of its target.
     """
 
     is_plain = False

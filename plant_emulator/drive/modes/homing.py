@@ -81,21 +81,13 @@ class GoTo(NamedTuple):
 
 
 class HomingAttained(NamedTuple):
-    """Homing is attained: the motor is at rest at the zero.
-
-    Args:
-        counts: Position of the encoder at the zero.
-    """
+    """Homing is attained: the motor is at rest at the zero."""
 
     counts: float
 
 
 class HomingFailed(NamedTuple):
-    """Homing error.
-
-    Args:
-        reason: Reason of the failure, for a log.
-    """
+    """Homing error."""
 
     reason: str
 
@@ -203,12 +195,7 @@ class Homing:
         self._demand = Move(0)
 
     def start(self, counts: float, inputs: int) -> HomingStep:
-        """Begin at the motor's present position.
-
-        Args:
-            counts: Position of the encoder now.
-            inputs: Bits of the switches that are active.
-        """
+        """Begin at the motor's present position."""
         method = self._method
         self._inside = inputs
         if self._here:

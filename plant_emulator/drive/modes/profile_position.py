@@ -43,12 +43,7 @@ class ProfilePosition(ModeOfOperation):
     number, motion = Mode.PP, record.PROFILE
 
     def __init__(self, stage: PowerStage, handshake_syncs: int = 0) -> None:
-        """Keep a reference to the power stage.
-
-        Args:
-            stage: The power stage.
-            handshake_syncs: SYNCs after which a set-point is acknowledged.
-        """
+        """Keep a reference to the power stage."""
         super().__init__(stage)
         self._handshake_syncs = handshake_syncs
         self._syncs_left = 0

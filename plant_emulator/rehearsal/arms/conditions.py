@@ -31,13 +31,7 @@ ALONG = 0.9
 
 
 class Condition(NamedTuple):
-    """A condition.
-
-    Attributes:
-        name: Its name, as in the columns of a row.
-        robot: The robot in it.
-        bench: The bench file with its line.
-    """
+    """A condition."""
 
     name: str
     robot: ArmRobot

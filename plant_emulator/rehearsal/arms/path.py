@@ -186,11 +186,6 @@ def run_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
     """Run the documented path on one arm.
 
     Learn on its line, run with the result, and measure the true tip in all conditions.
-
-    Args:
-        robot: The arm.
-        bench: The bench file, which knows nothing of it.
-        folder: Directory of all files.
     """
     row: dict[str, Value] = dict(arm_facts(robot))
     if bench.line_motion is None:

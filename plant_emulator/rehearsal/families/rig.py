@@ -34,11 +34,6 @@ def bench_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Bench:
     """Return the bench file of such a robot.
 
     It states what the drives cannot report.
-
-    Args:
-        robot: The robot with these drives.
-        bench: The bench file to begin from, with gains.
-        families: Families by axis.
     """
     tables = {number: _table(robot.axis[number], bench.axis[number], name) for number, name in families.items()}
     changed = bench.model_copy(update={"axis": {**bench.axis, **tables}})

@@ -165,12 +165,6 @@ def _tried(rig: Rig, law: str, angles: Real, turned: Callable[[float], float]) -
     The result has the parts of the orders from which on they are tracked; None if the trial refuses.
 
     The other laws do not state how well they know the remainder; for them the trial takes all or nothing.
-
-    Args:
-        rig: The axis.
-        law: The law.
-        angles: Motor angles at each SYNC.
-        turned: Turn of φ_k at a time.
     """
     noises, number = count(AFTER_TRIAL + 1), rig.number
     orders = [each.order for each in rig.followed()]

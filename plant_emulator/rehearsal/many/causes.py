@@ -15,13 +15,7 @@ LAST_WORDS = ("cancellation_learnt", "learn", "cancellation", "ate", "plant")
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause that a refusal can state.
-
-    Attributes:
-        name: Name, as the error has it.
-        condition: The robots that have it, in words.
-        is_true: True for a robot that has it.
-    """
+    """A cause that a refusal can state."""
 
     name: RefusalCause
     condition: str
@@ -84,10 +78,6 @@ class Refusal:
     """The refusal that ended a path.
 
     Attributes:
-        seed: Seed of the robot.
-        step: The step that refused.
-        words: Its words.
-        named: Names of the causes that it names.
         is_true: True if the robot has one of these causes.
     """
 

@@ -34,7 +34,6 @@ class RehearsalClaim:
     Attributes:
         key: Name in files.
         name: Name in tables, short.
-        words: The claim in words.
         asked: Number that is asked for, with its unit.
         measured: Measured number, with its quantity.
         holds: True if it holds; None if nothing was measured.

@@ -55,10 +55,6 @@ class Kept:
     def begin(self, settings: RehearsalSettings, *, resume: bool) -> None:
         """Begin a rehearsal in a folder, or resume one.
 
-        Args:
-            settings: RehearsalSettings of this rehearsal.
-            resume: True if rows that are there already are to be kept.
-
         Raises:
             RefusedError: There are rows already and `resume` is not given, or they were made with other settings.
             FileError: The folder cannot be read or written.

@@ -27,9 +27,6 @@ class BitPacker:
     The first field lies in the least significant bits of the first byte, the next one above it, and so on through the
     bytes, as a little-endian number; the bits above the last field are 0. Made of whole bytes, this is what `struct` gives.
 
-    Args:
-        fields: In the order of the mapping.
-
     Attributes:
         size: Bytes that the fields take, the last one perhaps in part.
     """

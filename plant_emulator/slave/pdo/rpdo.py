@@ -75,14 +75,6 @@ class Rpdo(PdoSetup):
     of SYNC, is not. What comes too late is reported as emergency 8250h, one cause for each PDO. Leaving operational, and
     any change of the PDO, withdraw its emergencies and wait for a first frame again.
 
-    Args:
-        dictionary: Object dictionary of the node, see `PdoSetup`.
-        number: 0 for the first PDO.
-        emergency: Hears of frames of the wrong length and of those that fail to come.
-        sync: SYNC consumer, whose window counts.
-        changed: Called after a change of the set-up, see `PdoSetup`.
-        on_started: Called when the deadline begins to run, see `Deadline`.
-
     Attributes:
         number: 1 for the first PDO.
         deadline: Time by which the next frame must have come.

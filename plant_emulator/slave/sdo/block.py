@@ -128,11 +128,6 @@ class BlockDownload:
 class BlockUpload:
     """A value being uploaded, as it was at the transfer's start.
 
-    Args:
-        value: All of it.
-        block_size: Segments that the client wants at once.
-        has_crc: True if the end brings a checksum.
-
     Raises:
         SdoAbort: There is no such block size.
     """

@@ -108,7 +108,6 @@ class SdoServer:
         silence_ns: A client that falls silent in the middle of a sub-block has its segments acknowledged after this time.
 
     Attributes:
-        response_id: Identifier of the answers.
         state: Transfer that is under way.
         due: Time at which `advance` must be called, or None.
 
