@@ -31,7 +31,6 @@ class Histogram:
     """Ratio of two edges less 1: 2.4 %."""
 
     def __init__(self) -> None:
-        """Start without values."""
         self.count = 0
         self.largest_s = 0.0
         self._bins = [0] * (len(_EDGES) + 1)

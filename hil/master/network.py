@@ -33,7 +33,6 @@ class Emergency:
     """The maker's codes in words."""
 
     def __str__(self) -> str:
-        """The message in words."""
         return f"node {self.node} reports {emergency_text(self.code, self.register, self.own)}"
 
 
@@ -93,7 +92,6 @@ class Network:
     """
 
     def __init__(self, channel: Channel, log: BusLog, timeout_s: float, period_s: float, clock: Clock | None = None) -> None:
-        """Join the bus; nothing is sent."""
         self.channel = channel
         self.messages = channel if isinstance(channel, MessageChannel) else None
         self.log = log

@@ -80,7 +80,6 @@ class System:
     """
 
     def __init__(self) -> None:
-        """Find the C library."""
         try:
             self._c: ctypes.CDLL | None = ctypes.CDLL(None, use_errno=True)
         except (OSError, TypeError):  # no POSIX system

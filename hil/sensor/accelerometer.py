@@ -26,7 +26,6 @@ class SerialAccelerometerError(HilError):
     exit_code = 5
 
     def __init__(self, port: str, what: str, remedy: str = "") -> None:
-        """Keep the port and the fault."""
         self.port, self.what, self.remedy = port, what, remedy
         super().__init__(f"accelerometer on {port}: {what}" + (f"; {remedy}" if remedy else ""))
 
@@ -46,7 +45,6 @@ class AccelerometerReader:
     """
 
     def __init__(self, settings: SerialTable, now: Callable[[], float] = time.monotonic) -> None:
-        """Prepare the reader; `open` opens the port."""
         self.settings = settings
         self._now = now
         self.overruns = 0

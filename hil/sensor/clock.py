@@ -83,7 +83,6 @@ class SampleHistory:
     """The last samples with their times, for the measurement at an instant."""
 
     def __init__(self) -> None:
-        """Start without samples."""
         self._times: list[float] = []
         self._values: list[Vector] = []
 

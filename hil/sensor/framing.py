@@ -152,7 +152,6 @@ class LineDecoder:
     """
 
     def __init__(self, framing: LineFraming) -> None:
-        """Start at the beginning of a stream."""
         self.framing = framing
         self.checksum_errors = self.malformed = 0
         self._line = bytearray()
@@ -279,7 +278,6 @@ class BinaryDecoder:
     """
 
     def __init__(self, framing: BinaryFraming) -> None:
-        """Start at the beginning of a stream."""
         self.framing = framing
         self.checksum_errors = self.malformed = 0
         self._buffer = b""

@@ -92,7 +92,6 @@ class Attachment:
             self._hear(frame)
 
     def _follow(self) -> bool:
-        """Advance the world's time to the clock's."""
         behind = self.time() - self.world.now
         if behind > LATE_NS:
             return False

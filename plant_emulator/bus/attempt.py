@@ -61,7 +61,6 @@ class Port:
     __slots__ = ("babble", "controller", "held", "is_gone", "is_muted", "not_before", "number", "queue", "waiting")
 
     def __init__(self, number: int) -> None:
-        """Start with nothing to send."""
         self.number = number
         self.controller = Controller()
         self.queue: deque[QueuedFrame] = deque()

@@ -31,7 +31,6 @@ class Client:
     """
 
     def __init__(self, sock: socket.socket, port: int) -> None:
-        """Take over a connected socket."""
         self.port = port
         self.knows_clock = self.wants_stamps = self.takes_several = False
         self.may_be_clock = True
@@ -157,7 +156,6 @@ class Listener:
     """Listening socket that makes participants of connections."""
 
     def __init__(self, listener: socket.socket) -> None:
-        """Take over a listening socket."""
         self.listener = listener
         listener.setblocking(False)
 

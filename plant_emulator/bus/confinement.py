@@ -33,7 +33,6 @@ class Confinement:
     """
 
     def __init__(self, ports: dict[int, Port], rates: Rates, counts: Statistics, queues: Queues) -> None:
-        """Start without an error."""
         self._ports, self._rates, self._counts, self._queues = ports, rates, counts, queues
         self.reports: deque[ControllerMessage] = deque(maxlen=MAX_REPORTS)
         self.switched: deque[tuple[int, bool]] = deque(maxlen=MAX_REPORTS)

@@ -94,7 +94,6 @@ class Instant:
     bitrate: int | None = None
 
     def __init__(self, world: World) -> None:
-        """Join a world."""
         self._world = world
 
     def join(self, port: int) -> None:

@@ -20,7 +20,6 @@ class Queues:
     """
 
     def __init__(self, ports: dict[int, Port], rates: Rates, counts: Statistics, room: int) -> None:
-        """Start empty."""
         self._ports, self._rates, self._counts, self._room = ports, rates, counts, room
         self.waiting: dict[int, Port] = {}
         self.later: list[tuple[int, int, QueuedFrame | BusEvent]] = []

@@ -266,7 +266,6 @@ class Server:
         self._take(frame, sender)
 
     def _take(self, frame: Frame, sender: Client) -> None:
-        """Process a client's frame now."""
         if frame.can_id == clock.CLOCK_ID:
             self._on_question(frame, sender)
             return

@@ -40,7 +40,6 @@ class TimedBus:
     """
 
     def __init__(self, world: World, wire: EmulatedWire, host_latency_ns: int = 0, *, wall: bool = False) -> None:
-        """Join world and wire; no time passes."""
         self.world, self.wire = world, wire
         self.clock = clock.WALL if wall else clock.LOCK_STEP
         self.bitrate = wire.bitrate

@@ -71,7 +71,6 @@ class Messages:
     """
 
     def __init__(self) -> None:
-        """Start without received bytes."""
         self.refused: str | None = None
         self._rest = b""
 
@@ -115,7 +114,6 @@ class VirtualcanClient(Client):
     """
 
     def __init__(self, sock: socket.socket, port: int, over: Callable[[str], None]) -> None:
-        """Take over a connected socket."""
         super().__init__(sock, port)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.may_be_clock = False  # a program behind a TCP port keeps wall-clock time
@@ -189,7 +187,6 @@ class VirtualcanListener(Listener):
         self._tell = tell
 
     def __str__(self) -> str:
-        """Return the endpoint in the form that other programs need."""
         host, port = self.endpoint
         return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 

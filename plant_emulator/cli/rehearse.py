@@ -134,7 +134,7 @@ def _run_missing(
     from plant_emulator.rehearsal.many.one import kind_of, run_seed
     from plant_emulator.rehearsal.many.reading import is_quiet
     from plant_emulator.rehearsal.many.rows import crashed
-    from plant_emulator.trials.running import run_all
+    from plant_emulator.trials.executors import run_all
 
     there = kept.seeds()
     missing = [seed for seed in seeds if seed not in there]
@@ -173,7 +173,7 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
     from plant_emulator.rehearsal.many.claims import claims_of, document
     from plant_emulator.rehearsal.many.page import sections, write_page
     from plant_emulator.trials.page import as_markdown as tables_as_markdown
-    from plant_emulator.trials.table import write_table
+    from plant_emulator.trials.rows import write_table
 
     rows = kept.rows()
     if not rows:

@@ -154,7 +154,6 @@ def robustness(
 def _robot(
     name: str, tuning: Path | None, notch: Path | None
 ) -> "tuple[Robot, dict[int, TunedAxis], dict[int, tuple[Notch, ...]]]":
-    """Return the robot, and gains and filters by axis."""
     from plant_emulator.robots.robot import load_robot
 
     model = load_robot(name)
@@ -163,7 +162,6 @@ def _robot(
 
 
 def _spread(file: Path | None) -> "PlantSpread":
-    """Return the spread of the unknowns."""
     from drive_profiles.files.toml import load
     from plant_emulator.studies.spread import PlantSpread
 
@@ -190,7 +188,6 @@ def _tuned(name: str, model: "Robot", given: Path | None) -> dict[int, "TunedAxi
 
 
 def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[int, tuple["Notch", ...]]:
-    """Return filters by axis."""
     from plant_emulator.robots.tuning import load_tuning
 
     tables = {number: each.notch for number, each in tuned.items()}
@@ -200,7 +197,6 @@ def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[in
 
 
 def _axes(given: str | None, model: "Robot", filters: Mapping[int, object]) -> list[int | None]:
-    """Return the axes of the option."""
     if given is None:
         return [*([number for number in sorted(model.axis) if number in filters] or sorted(model.axis))]
     return [*axis_numbers(given, model)]
@@ -234,7 +230,7 @@ def _many(
     as_json: bool,
 ) -> None:
     """Run many plants of each study; `options` are those that choose the plants."""
-    from plant_emulator.studies.many import judge_all
+    from plant_emulator.studies.robustness import judge_all
     from plant_emulator.studies.summary import document, summarise
     from plant_emulator.studies.tables import tables
 
@@ -307,7 +303,7 @@ def _run_csv(study: "Study", index: int) -> str:
     """Return the signals of one run as CSV, one line per SYNC."""
     import numpy as np
 
-    from plant_emulator.trials.table import csv_text
+    from plant_emulator.trials.rows import csv_text
 
     motion = study.run(*study.draw(index))
     run = motion.run

@@ -201,9 +201,11 @@ class _Changes(NamedTuple):
 
 
 def _robot(robot: str, changes: _Changes) -> "Robot":
-    """Return the robot of a file with the requested changes."""
-    from plant_emulator.robots.part import part_of  # noqa: PLC0415
-    from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
+    from plant_emulator.robots.robot import (  # noqa: PLC0415
+        load_robot,
+        part_of,
+        with_drives,
+    )
 
     with exit_on_error(), exit_on_value_error():
         model = load_robot(robot)
@@ -250,7 +252,6 @@ def _run(server: "Server | Attachment") -> None:
 
 
 def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "tuple[Address, tuple[str, int] | None]":
-    """Parse the served addresses: the bus, and the TCP port."""
     from drive_profiles.address import LOCAL, AddressError, BusChoice, choose_bus, parse_address  # noqa: PLC0415
     from plant_emulator.bus.virtualcan import EndpointError, parse_endpoint  # noqa: PLC0415
 

@@ -53,7 +53,6 @@ def simulate(
 
 
 def _write(result: "Simulation", out: Path) -> None:
-    """Write the signals of a run, a line per SYNC."""
     import numpy as np  # noqa: PLC0415
 
     names: list[str] = ["time_s"]

@@ -51,7 +51,6 @@ class DriveFaults:
     """
 
     def __init__(self, slave: Slave) -> None:
-        """Keep a reference to the node."""
         self.on_lack: Callable[[], None] = lambda: None
         self._slave = slave
         slave.dictionary.on_read(Object.ERROR_CODE, 0, lambda: slave.last_error_code)

@@ -32,7 +32,6 @@ class FrameLog(BusLog):
     """The latest frames of a bus, with the bench's time."""
 
     def __init__(self) -> None:
-        """Start with no frames."""
         super().__init__(None)
         self.is_on = True  # the master always writes its frames to this log
         self.frames: deque[tuple[int, Frame]] = deque(maxlen=MAX_FRAMES)
@@ -71,7 +70,6 @@ class Artefacts:
     """
 
     def __init__(self, directory: Path) -> None:
-        """Start with no frames and no runs."""
         self.trace = FrameLog()
         self.is_saved = False
         self._directory = directory

@@ -33,7 +33,6 @@ class FaultInjection:
     """
 
     def __init__(self, target: Target) -> None:
-        """Start without faults."""
         self._target = target
         target.channel()
 

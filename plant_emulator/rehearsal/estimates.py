@@ -119,7 +119,6 @@ def _plant(axis: RobotAxis, plant: IdentifiedPlant | None, arm_rad: NDArray[np.f
 
 
 def _error(axis: RobotAxis, error: IdentifiedError | None, prefix: str) -> dict[str, QuantityRecord]:
-    """Return true and identified amplitudes and phases."""
     found = {}
     estimated = {} if error is None else error.values.amplitudes_arcsec()
     for order in ORDERS:

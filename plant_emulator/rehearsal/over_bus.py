@@ -17,7 +17,7 @@ from hil.results.base import RESULT_FILE, MeasuredResult
 from hil.results.files import load_any, load_result
 from hil.results.runs import ExperimentsResult
 from plant_emulator.rehearsal.steps import Note, PathFiles, RunNote, note_of_error, note_of_run
-from plant_emulator.robots.writing import file_text
+from plant_emulator.robots.blank_bench import file_text
 
 COMMAND_S = 1800.0
 """Time after which a command is given up: the longest takes some minutes on a busy machine."""
@@ -118,6 +118,5 @@ class StepsOverBus:
 
 
 def _last_words(text: str) -> str:
-    """Return the last sentence that a command printed on standard error."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("report:")]
     return lines[-1] if lines else "no words"

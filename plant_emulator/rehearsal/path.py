@@ -28,8 +28,8 @@ from plant_emulator.rehearsal.record import TREATMENTS, PathRecord, StepRecord
 from plant_emulator.rehearsal.steps import Note, PathFiles, StepsInProcess
 from plant_emulator.rehearsal.survey import Survey
 from plant_emulator.rehearsal.without import PathEnd, tip_without
+from plant_emulator.robots.blank_bench import file_text
 from plant_emulator.robots.robot import Robot
-from plant_emulator.robots.writing import file_text
 from plant_emulator.world import World
 
 SMALL_EFFORT = Effort(16, 6, 6, 2)
@@ -199,7 +199,6 @@ class _Path:
         return self.files.knowledge(is_learnt=self._is_done("learn"))
 
     def _survey(self) -> None:
-        """Measure the true tip under each treatment of the path."""
         survey, knowledge = Survey(self.robot, self.bench, self.axis), self._knowledge()
         for name in TREATMENTS:
             if all(self._is_done(need) for need in RUNS[name][1]):

@@ -92,7 +92,6 @@ class Survey:
         return TrueTip(tip_by_order_mm(*where, speed_rps), tracked_by_order_mm(*where))
 
     def _with_perfect_gears(self) -> Recording | None:
-        """Run the motion once without an ATE."""
         if self._perfect is None:
             self._perfect = self._record(without_error(self._robot), self._bench, "none", None, ())
         return self._perfect

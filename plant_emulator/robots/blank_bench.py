@@ -1,7 +1,9 @@
 """Text of a robot's bench file before any measurement."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from drive_profiles.address import parse_address
 from drive_profiles.files.toml import Table, toml_value
@@ -204,3 +206,25 @@ def _motion(axis: RobotAxis) -> tuple[float, float]:
 
 def _digits(value: float) -> float:
     return float(f"{value:.4g}")
+
+
+def file_text(table: Table) -> str:
+    """Return a robot or a bench as the text of its file.
+
+    Default values are left out. Reading the text gives the same robot or bench.
+    """
+    return "\n".join([*_lines("", table.model_dump(exclude_none=True, exclude_defaults=True)), ""])
+
+
+def _lines(name: str, values: Mapping[Any, Any]) -> list[str]:
+    """Return the lines of a table: plain values, then tables.
+
+    Small tables inside an axis stay on a line.
+    """
+    inner = {key: value for key, value in values.items() if isinstance(value, dict) and name.count(".") < 1}
+    plain = [f"{key} = {toml_value(value)}" for key, value in values.items() if key not in inner]
+    lines = [f"[{name}]", *plain] if name and plain else plain
+    for key, value in inner.items():
+        found = _lines(f"{name}.{key}" if name else str(key), value)
+        lines += ["", *found] if lines and found and found[0] else found
+    return lines

@@ -20,7 +20,7 @@ from hil.control.angles import ARCSEC
 from hil.control.order_keys import phase_key
 from hil.robot_tables import ORDERS, TransmissionErrorTable
 from plant_emulator.robots.behaviour import Behaviour
-from plant_emulator.robots.motor_encoder import MotorEncoder
+from plant_emulator.robots.encoders import MotorEncoder
 from plant_emulator.robots.robot import BusFacts, Robot, RobotAccelerometer, RobotAxis
 from plant_emulator.trials.distributions import Chance, Distributions, Even, Logarithmic, OneOf, Whole
 

@@ -6,7 +6,7 @@ Units are in the names of the keys; SI inside.
 import cmath
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -41,9 +41,8 @@ from plant_emulator.physics.axis import MORE_LINES, PLANT
 from plant_emulator.physics.sensing import HIGHEST_FREQUENCY
 from plant_emulator.robots.angle_lines import CoggingLine, EccentricityLine, check_lines, write_lines
 from plant_emulator.robots.behaviour import Behaviour, Switches
+from plant_emulator.robots.encoders import LoadEncoder, MotorEncoder
 from plant_emulator.robots.gear_change import MOST_LINES, ErrorChange, GearTemperature, check_changes
-from plant_emulator.robots.load_encoder import LoadEncoder
-from plant_emulator.robots.motor_encoder import MotorEncoder
 
 SDO_DOWNLOAD_BYTES = 64 * 1024
 """The longest value that an SDO channel accepts by default; it bounds the memory that a client can occupy."""
@@ -524,3 +523,19 @@ def with_drives(
             changes["eds"] = eds[number]
         axes[number] = axis.model_copy(update=changes)
     return robot.model_copy(update={"axis": axes})
+
+
+def part_of(robot: Robot, axes: Collection[int]) -> Robot:
+    """Return a robot with some axes alone.
+
+    Without all axes of its geometry it has no line motion.
+
+    Raises:
+        ValueError: Its links couple the axes.
+    """
+    if robot.links is not None and set(axes) != robot.axis.keys():
+        raise ValueError("the links of this robot couple all axes, so they cannot be served one by one; leave --axis out")
+    changes: dict[str, object] = {"axis": {number: table for number, table in robot.axis.items() if number in axes}}
+    if not set(robot.chain_axes) <= set(axes):
+        changes |= {"geometry": None, "line_motion": None}
+    return robot.model_copy(update=changes)

@@ -107,7 +107,6 @@ class MeasuredWorld(World):
     """A world that stops at each sample of a serial accelerometer."""
 
     def __init__(self, robot: Robot, sensor: EmulatedSerialAccelerometer) -> None:
-        """Build the nodes."""
         self._serial = sensor
         super().__init__(robot)
 

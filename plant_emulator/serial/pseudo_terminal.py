@@ -13,7 +13,6 @@ class PathTakenError(Exception):
     """Path that is taken by something other than our leftover link."""
 
     def __init__(self, path: str) -> None:
-        """Keep the path."""
         self.path = path
         super().__init__(f"{path} exists and is not a link to a pseudo-terminal")
 

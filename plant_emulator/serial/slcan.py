@@ -52,7 +52,6 @@ class Adapter:
     """
 
     def __init__(self) -> None:
-        """Start closed and without a bit rate."""
         self.bus_bitrate: int | None = None
         self.is_open = False
         self.refused = 0

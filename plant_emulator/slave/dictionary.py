@@ -148,7 +148,6 @@ class Entry:
             raise ValueError(f"{self}: default {self.default!r}: {code.text}")
 
     def __str__(self) -> str:
-        """Name the entry for a message."""
         return f"{self.index:04X}h:{self.subindex:02X}h {self.name!r}"
 
     def _problem(self) -> str | None:
@@ -336,15 +335,12 @@ class Dictionary:
         self.reset(ResetKind.NODE)
 
     def __contains__(self, address: tuple[int, int]) -> bool:
-        """Return True if there is an entry at (index, sub-index)."""
         return address in self._cells
 
     def __iter__(self) -> Iterator[Entry]:
-        """Iterate over the entries by address, sub-indices 0 included."""
         return (cell.entry for cell in self._cells.values())
 
     def __len__(self) -> int:
-        """Count the entries."""
         return len(self._cells)
 
     def cell(self, index: int, subindex: int = 0) -> Cell:

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from plant_emulator.studies.robustness import RESULTS, Study
 from plant_emulator.studies.spread import Unknown
-from plant_emulator.trials.rows import Row, Value, numbers, text
+from plant_emulator.trials.rows import Row, Value, csv_text, numbers, text
 from plant_emulator.trials.statistics import CONFIDENCE, RunFraction, percentiles, run_fraction
-from plant_emulator.trials.table import csv_text
 
 Real = NDArray[np.float64]
 

@@ -172,7 +172,6 @@ class DriveAxis:
     """
 
     def __init__(self, network: Network, number: int, table: AxisTable) -> None:
-        """Load the profile; nothing is sent."""
         self.network = network
         self.number = number
         self.table = table

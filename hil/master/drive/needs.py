@@ -29,7 +29,6 @@ class Need(NamedTuple):
     purpose: str
 
     def __str__(self) -> str:
-        """The need in a line."""
         return f"{address_text(self.address)} {self.name}: {self.purpose}"
 
 

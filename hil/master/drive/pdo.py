@@ -90,7 +90,6 @@ class PdoSet:
     """The PDOs that a run has changed in one node."""
 
     def __init__(self, network: Network, node: int) -> None:
-        """Start without changes."""
         self.network, self.node = network, node
         self._before: list[PdoConfiguration] = []
 

@@ -32,7 +32,6 @@ class DriveLimits:
     """
 
     def __init__(self, axes: Axes, number: int, family: DriveFamily, counting: Counting) -> None:
-        """Bind the limits' entries."""
         self.counting = counting
         self.is_profile_halted = False
         self._are_position_limits_off = False  # whatever is written: homing looks for the zero that they count from

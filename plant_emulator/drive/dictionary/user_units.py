@@ -54,7 +54,6 @@ class UserUnits:
         scaling: Callable[[], Scaling],
         use: Callable[[Scaling], None],
     ) -> None:
-        """Bind the objects."""
         self._dictionary, self._is_powered = dictionary, is_powered
         self._scaling, self._use = scaling, use
         for (index, sub), name in FIELDS.items():

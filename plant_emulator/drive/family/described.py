@@ -54,7 +54,6 @@ class DescribedFamily(DriveFamily):
         gains: Gains,
         entries: FamilyDictionary,
     ) -> None:
-        """Keep the parts that `family_of` has put together."""
         self.profile, self._facts = profile.label, profile
         super().__init__(dictionary, scaling)
         self._gains = gains

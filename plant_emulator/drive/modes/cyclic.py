@@ -20,7 +20,6 @@ class Cyclic(ModeOfOperation):
     """
 
     def __init__(self, stage: PowerStage) -> None:
-        """Keep references to the data that every SYNC reads."""
         super().__init__(stage)
         self._axes = stage.axes
         self._mode: Any = live(stage.axes.motion, "mode")
@@ -119,7 +118,6 @@ class CyclicTorque(Cyclic):
     needs_gains = False
 
     def __init__(self, stage: PowerStage) -> None:
-        """Keep references to the data that every SYNC writes."""
         super().__init__(stage)
         self._elapsed_periods: Any = live(stage.axes.motion, "elapsed_periods")
 

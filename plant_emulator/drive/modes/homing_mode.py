@@ -50,7 +50,6 @@ class HomingMode(ModeOfOperation):
     number, motion = Mode.HM, record.PROFILE
 
     def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:
-        """Keep references to the power stage and the inputs."""
         super().__init__(stage)
         self._inputs = inputs
         self._edges = 0

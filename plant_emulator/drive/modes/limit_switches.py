@@ -38,7 +38,6 @@ class LimitSwitches:
     """
 
     def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:
-        """Keep references to the axis."""
         self._stage, self._inputs = stage, inputs
         self._row, self._masks = stage.row, live(stage.axes.motion, "input_mask")
         self.blocked, self._given_up = 0, 0.0

@@ -43,7 +43,6 @@ class ProfilePosition(ModeOfOperation):
     number, motion = Mode.PP, record.PROFILE
 
     def __init__(self, stage: PowerStage, handshake_syncs: int = 0) -> None:
-        """Keep a reference to the power stage."""
         super().__init__(stage)
         self._handshake_syncs = handshake_syncs
         self._syncs_left = 0

@@ -5,8 +5,7 @@ from plant_emulator.drive.inputs import DigitalInputs
 from plant_emulator.drive.modes.cyclic import CyclicPosition, CyclicTorque, CyclicVelocity, MakersPosition
 from plant_emulator.drive.modes.homing_mode import HomingMode
 from plant_emulator.drive.modes.interpolated_position import InterpolatedPosition
-from plant_emulator.drive.modes.mode import ModeOfOperation
-from plant_emulator.drive.modes.no_mode import NoMode
+from plant_emulator.drive.modes.mode import ModeOfOperation, NoMode
 from plant_emulator.drive.modes.profile_position import ProfilePosition
 from plant_emulator.drive.modes.profile_torque import ProfileTorque
 from plant_emulator.drive.modes.profile_velocity import ProfileVelocity

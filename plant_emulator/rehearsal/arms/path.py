@@ -268,7 +268,6 @@ def _step(act: Callable[[], Made], name: str) -> tuple[dict[str, Value], Made | 
 
 
 def _surveyed(robot: ArmRobot, bench: Bench, learnt: Identified | None, left_out: tuple[Part, ...]) -> dict[str, Value]:
-    """Measure the true tip in all conditions, and judge it."""
     row: dict[str, Value] = {}
     quiet, worse = [], []
     for condition in conditions_of(robot, bench):

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from drive_profiles.errors import FileError, Problem, RefusedError
 from drive_profiles.files.safefile import write_atomically, write_json
+from plant_emulator.trials.executors import CRASHED_WORDS
 from plant_emulator.trials.rows import Row, Value
-from plant_emulator.trials.running import CRASHED_WORDS
 
 WALKED, BROKEN, CRASHED = "walked", "error", "crashed"
 """Ends of a robot's path: at its end, by an internal error, with its process."""

@@ -58,7 +58,6 @@ class BlockDownload:
         self.block_size = min(max_block_size, count_segments(self._limit))
 
     def __len__(self) -> int:
-        """Return the number of bytes in the buffer."""
         return len(self._received)
 
     def is_repetition(self, segment: bytes) -> bool:

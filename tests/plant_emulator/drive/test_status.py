@@ -7,8 +7,7 @@ import pytest
 
 from drive_profiles.standard.cia402 import REMOTE, VOLTAGE_ENABLED, WARNING, State, state_of
 from plant_emulator.drive.faults import LACKS
-from plant_emulator.drive.state_machine import Power
-from plant_emulator.drive.status import DriveStatus
+from plant_emulator.drive.state_machine import DriveStatus, Power
 from tests.plant_emulator.rig import Rig
 
 UNDER_TORQUE = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
