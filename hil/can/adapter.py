@@ -40,10 +40,7 @@ class AdapterChannel(OneByOne):
             raise self._bus_lost(error) from error
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Receive the next frame, or None if none comes in time.
-
-        CAN FD frames are skipped.
-        """
+        """Receive the next classic frame, or None if none comes in time."""
         if self._lost is not None:
             raise self._lost
         deadline = time.monotonic() + timeout_s

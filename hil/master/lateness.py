@@ -42,10 +42,7 @@ class Histogram:
         self.largest_s = max(self.largest_s, value_s)
 
     def percentile(self, fraction: float) -> float | None:
-        """Return the value that a fraction of all values does not exceed.
-
-        Fraction from 0 to 1; None without values.
-        """
+        """Return the quantile of a fraction (0 to 1), None without values."""
         if not self.count:
             return None
         rank = max(1, math.ceil(round(fraction * self.count, 6)))

@@ -94,9 +94,7 @@ class Network:
     def __init__(self, channel: Channel, log: BusLog, timeout_s: float, period_s: float, clock: Clock | None = None) -> None:
         self.channel = channel
         self.messages = channel if isinstance(channel, MessageChannel) else None
-        self.log = log
-        self.timeout_s = timeout_s
-        self.period_s = period_s
+        self.log, self.timeout_s, self.period_s = log, timeout_s, period_s
         self.emergencies: deque[Emergency] = deque(maxlen=MAX_EVENTS)
         self.fault_texts: dict[int, Mapping[int, str]] = {}
         self.heartbeats: dict[int, tuple[float, int]] = {}
@@ -156,10 +154,7 @@ class Network:
         return frame
 
     def dispatch(self, frame: Frame) -> None:
-        """Pass a frame that is not cyclic to its receiver.
-
-        No bytes raise an error.
-        """
+        """Dispatch a frame that is not cyclic; no bytes raise an error."""
         can_id, data = frame
         if can_id & CAN_ERR_FLAG:
             self._note_error(frame)
@@ -187,10 +182,7 @@ class Network:
             self.bus_errors[event.words] += 1
 
     def answers_twice(self, node: int) -> bool:
-        """True if a node's SDO server has answered too often.
-
-        Two nodes may share its node-ID.
-        """
+        """True if too many answers suggest that two nodes share a node-ID."""
         line = self._lines.get(node)
         return line is not None and line.unasked + len(line.answers) > 0
 

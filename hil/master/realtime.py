@@ -189,10 +189,7 @@ def quiet_garbage_collection() -> Callable[[], None]:
 
 
 class RealTime:
-    """Context in which this thread runs in real time, if permitted.
-
-    A refusal is not an error.
-    """
+    """Context of real time for this thread; a refusal is no error."""
 
     def __init__(self, settings: Settings, system: System | None = None) -> None:
         """Prepare the context; nothing is requested yet."""

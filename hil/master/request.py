@@ -80,9 +80,7 @@ class RunRequest:
             raise NotPossibleError("fixed filters need a host-closed loop (--loop host)")
 
     def host_loops(self, axes: list[DriveAxis]) -> ServoBank | None:
-        """Return the loops that the host closes, ready for the first cycle.
-
-        None if the drives close them.
+        """Return the host's loops, ready to cycle; None if drives close them.
 
         Args:
             axes: The axes, in the order of the motion's columns.
@@ -164,9 +162,7 @@ def check_acceleration(table: AxisTable, axis: int, trajectory: ConstantAccelera
 
 
 def check_set_points(axis: int, limits: Limits, angle_rad: Real, period_s: float) -> None:
-    """Refuse set-points that accelerate an axis beyond its limit.
-
-    The axis begins at rest.
+    """Refuse set-points that accelerate an axis from rest beyond its limit.
 
     Args:
         axis: Axis number.

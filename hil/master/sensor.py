@@ -116,10 +116,7 @@ class CanopenSensor(TipAccelerometer):
         return TipSource(TIP_BY_NODE, self._pdos.tpdo(1, mapping.ACCELERATION), scale_m_s2)
 
     def _read_scale_m_s2(self) -> float:
-        """Read the scale of the process values in m/s² per step.
-
-        It must be the same for all three channels.
-        """
+        """Read the scale in m/s² per step, which all three channels share."""
         node, scales = self._node, set()
         for sub in (1, 2, 3):
             unit = self._network.read(node, UNIT_OBJECT, sub, U32, "physical unit")

@@ -177,9 +177,7 @@ class Session:
         progress: Callable[[float], None] = lambda fraction: None,
         clock: Clock | None = None,
     ) -> None:
-        self.bench = bench
-        self.log = log
-        self.progress = progress
+        self.bench, self.log, self.progress = bench, log, progress
         self.clock = clock or Clock(bench.bus.real_time.spin_s)
         self.network = Network(channel, log, bench.bus.answer_timeout_s, bench.bus.sync_period_s, self.clock)
         self.axes = {number: DriveAxis(self.network, number, table) for number, table in sorted(bench.axis.items())}
@@ -240,9 +238,7 @@ class Session:
     # -- bring-up ------------------------------------------------------------------------------------------------------
 
     def bring_up(self, *, reset_faults: bool = False, moving: Collection[int] | None = None, in_fault: int | None = None) -> None:
-        """Find every node, and check its identity and standstill.
-
-        Nothing is written or enabled.
+        """Find every node, check identity and standstill; write and enable nothing.
 
         Args:
             reset_faults: Reset drives that are in fault before anything else.
@@ -277,10 +273,7 @@ class Session:
                 axis.check_standing(begun_rad, self.clock.now() - begun_s)
 
     def _identify(self, used: list[DriveAxis], *, reset_faults: bool, in_fault: int | None) -> None:
-        """Check every drive.
-
-        One error lists the missing objects of all drives that will move.
-        """
+        """Check every drive; one error lists all objects that moving ones lack."""
         missing = []
         for axis in self.axes.values():
             self.check_interrupt()
@@ -412,10 +405,7 @@ class Session:
         return {number: axis.position_rad() for number, axis in self.axes.items() if number not in motion.axes}
 
     def _planned(self, request: RunRequest, axes: list[DriveAxis]) -> Run:
-        """Return the run of a request after all checks.
-
-        Nodes have been read, but nothing is written.
-        """
+        """Return a request's checked run; nodes were read, nothing was written."""
         request.check(axes)
         for axis in axes:
             axis.identify()

@@ -45,8 +45,7 @@ class AccelerometerReader:
     """
 
     def __init__(self, settings: SerialTable, now: Callable[[], float] = time.monotonic) -> None:
-        self.settings = settings
-        self._now = now
+        self.settings, self._now = settings, now
         self.overruns = 0
         self._framing = settings.layout()
         self._decoder = self._framing.decoder()
@@ -140,10 +139,7 @@ class AccelerometerReader:
             self._first.set()
 
     def value_at_sync(self, sync_s: float) -> Vector | None:
-        """Return the measurement for the SYNC at this instant of `now`.
-
-        None if the sensor is silent.
-        """
+        """Return the measurement for the SYNC at this instant, None if silent."""
         queue = self._queue
         while queue:
             self._history.add(*queue.popleft())

@@ -98,10 +98,7 @@ class SerialTable(Table):
         return framing
 
     def modulo(self) -> int | None:
-        """Return the count at which the counter starts again.
-
-        That of a binary frame follows from its type.
-        """
+        """Return the counter's modulus; a binary frame's follows from its type."""
         if COUNTER not in self.fields:
             if self.counter_modulo is not None:
                 raise ValueError("counter_modulo needs a counter among the fields")

@@ -75,10 +75,7 @@ class Attachment:
                 return
 
     def turn(self, timeout_s: float) -> None:
-        """Follow the clock, and answer frames that arrive in time.
-
-        At most the first `TURN_FRAMES` frames are answered.
-        """
+        """Follow the clock; answer at most `TURN_FRAMES` frames arriving in time."""
         if not self._follow():
             self._catch_up(None)
         for _ in range(TURN_FRAMES):

@@ -70,10 +70,7 @@ class Queues:
         heapq.heappush(self.later, (at, self.order, what))
 
     def queue(self, entry: QueuedFrame) -> None:
-        """Queue a frame at its port.
-
-        A port that cannot send loses it.
-        """
+        """Queue a frame at its port, unless that cannot send."""
         port = entry.port
         if port.is_silent:
             self.lose(port)

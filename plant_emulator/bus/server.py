@@ -70,8 +70,7 @@ class Server:
             AddressInUseError: Another server answers there.
             OSError: The path cannot be bound.
         """
-        self.world = world
-        self.path = path
+        self.world, self.path = world, path
         self._listeners: dict[int, Listener] = {}
         listener = _listen(path, stream=stream)
         self._inode = Path(path).stat().st_ino
@@ -94,10 +93,7 @@ class Server:
         self._selector.register(listener.listener, selectors.EVENT_READ)
 
     def watch(self, descriptor: int) -> None:
-        """Stop when this descriptor is closed at its other end.
-
-        The server then lives as long as the process that started it.
-        """
+        """Stop when this descriptor is closed at its other end."""
         try:
             self._selector.register(descriptor, selectors.EVENT_READ)
         except (OSError, ValueError):
@@ -137,10 +133,7 @@ class Server:
             self._deliver(self.medium.free(now))
 
     def _catch_up(self) -> None:
-        """Process the frames that arrived during a stall.
-
-        Each frame is processed at its time; then the rest of the time passes.
-        """
+        """Process a stall's frames at their times; let its rest pass."""
         begin, end = self.world.now, self._wall_ns()
         queued = sorted(self._queued(begin, end), key=itemgetter(0))
         arrivals = [arrival for arrival, _, _ in queued]
@@ -153,10 +146,7 @@ class Server:
             self._deliver(self.medium.free(reached))
 
     def _queued(self, begin: int, end: int) -> list[tuple[int, Frame, Client]]:
-        """Return all waiting frames with their arrival times.
-
-        The times are the kernel's, else spread evenly over the stall.
-        """
+        """Return waiting frames with arrival times: the kernel's, else spread evenly."""
         real_time = time.time_ns() - end
         queued: list[tuple[int, Frame, Client]] = []
         for client in self._clients.values():
@@ -293,10 +283,7 @@ class Server:
             sender.send(pack(clock.answer(self.medium.clock, self.medium.bitrate, several=True)))
 
     def _deliver(self, heard: Iterable[HeardFrame], waiting: Client | None = None, last: bytes = b"") -> None:
-        """Send every client the frames of the others.
-
-        The client that waits for it gets a last record.
-        """
+        """Send every client the others' frames; the waiting one gets `last`."""
         if len(self._clients) == 1:  # the rule, and quick: nobody else hears what it has sent itself
             [alone] = self._clients.values()
             heard = [each for each in heard if each[1] != alone.port]

@@ -124,10 +124,7 @@ class TimedBus:
         return sent
 
     def free(self, until: int) -> list[HeardFrame]:
-        """Let time pass in short steps.
-
-        Drives then notice limits and finished ramps in time.
-        """
+        """Let time pass in steps short enough to notice limits and ramps."""
         heard: list[HeardFrame] = []
         while self.world.now < until:
             heard += self.run(min(until, self.world.now + FREE_STEP_NS))

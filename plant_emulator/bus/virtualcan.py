@@ -35,9 +35,7 @@ class EndpointError(ValueError):
 
 
 def parse_endpoint(text: str) -> tuple[str, int]:
-    """Parse ``[HOST:]PORT`` into host and port.
-
-    Port 0 is any free one.
+    """Parse ``[HOST:]PORT`` into host and port; 0 is any free one.
 
     Raises:
         EndpointError: No port, or a host that others than this machine's own programs reach.
@@ -159,9 +157,7 @@ class VirtualcanClient(Client):
 
 
 class VirtualcanListener(Listener):
-    """A TCP port through which participants join the local bus.
-
-    It is used with `Server.open`.
+    """A TCP port that joins participants to the local bus by `Server.open`.
 
     Attributes:
         endpoint: Host and port, also where any free port was asked for.

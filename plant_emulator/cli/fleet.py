@@ -160,10 +160,7 @@ def _home(home_deg: str | None, tip_link: str | None, urdf: Path | None) -> tupl
 
 
 def _driven(seed: int, urdf: Path, out: Path, home_deg: tuple[float, ...], tip_link: str | None) -> "tuple[str, str, Row]":
-    """Return the files and facts of a URDF arm with drives.
-
-    They are the robot file, its bench file, and the drawn values of the seed.
-    """
+    """Return robot file, bench file and facts of a URDF arm."""
     from plant_emulator.robots.blank_bench import blank_bench, file_text
     from plant_emulator.robots.drawn_arms import arm_facts, draw_drives
 

@@ -126,10 +126,7 @@ def _seeds(text: str | None) -> tuple[int, ...]:
 def _run_missing(
     kept: "Kept", seeds: Sequence[int], executors: "Executors", kind: KindName | None, *, over_bus: bool, keep: bool
 ) -> None:
-    """Run the missing robots.
-
-    They are arms if there is no kind. Each row is saved at once.
-    """
+    """Run the missing robots (arms without kind), saving each row at once."""
     from plant_emulator.rehearsal.arms.path import run_arm_seed
     from plant_emulator.rehearsal.many.one import kind_of, run_seed
     from plant_emulator.rehearsal.many.reading import is_quiet

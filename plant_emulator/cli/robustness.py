@@ -263,10 +263,7 @@ def _repeat(summary: "Summary", options: Mapping[str, object]) -> list[str]:
 
 
 def _keep(out: Path, made: "Sequence[tuple[Summary, list[ReportTable]]]", whole: Mapping[str, object]) -> None:
-    """Write the result files.
-
-    They are one page and one JSON document of all studies, and a table of draws for each.
-    """
+    """Write page and JSON document, and each study's table of draws."""
     from drive_profiles.files.safefile import write_atomically, write_json
     from plant_emulator.studies.page import write_page
     from plant_emulator.studies.summary import draws_csv

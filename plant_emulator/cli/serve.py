@@ -223,10 +223,7 @@ def _robot(robot: str, changes: _Changes) -> "Robot":
 
 
 def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) -> None:
-    """Stop the server orderly on a signal.
-
-    Signals are Ctrl-C, SIGTERM and, with `until_stdin_closes`, the end of standard input.
-    """
+    """Stop the server on Ctrl-C, SIGTERM or, if asked, closed standard input."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.stop())
     if until_stdin_closes:

@@ -85,10 +85,7 @@ class OptionCodes:
 
 @dataclass(frozen=True, slots=True)
 class AxisSignals:
-    """Live columns of `MOTION` (see there).
-
-    Each is an array over the rows of the axes.
-    """
+    """Live columns of `MOTION` (see there), arrays over the axes' rows."""
 
     trip: Any
     event: Any

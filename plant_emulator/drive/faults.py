@@ -40,8 +40,6 @@ _CAUSES = (*(cause for _, cause, _ in FAULTS), CONNECTION, TORQUE_OFF)
 class DriveFaults:
     """Report of faults, and their withdrawal.
 
-    The state machine decides on their effect on the motion.
-
     603Fh is the lower half of 1003h:01h (CiA 402-2): the last error of the whole node, including missing parameters and
     communication errors. A fault reset leaves 603Fh and the history; 603Fh is 0 when 1003h:00h is cleared, or the node
     reset.
@@ -81,10 +79,7 @@ class DriveFaults:
         self._connection = None
 
     def report_lack(self, lack: str | None) -> None:
-        """Report what prevents enabling or a change of mode.
-
-        A lack that has ended is withdrawn.
-        """
+        """Report what prevents enabling or a mode change; withdraw it once ended."""
         for cause in LACKS:
             if cause == lack:
                 self._slave.raise_emergency(cause, PARAMETER_FAULT, ErrorRegister.PROFILE)

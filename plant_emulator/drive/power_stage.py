@@ -98,10 +98,7 @@ class PowerStage:
         return mode
 
     def begin(self, mode: int) -> None:
-        """Switch to a mode of the law without a jump.
-
-        The motor starts from rest behind the brake, or from its present motion.
-        """
+        """Switch to a mode of the law without a jump."""
         span = max(1, round(self.data.limits.control_periods_per_set_point()))
         if self.law_mode == record.BRAKED:
             self.axes.open_brake(self.row, mode, span)
@@ -148,8 +145,5 @@ class PowerStage:
 
     @property
     def is_braked_at_rest(self) -> bool:
-        """True if a halt or quick stop is complete.
-
-        The motor is then at rest and held.
-        """
+        """True if a halt or quick stop holds the motor at rest."""
         return bool(self._stopped[self.row]) or self.law_mode == record.BRAKED

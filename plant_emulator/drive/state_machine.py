@@ -123,26 +123,17 @@ _STOP_OF_HALT: dict[int, Stop] = {
 
 
 def stop_of_quick_stop(option: int) -> Stop:
-    """Return the stop that 605Ah demands.
-
-    A family's own code means the quick-stop ramp.
-    """
+    """Return 605Ah's stop; a family's own code means the quick-stop ramp."""
     return _STOP_OF_QUICK_STOP.get(option, Stop.QUICK_STOP_RAMP)
 
 
 def stop_of_fault_reaction(option: int) -> Stop:
-    """Return the stop that 605Eh demands.
-
-    A family's own code means the quick-stop ramp.
-    """
+    """Return 605Eh's stop; a family's own code means the quick-stop ramp."""
     return _STOP_OF_FAULT_REACTION.get(option, Stop.QUICK_STOP_RAMP)
 
 
 def stop_of_halt(option: int) -> Stop:
-    """Return the stop that 605Dh demands.
-
-    A family's own code means the slow-down ramp.
-    """
+    """Return 605Dh's stop; a family's own code means the slow-down ramp."""
     return _STOP_OF_HALT.get(option, Stop.SLOW_DOWN_RAMP)
 
 
@@ -172,10 +163,7 @@ def commanded(power: Power, control_word: int, options: Options = DEFAULT_OPTION
 
 
 def initialised(power: Power) -> Step:
-    """Return transitions 0 and 1, after power-on or a reset.
-
-    The control word is discarded.
-    """
+    """Return transitions 0 and 1 after power-on or reset, without control word."""
     return Step(Power(state_after(state_after(power.state, Event.POWERED), Event.INITIALISED)), Action.RELEASE)
 
 

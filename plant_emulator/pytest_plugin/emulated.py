@@ -22,10 +22,7 @@ from plant_emulator.world import SECOND, World
 
 
 class EmulatedChannel(InProcessChannel):
-    """The bus in one process, with faults of frames.
-
-    The faults occur between the bus and the master.
-    """
+    """The bus in one process, with faults between bus and master."""
 
     def __init__(self, world: World, medium: Medium, bitrate: int | None, interference: Interference) -> None:
         """Join the bus; the nodes are powered on."""
@@ -86,9 +83,7 @@ class EmulatedChannel(InProcessChannel):
 
 
 class EmulatedRobot:
-    """The world behind the bench.
-
-    A test can inspect it and let its time pass.
+    """The world behind the bench, which tests inspect and advance.
 
     Attributes:
         drives: The emulated drives by axis number.

@@ -29,14 +29,10 @@ PORT_OF_THE_BUS, PORT_OF_THE_MASTER = 0, 1000
 
 
 class RealChannel(OneByOne):
-    """An existing bus, with optional loss of frames.
-
-    Frames are lost between the bus and the master if the test demands it.
-    """
+    """An existing bus, with loss of frames if the test demands it."""
 
     def __init__(self, inner: Channel, interference: Interference) -> None:
-        self._inner = inner
-        self.interference = interference
+        self._inner, self.interference = inner, interference
         self.address = inner.address
         self.is_lock_step, self.waits = inner.is_lock_step, inner.waits
         self.lost = False
@@ -44,10 +40,7 @@ class RealChannel(OneByOne):
 
     @property
     def overflows(self) -> int | None:
-        """Received frames that were lost because buffers were full.
-
-        It is None if they are not counted.
-        """
+        """Received frames lost in full buffers; None if they are not counted."""
         return self._inner.overflows
 
     def send(self, frame: Frame) -> None:

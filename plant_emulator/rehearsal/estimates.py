@@ -49,9 +49,7 @@ def quantities_of(
     learnt: Identified | None,
     arm_rad: NDArray[np.float64] = ALL_AROUND_RAD,
 ) -> dict[str, QuantityRecord]:
-    """Return truth, estimate and standard error of the quantities.
-
-    The names are those of `record.QUANTITIES`.
+    """Return truth, estimate and standard error by `record.QUANTITIES`.
 
     Args:
         robot: The robot.

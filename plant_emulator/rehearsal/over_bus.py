@@ -29,10 +29,6 @@ class CommandError(HilError):
     """A command that has ended with another status than 0."""
 
     def __init__(self, arguments: Sequence[str], status: int, words: str, causes: tuple[RefusalCause, ...] = ()) -> None:
-        """Keep command, exit status, last words, and causes.
-
-        The words are the last that the command printed; the causes are those in its result.
-        """
         self.arguments, self.status, self.words, self.causes = tuple(arguments), status, words, causes
         super().__init__(f"{words} (exit status {status})")
 
@@ -86,10 +82,7 @@ class StepsOverBus:
         return note_of_run(load_result(self._out(treatment), ExperimentsResult, "a run"))
 
     def learn(self) -> Note:
-        """Learn the ATE, into a model file of its own.
-
-        It starts from what is known.
-        """
+        """Learn the ATE from what is known, into its own model file."""
         known = ("--plant", str(self._files.model)) if self._files.model.exists() else ()
         self._hil("learn", *known, "--model", str(self._files.learnt), out="learn")
         return None

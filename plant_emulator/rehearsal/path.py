@@ -177,10 +177,7 @@ class _Path:
         self._take(name, act, needs)
 
     def _take(self, name: str, act: Callable[[], Note], needs: tuple[str, ...] = ()) -> None:
-        """Take a step.
-
-        The record gets its note, or its error in words.
-        """
+        """Take a step; the record gets its note, or error in words."""
         missing = [need for need in needs if not self._is_done(need)]
         if missing:
             self.result.steps[name] = StepRecord("skipped", "", f"needs {missing[0]}")
@@ -211,10 +208,7 @@ class _Path:
             self.result.probes = probe(self.robot, self.bench, self.axis, survey, self.result.tips["none"])
 
     def _without_cause(self, knowledge: Knowledge) -> float | None:
-        """Return the path's true tip without the stated causes.
-
-        The result is None without any cause.
-        """
+        """Return the path's true tip without the stated causes, None without any."""
         name, causes = self.result.end_treatment, self.result.end_causes[0]
         model = knowledge.learnt if name == "cancellation_learnt" else knowledge.identified
         if not causes or model is None:

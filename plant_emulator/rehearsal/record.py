@@ -164,10 +164,7 @@ class PathRecord:
         return "notch_designed" if "notch_designed" in done else "none"
 
     def _left_mm(self, name: str) -> float:
-        """Return the tip's peak in a cancellation's own trial, mm.
-
-        It is infinite without a measurement.
-        """
+        """Return the tip's peak in a cancellation's own trial, mm; infinite without."""
         left_mm = self.left.get(name)
         return math.inf if left_mm is None else left_mm
 

@@ -134,10 +134,7 @@ class StepsInProcess:
         return note_of_run(outcome.result)
 
     def learn(self) -> Note:
-        """Learn the ATE, into a model file of its own.
-
-        It starts from what is known.
-        """
+        """Learn the ATE from what is known, into its own model file."""
         files, request = self._files, LearnRequest((self._axis,))
         known = files.model if files.model.exists() else None
         outcome = learn_on_bus(self._bench, request, self._out("learn"), files.learnt, plant=known, channel=self._channel)
@@ -149,10 +146,7 @@ class StepsInProcess:
 
 
 def note_of_error(result: AteResult) -> Note:
-    """Return the note of an ATE's identification.
-
-    It states the standard errors that are larger than demanded; None if there are none.
-    """
+    """Return an identification's standard errors beyond demand in words, or None."""
     return None if result.is_within_goal else "; ".join(result.notes or ()) or "not within the goal"
 
 

@@ -93,10 +93,7 @@ def _arm_lines(arm: ArmTable, mounting: Mounting | None) -> list[str]:
 
 
 def _line_lines(robot: Robot, arm: ArmTable) -> list[str]:
-    """Return a straight line from home, if one exists.
-
-    It is within the limits of the axes.
-    """
+    """Return a straight line from home within the axes' limits, if any."""
     limits = []
     for link, home in zip(arm.link, arm.home_rad().tolist(), strict=True):
         axis = robot.axis[link.axis]
@@ -154,10 +151,7 @@ def position_gain_per_s(axis: RobotAxis) -> float:
 
 
 def speed_limit_rps(axis: RobotAxis) -> float:
-    """Return the largest motor speed.
-
-    Order 1 meets the arm's resonance below it.
-    """
+    """Return the largest motor speed, above order 1's at the arm's resonance."""
     return max(LEAST_SPEED_RPS, math.ceil(SPEED_PER_HZ * antiresonance_hz(axis)))
 
 
@@ -176,10 +170,7 @@ def travel_rev(axis: RobotAxis) -> float:
 
 
 def _range_rev(number: int, axis: RobotAxis, arm: ArmTable | None) -> tuple[float, float]:
-    """Return the limits of the motor's position.
-
-    They are its reach, within the range of its link.
-    """
+    """Return the motor's limits: its reach within its link's range."""
     reach = travel_rev(axis)
     if arm is None:
         return -reach, reach
@@ -192,10 +183,7 @@ def _range_rev(number: int, axis: RobotAxis, arm: ArmTable | None) -> tuple[floa
 
 
 def _motion(axis: RobotAxis) -> tuple[float, float]:
-    """Return acceleration and end speed of a motion.
-
-    They are in rev/s² and rev/s; the motion starts in the middle of the travel.
-    """
+    """Return acceleration (rev/s²) and end speed (rev/s) from mid-travel."""
     acceleration, end = ACCELERATIONS_RPS_S[0], 0.0
     for acceleration in ACCELERATIONS_RPS_S:
         end = min(0.85 * speed_limit_rps(axis), reach_rps(0.9 * travel_rev(axis), acceleration, DECELERATION_RPS_S))

@@ -81,9 +81,7 @@ def draw_drives(
     seed: int,
     tip_link: str | None = None,
 ) -> ArmRobot:
-    """Draw the drives of a URDF file's arm.
-
-    They are motors, linear gears and ATEs.
+    """Draw motors, linear gears and ATEs of a URDF file's arm.
 
     The arm's joints are axes 1, 2, … from the base on. The robot equals its file; `with_links_read` of it has the links.
 
@@ -181,10 +179,7 @@ def _box(mass_kg: float, size_m: float) -> Inertia:
 
 
 def _weights(arm: ArmTable) -> list[float]:
-    """Return each axis' greatest moment of gravity.
-
-    All links beyond it are then stretched out level.
-    """
+    """Return each axis' greatest moment of gravity, all links stretched out level."""
     found, moment, mass = [], 0.0, 0.0
     for link, body in zip(reversed(arm.link), reversed(arm.bodies()), strict=True):
         moment += body.mass_kg * math.hypot(*body.centre_m)
@@ -195,10 +190,7 @@ def _weights(arm: ArmTable) -> list[float]:
 
 
 def _axis(draws: Draws, number: int, inertia: float, weight_nm: float, known_ratio: float | None = None) -> ArmAxis:
-    """Draw motor and gear for an axis' inertia at home.
-
-    All other quantities are in proportion to that.
-    """
+    """Draw motor and gear in proportion to an axis' inertia at home."""
     ratio = known_ratio or draws("reduction_ratio")
     hz = draws("antiresonance_hz", "wrist_hz" if number in WRIST else None)
     omega = 2.0 * math.pi * hz

@@ -232,10 +232,7 @@ def transmission_error(draws: Draws) -> TransmissionErrorTable:
 
 
 def antiresonance_hz(axis: RobotAxis) -> float:
-    """Return the antiresonance f_a of an axis.
-
-    f_a = √(K_g/J_l)/2π, with the gear at its nominal stiffness.
-    """
+    """Return f_a = √(K_g/J_l)/2π with the gear's nominal stiffness."""
     return math.sqrt(axis.gear_stiffness_nm_rad / axis.arm_inertia_kg_m2) / (2.0 * math.pi)
 
 

@@ -125,9 +125,7 @@ def check_changes(changes: Sequence[ErrorChange], error: TransmissionErrorTable,
 
 
 def write_change(axis: ChangingAxis, row: Any) -> None:
-    """Write the ATE's changes into a record of an `AXIS` array.
-
-    The record also gets the state when the robot is switched on.
+    """Write the ATE's changes and state at switch-on into an `AXIS` record.
 
     Args:
         axis: The axis of the robot file; its plant is in the record already.

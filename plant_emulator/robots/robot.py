@@ -125,10 +125,7 @@ class RobotAxis(PlantTable):
 
     @property
     def rated_torque(self) -> float:
-        """Rated motor torque in N·m, in whole mN·m.
-
-        It is a third of the peak torque unless the file states it.
-        """
+        """Rated torque in N·m (whole mN·m), by default a third of peak."""
         wanted = self.torque_limit_nm / 3.0 if self.rated_torque_nm is None else self.rated_torque_nm
         return max(1, round(1000.0 * wanted)) / 1000.0
 
@@ -139,10 +136,7 @@ class RobotAxis(PlantTable):
 
     @property
     def rated_current_ma(self) -> int:
-        """Rated motor current in mA, as in 6075h.
-
-        It is the rated torque divided by the motor constant.
-        """
+        """Rated motor current in mA (6075h): rated torque over motor constant."""
         return min(2**32 - 1, max(1, round(1000.0 * self.rated_torque / self.torque_constant_nm_a)))
 
     @property
@@ -213,10 +207,7 @@ class RobotAccelerometer(Table):
 
     @property
     def filters(self) -> bool:
-        """True if the sensor filters or delays the tip's acceleration.
-
-        Noise and quantisation do not count.
-        """
+        """True if the sensor filters or delays (noise and steps aside)."""
         return bool(self.delay_s) or self.lowpass_hz is not None or self.mounting_resonance_hz is not None
 
 
@@ -281,26 +272,17 @@ class Robot(Table):
 
     @property
     def links(self) -> ArmTable | None:
-        """Arm whose links couple the axes.
-
-        It is None if each axis turns an inertia of its own.
-        """
+        """Arm whose links couple the axes, or None."""
         return None
 
     @property
     def chain_axes(self) -> tuple[int, ...]:
-        """Axes of the line motion, from the base on.
-
-        They are those of the geometry; none without one.
-        """
+        """Axes of the line motion from the base on; none without geometry."""
         return () if self.geometry is None else self.geometry.axes
 
     @property
     def node_ids(self) -> dict[int, int]:
-        """Node-ID of each axis.
-
-        It is the axis' number unless the file states another.
-        """
+        """Node-ID of each axis: its number unless the file states another."""
         return {number: axis.node_id or number for number, axis in self.axis.items()}
 
     @property
@@ -403,9 +385,7 @@ class ArmRobot(Robot):
         return 0.0
 
     def with_links_read(self, folder: Path) -> "ArmRobot":
-        """Return the robot with the links of its URDF file.
-
-        Each axis gets the inertia and the lever that it has at home.
+        """Return the robot with its URDF links, inertias and home levers.
 
         Raises:
             FileError: The URDF file describes no arm of these axes.

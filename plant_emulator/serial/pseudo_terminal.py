@@ -62,10 +62,7 @@ class PseudoTerminal:
         return link
 
     def fileno(self) -> int:
-        """Return the descriptor, for selectors.
-
-        It is readable when the other end has written.
-        """
+        """Return the descriptor, readable when the other end has written."""
         return self._device
 
     @property

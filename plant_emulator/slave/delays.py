@@ -23,10 +23,7 @@ MOST_HELD = 1024
 
 
 class _Queue:
-    """Queue of frames of one kind, each with its release time.
-
-    The times never decrease.
-    """
+    """Queue of frames of one kind, with release times that never decrease."""
 
     __slots__ = ("delay_ns", "frames", "jitter_ns")
 
@@ -137,10 +134,7 @@ class DelayedSlave(Slave):
 
 
 def slave_with(behaviour: Behaviour, seed: int, *arguments: Any, **options: Any) -> Slave:
-    """Make a slave with the delays of a behaviour.
-
-    Without delays it is a plain `Slave`, which costs no extra time.
-    """
+    """Make a slave with a behaviour's delays; without any, a plain `Slave`."""
     if behaviour.delays_frames:
         return DelayedSlave(behaviour, seed, *arguments, **options)
     return Slave(*arguments, **options)

@@ -46,8 +46,7 @@ class Postponed(Exception):  # noqa: N818 - not an error: the answer comes later
     """
 
     def __init__(self, duration_ns: int, finish: Callable[[], SdoAbortCode | None]) -> None:
-        self.duration_ns = duration_ns
-        self.finish = finish
+        self.duration_ns, self.finish = duration_ns, finish
         super().__init__(f"the answer comes in {duration_ns} ns")
 
 
@@ -374,9 +373,7 @@ class Dictionary:
         return value
 
     def set(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value as the owner.
-
-        Access and write hook are bypassed.
+        """Set a value as the owner, past access and write hook.
 
         Raises:
             KeyError: There is no such entry.
@@ -390,10 +387,7 @@ class Dictionary:
         cell.value = value
 
     def on_read(self, index: int, subindex: int, hook: ReadHook) -> None:
-        """Set a hook that supplies the value.
-
-        It is called at every read and whenever a PDO samples the object.
-        """
+        """Set a hook that supplies the value at every read and sample."""
         self.cell(index, subindex).read_hook = hook
         self.on_hook()
 
@@ -461,10 +455,7 @@ class Dictionary:
             cell.write_hook(cell.value)
 
     def reset(self, kind: ResetKind) -> None:
-        """Restore the stored values, else the defaults.
-
-        The write hooks are not called.
-        """
+        """Restore the stored values, else the defaults, without the write hooks."""
         for address, cell in self._cells.items():
             if kind is ResetKind.NODE or 0x1000 <= address[0] <= 0x1FFF:
                 stored = self.stored.get(address)

@@ -52,9 +52,7 @@ class EmergencyProducer:
         changed: Callable[[], None],
     ) -> None:
         self._is_enabled = False
-        self._send = send
-        self._clock = clock
-        self._changed = changed
+        self._send, self._clock, self._changed = send, clock, changed
         self._inhibit_ns = 0
         self._sent_at = _LONG_AGO
         self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)
@@ -86,10 +84,7 @@ class EmergencyProducer:
 
     @property
     def due(self) -> int | None:
-        """End of the inhibit time of the next waiting frame.
-
-        It is None if no frame waits.
-        """
+        """End of the next waiting frame's inhibit time, or None."""
         return self._sent_at + self._inhibit_ns if self._waiting else None
 
     def advance(self, now: int) -> None:
@@ -110,10 +105,7 @@ class EmergencyProducer:
 
     @property
     def last_code(self) -> int:
-        """Error code in 1003h:01h, its lower half.
-
-        It is 0 if the history is empty.
-        """
+        """Error code in 1003h:01h, its lower half; 0 if empty."""
         return self._history[0] & 0xFFFF if self._history else 0
 
     @property

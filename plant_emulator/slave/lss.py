@@ -102,9 +102,7 @@ class LssSlave:
         self.bit_rate: int | None = None
         self.stored_bit_rate: int | None = None
         self.on_bit_rate: Callable[[int, int], None] = lambda bit_rate, delay_ms: None
-        self._dictionary = dictionary
-        self._is_memory_good = is_memory_good
-        self._on_configured = on_configured
+        self._dictionary, self._is_memory_good, self._on_configured = dictionary, is_memory_good, on_configured
         self.wait()
 
     def wait(self) -> None:

@@ -50,8 +50,6 @@ def _nothing(*_: object) -> None:
 class Slave:
     """One node with all its CANopen services.
 
-    It joins dictionary, SDO server, PDOs, NMT, SYNC, TIME, LSS, error control and emergencies.
-
     No frame raises an exception, whatever its bytes. Error frames and 29-bit frames are ignored. So are remote requests, but
     for those for TPDOs and, while the node sends no heartbeats, for its NMT state (node guarding). Time is in ns and never
     decreases. A deadline that has passed is served before the next frame.
@@ -160,18 +158,12 @@ class Slave:
 
     @property
     def time_of_day(self) -> int | None:
-        """Network's time of day, ns since 1984-01-01 00:00.
-
-        It is None before the first TIME message.
-        """
+        """Network's time of day, ns since 1984-01-01 00:00; None before any TIME."""
         return self._time.at(self._clock())
 
     @property
     def last_error_code(self) -> int:
-        """Error code of the newest entry of the history 1003h.
-
-        It remains after the cause has gone; 0 if the history is empty.
-        """
+        """Newest error code in 1003h, even if withdrawn; 0 if empty."""
         return self._emergency.last_code
 
     @property
@@ -181,10 +173,7 @@ class Slave:
 
     @property
     def due(self) -> int | None:
-        """Next instant at which `advance` must be called.
-
-        It is None if only a frame can wake the node.
-        """
+        """Next instant to call `advance`; None if only frames wake it."""
         if self._out:
             return self._now
         if self._state is NmtState.INITIALISING or self._due == _NEVER:
@@ -318,10 +307,7 @@ class Slave:
         self._emergency.clear_cause(cause)
 
     def bus_off(self) -> None:
-        """Note that the controller has gone bus-off.
-
-        1029h decides on this communication error.
-        """
+        """Note a controller's bus-off; 1029h decides on this communication error."""
         self._on_lost(MASTER)
         self._reschedule()
 

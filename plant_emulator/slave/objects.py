@@ -103,9 +103,7 @@ class PdoDefault:
 
 
 def pdo_entries(rpdos: Sequence[PdoDefault] = (), tpdos: Sequence[PdoDefault] = ()) -> list[Entry]:
-    """Return communication and mapping records of four RPDOs and TPDOs.
-
-    PDOs without a description are empty.
+    """Return four RPDOs' and TPDOs' records; without a description they are empty.
 
     Raises:
         ValueError: More than four of a kind.

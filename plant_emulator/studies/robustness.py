@@ -188,10 +188,7 @@ class Study:
 
     @property
     def is_by_area(self) -> bool:
-        """True if the study is judged by the spectrum's area.
-
-        A line motion with filters is judged by the reduction of this area.
-        """
+        """True for a line motion with filters, judged by the spectrum's area."""
         return self.axis is None and any(self.notches.get(number) for number in self.axes)
 
     @cached_property
@@ -243,10 +240,7 @@ class Study:
 
     @cached_property
     def f_al_hz(self) -> float:
-        """Frequency in Hz of the peak of |G_al|.
-
-        It is that of the robot file, of axis 2 in the line motion.
-        """
+        """Peak of the file's |G_al| in Hz; in line motion, axis 2's."""
         return self._f_al_of(self.robot)
 
     def _f_al_of(self, robot: Robot) -> float:
@@ -359,10 +353,7 @@ class Study:
         return found if isinstance(found, float) else -math.inf
 
     def _tip_in_window(self, motion: SimulatedMotion) -> tuple[float, float]:
-        """Return largest and mean square tip displacement, as measured.
-
-        They are those in the window of the judgement.
-        """
+        """Return the window's largest and mean square tip displacement, as measured."""
         scale = tip_scale(motion.f_al_hz)
         displacement = tip_displacement_mm(motion.measured_m_s2, self.robot.sync_period_s, scale)[self._window(motion)]
         if len(displacement) < WINDOW_SAMPLES:

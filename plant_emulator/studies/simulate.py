@@ -156,9 +156,6 @@ def gains_as_uploaded(control: Control) -> Cascade:
 
 
 def as_uploaded(notch: Notch) -> Notch:
-    """Return the filter as a drive holds it after upload.
-
-    The parameters cross the bus as REAL32.
-    """
+    """Return the filter as a drive holds it, its parameters as REAL32."""
     singles: dict[str, Any] = {name: real32(value) for name, value in vars(notch).items() if isinstance(value, float)}
     return replace(notch, **singles)

@@ -135,10 +135,7 @@ def _is_angle(unknown: Unknown) -> bool:
 
 
 def _correlation(column: Real, values: Real) -> tuple[float, float]:
-    """Return Spearman's ρ and its p-value.
-
-    ρ is 0 for a column that does not vary.
-    """
+    """Return Spearman's ρ, 0 for a constant column, and its p-value."""
     if np.ptp(column) == 0.0:
         return 0.0, 1.0
     found: Any = scipy.stats.spearmanr(column, values)
@@ -263,10 +260,7 @@ def finite(value: Value) -> Value:
 
 
 def draws_csv(summary: Summary) -> str:
-    """Return one line per run, as CSV.
-
-    A line has the run's index, its judgement, and all drawn values.
-    """
+    """Return a CSV line per run: index, judgement, and all drawn values."""
     return csv_text([{name: _cell(value) for name, value in row.items()} for row in summary.judged])
 
 

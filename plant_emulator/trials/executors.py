@@ -21,10 +21,7 @@ from typing import Any, Protocol, Self, TypeVar
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit linear algebra to one thread in processes started here.
-
-    There is one process per core.
-    """
+    """Limit linear algebra to one thread in processes started here."""
     name = "OPENBLAS_NUM_THREADS"
     before = os.environ.get(name)
     os.environ[name] = "1"
@@ -132,10 +129,7 @@ class LocalProcesses:
         self._settings = ExitStack()
 
     def __enter__(self) -> Self:
-        """Start the processes, with one thread each for linear algebra.
-
-        There is one process per core.
-        """
+        """Start the processes, with one thread each for linear algebra."""
         self._settings.enter_context(one_thread())
         multiprocessing.set_forkserver_preload([*SLOW_IMPORTS])
         self._free = [_process() for _ in range(self._jobs)]
@@ -216,9 +210,7 @@ def run_all(
     crashed: Callable[[Key], Result],
     most_together: int = 1,
 ) -> None:
-    """Run a task for each key.
-
-    Each result is handed over as soon as it exists, in any order.
+    """Run a task for each key; hand each result over at once.
 
     Args:
         keys: First argument of each task, such as a seed.

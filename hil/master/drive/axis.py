@@ -172,9 +172,7 @@ class DriveAxis:
     """
 
     def __init__(self, network: Network, number: int, table: AxisTable) -> None:
-        self.network = network
-        self.number = number
-        self.table = table
+        self.network, self.number, self.table = network, number, table
         self.node = table.node_id
         self.profile = Profile.load(table.profile)
         if self.profile.kind != "drive":
@@ -188,15 +186,12 @@ class DriveAxis:
 
         A sentence each; empty if profile or bench file has the units. Until the drive is identified, it may be any
         product of its family.
-        Until the drive is identified it may be any product of its family.
         """
         is_lacking = all(scale_gaps(self.number, self.table, product) for product in self.profile.members)
         return profile_gaps(self.number, self.table, self.profile) if is_lacking else []
 
     def identify(self, *, may_be_in_fault: bool = False) -> None:
-        """Check identity and units of the drive, and that it is safe.
-
-        It is safe if it is disabled and at standstill.
+        """Check the drive's identity, units, disabled state and standstill.
 
         Args:
             may_be_in_fault: Accept a drive in fault; `fault` has the fault.

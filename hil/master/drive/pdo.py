@@ -97,17 +97,11 @@ class PdoSet:
         self._before.append(read_pdo(self.network, self.node, communication))
 
     def rpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
-        """Map objects to RPDO `number` (from 1); return its identifier.
-
-        It comes into force with SYNC.
-        """
+        """Map objects to RPDO `number` (from 1) by SYNC; return its identifier."""
         return self._set(0x1400 + number - 1, 0x100 + 0x100 * number + self.node, objects)
 
     def tpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
-        """Map objects to TPDO `number` (from 1); return its identifier.
-
-        It is sent with every SYNC.
-        """
+        """Map objects to TPDO `number` (from 1) by SYNC; return its identifier."""
         return self._set(0x1800 + number - 1, 0x080 + 0x100 * number + self.node, objects)
 
     def _set(self, communication: int, can_id: int, objects: tuple[MappedObject, ...]) -> int:

@@ -199,10 +199,7 @@ def _check_units(asked: Questions, number: int, profile: Profile) -> None:
 
 
 def _feed(asked: Questions, profile: Profile) -> dict[str, int] | None:
-    """Read gear ratio (6091h) and feed constant (6092h).
-
-    Empty if the profile's positions do not depend on them.
-    """
+    """Read gear ratio (6091h) and feed constant (6092h) where positions need them."""
     facts = profile.encoder
     if facts is None or facts.feed is None or facts.feed_shaft_revs is None:
         return {}

@@ -38,10 +38,7 @@ def bind_load_encoder(dictionary: Dictionary, axes: Axes, number: int, position:
 
 
 def reading(encoder: LoadEncoder, axes: Axes, number: int) -> Callable[[], int]:
-    """Return a function that reads the encoder, in counts.
-
-    The reading is the joint's angle with the encoder's own error and noise, rounded.
-    """
+    """Return a reader of the encoder (errors and noise included), in counts."""
     angles, row, way = live(axes.plant_state, "arm_angle_rad"), axes.row(number), -1.0 if encoder.is_reversed else 1.0
     counts_per_rad, offset = encoder.counts_per_rev / math.tau, math.radians(encoder.offset_deg)
     lines = [(line.order, line.a_arcsec * ARCSEC, math.radians(line.phi_deg)) for line in encoder.eccentricity]
@@ -94,8 +91,6 @@ def share_set_points(dictionary: Dictionary, axes: Axes, row: int) -> None:
 
 class DriveData:
     """Binding of a dictionary to one row of the axes.
-
-    It supplies live values and checks written values.
 
     Attributes:
         row: Row of the axis in `Axes.rows`.
@@ -240,10 +235,7 @@ class DriveData:
         return bool(abs(left_rad) < 1e-9 and self._reached[self.row] & record.IN_POSITION)
 
     def cyclic_target_counts(self) -> int:
-        """Return the cyclic position target in counts of the encoder.
-
-        It is 607Ah + 60B0h (CiA 402: the offset is added to the target).
-        """
+        """Return 607Ah + 60B0h, the cyclic target, in counts of the encoder."""
         target: Any = self._target.value
         target += self._offset.value
         counting = self.counting

@@ -17,9 +17,7 @@ FIRST: ObjectAddress = (Object.ADDITIONAL_POSITION_ACTUAL, 1)
 
 
 def load_encoder_entries(encoder: LoadEncoder, position: ObjectAddress = FIRST) -> tuple[Entry, ...]:
-    """Return the objects of an additional encoder.
-
-    They are position, velocity, and its steps per revolution of the joint.
+    """Return position, velocity and steps per revolution of an additional encoder.
 
     Args:
         encoder: The encoder.

@@ -69,10 +69,7 @@ class DriveFamily(ABC):
         return ()
 
     def acting(self, address: ObjectAddress) -> Any:
-        """Return the raw value in force.
-
-        It is the entry's, or for some families the one at the last reset.
-        """
+        """Return the raw value in force: the entry's, or the last reset's."""
         return self.dictionary.cell(*address).value
 
     def is_scaled(self, address: ObjectAddress) -> bool:
@@ -83,10 +80,7 @@ class DriveFamily(ABC):
         return True
 
     def states(self, address: ObjectAddress) -> bool:
-        """Return True if the family defines a CiA 402 object's values.
-
-        It may have option codes of its own.
-        """
+        """Return True if the family defines a CiA 402 object's values."""
         return False
 
     @abstractmethod

@@ -14,9 +14,7 @@ from plant_emulator.slave.dictionary import Dictionary, Entry
 
 
 def family_of(robot: Robot, number: int) -> DriveFamily:
-    """Return the family of the drive that moves an axis.
-
-    The robot file names it.
+    """Return the drive family that the robot file names for an axis.
 
     Raises:
         DriveProfileError: There is no such profile, or its file or the EDS file has errors.

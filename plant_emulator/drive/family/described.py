@@ -108,10 +108,7 @@ class DescribedFamily(DriveFamily):
         return parameter.is_bytes or parameter.default is not None or parameter.address in self._written
 
     def _held(self, section: FilterSection) -> list[FixedFilter]:
-        """Return the filters of one section with the drive's values.
-
-        The result is empty if the section is off or has no effect.
-        """
+        """Return one section's filters that act, with the drive's values."""
         values = {}
         for name in (*section.parts.values(), *section.settings):
             parameter = self._facts.parameter(name)

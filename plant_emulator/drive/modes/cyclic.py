@@ -14,10 +14,7 @@ from plant_emulator.motion.axes import live
 
 
 class Cyclic(ModeOfOperation):
-    """Common part of the three cyclic modes.
-
-    Bit 12 shows that the drive follows its set-points; it does not while halted or braking.
-    """
+    """Common part of the cyclic modes; bit 12: set-points are followed."""
 
     def __init__(self, stage: PowerStage) -> None:
         super().__init__(stage)
@@ -46,10 +43,7 @@ class CyclicPosition(Cyclic):
         self.targets.hold_position(with_offset=True)
 
     def synchronise(self, now: int) -> None:
-        """Apply the newest set-point at SYNC.
-
-        The drive reaches it in one interpolation period.
-        """
+        """Apply the newest set-point at SYNC, for the next interpolation period."""
         if self._mode[self.row] == record.POSITION:
             self._axes.set_point(self.row, self.data.cyclic_target_counts())
 
@@ -85,10 +79,7 @@ class MakersPosition(CyclicPosition):
 
 
 class CyclicVelocity(Cyclic):
-    """CSV: 60FFh + 60B1h, with torque offset 60B2h.
-
-    The position loop is open.
-    """
+    """CSV: 60FFh + 60B1h, torque offset 60B2h; the position loop is open."""
 
     number, motion = Mode.CSV, record.VELOCITY
     needs_interpolation = True
@@ -100,10 +91,7 @@ class CyclicVelocity(Cyclic):
         self.targets.hold_speed(0.0 if is_braked else self.data.speed_rad_s)
 
     def synchronise(self, now: int) -> None:
-        """Apply the newest set-point at SYNC.
-
-        The drive reaches its speed in one interpolation period.
-        """
+        """Apply the newest set-point at SYNC, for the next interpolation period."""
         if self._mode[self.row] == record.VELOCITY:
             self._axes.set_speed(self.row, self.targets.speed_rad_s())
 

@@ -34,9 +34,7 @@ _NOWHERE = (0.0,) * record.EDGES
 
 
 class HomingMode(ModeOfOperation):
-    """HM: 6098h at the speeds of 6099h, acceleration 609Ah.
-
-    607Ch is the number that the found position gets.
+    """HM: 6098h at the speeds of 6099h, acceleration 609Ah, to position 607Ch.
 
     While it runs, software position limits do not act: they count from the zero that is being searched. Clearing bit 4, a
     halt or another mode interrupts it; it continues after a halt only. An error, or a limit switch in the way, stops the

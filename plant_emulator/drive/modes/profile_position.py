@@ -69,10 +69,7 @@ class ProfilePosition(ModeOfOperation):
         self.data.limits.halt_profile(False)
 
     def give_up(self) -> None:
-        """Hold the motor where a limit switch has stopped it.
-
-        607Ah keeps the master's value.
-        """
+        """Hold the motor where a limit switch has stopped it; 607Ah stays."""
         self.stage.begin(self.motion)
         self._forget()
         self._last_target = round(float(self.stage.motion["target_counts"]))

@@ -14,10 +14,7 @@ from plant_emulator.robots.behaviour import Behaviour
 
 
 def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour, family: DriveFamily) -> dict[int, ModeOfOperation]:
-    """Return the modes of one drive.
-
-    They are those that its family offers, its maker's own, and 0, no mode.
-    """
+    """Return one drive's modes: its family's, its maker's own, and 0, none."""
     modes: list[ModeOfOperation] = [
         ProfilePosition(stage, behaviour.pp_handshake_cycles),
         ProfileVelocity(stage),

@@ -43,10 +43,7 @@ from plant_emulator.world import World
 
 
 class LineTip(NamedTuple):
-    """Largest displacement of the tip in the judged times, mm.
-
-    It is given along x, y and z, and in its worst direction.
-    """
+    """Largest tip displacement while judged (x, y, z, worst direction), mm."""
 
     x: float
     y: float
@@ -106,9 +103,7 @@ def true_line(condition: Condition, model: Identified | None, left_out: Collecti
 
 
 def _tip(robot: Robot, bench: Bench, model: Identified | None, left_out: Collection[Part]) -> LineTip | None:
-    """Return the tip of one run.
-
-    The result is None if the product refuses or stops the run.
+    """Return a run's tip; None if the product refuses or stops it.
 
     Raises:
         KeyboardInterrupt: A signal ended the run.
@@ -183,10 +178,7 @@ def run_arm_seed(seed: int, keep: str | None = None) -> Row:
 
 
 def run_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
-    """Run the documented path on one arm.
-
-    Learn on its line, run with the result, and measure the true tip in all conditions.
-    """
+    """Learn on an arm's line, run, measure the tip in all conditions."""
     row: dict[str, Value] = dict(arm_facts(robot))
     if bench.line_motion is None:
         return row | {
@@ -249,9 +241,7 @@ def _run(bench: Bench, learnt: Identified, folder: Path, channel: InProcessChann
 
 
 def _step(act: Callable[[], Made], name: str) -> tuple[dict[str, Value], Made | None]:
-    """Take a step of the path; return its end and result.
-
-    The end is in words.
+    """Take a step of the path; return words on its end, result.
 
     Raises:
         KeyboardInterrupt: A signal ended a motion.

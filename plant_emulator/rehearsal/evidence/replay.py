@@ -37,10 +37,7 @@ HELD_OUT_FROM = 50_001
 
 @dataclass(frozen=True)
 class RecordedRobot:
-    """Folder of one robot.
-
-    It has the truth, the bench file, and the files of the identifications.
-    """
+    """Folder of one robot: truth, bench file, and files of the identifications."""
 
     folder: Path
 

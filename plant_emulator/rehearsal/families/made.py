@@ -87,10 +87,7 @@ AXIS = 2
 
 @dataclass(frozen=True)
 class Family:
-    """A family's drive on axis 2 of the reference robot.
-
-    It is alone on its bus.
-    """
+    """A family's drive as axis 2 of the reference robot, alone."""
 
     bench: Bench
     robot: Robot

@@ -106,10 +106,7 @@ def main_refusal(row: Row) -> Refusal | None:
 
 
 def _told(row: Row) -> Refusal | None:
-    """Return the causes of the tip that the path leaves.
-
-    The result is None if the path's end states nothing, or knows no cause.
-    """
+    """Return the causes of the path's remaining tip, None if unknown."""
     causes, end, goal = text(row, "end_causes").split(", "), number(row, "end_tip_mm"), number(row, "goal_mm")
     if causes[0] in {"", NOT_EXPLAINED} or end is None or goal is None:
         return None

@@ -61,10 +61,7 @@ def kinds_of(rows: Sequence[Row]) -> list[str]:
 
 
 def tips(rows: Sequence[Row]) -> Drawing | None:
-    """Return the figure of the true tip over the goal, by treatment.
-
-    It shows the fraction of all robots that stay below.
-    """
+    """Return the figure of true tips over the goal, by treatment."""
     kinds = kinds_of(rows)
     if not numbers(rows, "goal_mm"):
         return None
@@ -102,10 +99,7 @@ def _ratios(rows: Sequence[Row], treatment: str) -> list[float]:
 
 
 def before_and_after(rows: Sequence[Row]) -> Drawing | None:
-    """Return the figure of each robot's true tip before and after.
-
-    The tip at the path's end is shown over that without a treatment.
-    """
+    """Return the figure of each final tip over that before treatment."""
     found = [
         (before, after, is_quiet(row), text(row, "end_treatment") != "none")
         for row in rows[:MOST_POINTS]
@@ -177,10 +171,7 @@ def _inside(panel: Axes, at: style.Real, left: style.Real, counts: style.Real, w
 
 
 def facts(rows: Sequence[Row]) -> Drawing | None:
-    """Return the figure of the fraction within the goal.
-
-    It is drawn over facts of the robots.
-    """
+    """Return the figure of the fraction within the goal over facts."""
     shown = [name for name in FACTS_SHOWN if len(set(numbers(rows, f"robot_{name}"))) > 1]
     if not shown:
         return None
@@ -234,10 +225,7 @@ def _fractions(panel: Axes, pairs: Any) -> None:
 
 
 def errors(rows: Sequence[Row]) -> Drawing | None:
-    """Return the figure of the deviations in standard errors.
-
-    It shows their spread and root mean square.
-    """
+    """Return the figure of the deviations' spread and rms in standard errors."""
     found = quantities(rows)
     if not found:
         return None

@@ -30,10 +30,7 @@ def claims(found: Sequence[RehearsalClaim]) -> ReportTable:
 
 
 def tips(rows: Sequence[Row]) -> ReportTable:
-    """Return percentiles of the worst order's true tip, by treatment.
-
-    They are in mm.
-    """
+    """Return percentiles of the worst order's true tip in mm, by treatment."""
     cells: list[list[Cell]] = []
     groups = {}
     for kind in kinds_of(rows):
@@ -93,10 +90,7 @@ def causes(rows: Sequence[Row]) -> ReportTable:
 
 
 def estimates(rows: Sequence[Row]) -> ReportTable:
-    """Return each quantity's deviations from the truth.
-
-    Their expectation by the standard error is beside them.
-    """
+    """Return quantities' deviations, beside what their standard errors let expect."""
     cells: list[list[Cell]] = []
     for each in quantities(rows):
         off = NONE if each.median_off is None else number_text(each.median_off, "{:.2g}°")
@@ -128,10 +122,7 @@ def worse(rows: Sequence[Row]) -> ReportTable:
 
 
 def probes(rows: Sequence[Row]) -> ReportTable:
-    """Return the trial of wrong corrections.
-
-    The table has the number tried, the number accepted, and their effect.
-    """
+    """Return how many wrong corrections were tried and accepted, and their effect."""
     cells: list[list[Cell]] = []
     for name in PROBES:
         tried = [row for row in rows if row.get(f"probe_{name}_accepted") is not None]
@@ -159,10 +150,7 @@ def cost(rows: Sequence[Row]) -> ReportTable:
 
 
 def robots(rows: Sequence[Row]) -> ReportTable:
-    """Return the robots that miss the goal, one by one.
-
-    Those with an internal error come first.
-    """
+    """Return the robots that miss the goal, internal errors first."""
     found = sorted((row for row in rows if not is_quiet(row)), key=lambda row: (row.get("walk") == WALKED, row["seed"]))
     cells: list[list[Cell]] = []
     for row in found[:MOST_LISTED]:

@@ -27,8 +27,7 @@ class Deadline:
 
     def __init__(self, number: int, emergency: EmergencyProducer, on_started: Callable[[], None]) -> None:
         self.due: int | None = None
-        self._emergency = emergency
-        self._on_started = on_started
+        self._emergency, self._on_started = emergency, on_started
         self._cause = f"RPDO {number} time-out"
         self._is_missing = False
         self._heard_at = self._period_ns = 0
@@ -47,10 +46,7 @@ class Deadline:
             self._on_started()
 
     def check(self, now: int) -> bool:
-        """Return True if the deadline has just passed.
-
-        Frames since the last check postpone it.
-        """
+        """Return True if the deadline, postponed by frames, has just passed."""
         if self.due is None or now < self.due:
             return False
         deadline = self._heard_at + self._period_ns
@@ -93,8 +89,7 @@ class Rpdo(PdoSetup):
         super().__init__(dictionary, number, is_transmit=False, changed=changed)
         self.number = number + 1
         self.deadline = Deadline(self.number, emergency, on_started)
-        self._emergency = emergency
-        self._sync = sync
+        self._emergency, self._sync = emergency, sync
         self._cause = f"RPDO {self.number} length"
         self._pending: bytes | None = None
         self._has_wrong_length = False

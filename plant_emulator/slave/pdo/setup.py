@@ -57,10 +57,7 @@ class BitPacker:
         return number.to_bytes(self.size, "little")
 
     def unpack_from(self, data: bytes) -> tuple[Value, ...]:
-        """Unpack the values of the fields that are not gaps.
-
-        Bytes after the last field are ignored.
-        """
+        """Unpack the values that are not gaps; bytes behind are ignored."""
         number = int.from_bytes(data, "little")
         return tuple(
             decode(data_type, (number >> offset & (1 << bits) - 1).to_bytes(-(-bits // 8), "little"))
@@ -133,9 +130,7 @@ class PdoSetup:
     """
 
     def __init__(self, dictionary: Dictionary, number: int, *, is_transmit: bool, changed: Callable[[], None]) -> None:
-        self._dictionary = dictionary
-        self._is_transmit = is_transmit
-        self._changed = changed
+        self._dictionary, self._is_transmit, self._changed = dictionary, is_transmit, changed
         self._communication = (TPDO_COMMUNICATION if is_transmit else RPDO_COMMUNICATION) + number
         self._mapping = (TPDO_MAPPING if is_transmit else RPDO_MAPPING) + number
         self.can_id = self.transmission_type = self.inhibit_ns = self.event_timer_ns = self.start_value = 0

@@ -132,8 +132,7 @@ class BlockUpload:
     """
 
     def __init__(self, value: bytes, block_size: int, *, has_crc: bool) -> None:
-        self._value = value
-        self._has_crc = has_crc
+        self._value, self._has_crc = value, has_crc
         self._count = count_segments(len(value))
         self._acknowledged = 0
         self._set_block_size(block_size)
@@ -166,10 +165,7 @@ class BlockUpload:
             self._set_block_size(block_size)
 
     def end(self) -> tuple[int, int]:
-        """Return the last segment's unused bytes, and the checksum.
-
-        The checksum is 0 if the client wants none.
-        """
+        """Return the last segment's unused bytes, and the checksum, 0 if unwanted."""
         return self._count * SEGMENT_DATA - len(self._value), crc_of(self._value) if self._has_crc else 0
 
     def _set_block_size(self, block_size: int) -> None:

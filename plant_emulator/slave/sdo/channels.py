@@ -50,8 +50,7 @@ class AdditionalChannel:
     """
 
     def __init__(self, dictionary: Dictionary, index: int, server: SdoServer, changed: Callable[[], None]) -> None:
-        self.server = server
-        self._changed = changed
+        self.server, self._changed = server, changed
         self._cells = {subindex: dictionary.cell(index, subindex) for subindex in (REQUEST, RESPONSE)}
         self._cob_ids = dict.fromkeys(self._cells, int(CobIdBit.INVALID))
         for subindex in self._cells:
@@ -123,8 +122,7 @@ class SdoChannels:
     def __init__(self, dictionary: Dictionary, make_server: Callable[[], SdoServer], changed: Callable[[], None]) -> None:
         self.servers: dict[int, SdoServer] = {}
         self.due: int | None = None
-        self._dictionary = dictionary
-        self._changed = changed
+        self._dictionary, self._changed = dictionary, changed
         self._predefined = make_server()
         self._request_id = int(FunctionCode.SDO_REQUEST)
         self._additional = [
