@@ -1,7 +1,4 @@
-"""The EDS files of the emulated nodes.
-
-They are committed beside the profiles in `drive_profiles/vendors`.
-"""
+"""The EDS files of the emulated nodes, as committed in `drive_profiles/vendors`."""
 
 from plant_emulator.drive.dictionary.manufacturer_objects import drive_entries
 from plant_emulator.drive.family.choice import family_of

@@ -1,7 +1,4 @@
-"""Bench file: bus, drives, assumed models and limits of a robot.
-
-Master and drives never exceed the limits.
-"""
+"""Bench file: bus, drives, assumed models and strict limits of a robot."""
 
 import math
 from difflib import get_close_matches

@@ -1,7 +1,4 @@
-"""Schedule of a run by the wall clock, and statistics.
-
-Deadlines are absolute; cycles that are too late are dropped.
-"""
+"""Schedule of a run by absolute deadlines, with late cycles dropped; statistics."""
 
 import math
 from bisect import bisect_left

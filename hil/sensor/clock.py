@@ -1,7 +1,4 @@
-"""Times of a serial accelerometer's samples, and its measurement at SYNC.
-
-Without any input or output, in seconds of any one clock.
-"""
+"""Times of a serial accelerometer's samples, and its measurement at SYNC; pure."""
 
 import math
 from bisect import bisect_right

@@ -1,7 +1,4 @@
-"""Samples of a serial accelerometer in a stream of bytes.
-
-Without any input or output; any bytes are accepted.
-"""
+"""Samples of a serial accelerometer in a stream of any bytes; pure."""
 
 import functools
 import math

@@ -1,7 +1,4 @@
-"""The bench file's `[accelerometer.serial]`: an accelerometer on a serial port.
-
-docs/serial.md has two complete ones.
-"""
+"""The bench file's `[accelerometer.serial]`; docs/serial.md has two complete ones."""
 
 import re
 from typing import Annotated, Literal

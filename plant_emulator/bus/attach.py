@@ -1,7 +1,4 @@
-"""The emulated robot on an existing bus.
-
-The bus is SocketCAN or any python-can interface; the robot's time follows the wall clock.
-"""
+"""The emulated robot on SocketCAN or python-can, by the wall clock."""
 
 import os
 import select

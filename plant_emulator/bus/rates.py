@@ -1,7 +1,4 @@
-"""Bit rates of a bus, and durations of bits and frames.
-
-Durations are integer nanoseconds, rounded up.
-"""
+"""Bit rates of a bus; durations of bits and frames, rounded up."""
 
 from hil.can.bits import TAIL_BITS, fd_head, fd_sent_bits, fd_stuffed_by, head, sent_bits, stuffed_by
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, Frame

@@ -1,7 +1,4 @@
-"""The local bus: a Unix socket for several clients.
-
-The server owns the world on the bus and its two clocks.
-"""
+"""The local bus: a socket for several clients, its world and clocks."""
 
 import contextlib
 import errno

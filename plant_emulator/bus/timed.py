@@ -1,7 +1,4 @@
-"""A world and its clients on one wire.
-
-Every frame takes its time there, and is received when it has ended.
-"""
+"""A world and its clients on a wire, where frames take time."""
 
 import contextlib
 from collections.abc import Callable

@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail, table
-from plant_emulator.cli.console import EmulatorExitStatus, exit_on_error, exit_on_value_error
+from drive_profiles.cli.console import fail, table
+from plant_emulator.cli.console import EmulatorExitStatus, ends, exit_on_error, exit_on_value_error
 
 if TYPE_CHECKING:
     from plant_emulator.trials.rows import Row, Value
 
-EPILOG = epilog(
-    (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
-    {EmulatorExitStatus.FILE: "a file already exists, or cannot be written"},
-)
+EPILOG = ends(FILE="a file already exists, or cannot be written")
 
 KindName = Literal["linear", "real", "any", "both"]
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail, print_json, table
+from drive_profiles.cli.console import fail, print_json, table
 from drive_profiles.cli.entry import interrupted
-from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error, exit_on_value_error
+from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, ends, exit_on_error, exit_on_value_error
 from plant_emulator.cli.fleet import KindName, KindOption, OutOption
 from plant_emulator.cli.pool import JobsOption, OnOption, executors_of, trials
 
@@ -21,22 +21,14 @@ if TYPE_CHECKING:
     from plant_emulator.trials.executors import Executors
     from plant_emulator.trials.rows import Row
 
-EPILOG = epilog(
-    (
-        EmulatorExitStatus.DONE,
-        EmulatorExitStatus.USAGE,
-        EmulatorExitStatus.FILE,
-        EmulatorExitStatus.BUS,
-        EmulatorExitStatus.NOT_MET,
-        EmulatorExitStatus.INTERRUPTED,
-    ),
-    {
-        EmulatorExitStatus.DONE: "done, whatever the numbers",
-        EmulatorExitStatus.FILE: "bad file, or a folder that holds another rehearsal",
-        EmulatorExitStatus.BUS: "no scheduler, or it is lost",
-        EmulatorExitStatus.NOT_MET: "with --check: a goal is not reached",
-        EmulatorExitStatus.INTERRUPTED: "interrupted; finished robots are kept",
-    },
+EPILOG = ends(
+    EmulatorExitStatus.BUS,
+    EmulatorExitStatus.NOT_MET,
+    DONE="done, whatever the numbers",
+    FILE="bad file, or a folder that holds another rehearsal",
+    BUS="no scheduler, or it is lost",
+    NOT_MET="with --check: a goal is not reached",
+    INTERRUPTED="interrupted; finished robots are kept",
 )
 
 ARMS = "arms"

@@ -11,13 +11,14 @@ import typer
 
 from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.application import command
-from drive_profiles.cli.console import epilog, fail
+from drive_profiles.cli.console import fail
 from plant_emulator.cli.console import (
     AXES,
     EmulatorExitStatus,
     RobotOption,
     axis_numbers,
     by_axis,
+    ends,
     exit_on_error,
     exit_on_value_error,
 )
@@ -30,19 +31,11 @@ if TYPE_CHECKING:  # --help must not wait for them
     from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer
     from plant_emulator.world import World
 
-SERVE_EPILOG = epilog(
-    (
-        EmulatorExitStatus.DONE,
-        EmulatorExitStatus.USAGE,
-        EmulatorExitStatus.FILE,
-        EmulatorExitStatus.BUS,
-        EmulatorExitStatus.INTERRUPTED,
-    ),
-    {
-        EmulatorExitStatus.DONE: "stopped",
-        EmulatorExitStatus.FILE: "bad robot, fault, profile or EDS file",
-        EmulatorExitStatus.INTERRUPTED: "interrupted before it served",
-    },
+SERVE_EPILOG = ends(
+    EmulatorExitStatus.BUS,
+    DONE="stopped",
+    FILE="bad robot, fault, profile or EDS file",
+    INTERRUPTED="interrupted before it served",
 )
 
 

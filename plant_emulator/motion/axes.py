@@ -1,7 +1,4 @@
-"""All axes of a robot as arrays.
-
-The control period of `period.h` works on them, and the tip feels them.
-"""
+"""All axes of a robot as arrays for `period.h`, and the tip."""
 
 import math
 from collections.abc import Sequence

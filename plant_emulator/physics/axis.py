@@ -1,7 +1,4 @@
-"""One axis: motor and arm joined by a harmonic drive gearing.
-
-`axis.h` states its equations of motion.
-"""
+"""Motor and arm joined by a harmonic drive gearing; equations in `axis.h`."""
 
 from typing import Any
 

@@ -1,7 +1,4 @@
-"""The emulated robot in the test's own process.
-
-Time is virtual, and tests can interfere with the frames of the channel.
-"""
+"""The emulated robot in the test's own process, in virtual time."""
 
 from functools import partial
 from types import MappingProxyType

@@ -1,7 +1,4 @@
-"""The master in a test.
-
-Its runs are kept in case the test fails. Ctrl-C ends a motion by a ramp, and then the tests.
-"""
+"""The master in a test, whose runs are kept if it fails."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

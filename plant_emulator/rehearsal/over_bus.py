@@ -1,7 +1,4 @@
-"""The steps of the documented path over a bus.
-
-A separate process serves the robot; each step is a command of `hil`.
-"""
+"""The documented path's steps on a served robot, as commands of `hil`."""
 
 import subprocess
 import sys

@@ -1,7 +1,4 @@
-"""The robot file, which describes the emulated robot.
-
-Units are in the names of the keys; SI inside.
-"""
+"""The robot file of the emulated robot; its keys name their units."""
 
 import cmath
 import math

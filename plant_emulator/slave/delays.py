@@ -1,7 +1,4 @@
-"""A slave that sends frames later than their cause.
-
-Real drives do so, too. Frames are held until their time and keep their order.
-"""
+"""A slave that sends frames late, as real drives do, in order."""
 
 from collections import deque
 from typing import Any

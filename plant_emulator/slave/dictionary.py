@@ -1,7 +1,4 @@
-"""The object dictionary of a node.
-
-SDO server, PDOs and the owner of the node share this store.
-"""
+"""The object dictionary that a node's SDO server, PDOs and owner share."""
 
 import math
 import struct

@@ -1,7 +1,4 @@
-"""The emergency producer (CiA 301, 7.2.7).
-
-It keeps the named causes, the error register 1001h and the history 1003h, and sends the frames.
-"""
+"""The emergency producer (CiA 301, 7.2.7): causes, 1001h, 1003h and frames."""
 
 import struct
 from collections import deque

@@ -1,7 +1,4 @@
-"""Node guarding and life guarding.
-
-In this older error control the master polls the node (CiA 301, 7.2.8.2.2.1 and 7.2.8.2.2.2).
-"""
+"""Node guarding and life guarding by polls (CiA 301, 7.2.8.2.2.1 and 7.2.8.2.2.2)."""
 
 from collections.abc import Callable
 

@@ -1,7 +1,4 @@
-"""The LSS slave (CiA 305).
-
-A master sets node-ID and bit rate over the bus, for a node chosen by its identity alone.
-"""
+"""The LSS slave (CiA 305): node-ID and bit rate by identity alone."""
 
 from collections.abc import Callable
 from enum import Enum, IntEnum

@@ -1,7 +1,4 @@
-"""NMT state machine as tables, and heartbeats.
-
-A node sends heartbeats and monitors those of others (CiA 301, 7.2.8 and 7.3.2).
-"""
+"""NMT state machine as tables, and heartbeats (CiA 301, 7.2.8 and 7.3.2)."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

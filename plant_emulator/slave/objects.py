@@ -1,7 +1,4 @@
-"""The entries 1000h to 1FFFh of every emulated node.
-
-Their identifiers are those of the predefined connection set.
-"""
+"""The entries 1000h to 1FFFh of every node, by the predefined connections."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

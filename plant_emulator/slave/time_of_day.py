@@ -1,7 +1,4 @@
-"""The consumer of TIME, the network's time of day.
-
-Source: CiA 301, 7.2.6 and 7.5.2.15.
-"""
+"""The consumer of TIME, the time of day (CiA 301, 7.2.6, 7.5.2.15)."""
 
 import struct
 from collections.abc import Callable

@@ -1,7 +1,4 @@
-"""One plant drawn from the unknowns, and its judged run.
-
-The run is closed-loop.
-"""
+"""Plants drawn from the unknowns, and their judged runs, closed-loop."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,4 @@
-"""Summary of many runs.
-
-It states which fraction meets the specification, which is stable, and which unknown matters.
-"""
+"""Summary of many runs: fractions within specification and stable, and influences."""
 
 import math
 from collections import Counter

@@ -10,9 +10,13 @@ import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 Value = str | int | float | bool | None
 Row = Mapping[str, Value]
@@ -81,6 +85,12 @@ def csv_text(rows: Sequence[Row]) -> str:
     writer.writerow(columns)
     writer.writerows([_cell(row.get(column)) for column in columns] for row in rows)
     return out.getvalue()
+
+
+def columns_csv(columns: Mapping[str, "Sequence[float] | NDArray[Any]"]) -> str:
+    """Return columns of numbers as CSV, with ten digits."""
+    lines = (",".join(f"{value:.10g}" for value in row) for row in zip(*map(list, columns.values()), strict=True))
+    return "\n".join([",".join(columns), *lines, ""])
 
 
 def read_rows(path: Path) -> list[Row]:

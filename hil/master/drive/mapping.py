@@ -1,7 +1,4 @@
-"""Contents of the PDOs of a run.
-
-The master maps them, and the plan counts their bits.
-"""
+"""PDO contents of a run, for the master and the plan's bits."""
 
 from typing import Final, NamedTuple
 

@@ -1,7 +1,4 @@
-"""Objects and parameters that a run needs, each with its use.
-
-All missing ones are reported at once.
-"""
+"""Objects and parameters that a run needs, each with its use."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple

@@ -1,7 +1,4 @@
-"""Configuration of a node's PDOs over SDO, and its restoration.
-
-In the order that CiA 301 prescribes.
-"""
+"""Configuration of PDOs over SDO in CiA 301's order, and its restoration."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The counting of a drive as one frozen value.
-
-It converts between shown numbers and the encoder's counts, rad/s and N·m.
-"""
+"""A drive's counting, frozen: shown numbers ↔ encoder counts, rad/s and N·m."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -1,7 +1,4 @@
-"""The emulated drive's object dictionary, as one table.
-
-Both the node and its EDS are made from it.
-"""
+"""The emulated drive's object dictionary, one table for node and EDS."""
 
 from collections.abc import Iterator
 

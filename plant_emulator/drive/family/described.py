@@ -1,7 +1,4 @@
-"""An emulated drive of any profile.
-
-The maker's tuning and filters act on the axis as far as the profile states them.
-"""
+"""An emulated drive of any profile, with its stated tuning and filters."""
 
 import re
 from collections.abc import Callable

@@ -1,7 +1,4 @@
-"""Cyclic synchronous position, velocity and torque.
-
-A set-point comes with every SYNC; the drive plans nothing.
-"""
+"""Cyclic synchronous position, velocity and torque: set-points by SYNC, nothing planned."""
 
 from typing import Any
 

@@ -1,7 +1,4 @@
-"""Homing mode: bit 4 starts the sequence of `modes.homing`.
-
-Profiles of the drive move the axis.
-"""
+"""Homing mode: bit 4 starts `modes.homing`, on the drive's profiles."""
 
 from collections.abc import Sequence
 

@@ -1,7 +1,4 @@
-"""Profile position mode.
-
-One set-point is in execution, one waits behind it; bits 4 and 12 are the handshake.
-"""
+"""Profile position: a set-point acts, another waits; handshake by bits 4 and 12."""
 
 import math
 

@@ -3,17 +3,13 @@
 The cancellation is learnt on the arm's line, used in a run there, and tested elsewhere, by the true tip.
 """
 
-import tempfile
-import time
 from collections.abc import Callable, Collection
-from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from drive_profiles.files.toml import loads
-from drive_profiles.version import version_text
 from hil.arm.straight_line import LineError
 from hil.bench.bench import Bench, load_bench
 from hil.bench.model import Identified, load_identified
@@ -30,7 +26,7 @@ from hil.recording import Recording
 from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.rehearsal.arms.conditions import LEARNT, Condition, conditions_of
-from plant_emulator.rehearsal.many.rows import BROKEN, WALKED
+from plant_emulator.rehearsal.many.one import walked
 from plant_emulator.rehearsal.record import FLOOR_FACTOR, MAX_WORDS, QUIET_MM, WORSE_FRACTION, WORSE_MM
 from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, note_of_run
 from plant_emulator.rehearsal.survey import session_on
@@ -38,7 +34,7 @@ from plant_emulator.rehearsal.truth import quiet, without_error
 from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.drawn_arms import arm_facts, draw_arm
 from plant_emulator.robots.robot import ArmRobot, Robot, load_robot
-from plant_emulator.trials.rows import Row, Value, plain
+from plant_emulator.trials.rows import Row, Value
 from plant_emulator.world import World
 
 
@@ -159,22 +155,9 @@ def run_arm_seed(seed: int, keep: str | None = None) -> Row:
 
     Args:
         seed: Seed of the arm; 0 is the reference arm.
-        keep: Folder in which a folder named by the seed keeps all files of the path; None: they are deleted at its end.
-
-    Returns:
-        The arm's row; internal error is in it, and ends nothing else.
+        keep: As of `walked`.
     """
-    cells: dict[str, object]
-    begin = time.process_time()
-    try:
-        robot, bench = arm_of(seed)
-        with tempfile.TemporaryDirectory(prefix="rehearsal") if keep is None else nullcontext(f"{keep}/{seed}") as folder:
-            cells = {"walk": WALKED, "walk_words": "", **run_arm(robot, bench, Path(folder))}
-    except Exception as error:  # noqa: BLE001 - of a hundred arms one that breaks is a row, and no end
-        cells = {"walk": BROKEN, "walk_words": f"{type(error).__name__}: {error}"[:MAX_WORDS]}
-    cells |= {"cpu_s": time.process_time() - begin, "version": version_text()}
-    row: dict[str, Value] = {"seed": seed, "kind": "arm"}
-    return row | {name: plain(value) for name, value in cells.items()}
+    return walked({"seed": seed, "kind": "arm"}, keep, lambda folder: run_arm(*arm_of(seed), folder))
 
 
 def run_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:

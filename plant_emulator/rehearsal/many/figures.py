@@ -11,16 +11,20 @@ from matplotlib.ticker import MaxNLocator, NullFormatter, PercentFormatter
 from hil.report import style
 from hil.report.style import Drawing
 from plant_emulator.rehearsal.many.claims import CPU_S, RMS_Z
-from plant_emulator.rehearsal.many.reading import ENDED, is_done, is_quiet, of_kind, worst_tip_mm
-from plant_emulator.rehearsal.many.summary import FAR_Z, deviations, quantities
-from plant_emulator.rehearsal.many.wording import (
+from plant_emulator.rehearsal.many.reading import (
+    ENDED,
     FACT_NAMES,
     KIND_NAMES,
     QUANTITY_NAMES,
     STEP_NAMES,
     TREATMENT_NAMES,
+    is_done,
+    is_quiet,
+    of_kind,
     robots_of,
+    worst_tip_mm,
 )
+from plant_emulator.rehearsal.many.summary import FAR_Z, deviations, quantities
 from plant_emulator.rehearsal.record import QUIET_MM, STEPS, TREATMENTS
 from plant_emulator.trials.rows import Row, number, numbers, text
 from plant_emulator.trials.statistics import run_fraction

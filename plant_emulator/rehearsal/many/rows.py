@@ -1,7 +1,4 @@
-"""Rows of the table, one per robot.
-
-They hold plain values by column name. Each is saved atomically in a file of its own.
-"""
+"""Rows of the table, one per robot, each in its file."""
 
 import json
 import math

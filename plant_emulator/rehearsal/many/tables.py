@@ -8,10 +8,22 @@ from hil.report.report_table import number as number_text
 from plant_emulator.rehearsal.many.causes import CAUSES, main_refusal, refusals
 from plant_emulator.rehearsal.many.claims import RehearsalClaim
 from plant_emulator.rehearsal.many.figures import kinds_of
-from plant_emulator.rehearsal.many.reading import ENDED, accepted, is_done, is_quiet, of_kind, tips_mm, worst_tip_mm
+from plant_emulator.rehearsal.many.reading import (
+    ENDED,
+    KIND_NAMES,
+    QUANTITY_NAMES,
+    STEP_NAMES,
+    TREATMENT_NAMES,
+    accepted,
+    is_done,
+    is_quiet,
+    of_kind,
+    robots_of,
+    tips_mm,
+    worst_tip_mm,
+)
 from plant_emulator.rehearsal.many.rows import WALKED
 from plant_emulator.rehearsal.many.summary import FAR_Z, quantities
-from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES, STEP_NAMES, TREATMENT_NAMES, robots_of
 from plant_emulator.rehearsal.record import PROBES, STEPS, TREATMENTS
 from plant_emulator.trials.rows import Row, number, numbers, text
 from plant_emulator.trials.statistics import SHOWN_PERCENT, percentiles

@@ -1,7 +1,4 @@
-"""Parameters of one PDO, and the order of changing them.
-
-Source: CiA 301, 7.5.2.35 to 7.5.2.38.
-"""
+"""Parameters of a PDO, changed in order (CiA 301, 7.5.2.35 to 7.5.2.38)."""
 
 import struct
 from collections.abc import Callable, Sequence

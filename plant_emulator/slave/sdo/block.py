@@ -1,7 +1,4 @@
-"""SDO block transfer in both directions, without the server.
-
-Source: CiA 301, 7.2.4.3.9 to 7.2.4.3.15.
-"""
+"""SDO block transfer without the server (CiA 301, 7.2.4.3.9 to 7.2.4.3.15)."""
 
 from binascii import crc_hqx
 

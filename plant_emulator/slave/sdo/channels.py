@@ -1,7 +1,4 @@
-"""The SDO servers of a node (CiA 301, 7.5.2.33).
-
-They are the predefined one and those that a master opens by 1201h and following objects.
-"""
+"""The SDO servers of a node, 1200h to 127Fh (CiA 301, 7.5.2.33)."""
 
 from collections.abc import Callable, Iterator
 from functools import partial

@@ -49,7 +49,7 @@ def test_a_drive_stands_after_everything_as_its_state_and_inputs_say():
     drive = rig.drive
 
     def derived():
-        lacks = bool(set(LACKS) & set(drive.slave.emergency_causes))
+        lacks = bool(set(LACKS) & set(drive.slave.emergencies.causes))
         return DriveStatus.of(drive._status.power, torque_off=drive.inputs.is_sto_active, lack=lacks)
 
     for act in (
