@@ -34,7 +34,7 @@ EPILOG = epilog(status for status in EmulatorExitStatus if status is not Emulato
 
 
 def ends(*more: EmulatorExitStatus, **own: str) -> str:
-    """Return a command's exit statuses for its help: the usual ones and more, by name with own sentences."""
+    """Return a help's exit statuses: usual ones, more, and own sentences."""
     usual = {EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED}
     return epilog(sorted({*usual, *more}), {EmulatorExitStatus[name]: sentence for name, sentence in own.items()})
 

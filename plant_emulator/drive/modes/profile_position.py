@@ -1,4 +1,4 @@
-"""Profile position: a set-point acts, another waits; handshake by bits 4 and 12."""
+"""Profile position: set-points, one acting, one waiting; bits 4 and 12."""
 
 import math
 

@@ -59,7 +59,7 @@ def facts(seed: int, kind: str) -> Row:
 
 
 def walked(head: Mapping[str, object], keep: str | None, walk: Callable[[Path], Mapping[str, object]]) -> Row:
-    """Return the row of a robot's path; an internal error is in it, and ends nothing else.
+    """Return the row of a robot's path, also of one that breaks.
 
     Args:
         head: The row's first cells, the seed among them.
